@@ -15,6 +15,7 @@ from playwright.sync_api import Page, expect, sync_playwright
 from avrgym.study.checking.results import summarise_results
 from avrgym.study.dashboard.application import ACTIONS, MAX_BODY_BYTES, dashboard_app
 from avrgym.study.people.participants import withdraw
+from avrgym.study.storage.keyfile import Identity, read_key
 from avrgym.study.storage.store import Store
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.access import Caller, Tokens
@@ -195,7 +196,7 @@ def test_a_participant_is_led_from_enrolment_to_withdrawal(server: LiveServer, s
     assert "final" in post(server, f"{path}/withdrawal", {"reason": ""}, 409)["detail"]
 
 
-def test_names_go_into_the_key_file_and_nowhere_else(
+def test_names_go_encrypted_into_the_identity_file_and_nowhere_else(
     server: LiveServer, store: Store, capfd: pytest.CaptureFixture[str]
 ) -> None:
     name, contact, later = "Zora Unmistakable", "zora@example.org", "Zora Corrected"
@@ -212,11 +213,11 @@ def test_names_go_into_the_key_file_and_nowhere_else(
     said = read.text + ask(server, "GET", "/overview").text + "".join(capfd.readouterr())
     assert "Zora" not in said
     assert contact not in said
-    key = store.folder / "private" / "key.json"
-    assert json.loads(key.read_text())[pseudonym] == {"name": later, "contact": contact}
+    key = store.folder / "private" / "identities.json"
+    assert read_key(store.folder)[pseudonym] == Identity(later, contact)
     assert stat.S_IMODE(key.stat().st_mode) == 0o600
     held = {path.name for path in store.folder.rglob("*") if path.is_file() and b"Zora" in path.read_bytes()}
-    assert held == {"key.json"}
+    assert held == set()
 
 
 # Results and blinding ----------------------------------------------------------------------------------------

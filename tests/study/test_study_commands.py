@@ -15,7 +15,7 @@ from avrgym.policies.trained import packaged_policies
 from avrgym.recording.files import RecordingWriter
 from avrgym.recording.records import Answer
 from avrgym.study.checking.checks import check_study
-from avrgym.study.storage import database, schema
+from avrgym.study.storage import database, keyfile, schema
 from avrgym.study.storage.answers import record_answer
 from avrgym.study.storage.attempts import begin_attempt
 from avrgym.study.storage.sessions import open_session
@@ -159,10 +159,12 @@ DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
     "person marked": (lambda s: _mark(s, simulated=False), FIRST, "with another simulated"),
     "trial undone": (_change(schema.TRIAL, state="planned"), "trial 2 of sub-001", "is planned with 1 completed"),
     "escape": (_change(schema.ATTEMPT, recording="../../x.mcap"), "../../x.mcap", "leads out of the study's folder"),
-    "open key": (lambda s: s.path("private/key.json").chmod(0o644), "private/key.json", "others than its owner"),
+    "open names": (
+        lambda s: s.path("private/identities.json").chmod(0o644), "private/identities.json", "others than its owner",
+    ),
     "stranger": (
-        lambda s: s.path("private/key.json").write_text('{"sub-009": {"name": "Ada", "contact": ""}}'),
-        "private/key.json", "names sub-009, who is not in this study",
+        lambda s: keyfile.write_entry(s.folder, "sub-009", keyfile.Identity("Ada", "")),
+        "private/identities.json", "names sub-009, who is not in this study",
     ),
 }  # fmt: skip
 

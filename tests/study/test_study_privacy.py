@@ -30,6 +30,9 @@ TRACES = (
     b"ses-01-trace",
 )
 
+NAMES = {NAME.encode(), CONTACT.encode(), b"Unverwechselbar"}
+"""Traces that are encrypted."""
+
 
 @pytest.fixture
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
@@ -75,32 +78,32 @@ def others(store: Store) -> tuple:
     return rows, {name: digest for name, digest in recordings.items() if not name.startswith("sub-002")}
 
 
-# The key file
+# The identity file
 
 
-def test_names_are_only_in_the_key_file_which_only_its_owner_may_read(store: Store) -> None:
+def test_names_are_nowhere_in_plain_text_and_only_their_owner_may_read_their_file(store: Store) -> None:
     private = store.folder / "private"
     holders = [name for name, data in files(store.folder).items() if b"Unverwechselbar" in data]
-    assert holders == ["private/key.json"]
+    assert holders == []
     assert keyfile.read_key(store.folder)["sub-002"] == keyfile.Identity(NAME, CONTACT)
     assert stat.S_IMODE(private.stat().st_mode) == 0o700
-    assert stat.S_IMODE((private / "key.json").stat().st_mode) == 0o600
+    assert stat.S_IMODE((private / "identities.json").stat().st_mode) == 0o600
     assert list(exposed(private)) == []
 
 
-def test_the_key_file_is_private_whatever_the_process_allows(store: Store) -> None:
+def test_the_identity_file_is_private_whatever_the_process_allows(store: Store) -> None:
     before = os.umask(0)
     try:
         set_identity(store, "sub-001", "Another Name", "")
     finally:
         os.umask(before)
-    assert stat.S_IMODE((store.folder / "private" / "key.json").stat().st_mode) == 0o600
+    assert stat.S_IMODE((store.folder / "private" / "identities.json").stat().st_mode) == 0o600
 
 
-def test_a_key_file_that_is_damaged_is_refused_and_kept(store: Store) -> None:
-    path = store.folder / "private" / "key.json"
+def test_an_identity_file_that_is_damaged_is_refused_and_kept(store: Store) -> None:
+    path = store.folder / "private" / "identities.json"
     path.write_text("{ damaged")
-    with pytest.raises(StudyError, match="not a key file"):
+    with pytest.raises(StudyError, match="not an identity file"):
         set_identity(store, "sub-001", "Another Name", "")
     assert path.read_text() == "{ damaged"
 
@@ -116,7 +119,7 @@ def test_a_simulated_participant_has_no_name(store: Store) -> None:
 
 def test_deletion_leaves_no_trace_and_changes_nobody_else(store: Store) -> None:
     before = others(store)
-    assert found(store.folder) == set(TRACES)
+    assert found(store.folder) == set(TRACES) - NAMES
     delete_participant(store, "sub-002")
     assert found(store.folder) == set()
     assert others(store) == before

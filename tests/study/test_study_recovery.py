@@ -189,13 +189,13 @@ def test_what_a_killed_write_left_is_found_and_removed(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
     with Store(folder) as opened:
         take_in(opened, simulated=False, name="Ada")
-        left = folder / "private" / ".key.json.4194305.part"
+        left = folder / "private" / ".identities.json.4194305.part"
         left.write_text('{"sub-001": {"name": "Ada"')
         analysis = folder / "analysis" / ".analysis-x"
         analysis.mkdir(parents=True)
         (analysis / "page.html").write_text("sub-001")
         wrong = {finding.where for finding in check_study(opened) if finding.wrong}
-        assert {"private/.key.json.4194305.part", "analysis/.analysis-x"} <= wrong
+        assert {"private/.identities.json.4194305.part", "analysis/.analysis-x"} <= wrong
     with Store(folder) as opened:
         assert not left.exists()
         left.write_text('{"sub-001": {"name": "Ada"')

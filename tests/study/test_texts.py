@@ -32,7 +32,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 
 def contents(store: Store) -> tuple[object, ...]:
-    key = store.folder / "private" / "key.json"
+    key = store.folder / "private" / "identities.json"
     return store.participants(), store.events(), key.read_bytes() if key.exists() else b""
 
 

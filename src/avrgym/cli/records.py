@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from avrgym.cli.logged import log
+from avrgym.cli.names import unlock
 from avrgym.cli.plan import Folder
 from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, say, write_json
 
@@ -197,6 +198,7 @@ def participant_data(
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
+        unlock(folder)
         number = write_participant_data(store, participant, out)
         log(store, "export", participant, detail="data of the participant")
     say(f"{number} files in {out}, with name, contact and free text.")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from avrgym.cli.logged import logged
+from avrgym.cli.names import unlock
 from avrgym.cli.options import PEOPLE, Impairment, Policy, Seed
 from avrgym.cli.terminal import plain_errors, say, warn
 from avrgym.models.sexes import SEXES, Sex
@@ -189,6 +190,7 @@ def _serve_study(
     from avrgym.study.storage.store import Store
     from avrgym.vr.server.server import LiveServer
 
+    unlock(folder)
     with (
         Store(folder) as store,
         logged(store, "start server", "stop server"),

@@ -66,7 +66,7 @@ def merge(
     for words in told:
         say(f"note      {words}")
     print_table([asdict(site) for site in sites])
-    say(f"merged    {out}; names and contacts stay in the sites' key files")
+    say(f"merged    {out}; names and contacts stay in the sites' identity files")
 
 
 def say_sites(summary: "StudySummary") -> None:

@@ -9,6 +9,7 @@ import typer
 from avrgym.cli.cluster import Address, on_cluster
 from avrgym.cli.experimenters import add_experimenter, experimenters, revoke_experimenter
 from avrgym.cli.logged import log
+from avrgym.cli.names import encrypt_names, names, say_key, unlock
 from avrgym.cli.options import PEOPLE, Impairment
 from avrgym.cli.plan import Folder, checked, freeze, plan_of, power
 from avrgym.cli.progress import GOES_ON, progress_bar
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from avrgym.study.storage.store import Store
 
 app = typer.Typer(no_args_is_help=True, help="Lead a study from its design to the export of its data.")
+IN_IDENTITY_FILE = "Kept encrypted in private/identities.json, and nowhere else."
 Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
 
 
@@ -57,6 +59,8 @@ def new(folder: Folder) -> None:
 app.command()(power)
 app.command()(freeze)
 app.command()(merge)
+app.command()(names)
+app.command()(encrypt_names)
 app.command()(record_adverse_event)
 app.command()(adverse_events)
 app.command()(retention)
@@ -115,8 +119,8 @@ def enrol(
     body: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")],
     age: Annotated[int | None, typer.Option(help="In years.")] = None,
     language: Annotated[str, typer.Option(help="One of study.toml's; without it the first of them.")] = "",
-    name: Annotated[str, typer.Option(help="Kept in private/key.json and nowhere else.")] = "",
-    contact: Annotated[str, typer.Option(help="Kept in private/key.json and nowhere else.")] = "",
+    name: Annotated[str, typer.Option(help=IN_IDENTITY_FILE)] = "",
+    contact: Annotated[str, typer.Option(help=IN_IDENTITY_FILE)] = "",
     site: Annotated[str, typer.Option(help="Where; without it the site of study.toml.")] = "",
     confirm_double: Annotated[
         bool,
@@ -130,11 +134,15 @@ def enrol(
     A person with the same name and contact is refused, because each person takes part once.
     """
     from avrgym.study.people.participants import enrol as take_in
+    from avrgym.study.storage import keyfile
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
         if body not in SEXES:
             raise ValueError(f"unknown body model {body!r}; allowed: {', '.join(SEXES)}")
+        first = not keyfile.path_of(folder).exists()
+        if name or contact:
+            unlock(folder)
         pseudonym = take_in(
             store,
             body,
@@ -147,6 +155,8 @@ def enrol(
         )
         log(store, "enrol", pseudonym)
     say(f"enrolled  {pseudonym}")
+    if first:
+        say_key(folder)
 
 
 @app.command()

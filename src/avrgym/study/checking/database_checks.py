@@ -7,6 +7,7 @@ from avrgym.study.people.doubles import possible_doubles
 from avrgym.study.storage import keyfile
 from avrgym.study.storage.database import BACKUPS, LEDGER_BEGUN
 from avrgym.study.storage.database import FILE as DATABASE
+from avrgym.study.storage.identity_keys import Locked
 from avrgym.study.storage.manifest import FOLDER as ANALYSIS
 from avrgym.study.storage.manifest import unfinished_analyses
 from avrgym.study.storage.participation import FILE as PARTICIPATION
@@ -55,20 +56,42 @@ def check_private(store: Store) -> Iterator[Finding]:
 
 def _check_names(store: Store) -> Iterator[Finding]:
     states = {participant.pseudonym: participant.state for participant in store.participants()}
-    where = f"{keyfile.FOLDER}/{keyfile.FILE}"
+    where = str(keyfile.path_of(store.folder).relative_to(store.folder))
     try:
-        key = keyfile.read_key(store.folder)
+        named = keyfile.pseudonyms(store.folder)
     except StudyError as error:
         yield Finding(where, str(error))
         return
-    for pseudonym in sorted(set(key) - set(states)):
+    for pseudonym in sorted(named - set(states)):
         yield Finding(where, f"names {pseudonym}, who is not in this study: delete-participant removes that")
+    yield from _check_encryption(store)
+    try:
+        key = keyfile.read_key(store.folder)
+    except Locked as error:
+        yield Finding(where, f"was not searched for people who take part twice: {error}", wrong=False)
+        return
+    except StudyError as error:
+        yield Finding(where, str(error))
+        return
     for first, second in possible_doubles(
         key, (name for name, state in states.items() if state not in _GONE)
     ):
         yield Finding(
             second, f"may be the same person as {first}, with the same name or contact", wrong=False
         )
+
+
+def _check_encryption(store: Store) -> Iterator[Finding]:
+    """Whether names can be read without a key."""
+    plain = keyfile.plain_path(store.folder)
+    if plain is None:
+        return
+    where = str(plain.relative_to(store.folder))
+    command = f"`avrgym study encrypt-names {store.folder}`"
+    if keyfile.lock_of(store.folder) is None:
+        yield Finding(where, f"contains names that are not encrypted; {command} encrypts them", wrong=False)
+    else:
+        yield Finding(where, f"is a copy of names that is not encrypted; {command} removes it")
 
 
 def fix_permissions(store: Store) -> None:

@@ -81,7 +81,7 @@ class _Kept:
 
 
 def rebuild_study(folder: Path) -> Rebuilt:
-    """Rebuild a study's lost database; key file and recordings stay as they are.
+    """Rebuild a study's lost database; identity file and recordings stay as they are.
 
     Only a recording that was cut off after the robot had finished is completed.
 

@@ -25,7 +25,7 @@ from avrgym.study.people.participants import consent_text, texts_of
 from avrgym.study.people.retention import due_words, today
 from avrgym.study.storage.answers import open_attempts
 from avrgym.study.storage.asked import Asked
-from avrgym.study.storage.keyfile import read_key
+from avrgym.study.storage.keyfile import pseudonyms
 from avrgym.study.storage.rows import Note, Participant, Trial, TrialAttempt
 from avrgym.study.storage.states import PARTICIPANT
 from avrgym.study.storage.store import Store
@@ -107,7 +107,7 @@ class AdverseEventView:
 
 @dataclass(frozen=True)
 class ParticipantView:
-    """One participant. ``identified``: the key file says who they are; ``may_become``: what may follow.
+    """One participant. ``identified``: the identity file says who they are; ``may_become``: what may follow.
 
     ``consent`` and ``inclusion``, texts by id, are in their ``language``. ``must_reconsent``: they agreed to another
     version of the consent text than the design's.
@@ -175,7 +175,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
         simulated=participant.simulated,
         sex=participant.sex,
         age_years=participant.age_years,
-        identified=pseudonym in read_key(store.folder),
+        identified=pseudonym in pseudonyms(store.folder),
         language=texts.language,
         direction=texts.direction,
         consent=consent_text(store, participant).text,

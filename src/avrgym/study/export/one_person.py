@@ -27,7 +27,7 @@ INDEX = "README.md"
 NAMES_OTHERS = ("participant enrolled", "identity corrected")
 """Events whose detail names other participants."""
 ABOUT: Mapping[str, str] = {
-    "identity.json": "Name and contact, from the key file.",
+    "identity.json": "Name and contact, from the identity file.",
     "participants.csv": "What the study knows of the person: body model, age, language, state, consent.",
     "inclusion.json": "The answers to the inclusion questions.",
     "functioning.json": "The person's answers about disability, diagnosis and assistive devices.",
@@ -80,7 +80,8 @@ def _write(store: Store, person: Participant, folder: Path) -> None:
         write_csv(folder / f"{name}.csv", rows, TABLES[name])
     write_csv(folder / "codebook.csv", codebook(list(tables), store.design))
     write_consent_texts(store, folder)
-    identity = keyfile.read_key(store.folder).get(person.pseudonym)
+    named = person.pseudonym in keyfile.pseudonyms(store.folder)
+    identity = keyfile.read_key(store.folder)[person.pseudonym] if named else None
     said: dict[str, Any] = {
         "identity": identity and msgspec.to_builtins(identity),
         "inclusion": person.inclusion,

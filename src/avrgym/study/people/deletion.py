@@ -38,7 +38,7 @@ def delete_participant(store: Store, pseudonym: str) -> None:
 
 
 def _is_row(store: Store, connection: sa.Connection, number: int) -> bool:
-    """Whether there are rows to delete, as there must be unless key file or recordings outlived them."""
+    """Whether there are rows to delete, as there must be unless identity file or recordings outlived them."""
     return bool(find_all(connection, Participant, number=number)) or number not in known_numbers(store.folder)
 
 

@@ -1,4 +1,4 @@
-"""Possible doubles: entries of the key file that may belong to one person."""
+"""Possible doubles: entries of the identity file that may belong to one person."""
 
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
@@ -23,8 +23,11 @@ def confirmed_doubles(folder: Path, identity: Identity, *, confirmed: bool, pseu
         pseudonym: the participant of this identity, if there is one; their own entry is not compared.
 
     Raises:
-        PossibleDouble: when the key file has an entry of the same person, and nobody confirmed the difference.
+        PossibleDouble: when the identity file has an entry of the same person, and nobody confirmed the difference.
+        Locked: when the names cannot be read without their key.
     """
+    if not identity.name and not identity.contact:
+        return ""
     doubles = " and ".join(
         other
         for other, known in read_key(folder).items()

@@ -45,7 +45,7 @@ def enrol(
     site: str = "",
     confirm_double: bool = False,
 ) -> str:
-    """Take someone in and return their pseudonym; name and contact go into the key file and nowhere else.
+    """Take someone in and return their pseudonym; name and contact go into the identity file and nowhere else.
 
     Orders are balanced within each ``site``; without one it is the design's. They read the study in ``language``, one
     of the design's, its first unless given. ``confirm_double``: they are another person than any with the same name
@@ -55,6 +55,7 @@ def enrol(
         PossibleDouble: when they may be enrolled already, and ``confirm_double`` is false.
         StudyError: for an unknown body model or language, an impossible age, a simulated participant with a name, or a
             name, contact or site that cannot be one.
+        Locked: for a name or contact where the identity file's key is not at hand.
     """
     if sex not in SEXES:
         raise StudyError(f"unknown body model {sex!r}; allowed: {', '.join(SEXES)}")
@@ -71,6 +72,8 @@ def enrol(
     identity = keyfile.Identity(name, contact)
     with store.write() as connection:
         told_apart = confirmed_doubles(store.folder, identity, confirmed=confirm_double)
+        if name or contact:
+            keyfile.prepare(store.folder)
         number = _next_number(store, connection)
         pseudonym = pseudonym_of(number)
         ledger.insert(
@@ -95,15 +98,16 @@ def enrol(
 def set_identity(
     store: Store, pseudonym: str, name: str, contact: str, *, confirm_double: bool = False
 ) -> None:
-    """Store who a participant is, in the key file only.
+    """Store who a participant is, in the identity file only.
 
     Raises:
         PossibleDouble: when another participant may be the same person, and ``confirm_double`` is false.
         StudyError: for what cannot be a name or contact.
+        Locked: when the identity file's key is not at hand.
     """
     _check_identity(name, contact)
     identity = keyfile.Identity(name, contact)
-    with store.write() as connection:  # one writer at a time, for the key file as well
+    with store.write() as connection:  # one writer at a time, for the identity file as well
         number = find_participant(connection, pseudonym).number
         told_apart = confirmed_doubles(store.folder, identity, confirmed=confirm_double, pseudonym=pseudonym)
         if told_apart:
@@ -278,7 +282,7 @@ def _check_identity(name: str, contact: str) -> None:
 
 
 def _next_number(store: Store, connection: sa.Connection) -> int:
-    """The first number that nobody has or had, also by key file and recordings."""
+    """The first number that nobody has or had, also by identity file, list and recordings."""
     taken = known_numbers(store.folder)
     for table in (schema.PARTICIPANT, schema.TOMBSTONE):
         taken.add(connection.execute(sa.select(sa.func.max(table.c.number))).scalar() or 0)

@@ -39,7 +39,7 @@ def today() -> date:
 def schedule(store: Store) -> list[Scheduled]:
     """What is due when, of people alone."""
     people = [each.pseudonym for each in store.participants() if not each.simulated]
-    known = keyfile.read_key(store.folder)
+    known = keyfile.pseudonyms(store.folder)
     held = {
         IDENTITIES: [name for name in people if name in known],
         RECORDINGS: [name for name in people if (store.folder / FOLDER / name).exists()],

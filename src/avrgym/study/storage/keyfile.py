@@ -1,68 +1,160 @@
-"""The key file: the only place that says who a participant is.
+"""The identity file: the only place that says who a participant is, encrypted with a key that is kept elsewhere.
 
-``private/key.json`` in a folder that only its owner may open. Writers hold the study's database as lock.
+``private/identities.json`` in a folder that only its owner may open. Studies of earlier versions have
+``private/key.json`` instead, which is not encrypted, until ``encrypt_names``. Writers hold the database as lock.
 """
 
+import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
 
+from avrgym.study.storage.encrypted_names import (
+    Identity,
+    decoded,
+    decrypted,
+    encoded,
+    encrypted,
+    with_entry,
+    without_entry,
+)
+from avrgym.study.storage.identity_keys import KEY_FILE, Lock, given_passphrase, new_lock
 from avrgym.study.storage.states import StudyError
 from avrgym.system.files import PRIVATE_FILE, PRIVATE_FOLDER, make_private_folder, write_whole
 
 FOLDER = "private"
-FILE = "key.json"
+PLAIN, FILE = "key.json", "identities.json"
+_NEW = f"{FILE}.new"
 
 
-class Identity(msgspec.Struct, frozen=True):
-    """Who a participant is."""
+def path_of(folder: Path) -> Path:
+    """The identity file of the study in ``folder``: the encrypted one, unless there is only a plain one."""
+    plain, path = folder / FOLDER / PLAIN, folder / FOLDER / FILE
+    return plain if plain.exists() and not path.exists() else path
 
-    name: str
-    contact: str
+
+def plain_path(folder: Path) -> Path | None:
+    """The identity file that is not encrypted, if there is one."""
+    path = folder / FOLDER / PLAIN
+    return path if path.exists() else None
+
+
+def lock_of(folder: Path) -> Lock | None:
+    """The lock of the encrypted identity file, if there is one."""
+    path = folder / FOLDER / FILE
+    return decoded(path).lock if path.exists() else None
+
+
+def pseudonyms(folder: Path) -> set[str]:
+    """Who has an entry, which needs no key; ``StudyError`` for a file that is damaged."""
+    path = path_of(folder)
+    if not path.exists():
+        return set()
+    return set(_read_plain(path) if path.name == PLAIN else decoded(path).entries)
 
 
 def read_key(folder: Path) -> dict[str, Identity]:
-    """All entries by pseudonym, of the study in ``folder``; ``StudyError`` for a file that is no key."""
-    path = folder / FOLDER / FILE
+    """All entries by pseudonym.
+
+    Raises:
+        Locked: when the key is not at hand, or wrong.
+        StudyError: for a file that is damaged.
+    """
+    path = path_of(folder)
     if not path.exists():
         return {}
+    return _read_plain(path) if path.name == PLAIN else decrypted(folder, decoded(path))
+
+
+def write_entry(folder: Path, pseudonym: str, identity: Identity) -> None:
+    """Add or correct an entry, encrypted unless the study's file is plain; raises as ``read_key`` does."""
+    prepare(folder)
+    path = path_of(folder)
+    if path.name == PLAIN:
+        _write(folder, PLAIN, _encoded_plain(_read_plain(path) | {pseudonym: identity}))
+    else:
+        _write(folder, FILE, encoded(with_entry(folder, decoded(path), pseudonym, identity)))
+
+
+def prepare(folder: Path) -> None:
+    """Make an empty identity file where there is none, with a passphrase if one was given, else with a key file.
+
+    Raises:
+        StudyError: when the key cannot be made.
+    """
+    if not path_of(folder).exists():
+        lock = new_lock(passphrase=given_passphrase(folder) is not None and KEY_FILE not in os.environ)
+        _write(folder, FILE, encoded(encrypted(folder, lock, {})))
+
+
+def remove_entry(folder: Path, pseudonym: str) -> None:
+    """Remove an entry, if there is one, and what a broken-off write left of it; this needs no key."""
+    remove_unfinished(folder)
+    plain, path = folder / FOLDER / PLAIN, folder / FOLDER / FILE
+    if plain.exists() and pseudonym in (entries := _read_plain(plain)):
+        del entries[pseudonym]
+        _write(folder, PLAIN, _encoded_plain(entries))
+    if path.exists() and pseudonym in (file := decoded(path)).entries:
+        _write(folder, FILE, encoded(without_entry(file, pseudonym)))
+
+
+def encrypt_names(folder: Path, lock: Lock, present: Mapping[str, Identity]) -> None:
+    """Encrypt the names with a new lock; the plain file is removed once the encrypted one was read back.
+
+    Args:
+        folder: the study's.
+        lock: the new lock.
+        present: what ``read_key`` gave, with the key so far.
+
+    Raises:
+        StudyError: when the plain file has entries that the encrypted one lacks, or reading back fails.
+    """
+    plain = plain_path(folder)
+    lacking = sorted(set(_read_plain(plain)) - set(present)) if plain else []
+    if lacking:
+        raise StudyError(
+            f"{plain} contains {', '.join(lacking)}, whom {FILE} lacks: look into it and remove it; nothing was changed"
+        )
+    _write(folder, _NEW, encoded(encrypted(folder, lock, present)))
+    new = folder / FOLDER / _NEW
+    if decrypted(folder, decoded(new)) != present:
+        raise StudyError(f"{new} could not be read back; nothing was changed")
+    os.replace(new, folder / FOLDER / FILE)
+    if plain:
+        remove_unfinished(folder)
+        plain.unlink()
+
+
+def _read_plain(path: Path) -> dict[str, Identity]:
     try:
         return msgspec.json.decode(path.read_bytes(), type=dict[str, Identity])
     except msgspec.DecodeError as error:
         raise StudyError(f"{path}: not a key file: {error}") from None
 
 
-def write_entry(folder: Path, pseudonym: str, identity: Identity) -> None:
-    """Add or correct an entry."""
-    _write(folder, read_key(folder) | {pseudonym: identity})
+def _encoded_plain(entries: Mapping[str, Identity]) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(entries))
 
 
-def remove_entry(folder: Path, pseudonym: str) -> None:
-    """Remove an entry, if there is one, and what a broken-off write left of it."""
-    remove_unfinished(folder)
-    entries = read_key(folder)
-    if entries.pop(pseudonym, None) is not None:
-        _write(folder, entries)
-
-
-def _write(folder: Path, entries: dict[str, Identity]) -> None:
+def _write(folder: Path, name: str, data: bytes) -> None:
     private = folder / FOLDER
     make_private_folder(private)
     private.chmod(PRIVATE_FOLDER)
     remove_unfinished(folder)
-    data = msgspec.json.format(msgspec.json.encode(entries))
-    write_whole(private / FILE, data, mode=PRIVATE_FILE)
+    write_whole(private / name, data, mode=PRIVATE_FILE)
 
 
 def unfinished(folder: Path) -> list[Path]:
-    """What was left of the key file, with names, where a process was killed that wrote it.
+    """What was left of identity files, with names, where a process was killed that wrote one.
 
-    Only one process writes it at a time, so while the database is locked there is nothing else.
+    Only one process writes at a time, so while the database is locked there is nothing else.
     """
-    return sorted((folder / FOLDER).glob(f".{FILE}.*.part"))
+    names = (PLAIN, FILE, _NEW)
+    return sorted(path for name in names for path in (folder / FOLDER).glob(f".{name}.*.part"))
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what was left of the key file where a process was killed that wrote it."""
+    """Remove what was left of identity files where a process was killed that wrote one."""
     for path in unfinished(folder):
         path.unlink(missing_ok=True)

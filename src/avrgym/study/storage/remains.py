@@ -14,8 +14,8 @@ from avrgym.study.storage.states import StudyError
 def remains(folder: Path) -> list[str]:
     """What is there, in words, that only a study with a database leaves."""
     found: list[str] = []
-    if keyfile.read_key(folder):
-        found.append(f"names in {keyfile.FOLDER}/{keyfile.FILE}")
+    if keyfile.pseudonyms(folder):
+        found.append(f"names in {keyfile.path_of(folder).relative_to(folder)}")
     if any(path.is_file() for path in (folder / RECORDINGS).rglob("*")):
         found.append(RECORDINGS)
     found += [name for name in (HEAD, PARTICIPATION) if (folder / name).exists()]
@@ -23,9 +23,9 @@ def remains(folder: Path) -> list[str]:
 
 
 def known_numbers(folder: Path) -> set[int]:
-    """The numbers of participants in the key file, the participation list or the folders of recordings."""
+    """The numbers of participants in the identity file, the participation list or the folders of recordings."""
     listed = ParticipationList(folder).read()
-    known = set(_numbers([*keyfile.read_key(folder), *_names(folder / RECORDINGS)]))
+    known = set(_numbers([*keyfile.pseudonyms(folder), *_names(folder / RECORDINGS)]))
     return known | {each.participant for each in listed.entries if each.participant} if listed else known
 
 

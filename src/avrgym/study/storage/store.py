@@ -112,7 +112,7 @@ class Store:
             if not anew:
                 self.database.reconcile()
             if keyfile.unfinished(self.folder) and not self.database.read_only:
-                with self.database.write():  # one writer at a time, for the key file as well
+                with self.database.write():  # one writer at a time, for the identity file as well
                     keyfile.remove_unfinished(self.folder)
         except BaseException:
             self.close()

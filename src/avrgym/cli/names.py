@@ -1,0 +1,98 @@
+"""The commands of ``avrgym study`` that read and encrypt names."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from avrgym.cli.logged import log
+from avrgym.cli.plan import Folder
+from avrgym.cli.terminal import plain_errors, print_table, say
+
+KEPT = "Keep a copy of it apart from the study: without it the names are lost, and no other data."
+
+
+def names(folder: Folder) -> None:
+    """Show who the participants are: pseudonyms, names and contacts."""
+    from avrgym.study.storage import keyfile
+    from avrgym.study.storage.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        unlock(folder)
+        known = keyfile.read_key(store.folder)
+        log(store, "read names")
+    if not known:
+        say("no names are stored")
+        return
+    print_table(
+        [
+            {"participant": pseudonym, "name": each.name, "contact": each.contact}
+            for pseudonym, each in sorted(known.items())
+        ]
+    )
+
+
+def encrypt_names(
+    folder: Folder,
+    passphrase: Annotated[
+        bool, typer.Option("--passphrase", help="With a passphrase instead of a key file.")
+    ] = False,
+) -> None:
+    """Encrypt the names with a new key file or passphrase.
+
+    The file that was not encrypted is removed once the encrypted one was read back. Names that are encrypted already
+    get the new key.
+    """
+    from avrgym.study.people.names import encrypt_names as encrypt
+    from avrgym.study.storage.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        unlock(folder)
+        was_plain = encrypt(store, (lambda: _new_passphrase(folder)) if passphrase else None)
+        log(store, "encrypt names")
+    say_key(folder)
+    if was_plain:
+        say(
+            "The file that was not encrypted is removed. Snapshots, backups and the disk's free space may retain it: "
+            "delete old copies yourself."
+        )
+
+
+def unlock(folder: Path) -> None:
+    """Ask for the passphrase of the names on a terminal, where one is needed and none was given."""
+    from avrgym.study.storage import identity_keys, keyfile
+
+    lock = keyfile.lock_of(folder)
+    is_needed = lock is not None and lock.kind == "passphrase"
+    if is_needed and identity_keys.given_passphrase(folder) is None and sys.stdin.isatty():
+        question = "Passphrase of the names (Enter leaves them locked)"
+        if passphrase := typer.prompt(question, default="", show_default=False, hide_input=True):
+            identity_keys.give_passphrase(folder, passphrase)
+            keyfile.read_key(folder)
+
+
+def say_key(folder: Path) -> None:
+    """Say what the names are encrypted with, and what is lost without it."""
+    from avrgym.study.storage import identity_keys, keyfile
+
+    lock = keyfile.lock_of(folder)
+    if lock is None:
+        return
+    what = "a passphrase" if lock.kind == "passphrase" else f"the key file {identity_keys.key_path(lock)}"
+    say(f"names     are encrypted with {what}. {KEPT}")
+
+
+def _new_passphrase(folder: Path) -> str:
+    """A new passphrase, from the environment unless that contains the present one, else from the terminal."""
+    from avrgym.study.storage import identity_keys, keyfile
+
+    lock = keyfile.lock_of(folder)
+    if (lock is None or lock.kind == "file") and (given := os.environ.get(identity_keys.PASSPHRASE)):
+        return given
+    if not sys.stdin.isatty():
+        raise RuntimeError(
+            "a new passphrase is asked for on a terminal, and this is none; nothing was changed"
+        )
+    return typer.prompt("New passphrase of the names", hide_input=True, confirmation_prompt=True)

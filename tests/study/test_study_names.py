@@ -1,0 +1,276 @@
+"""Names are encrypted with a key that is not in the study: a key file elsewhere, or a passphrase."""
+
+import os
+import pty
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from avrgym.cli.main import app
+from avrgym.study.checking.database_checks import check_private
+from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.names import encrypt_names
+from avrgym.study.people.participants import enrol, set_identity
+from avrgym.study.storage import database, identity_keys, keyfile
+from avrgym.study.storage.identity_keys import KEY_FILE, PASSPHRASE, Locked
+from avrgym.study.storage.keyfile import Identity
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.system.files import data_folder
+from places import DATA
+from studies import small_study
+
+NAME, CONTACT, SECRET = "Zora Unmistakable", "zora@example.org", "a long passphrase"
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    for variable in (database.URL_VARIABLE, PASSPHRASE, KEY_FILE):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setattr(identity_keys, "COST", 4)
+    yield
+    identity_keys._given.clear()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return small_study(tmp_path / "study")
+
+
+@pytest.fixture
+def locked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A study whose names need a passphrase that is not at hand."""
+    monkeypatch.setenv(PASSPHRASE, SECRET)
+    with Store(folder) as store:
+        enrol(store, "woman", name=NAME, contact=CONTACT)
+    monkeypatch.delenv(PASSPHRASE)
+    return folder
+
+
+def avrgym(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, ["study", *(str(argument) for argument in arguments)])
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and not path.name.startswith("study.")
+    }
+
+
+def is_readable(folder: Path) -> bool:
+    return any(b"Zora" in data or CONTACT.encode() in data for data in contents(folder).values())
+
+
+def notes(folder: Path) -> str:
+    with Store(folder) as store:
+        return " ".join(f"{each.where} {each.what} {each.wrong}" for each in check_private(store))
+
+
+# A key file
+
+
+def test_a_new_study_encrypts_with_a_key_file_elsewhere(folder: Path) -> None:
+    said = avrgym("enrol", folder, "--body", "woman", "--name", NAME, "--contact", CONTACT)
+    lock = keyfile.lock_of(folder)
+    assert lock is not None
+    key = identity_keys.key_path(lock)
+    assert str(key) in said.stdout
+    assert "without it the names are lost, and no other data" in said.stdout
+    assert key.is_relative_to(data_folder())
+    assert key.stat().st_mode & 0o077 == 0
+    assert not is_readable(folder)
+    shown = avrgym("names", folder).stdout
+    assert NAME in shown
+    assert CONTACT in shown
+    assert "key file" not in avrgym("enrol", folder, "--body", "man", "--name", "Max").stdout
+    assert "not encrypted" not in notes(folder)
+
+
+def test_without_the_key_file_a_study_goes_on_and_keeps_its_names(folder: Path) -> None:
+    with Store(folder) as store:
+        enrol(store, "woman", name=NAME)
+        lock = keyfile.lock_of(folder)
+        assert lock is not None
+        key = identity_keys.key_path(lock)
+        lost = key.rename(key.with_suffix(".elsewhere"))
+        before = contents(folder)
+        for act in (
+            lambda: enrol(store, "woman", name="Ada"),
+            lambda: set_identity(store, "sub-001", "Ada", ""),
+            lambda: keyfile.read_key(folder),
+            lambda: encrypt_names(store),
+        ):
+            with pytest.raises(Locked, match="no other data"):
+                act()
+        assert contents(folder) == before
+        assert len(store.participants()) == 1
+        assert enrol(store, "man") == "sub-002"
+        key.write_text("ab" * 32)
+        with pytest.raises(Locked, match="is wrong; nothing was changed"):
+            keyfile.read_key(folder)
+        lost.replace(key)
+        assert keyfile.read_key(folder)["sub-001"].name == NAME
+
+
+def test_a_key_file_may_be_named_and_is_never_in_the_study(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(KEY_FILE, str(folder / "private" / "names.key"))
+    with Store(folder) as store:
+        with pytest.raises(StudyError, match="is in the study's folder"):
+            enrol(store, "woman", name=NAME)
+        assert store.participants() == []
+        monkeypatch.setenv(KEY_FILE, str(tmp_path / "names.key"))
+        enrol(store, "woman", name=NAME)
+        assert keyfile.read_key(folder)["sub-001"] == Identity(NAME, "")
+        monkeypatch.delenv(KEY_FILE)
+        with pytest.raises(Locked):
+            keyfile.read_key(folder)
+
+
+# A passphrase
+
+
+def test_names_behind_a_passphrase_reach_nothing_when_it_is_missing_or_wrong(
+    locked: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert not is_readable(locked)
+    before = contents(locked)
+    for given, words in (
+        (None, f"set {PASSPHRASE}"),
+        ("wrong passphrase", "the passphrase of the names is wrong"),
+    ):
+        if given:
+            monkeypatch.setenv(PASSPHRASE, given)
+        for command in ("names", "encrypt-names", "enrol --body man --name Ada"):
+            name, *options = command.split()
+            refused = avrgym(name, locked, *options)
+            assert refused.exit_code == 1
+            (line,) = refused.stderr.splitlines()
+            assert words in line
+            assert "nothing was changed" in line
+            assert "Zora" not in refused.output
+    assert contents(locked) == before
+    assert "was not searched for people who take part twice" in notes(locked)
+    monkeypatch.setenv(PASSPHRASE, SECRET)
+    assert NAME in avrgym("names", locked).stdout
+
+
+def test_a_deletion_needs_no_passphrase(locked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Store(locked) as store:
+        enrol(store, "man")
+        delete_participant(store, "sub-001")
+    assert keyfile.pseudonyms(locked) == set()
+    monkeypatch.setenv(PASSPHRASE, SECRET)
+    assert keyfile.read_key(locked) == {}
+
+
+def test_a_changed_or_exchanged_entry_is_refused(locked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(PASSPHRASE, SECRET)
+    with Store(locked) as store:
+        enrol(store, "man", name="Max")
+    path = locked / "private" / "identities.json"
+    text = path.read_text().replace("sub-001", "x").replace("sub-002", "sub-001").replace("x", "sub-002")
+    path.write_text(text)
+    with pytest.raises(StudyError, match="is damaged or was changed"):
+        keyfile.read_key(locked)
+
+
+def test_a_short_passphrase_is_refused_and_nobody_is_enrolled(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(PASSPHRASE, "short")
+    with Store(folder) as store:
+        with pytest.raises(StudyError, match="at least 8 characters"):
+            enrol(store, "man", name="Max")
+        assert store.participants() == []
+    assert not (folder / "private" / "identities.json").exists()
+
+
+def test_a_terminal_is_asked_for_the_passphrase(locked: Path) -> None:
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "avrgym", "study", "names", str(locked)]
+    with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, close_fds=True) as process:
+        os.close(theirs)
+        said = _read_until(ours, b"Passphrase of the names")
+        os.write(ours, SECRET.encode() + b"\n")
+        said += _read_until(ours, CONTACT.encode())
+        assert process.wait() == 0
+    os.close(ours)
+    assert SECRET.encode() not in said
+
+
+def _read_until(terminal: int, words: bytes) -> bytes:
+    said = b""
+    while words not in said:
+        said += os.read(terminal, 1024)
+    return said
+
+
+# Studies of earlier versions
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> Path:
+    """A study of an earlier version, with a name that is not encrypted."""
+    return Path(shutil.copytree(DATA / "study-of-0.1.0", tmp_path / "old"))
+
+
+def test_an_older_study_is_named_and_encrypted_on_request(old: Path) -> None:
+    assert "contains names that are not encrypted; `avrgym study encrypt-names" in notes(old)
+    with Store(old) as store:
+        set_identity(store, "sub-001", "First Person", "")
+    assert (old / "private" / "key.json").exists()
+    before = keyfile.read_key(old)
+    said = avrgym("encrypt-names", old).stdout
+    assert "may retain it" in said
+    assert not (old / "private" / "key.json").exists()
+    assert keyfile.read_key(old) == before
+    assert b"Example Person" not in b"".join(contents(old).values())
+    assert "not encrypted" not in notes(old)
+
+
+def test_the_plain_file_stays_until_the_encrypted_one_was_read_back(
+    old: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = (old / "private" / "key.json").read_bytes()
+    with Store(old) as store, monkeypatch.context() as damage:
+        damage.setattr(keyfile, "decrypted", lambda *_: {})
+        with pytest.raises(StudyError, match="could not be read back"):
+            encrypt_names(store)
+    assert (old / "private" / "key.json").read_bytes() == before
+    assert keyfile.lock_of(old) is None
+
+
+def test_a_plain_copy_next_to_the_encrypted_file_is_named_and_removed(old: Path) -> None:
+    """As a crash leaves it, after the encrypted file is in place."""
+    plain = old / "private" / "key.json"
+    kept = plain.read_bytes()
+    assert avrgym("encrypt-names", old).exit_code == 0
+    plain.write_bytes(kept)
+    assert "is a copy of names that is not encrypted" in notes(old)
+    assert avrgym("encrypt-names", old).exit_code == 0
+    assert not plain.exists()
+    plain.write_bytes(kept.replace(b"sub-002", b"sub-009"))
+    assert "sub-009, whom identities.json lacks" in avrgym("encrypt-names", old).stderr
+    assert plain.exists()
+
+
+def test_a_key_can_be_exchanged_for_a_passphrase(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Store(folder) as store:
+        enrol(store, "woman", name=NAME)
+    assert "on a terminal" in avrgym("encrypt-names", folder, "--passphrase").stderr
+    monkeypatch.setenv(PASSPHRASE, SECRET)
+    assert "a passphrase" in avrgym("encrypt-names", folder, "--passphrase").stdout
+    identity_keys._given.clear()
+    assert keyfile.read_key(folder)["sub-001"].name == NAME
+    monkeypatch.delenv(PASSPHRASE)
+    with pytest.raises(Locked):
+        keyfile.read_key(folder)
