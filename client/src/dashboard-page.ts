@@ -76,7 +76,7 @@ export class Dashboard {
     }));
     element("edit-note").addEventListener("reset", () => (element("edit-note").hidden = true));
     this.onAct("adverse-event", "adverse-events", "is stored", () => this.adverseEvent.body());
-    this.onAct("identity", "identity", "are in the key file", identityIn);
+    this.onAct("identity", "identity", "are in the identity file", identityIn);
     element("results-part").addEventListener("toggle", () => this.afterwards(() => this.refresh()));
     this.onAct("withdrawal", "withdrawal", "is stored", (form) => ({ reason: field(form, "reason") }));
   }

@@ -197,7 +197,9 @@ def test_a_short_passphrase_is_refused_and_nobody_is_enrolled(
 def test_a_terminal_is_asked_for_the_passphrase(locked: Path) -> None:
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "avrgym", "study", "names", str(locked)]
-    with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, close_fds=True) as process:
+    with subprocess.Popen(
+        command, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True
+    ) as process:
         os.close(theirs)
         said = _read_until(ours, b"Passphrase of the names")
         os.write(ours, SECRET.encode() + b"\n")
@@ -259,14 +261,14 @@ def test_a_plain_copy_next_to_the_encrypted_file_is_named_and_removed(old: Path)
     assert avrgym("encrypt-names", old).exit_code == 0
     assert not plain.exists()
     plain.write_bytes(kept.replace(b"sub-002", b"sub-009"))
-    assert "sub-009, whom identities.json lacks" in avrgym("encrypt-names", old).stderr
+    assert "sub-009, who is missing in identities.json" in avrgym("encrypt-names", old).stderr
     assert plain.exists()
 
 
 def test_a_key_can_be_exchanged_for_a_passphrase(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with Store(folder) as store:
         enrol(store, "woman", name=NAME)
-    assert "on a terminal" in avrgym("encrypt-names", folder, "--passphrase").stderr
+    assert "needs a terminal" in avrgym("encrypt-names", folder, "--passphrase").stderr
     monkeypatch.setenv(PASSPHRASE, SECRET)
     assert "a passphrase" in avrgym("encrypt-names", folder, "--passphrase").stdout
     identity_keys._given.clear()

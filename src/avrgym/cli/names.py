@@ -92,7 +92,5 @@ def _new_passphrase(folder: Path) -> str:
     if (lock is None or lock.kind == "file") and (given := os.environ.get(identity_keys.PASSPHRASE)):
         return given
     if not sys.stdin.isatty():
-        raise RuntimeError(
-            "a new passphrase is asked for on a terminal, and this is none; nothing was changed"
-        )
+        raise RuntimeError("a new passphrase needs a terminal that can ask for it; nothing was changed")
     return typer.prompt("New passphrase of the names", hide_input=True, confirmation_prompt=True)

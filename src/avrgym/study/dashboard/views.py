@@ -107,7 +107,7 @@ class AdverseEventView:
 
 @dataclass(frozen=True)
 class ParticipantView:
-    """One participant. ``identified``: the identity file says who they are; ``may_become``: what may follow.
+    """One participant. ``identified``: the identity file has an entry; ``may_become``: what may follow.
 
     ``consent`` and ``inclusion``, texts by id, are in their ``language``. ``must_reconsent``: they agreed to another
     version of the consent text than the design's.

@@ -27,7 +27,7 @@ class Identity(msgspec.Struct, frozen=True):
 
 
 class IdentityFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the file contains; ``check`` is the encrypted format, by which a wrong key is noticed."""
+    """What the file contains; ``check`` is the encrypted format; a wrong key cannot decrypt it."""
 
     format: str
     lock: Lock
