@@ -201,7 +201,7 @@ def test_a_terminal_is_asked_for_the_passphrase(locked: Path) -> None:
         command, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True
     ) as process:
         os.close(theirs)
-        said = _read_until(ours, b"Passphrase of the names")
+        said = _read_until(ours, b"locked): ")  # its last space comes once nothing is echoed
         os.write(ours, SECRET.encode() + b"\n")
         said += _read_until(ours, CONTACT.encode())
         assert process.wait() == 0

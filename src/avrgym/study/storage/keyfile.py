@@ -114,7 +114,8 @@ def encrypt_names(folder: Path, lock: Lock, present: Mapping[str, Identity]) -> 
     lacking = sorted(set(_read_plain(plain)) - set(present)) if plain else []
     if lacking:
         raise StudyError(
-            f"{plain} contains {', '.join(lacking)}, who is missing in {FILE}: look into it and remove it; nothing was changed"
+            f"{plain} contains {', '.join(lacking)}, who is missing in {FILE}: look into it and remove it; "
+            "nothing was changed"
         )
     _write(folder, _NEW, encoded(encrypted(folder, lock, present)))
     new = folder / FOLDER / _NEW
