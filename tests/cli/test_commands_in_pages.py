@@ -26,14 +26,14 @@ from avrgym.cli.main import app
 from avrgym.study.design.design import default_text, parse_design
 from little_training import train_little
 from pages import DOCS, DOCUMENTS, blocks, commands, name_of
-from places import DATA, ROOT
+from places import OLD_RECORDING, ROOT
 
 SMALLER = {"--episodes": "1", "--steps": "1", "--participants": "2", "--simulations": "4"}
 ENDLESS = ("serve", "view")
 SET_UP = {"make", ".", "mkdir", "cd", "pip", "python3"}
 ANSWERS = "y\ny\ny\nn\ny\nn\n"
 """To the consent of the paper's protocol and its inclusion questions."""
-RECORDING = DATA / "recordings-of-0.1.0" / "ScratchItchJaco.mcap"
+RECORDING = OLD_RECORDING
 
 
 @pytest.fixture(autouse=True)

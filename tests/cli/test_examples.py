@@ -11,10 +11,10 @@ import matplotlib
 import pytest
 
 from little_training import train_little
-from places import DATA, ROOT
+from places import OLD_RECORDING, ROOT
 
 EXAMPLES = ROOT / "examples"
-RECORDING = DATA / "recordings-of-0.1.0" / "ScratchItchJaco.mcap"
+RECORDING = OLD_RECORDING
 RUNS: dict[str, tuple[list[str], list[str]]] = {
     "01_step_and_render": ([], ["feeding.png"]),
     "02_random_oracle_trained": (["1"], []),

@@ -13,7 +13,6 @@ import avrgym
 from avrgym.envs.single import AssistiveEnv
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.models.human import Person
-from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 from vector_laws import unusable
 
@@ -132,18 +131,6 @@ def test_an_action_is_clipped_before_it_moves_or_costs_anything(environment_id, 
         assert_array_equal(both[0][0], both[1][0])
         assert both[0][1:] == both[1][1:]
         assert both[0][-1]["reward_terms"]["action_squared"] <= 7.0
-
-
-def test_what_version_1_recorded_is_judged_as_it_was(rng):
-    """It did not clip actions before they were judged."""
-    actions = rng.uniform(-3, 3, (1, 7))
-    squared = {}
-    for version in (1, 2):
-        episodes = Episodes(FEEDING, 1, num_threads=1, world_version=version)
-        episodes.begin(np.array([0]), [np.random.default_rng(0)])
-        squared[version] = episodes.step(actions).reward_terms["action_squared"]
-    assert_array_equal(squared[1], (actions**2).sum(axis=-1))
-    assert_array_equal(squared[2], (np.clip(actions, -1, 1) ** 2).sum(axis=-1))
 
 
 def test_mujoco_s_warnings_go_to_logging_and_into_no_file(tmp_path, monkeypatch, caplog):

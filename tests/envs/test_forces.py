@@ -99,32 +99,16 @@ def test_who_trembles_presses_with_a_third_of_the_strength():
 
 
 def test_people_touch_a_box_in_place_of_the_spoons_thin_walls():
-    old, new = (
-        Simulation(TASKS["Feeding"].scene(ROBOTS["Jaco"]), 1, num_threads=1, gives_way=gives_way).model
-        for gives_way in (False, True)
-    )
-    touching = [
-        [
-            model.geom(geom).name
-            for geom in np.nonzero(
-                (model.geom_conaffinity & contacts.PERSON.contype)
-                & (model.geom_bodyid == model.body(TOOL).id)
-            )[0]
-        ]
-        for model in (old, new)
-    ]
-    assert len(touching[0]) == 6
-    assert touching[1] == ["robot/spoon_handle", "robot/hull"]
+    model = Simulation(TASKS["Feeding"].scene(ROBOTS["Jaco"]), 1, num_threads=1).model
+    touching = (model.geom_conaffinity & contacts.PERSON.contype) & (model.geom_bodyid == model.body(TOOL).id)
+    names = [model.geom(geom).name for geom in np.nonzero(touching)[0]]
+    assert names == ["robot/spoon_handle", "robot/hull"]
 
 
 def test_a_hand_inside_a_link_that_cannot_give_way_is_pressed_as_by_flesh():
     """Even where a start is false, no solver makes 10⁸ N of it: link 2 stands in the hand and cannot go anywhere."""
-    old, new = (begun(SCRATCHING, 128, "revised", "limits", world_version=version) for version in (1, 2))
-    new._room = None
-    new.begin(np.arange(128), [np.random.default_rng(seed) for seed in range(128)])
-    assert_allclose(new.simulation.geoms(np.arange(128)).pos_w, old.simulation.geoms(np.arange(128)).pos_w)
-    assert at_once(old).max() > 1e6
-    assert 1.0 < at_once(new).max() < MOST_FORCE_N
+    episodes = begun(SCRATCHING, 128, "revised", "limits", checked=False)
+    assert 1.0 < at_once(episodes).max() < MOST_FORCE_N
 
 
 @pytest.mark.parametrize("task", ["Feeding", "ScratchItch", "BedBathing"])
@@ -140,10 +124,6 @@ def test_no_jam_grows(task, robot, how):
 def test_people_who_tremble_are_not_jammed_either(task):
     peak = pressed(f"avrgym/{task}PR2-v1", 24, "participants", "tremor", "at the person", steps=40)
     assert peak.max() < MOST_FORCE_N
-
-
-def test_jams_grew_in_version_1():
-    assert pressed(SCRATCHING, 48, "revised", "none", "constant", steps=60, world_version=1).max() > 1000.0
 
 
 def test_people_who_do_not_move_give_way_as_softly_as_they_would_alone():

@@ -66,14 +66,6 @@ def test_single_precision_stays_single_and_is_good_for_a_millionth(rng: np.rando
     assert np.max(np.abs(cosine - np.cos(x.astype(float)))) < 1e-6
 
 
-def test_numpys_own_functions_come_only_inside() -> None:
-    x = np.linspace(-3.0, 3.0, 1001)
-    with elementary.by_numpy():
-        np.testing.assert_array_equal(elementary.sin(x), np.sin(x))
-        np.testing.assert_array_equal(elementary.power(2.0, x), np.power(2.0, x))
-    assert (elementary.sin(x) != np.sin(x)).any()
-
-
 EPISODE = """
 import hashlib
 import numpy as np

@@ -5,3 +5,5 @@ from pathlib import Path
 HELPERS = Path(__file__).parent
 ROOT = HELPERS.parents[1]
 DATA = ROOT / "tests" / "data"
+OLD_RECORDING = DATA / "study-of-0.2.0" / "recordings" / "sub-001" / "ses-01" / "trial-01_attempt-1.mcap"
+"""A trial of ScratchItchJaco that an earlier version recorded."""

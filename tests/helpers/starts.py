@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from avrgym.models import contacts
 from avrgym.models.human import joint_angles
 from avrgym.models.robot import PREFIX
-from avrgym.simulation.world_version import WORLD_VERSION
 from avrgym.tasks.episodes import Episodes
 
 Array = NDArray[np.float64]
@@ -23,19 +22,23 @@ def begun(
     impairment: str = "none",
     *,
     num_threads: int = 1,
-    world_version: int = WORLD_VERSION,
     by_region: bool = False,
+    checked: bool = True,
 ) -> Episodes:
-    """Worlds whose starts are drawn from the seeds 0, 1, …; arguments as of ``Episodes``."""
+    """Worlds whose starts are drawn from the seeds 0, 1, …; arguments as of ``Episodes``.
+
+    Without ``checked`` the first draw counts, even where things overlap.
+    """
     episodes = Episodes(
         environment,
         worlds,
         distribution=whom,
         impairment=impairment,
         num_threads=num_threads,
-        world_version=world_version,
         by_region=by_region,
     )
+    if not checked:
+        episodes._conflicts = lambda ids: {}
     episodes.begin(np.arange(worlds), [np.random.default_rng(seed) for seed in range(worlds)])
     return episodes
 

@@ -3,8 +3,8 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 
+
 from avrgym.learning.course import Course
-from avrgym.learning.stepwise import StepwiseLearner
 from avrgym.learning.training import Progress, TrainingConfiguration
 from avrgym.learning.updates import UpdateLearner, make_here
 from avrgym.tasks.episodes import Episodes
@@ -51,14 +51,3 @@ def test_only_episodes_of_the_policy_are_told_of(imitated):
     steps = WORLDS * 200
     assert set(heard) <= {2 * steps, 3 * steps, 4 * steps}
     assert 4 * steps in heard
-
-
-@pytest.mark.slow
-def test_ppo_goes_on_where_imitation_ended_in_trainings_of_before(tmp_path):
-    learner = StepwiseLearner(HOW, "revised", tmp_path, Course(HOW, tmp_path, lambda progress: None))
-    learner.imitate(1, tmp_path / "shown")
-    model, native = learner.model, learner._env.env
-    last = learner._normaliser.normalize_obs(native.episodes.observe())
-    np.testing.assert_array_equal(model._last_obs, last)
-    assert model._last_episode_starts is not None
-    assert model._last_episode_starts.all()

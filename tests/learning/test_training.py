@@ -33,6 +33,7 @@ from avrgym.learning.training import (
 )
 from avrgym.policies.trained import Policy, find_policy
 from avrgym.system.carried import Carried
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.scratch_itch.detour import around_arm_m
@@ -132,39 +133,6 @@ def test_the_wrapper_goes_on_with_other_episodes():
     assert_array_equal(env.reset(), first)
 
 
-def test_force_on_the_person_costs_what_the_wrapper_is_told():
-    env = SB3VectorEnv(AssistiveVectorEnv(SCRATCHING, 2, num_threads=1))
-    reference = AssistiveVectorEnv(SCRATCHING, 2, num_threads=1)
-    env.seed(5)
-    env.reset()
-    reference.reset(seed=5)
-    env.force_weight_per_n = 0.5
-    expert = reference.episodes.task.reactive_expert(reference.episodes)
-    most_n = 0.0
-    for _ in range(60):
-        action = expert(reference.episodes.observe()).astype(np.float32)
-        _, learned, _, _ = env.step(action)
-        _, reward, _, _, info = reference.step(action)
-        assert_allclose(learned, reward - 0.5 * info["force_on_person"], atol=1e-9)
-        most_n = max(most_n, info["force_on_person"].max())
-    assert most_n > 1.0
-
-
-def test_detours_cost_what_the_wrapper_is_told_but_for_the_last_step():
-    env = SB3VectorEnv(AssistiveVectorEnv(SCRATCHING, 2, num_threads=1))
-    env.seed(5)
-    env.reset()
-    env.detour_weight_per_m = 2.0
-    rng, returns, costs = np.random.default_rng(0), np.zeros(2), np.zeros(2)
-    for _ in range(EPISODE_STEPS - 1):
-        _, learned, _, _ = env.step(rng.uniform(-1.0, 1.0, (2, 7)).astype(np.float32))
-        returns += learned
-        costs += 2.0 * around_arm_m(env.env.episodes.simulation.state(), env.env.episodes.task_state)
-    _, learned, _, infos = env.step(np.zeros((2, 7), np.float32))
-    assert_allclose(returns + learned + costs, [info["episode_return"] for info in infos])
-    assert costs.max() > 0.1
-
-
 # Training
 
 
@@ -244,12 +212,9 @@ def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(told, whole, tm
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("version", [1, 2])
-def test_a_training_with_hard_episodes_that_was_cut_off_goes_on_with_the_same(version, tmp_path, monkeypatch):
-    """Also one of the version in which the normaliser learned at every step."""
-    hard = replace(HARD, learning_version=version)
-    uncut = train_whole(hard, tmp_path / "whole")
-    assert_goes_on(hard, 2, uncut, tmp_path, monkeypatch)
+def test_a_training_with_hard_episodes_that_was_cut_off_goes_on_with_the_same(tmp_path, monkeypatch):
+    uncut = train_whole(HARD, tmp_path / "whole")
+    assert_goes_on(HARD, 2, uncut, tmp_path, monkeypatch)
     assert json.loads(torch.load(uncut[0] / "checkpoint.pt", weights_only=True)["notes"])["hard"]
 
 
@@ -389,11 +354,17 @@ def test_an_unknown_environment_leaves_nothing_behind(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_training_of_before_goes_on_as_it_was_begun(tmp_path):
-    shutil.copy(DATA / "training-of-0.1.0" / "configuration.json", tmp_path)
-    assert stored_configuration(tmp_path).learning_version == 1
-    (tmp_path / "configuration.json").write_text(json.dumps({"environment": FEEDING, "learning_version": 3}))
-    with pytest.raises(ValueError, match="learning version 3; allowed: 1 and 2"):
+def test_a_training_of_an_earlier_version_resumes(tmp_path):
+    folder = Path(shutil.copytree(DATA / "training-of-0.2.0", tmp_path / "training"))
+    before = stored_configuration(folder)
+    resume(folder, steps=before.steps + before.update_steps)
+    assert stored_configuration(folder).steps == before.steps + before.update_steps
+
+
+@pytest.mark.parametrize("stored", [{}, {"learning_version": 1}, {"learning_version": 3}])
+def test_a_training_of_another_algorithm_is_refused(stored, tmp_path):
+    (tmp_path / "configuration.json").write_text(json.dumps({"environment": FEEDING, **stored}))
+    with pytest.raises(ValueError, match=r"learning version (None|1|3); allowed: 2"):
         stored_configuration(tmp_path)
 
 
@@ -411,6 +382,34 @@ def test_who_makes_an_update_s_episodes_changes_none_of_them(sizes):
         for field in fields(Rollout):
             assert_array_equal(getattr(parts, field.name), getattr(whole, field.name), err_msg=field.name)
         assert whole.nbytes == sum(getattr(whole, field.name).nbytes for field in fields(Rollout))
+
+
+def expert_rollout(**weights: float) -> Rollout:
+    """Two episodes that the task's expert drives."""
+    (order,) = orders_of((2,), {"by_expert": np.ones(2, bool)})
+    weighted = replace(order, **{"force_weight_per_n": 0.0, "detour_weight_per_m": 0.0, **weights})
+    return roll_out(Policy.load(find_policy("revised", SCRATCHING)), weighted)
+
+
+@pytest.mark.slow
+def test_force_on_the_person_is_subtracted_from_the_rewards():
+    plain, weighted = expert_rollout(), expert_rollout(force_weight_per_n=0.5)
+    cost = (plain.rewards - weighted.rewards).sum(axis=0)
+    assert_allclose(cost, 0.5 * EPISODE_STEPS * plain.episode_force_n, rtol=1e-4)
+    assert plain.episode_force_n.max() > 1.0
+
+
+@pytest.mark.slow
+def test_detours_are_subtracted_from_the_rewards_of_all_but_the_last_step():
+    plain, weighted = expert_rollout(), expert_rollout(detour_weight_per_m=2.0)
+    worlds = Episodes(SCRATCHING, 2, distribution="participants", impairment="tremor", num_threads=1)
+    worlds.begin(np.arange(2), [np.random.default_rng(seed) for seed in orders_of((2,), {})[0].episodes])
+    expected = np.zeros((EPISODE_STEPS, 2))
+    for number, action in enumerate(plain.actions[:-1]):
+        worlds.step(np.clip(action, -1.0, 1.0).astype(float))
+        expected[number] = 2.0 * around_arm_m(worlds.simulation.state(), worlds.task_state)
+    assert_allclose(plain.rewards - weighted.rewards, expected, atol=1e-4)
+    assert expected.max() > 0.1
 
 
 def orders_of(split: tuple[int, ...], how: dict) -> list[Order]:

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections import defaultdict
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from mcap_protobuf.decoder import DecoderFactory  # noqa: E402
 from avrgym.geometry import transforms  # noqa: E402
 from avrgym.recording.files import Recording, read_recording  # noqa: E402
 from avrgym.replay.foxglove import NO_DATE, TRACKING, WORLD, write_foxglove  # noqa: E402
+from places import OLD_RECORDING  # noqa: E402
 from visit import Visit, plan  # noqa: E402
 
 Messages = dict[str, list[tuple[int, Any]]]
@@ -115,13 +117,10 @@ def test_the_tracked_head_lies_at_the_head_of_the_body(shown: Messages) -> None:
     )
 
 
-def test_a_recording_of_an_earlier_version_counts_from_1970_and_nothing_is_written_over(
+def test_a_recording_without_a_date_counts_from_1970_and_nothing_is_written_over(
     tmp_path: Path,
 ) -> None:
-    earlier = read_recording(
-        Path(__file__).parents[1] / "data" / "recordings-of-0.1.0" / "ScratchItchJaco.mcap"
-    )
-    assert earlier.began_at is None
+    earlier = replace(read_recording(OLD_RECORDING), began_at=None)
     assert NO_DATE.timestamp() == 0.0
     taken = tmp_path / "taken.mcap"
     taken.write_bytes(b"mine")

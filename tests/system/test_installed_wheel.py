@@ -18,7 +18,7 @@ from typer.main import get_command
 
 from avrgym.cli.main import app
 from limits import UNHURRIED, with_limits
-from places import DATA, ROOT
+from places import OLD_RECORDING, ROOT
 
 pytestmark = pytest.mark.slow
 
@@ -52,7 +52,7 @@ ALONE = [
     ["bench", "sim", "--env", FEEDING, "--num-envs", "1"],
     ["bench", "vr", "--env", FEEDING, "--seconds", "1"],
     ["train", FEEDING, "--steps", "1", "--config", "little.toml", "--out", "run"],
-    ["replay", str(DATA / "recordings-of-0.1.0" / "ScratchItchJaco.mcap"), "--verify"],
+    ["replay", str(OLD_RECORDING), "--verify"],
 ]
 OF_A_STUDY = [
     ["study", "freeze", "study", "--template"],

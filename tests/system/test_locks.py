@@ -19,7 +19,7 @@ from avrgym.system.locks import locked
 from places import DATA
 from processes import die_with_parent
 
-TRAINING = DATA / "training-of-0.1.0"
+TRAINING = DATA / "training-of-0.2.0"
 HOLD = """
 import sys, time
 from pathlib import Path
@@ -55,7 +55,7 @@ def test_a_second_training_in_a_folder_is_refused(tmp_path: Path, arguments: lis
         if not arguments:
             (folder / "configuration.json").unlink()
         refused = CliRunner().invoke(
-            app, ["train", "avrgym/FeedingJaco-v1", "--out", str(folder), *arguments]
+            app, ["train", "avrgym/ScratchItchJaco-v1", "--out", str(folder), *arguments]
         )
         assert refused.exit_code == 1
         (line,) = refused.stderr.splitlines()

@@ -13,7 +13,7 @@ from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks.checking import check_task
 from avrgym.tasks.observation import Observation, position
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS, Registry, find_task
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, Registry
 from avrgym.tasks.task import StepResult, Task
 from avrgym.tasks.training_settings import TrainingSettings
 
@@ -117,11 +117,6 @@ def test_a_task_is_done_by_the_robots_that_suit_it():
     with pytest.raises(ValueError, match="no robot can do task Hooked"):
         registry.add(replace(FEEDING, name="Hooked", scene=by_none))
     assert registry.broken == []
-
-
-def test_tasks_that_a_version_of_the_world_did_not_have_are_named():
-    with pytest.raises(ValueError, match="version 1 of the world has no task Flying; it has Feeding,"):
-        find_task("Flying", 1)
 
 
 @pytest.mark.parametrize(

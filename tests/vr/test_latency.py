@@ -6,15 +6,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from avrgym.recording.files import read_recording
 from avrgym.recording.latency import STAGES, percentiles_ms
 from avrgym.recording.records import LONGEST_MS, MOST_FRAMES, Latency
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import State, Status
 from avrgym.vr.server.connection import FRAMES_REMEMBERED, Passage
 from visit import Visit, plan
-
-OLD = Path(__file__).parents[1] / "data/recordings-of-0.1.0/BedBathingJaco.mcap"
 
 
 def told(frames: int, **stages: float) -> messages.Latency:
@@ -91,7 +88,3 @@ def test_nobody_sends_more_than_a_message_holds() -> None:
     messages.decode_client(messages.encode(told(MOST_FRAMES)))
     with pytest.raises(msgspec.DecodeError):
         messages.decode_client(messages.encode(told(MOST_FRAMES + 1)))
-
-
-def test_recordings_of_before_have_no_latency() -> None:
-    assert read_recording(OLD).topics["/latency"] == []

@@ -98,8 +98,6 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self._ended: Bools = np.zeros(num_envs, dtype=bool)
         self._random = RandomStreams(num_envs)
         self._worlds = [World(self, index, METADATA) for index in range(num_envs)]
-        self.drawn_from = [_state(generator) for generator in self._random.generators]
-        """States of the random streams that the present episodes were drawn from, one a world."""
 
     def __getstate__(self) -> dict[str, Any]:
         """A copy goes on where this is, to the same bits; it draws its pictures with cameras of its own."""
@@ -173,19 +171,12 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             return self._now
         self._steps[ids] = 0
         for world in ids.tolist():
-            self.drawn_from[world] = _state(self._random.generators[world])
             if world in self._cameras:
                 self._cameras.pop(world).close()
         self.episodes.begin(ids, [self._random.generators[world] for world in ids])
         start = self.episodes.assess()
         self._now = start if self._now is None else chosen(which, start, self._now)
         return self._now
-
-    def begin_again_from(self, drawn_from: list[dict[str, Any]]) -> Array:
-        """Begin the episodes in all worlds that were drawn from these states; give their observations."""
-        for generator, state in zip(self._random.generators, drawn_from, strict=True):
-            generator.bit_generator.state = state
-        return self._begin(np.ones(self.num_envs, dtype=bool)).observation.copy()
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """What each world's method of that name gives, or its attribute of that name."""
@@ -236,10 +227,6 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         for camera in self._cameras.values():
             camera.close()
         self._cameras.clear()
-
-
-def _state(generator: np.random.Generator) -> dict[str, Any]:
-    return dict(generator.bit_generator.state)
 
 
 def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:

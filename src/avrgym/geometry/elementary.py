@@ -12,9 +12,7 @@ other libraries than NumPy get these libraries' own functions.
 
 import hashlib
 import math
-from collections.abc import Callable, Generator, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Sequence
 from functools import cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -27,18 +25,6 @@ Array = NDArray[Any]
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_by_numpy: ContextVar[bool] = ContextVar("_by_numpy", default=False)
-
-
-@contextmanager
-def by_numpy() -> Generator[None]:
-    """Have NumPy's functions instead, in this thread: worlds of version 1 began with them."""
-    token = _by_numpy.set(True)
-    try:
-        yield
-    finally:
-        _by_numpy.reset(token)
-
 
 def _or_by_library(name: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Decorate a function that does what array libraries' function of that name does."""
@@ -47,7 +33,7 @@ def _or_by_library(name: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
         @wraps(own)
         def chosen(*arguments: P.args, **named: P.kwargs) -> T:
             library = namespace(*arguments)
-            if library is np and not _by_numpy.get():
+            if library is np:
                 return own(*arguments, **named)
             return getattr(library, name)(*arguments, **named)
 
@@ -62,7 +48,7 @@ def sine_and_cosine(x: ArrayLike) -> tuple[Array, Array]:
     Series for a quarter of the angle, which is doubled twice.
     """
     library = namespace(x)
-    if library is not np or _by_numpy.get():
+    if library is not np:
         return library.sin(x), library.cos(x)
     x = _floating(x)
     parts, sine_series, cosine_series = _CIRCULAR[x.dtype]

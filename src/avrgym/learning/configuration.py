@@ -21,7 +21,8 @@ CONFIGURATION_FILE, LOG_FOLDER = "configuration.json", "tensorboard"
 ADAPTIVE_FILE = "adaptive.json"
 """The same of a training by the recipe ``adaptive``."""
 PEOPLE_SUFFIX = ".toml"
-STEPWISE, BY_UPDATES = 1, 2
+LEARNING_VERSION = 2
+"""Version of the training algorithm. A training is resumed only by the version that began it."""
 PAPER_STEPS = 10_000_000
 """Environment steps of each of the paper's trainings (section VI)."""
 PAPER_SETTINGS = TrainingSettings(
@@ -54,12 +55,7 @@ class Pairing:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingConfiguration(TrainingSettings):
-    """A training run: where, on whom, for how many environment steps, and how.
-
-    ``learning_version`` is how it learns. In version 1 the observations' normaliser learns at every step, and the
-    actions' chance is drawn for all worlds at once. In version 2 the normaliser stays as it is within an update, and
-    each world draws its own chance, so that any number of processes may share the worlds.
-    """
+    """A training run: where, on whom, for how many environment steps, and how."""
 
     environment: str
     people: str = "original"
@@ -68,7 +64,7 @@ class TrainingConfiguration(TrainingSettings):
     seed: int = 0
     threads: int = 0
     engine: str = THREADS
-    learning_version: int = BY_UPDATES
+    learning_version: int = LEARNING_VERSION
     pairing: Pairing | None = None
 
     @property
@@ -190,10 +186,9 @@ def stored_configuration(out: Path) -> TrainingConfiguration:
         raise ValueError(f"{out} holds no training to resume")
     try:
         stored: dict[str, Any] = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
-        known_to_all = {"learning_version": STEPWISE}  # those of before do not say
-        configuration = msgspec.convert(known_to_all | stored, TrainingConfiguration)
+        configuration = msgspec.convert(stored, TrainingConfiguration)
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
         raise ValueError(f"{path}: {error}") from error
-    if configuration.learning_version not in (STEPWISE, BY_UPDATES):
-        raise ValueError(f"{path}: learning version {configuration.learning_version}; allowed: 1 and 2")
+    if (version := stored.get("learning_version")) != LEARNING_VERSION:
+        raise ValueError(f"{path}: learning version {version}; allowed: {LEARNING_VERSION}")
     return configuration

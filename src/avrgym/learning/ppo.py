@@ -9,7 +9,6 @@ from typing import Any, cast
 import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecNormalize
 
 from avrgym.learning.configuration import LOG_FOLDER, TrainingConfiguration
 from avrgym.tasks.known import EPISODE_STEPS
@@ -17,24 +16,13 @@ from avrgym.tasks.known import EPISODE_STEPS
 OBSERVATION_CLIP = 5.0
 
 
-def make_ppo(configuration: TrainingConfiguration, env: VecNormalize, out: Path) -> PPO:
-    """A model that learns over an environment."""
-    return _drawn_by_schedule(PPO("MlpPolicy", env, **_settings(configuration, out)))
-
-
-def make_ppo_alone(
-    configuration: TrainingConfiguration, observation_size: int, action_size: int, out: Path
-) -> PPO:
+def make_ppo(configuration: TrainingConfiguration, observation_size: int, action_size: int, out: Path) -> PPO:
     """A model that is given its episodes."""
     model = PPO("MlpPolicy", None, _init_setup_model=False, **_settings(configuration, out))  # type: ignore[arg-type]
     model.observation_space = spaces.Box(-OBSERVATION_CLIP, OBSERVATION_CLIP, (observation_size,))
     model.action_space = spaces.Box(-1.0, 1.0, (action_size,))
     model.n_envs = configuration.worlds
     model._setup_model()  # pyright: ignore[reportPrivateUsage]  # as its own load() does
-    return _drawn_by_schedule(model)
-
-
-def _drawn_by_schedule(model: PPO) -> PPO:
     model.policy.log_std.requires_grad_(False)
     return model
 

@@ -3,7 +3,6 @@
 # Stable-Baselines3's attributes: their types are known only in part.
 # pyright: reportUnknownMemberType=false
 
-from collections.abc import Sequence
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -11,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.running_mean_std import RunningMeanStd
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+from stable_baselines3.common.vec_env import VecEnv
 
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.envs.vector_conventions import NO_END
@@ -48,10 +47,8 @@ class Trainee(NamedTuple, Generic[N_co]):
 class SB3VectorEnv(VecEnv):
     """The native vector environment as Stable-Baselines3 wants it.
 
-    The infos of a finished episode hold ``success``, ``episode_return``, the sum of the task's own rewards, and
-    ``episode_force_n``, the mean force on the person.
-    Beyond that each newton on the person takes ``force_weight_per_n`` off a step's reward, and each metre of a detour
-    that the tool has to make to its goal ``detour_weight_per_m``, but for an episode's last step.
+    The infos of a finished episode contain ``success``, ``episode_return``, the sum of its rewards, and
+    ``episode_force_n``, the mean force on the person in newtons.
     """
 
     def __init__(self, env: AssistiveVectorEnv) -> None:
@@ -66,7 +63,6 @@ class SB3VectorEnv(VecEnv):
                 "Stable-Baselines3 needs episodes that end; allowed: max_episode_steps of 1 or more"
             )
         self.env = env  # the base class asks it for its render mode
-        self.force_weight_per_n = self.detour_weight_per_m = 0.0
         self._returns: Array = np.zeros(env.num_envs)
         self._forces_n: Array = np.zeros(env.num_envs)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
@@ -78,13 +74,8 @@ class SB3VectorEnv(VecEnv):
         return [None if seed is None else seed + i for i in range(self.num_envs)]
 
     def reset(self) -> Array:
-        observation = self.begin(self._seed)
+        observation, _ = self.env.reset(seed=self._seed)
         self._seed = None
-        return observation
-
-    def begin(self, seed: int | list[int | None] | None) -> Array:
-        """Begin episodes in all worlds, drawn from one seed, or from one for each; their observations (N, O)."""
-        observation, _ = self.env.reset(seed=seed)
         self._returns[:], self._forces_n[:] = 0.0, 0.0
         return observation
 
@@ -109,17 +100,7 @@ class SB3VectorEnv(VecEnv):
                 "episode_force_n": float(self._forces_n[i]),
             }
         self._returns[truncated], self._forces_n[truncated] = 0.0, 0.0
-        cost = self.force_weight_per_n * force_n
-        cost = cost + self.detour_weight_per_m * np.where(truncated, 0.0, self._detour_m())
-        return observation, reward - cost, truncated, infos
-
-    def _detour_m(self) -> Array:
-        """How much longer the tool's way is than the straight one, (N,)."""
-        episodes = self.env.episodes
-        detour_m = episodes.task.detour_m
-        if detour_m is None or not self.detour_weight_per_m:
-            return np.zeros(self.num_envs)
-        return detour_m(episodes.simulation.state(), episodes.task_state)
+        return observation, reward, truncated, infos
 
     def close(self) -> None:
         self.env.close()
@@ -135,24 +116,6 @@ class SB3VectorEnv(VecEnv):
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         return [False] * len(list(self._get_indices(indices)))
-
-
-def finished_episodes(infos: Sequence[dict[str, Any]]) -> list[tuple[float, bool]]:
-    """Return and success of episodes that ended, from the infos of their last step."""
-    return [(info["episode_return"], info["success"]) for info in infos]
-
-
-def normaliser_of(model: PPO) -> VecNormalize:
-    """The normaliser that a model learns over."""
-    normaliser = model.get_env()
-    assert isinstance(normaliser, VecNormalize)
-    return normaliser
-
-
-def go_on_from(model: PPO, observation: Array) -> None:
-    """Let a model's next update begin with observations (N, O) of episodes that all worlds have just begun."""
-    model._last_obs = normaliser_of(model).normalize_obs(observation)  # type: ignore[assignment]
-    model._last_episode_starts = np.ones(len(observation), dtype=bool)  # pyright: ignore[reportPrivateUsage]
 
 
 class Scaled(Protocol):

@@ -15,7 +15,6 @@ import numpy as np
 from avrgym.learning.configuration import (
     CONFIGURATION_FILE,
     LOG_FOLDER,
-    STEPWISE,
     TrainingConfiguration,
     configuration_for,
     lengthened,
@@ -30,7 +29,6 @@ from avrgym.learning.measuring import measure
 from avrgym.learning.on_device import DeviceImprovement, libraries
 from avrgym.learning.ppo import steps_of
 from avrgym.learning.rollouts import Order, Rollout, roll_out_all, worlds_of
-from avrgym.learning.stepwise import StepwiseLearner
 from avrgym.learning.updates import UpdateLearner, make_here
 from avrgym.people.impairments import find_impairment
 from avrgym.people.kinds import HUMAN_FILE, is_trained
@@ -178,11 +176,6 @@ def _check(configuration: TrainingConfiguration, people: str, cluster: "Cluster 
             )
     if cluster is None:
         return
-    if configuration.learning_version == STEPWISE:
-        raise ValueError(
-            "this training was begun by an earlier version, in which its worlds cannot be shared: "
-            "resume it without --cluster"
-        )
     cluster.need(-(-configuration.worlds // _parts(configuration, cluster)) * WORLD_BYTES)
 
 
@@ -223,10 +216,8 @@ def _parts(configuration: TrainingConfiguration, cluster: "Cluster") -> int:
 
 def _learner(
     configuration: TrainingConfiguration, out: Path, course: Course, cluster: "Cluster | None"
-) -> StepwiseLearner | UpdateLearner:
+) -> UpdateLearner:
     people = stored_people(configuration, out)
-    if configuration.learning_version == STEPWISE:
-        return StepwiseLearner(configuration, people, out, course)
     how = configuration, people, out, course
     if configuration.engine != THREADS:
         learner = UpdateLearner(
@@ -243,9 +234,7 @@ def _learner(
     return UpdateLearner(*how, _parts(configuration, cluster), make_all, 1)
 
 
-def _go_on(
-    configuration: TrainingConfiguration, out: Path, course: Course, learner: StepwiseLearner | UpdateLearner
-) -> Policy:
+def _go_on(configuration: TrainingConfiguration, out: Path, course: Course, learner: UpdateLearner) -> Policy:
     if (out / CHECKPOINT_FILE).exists():
         learner.restore()
         done = steps_of(learner.model)

@@ -24,7 +24,7 @@ from avrgym.learning import checkpoint
 from avrgym.learning.configuration import TrainingConfiguration, turn
 from avrgym.learning.course import CHECKPOINT_FILE, Course
 from avrgym.learning.imitation import Finished, Shown, imitate
-from avrgym.learning.ppo import OBSERVATION_CLIP, begin_update, free_actor, make_ppo_alone, steps_of
+from avrgym.learning.ppo import OBSERVATION_CLIP, begin_update, free_actor, make_ppo, steps_of
 from avrgym.learning.rollouts import Order, Place, Rollout, roll_out_all
 from avrgym.learning.stable_baselines import ObservationScale, Scaled, Trainee
 from avrgym.people.kinds import carried_people
@@ -245,7 +245,7 @@ def trainees_of(configuration: TrainingConfiguration, out: Path) -> list[Trainee
         agents.append(human_view_of(environment))
     return [
         Trainee(
-            make_ppo_alone(configuration, seen.size, acted, out),
+            make_ppo(configuration, seen.size, acted, out),
             UpdateNormaliser(seen, configuration.discount),
         )
         for seen, acted in agents

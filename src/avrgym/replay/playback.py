@@ -1,21 +1,19 @@
 """A recorded trial lived through again: the same world, told the same at the same ticks, stepped anew."""
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.geometry import elementary
 from avrgym.models.human import JOINTS, Person
 from avrgym.recording.files import Recording
 from avrgym.recording.records import Control, Event, Physics
 from avrgym.replay.trial import ReplayError
-from avrgym.simulation.world_version import WORLD_VERSIONS
 from avrgym.system.used_plugins import differences, stored
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.known import WORLD_VERSION
 from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 from avrgym.vr.session.attempt import control_record
 from avrgym.vr.tracking.world import ControlStep, ControlSteps
@@ -65,10 +63,9 @@ class Playback:
         if not recording.topics["/physics"]:
             raise ReplayError("it breaks off before its first state")
         self.recording = recording
-        self._version = recording.metadata.get("world_version", WORLD_VERSIONS[0])
+        _check_world_version(recording)
         try:
-            with _functions_of(self._version):
-                self.episodes = _episodes(recording.metadata, self._version, by_region)
+            self.episodes = _episodes(recording.metadata, by_region)
             _check_names(recording.metadata, self.episodes)
         except ReplayError as error:
             raise ReplayError("; ".join([str(error), *changed_plugins(recording)])) from error
@@ -115,8 +112,7 @@ class Playback:
             self._begin(recorded)
         elif not self._held:
             self.driven = self.phase == "trial"
-            with _functions_of(self._version):
-                self._tick()
+            self._tick()
         return StateAgain(time_s, recorded, simulation.integration_state())
 
     def _tick(self) -> None:
@@ -178,12 +174,16 @@ def changed_plugins(recording: Recording) -> list[str]:
     return differences(before, plugins_of(environment) if environment in ENVIRONMENTS else ())
 
 
-def _functions_of(world_version: int) -> AbstractContextManager[None]:
-    """Version 1 took sines and the like from NumPy."""
-    return elementary.by_numpy() if world_version == 1 else nullcontext()
+def _check_world_version(recording: Recording) -> None:
+    version = recording.metadata.get("world_version")
+    if version != WORLD_VERSION:
+        raise ReplayError(
+            f"it was made in version {version} of the simulated world; this release steps version {WORLD_VERSION}: "
+            f"{made_with(recording)}"
+        )
 
 
-def _episodes(metadata: dict[str, Any], world_version: int, by_region: bool) -> Episodes:
+def _episodes(metadata: dict[str, Any], by_region: bool) -> Episodes:
     try:
         person = Person(**metadata["person"], joint_angles_rad=np.array(metadata["start_rad"], float))
         episodes = Episodes(
@@ -192,13 +192,9 @@ def _episodes(metadata: dict[str, Any], world_version: int, by_region: bool) -> 
             person=person,
             moving=True,
             num_threads=1,
-            world_version=world_version,
             by_region=by_region,
         )
-        if world_version == 1:
-            episodes.begin(np.array([0]), [np.random.default_rng(metadata["seed"])])
-        else:
-            episodes.begin_as(metadata["start"])
+        episodes.begin_as(metadata["start"])
     except KeyError as error:
         raise ReplayError(
             f"its configuration lacks {error}, without which its world cannot be made"

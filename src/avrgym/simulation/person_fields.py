@@ -18,9 +18,9 @@ Ids = NDArray[np.intp]
 class PersonFields:
     """Per-world model fields of the people."""
 
-    def __init__(self, batch: Batch, scene: SceneConfig, moving: bool, *, gives_way: bool) -> None:
+    def __init__(self, batch: Batch, scene: SceneConfig, moving: bool) -> None:
         model = batch.get_model(0)
-        self._posture, self._moving, self._gives_way = scene.posture, moving, gives_way
+        self._posture, self._moving = scene.posture, moving
         self._bodies = {name: model.body(human.PREFIX + name).id for name in human.BODIES}
         self._geoms = {name: model.geom(human.PREFIX + name).id for name in human.GEOMS}
         self._sites = {name: model.site(human.PREFIX + name).id for name in human.SITE_BODY}
@@ -56,9 +56,8 @@ class PersonFields:
             )
 
     def give_way(self, ids: Ids) -> None:
-        """Soften the contacts of people whose constants were just computed anew, unless they are as in version 1."""
-        if self._gives_way:
-            self._inverse_mass[ids[:, None], self._ids, 0] += yielding.INVERSE_MASS_PER_KG
+        """Soften the contacts of people whose constants were just recomputed."""
+        self._inverse_mass[ids[:, None], self._ids, 0] += yielding.INVERSE_MASS_PER_KG
 
     def _write_dynamics(self, ids: Ids, people: People) -> None:
         for row, world in enumerate(ids):
@@ -69,9 +68,9 @@ class PersonFields:
             )
             for name, field in self._inertia.items():
                 field[world, self._ids] = inertia[name]
-        torque = people.strength_share[:, None] * human.TORQUE_N_M
-        if self._gives_way:
-            torque = yielding.muscle_torque_n_m(torque, people.tremor_rad)
+        torque = yielding.muscle_torque_n_m(
+            people.strength_share[:, None] * human.TORQUE_N_M, people.tremor_rad
+        )
         self._force_range[ids[:, None], self._actuators] = np.stack([-torque, torque], axis=-1)
 
 

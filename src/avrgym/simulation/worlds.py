@@ -50,13 +50,10 @@ PARKING_W = np.array([4.0, 4.0, 0.1])
 
 
 @lru_cache(maxsize=16)
-def _compiled(
-    scene: SceneConfig, moving: bool, gives_way: bool, by_region: bool, gliding: bool
-) -> mujoco.MjModel:
+def _compiled(scene: SceneConfig, moving: bool, by_region: bool, gliding: bool) -> mujoco.MjModel:
     """The scene's model, see ``Simulation``; whoever would change it copies it."""
     spec = build_spec(scene, Person(), moving=moving, appearance=False)
-    if gives_way:
-        yielding.bound_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
+    yielding.bound_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
     if by_region:
         add_region_sensors(spec, scene)
     if gliding:
@@ -74,8 +71,6 @@ class Simulation:
         *,
         moving: bool = False,
         num_threads: int = 0,
-        braked: bool = True,
-        gives_way: bool = True,
         by_region: bool = False,
         gliding: bool = False,
         engine: str = THREADS,
@@ -88,8 +83,6 @@ class Simulation:
             num_worlds: N.
             moving: whether the people's joints move; else people are static.
             num_threads: threads of the host; 0 takes one per core.
-            braked: whether the arm's joints have brakes.
-            gives_way: whether people give way and motors press no harder than they lead, see ``models.yielding``.
             by_region: whether ``region_force_n`` is measured, which takes time and changes nothing else.
             gliding: whether moving people go evenly from one target to the next, see ``command_person``.
             engine: where physics runs, one of ``engines.engine.ENGINES``. Brakes and live sessions need threads.
@@ -109,7 +102,7 @@ class Simulation:
         self.num_worlds = num_worlds
         self.moving = moving
         self._gliding = gliding
-        self.model = copy(_compiled(scene, moving, gives_way, by_region, gliding))
+        self.model = copy(_compiled(scene, moving, by_region, gliding))
         self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
         return_large_blocks()
         engine_model = without_idle_parts(self.model)
@@ -118,13 +111,13 @@ class Simulation:
         self._host = Arrays.of(self.batch)
         self._names = Names(self.model, scene)
         self._at = self._names.beside(self.exemplar)
-        self._person = PersonFields(self.batch, scene, moving, gives_way=gives_way)
+        self._person = PersonFields(self.batch, scene, moving)
         geoms = num_worlds, len(human.GEOMS), 2
         self._segment_w: Any = brought(np.zeros((*geoms, 3)), self.exemplar)
         self._capsule_m: Any = brought(np.zeros(geoms), self.exemplar)
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
         self._speed_limit = scene.arm.speed_limit_rad_s
-        self._brakes = Brakes(self.batch, scene.arm) if braked and self.engine.name == THREADS else None
+        self._brakes = Brakes(self.batch, scene.arm) if self.engine.name == THREADS else None
         self._region_forces = RegionForces(self.model, self._now.sensordata) if by_region else None
 
     @property

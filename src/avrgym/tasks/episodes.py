@@ -24,19 +24,16 @@ from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
 from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
 from avrgym.simulation.withdrawal import Withdrawal
-from avrgym.simulation.world_version import WORLD_VERSION, check_world_version
 from avrgym.simulation.worlds import Ids, Simulation, Start, State
 from avrgym.system.engines import THREADS
 from avrgym.tasks.company import find_company
 from avrgym.tasks.human_view import HumanView
 from avrgym.tasks.minds import Minds
-from avrgym.tasks.registry import find_environment, find_task
+from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.task import StepResult, TaskState, arrays_of, merge
 
 Array = NDArray[np.float64]
 
-ACTION_LIMIT: Mapping[int, float] = {1: np.inf, 2: 1.0}
-"""By world version, what either way an action's numbers are clipped to before they are rewarded; arms never do more."""
 EFFORT = "action_squared"
 """The reward term of an agent's own effort."""
 MOST_DRAWS = 100
@@ -105,7 +102,6 @@ class Episodes:
         impairment: str = "none",
         moving: bool = False,
         num_threads: int = 0,
-        world_version: int = WORLD_VERSION,
         by_region: bool = False,
         steered: bool = False,
         engine: str = THREADS,
@@ -123,8 +119,6 @@ class Episodes:
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
             moving: whether the people's joints are driven from outside, with ``command_person``.
             num_threads: threads for the physics; 0 takes one per core.
-            world_version: an earlier one to step recordings again that were made with it. In version 1 no start is
-                drawn again.
             steered: whether people go where ``steer_people`` has them go, in place of moving by themselves, trained
                 humans too.
             by_region: whether forces are measured by region of the body, see ``Simulation.region_force_n``.
@@ -136,11 +130,10 @@ class Episodes:
                 and its terms are 0.
 
         Raises:
-            ValueError: for an unknown environment, distribution, impairment, version or engine, naming what there is,
+            ValueError: for an unknown environment, distribution, impairment or engine, naming what there is,
                 or for more worlds than there is memory for.
             RuntimeError: where what the engine needs is not installed.
         """
-        check_world_version(world_version)
         if withdraw_after_success and engine != THREADS:
             raise ValueError(f"withdraw_after_success needs the engine {THREADS}, not {engine}")
         task, robot = find_environment(environment_id)
@@ -150,7 +143,6 @@ class Episodes:
             "impairment": impairment,
             "moving": moving,
             "num_threads": num_threads,
-            "world_version": world_version,
             "by_region": by_region,
             "steered": steered,
             "engine": engine,
@@ -158,8 +150,7 @@ class Episodes:
             "withdraw_after_success": withdraw_after_success,
         }
         self.environment_id = environment_id
-        self._action_limit = ACTION_LIMIT[world_version]
-        self.task = find_task(task, world_version)
+        self.task = TASKS[task]
         self.person = person
         asked: Impairment = impairments.find_impairment(impairment)
         self._kinds = [
@@ -194,14 +185,12 @@ class Episodes:
             num_worlds,
             moving=moving or self._moved_by_themselves or self.task.strength_share is not None,
             num_threads=num_threads,
-            braked=world_version > 1,
-            gives_way=world_version > 1,
             by_region=by_region,
             gliding=self._moved_by_themselves and (steered or partners_there),
             engine=engine,
             on_device=on_device,
         )
-        self._room = None if world_version == 1 else self._room_of_scene(led=moving and person is not None)
+        self._room = self._room_of_scene(led=moving and person is not None)
         there = self.simulation.exemplar
         self._on_device = on_device
         self._meet(distributions.repeat(person or Person(), num_worlds))
@@ -350,7 +339,7 @@ class Episodes:
         People who tremble reach two other poses within their first moment; in the zoo anybody may.
         """
         found = self._lacking_room(ids)
-        if self._moved_by_themselves and self._room is not None:
+        if self._moved_by_themselves:
             for direction in (-1.0, 1.0):
                 trembling = self.people.joint_angles_rad + direction * self.people.tremor_rad
                 self.simulation.pose_people(ids, _possible(self.people, trembling)[ids])
@@ -359,8 +348,6 @@ class Episodes:
         return found
 
     def _lacking_room(self, ids: Ids, swing_m: float | None = None) -> dict[int, Conflict]:
-        if self._room is None:
-            return {}
         conflicts = self._room.conflicts(self.simulation.geoms(ids), swing_m=swing_m)
         return {world: conflict for world, conflict in zip(ids.tolist(), conflicts, strict=True) if conflict}
 
@@ -457,7 +444,7 @@ class Episodes:
     def evaluate_step(self, action: Array) -> Step:
         """Reward the control step that ends now, and take out of play what has left the task."""
         state = self.simulation.state()
-        clipped = namespace(action).clip(action, -self._action_limit, self._action_limit)
+        clipped = namespace(action).clip(action, -1.0, 1.0)
         result = self.task.evaluate_step(state, clipped, self.task_state)
         self.task_state = result.task_state
         self.simulation.park(result.gone)

@@ -6,6 +6,11 @@ TASKS = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
 ROBOTS = ("Jaco", "PR2")
 """By name, as their records have it."""
 EPISODE_STEPS = 200
+WORLD_VERSION = 2
+"""Version of the simulated world: its physics, the starts of its episodes, and its rewards.
+
+A release that changes the states that a recording's commands lead to has a higher one. Recordings store it.
+"""
 
 
 def environment_id(task: str, robot: str) -> str:

@@ -8,10 +8,8 @@ from collections.abc import Mapping
 from avrgym.models.robot import Robot, UnsuitableError
 from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS, find_robot
-from avrgym.simulation.world_version import WORLD_VERSIONS
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, used_entry
-from avrgym.tasks import of_world_1
 from avrgym.tasks.bed_bathing.task import BED_BATHING
 from avrgym.tasks.drinking.task import DRINKING
 from avrgym.tasks.feeding.task import FEEDING
@@ -118,30 +116,3 @@ def sizes(environment_id: str) -> tuple[int, int]:
     """
     task, scene = task_and_scene(environment_id)
     return task.observation(scene).size, len(scene.arm.joints)
-
-
-def find_task(name: str, world_version: int) -> Task:
-    """The task of that name as it was in a version of the world.
-
-    Raises:
-        ValueError: where that version has no such task, naming those it has.
-    """
-    tasks = _TASKS_OF_WORLD[world_version]
-    if name not in tasks:
-        raise ValueError(
-            f"version {world_version} of the world has no task {name}; it has {', '.join(tasks)}"
-        )
-    return tasks[name]
-
-
-def terms_ever(name: str) -> set[str]:
-    """The reward terms of that task in all versions of the world: what its recordings may hold."""
-    return {
-        term
-        for version in WORLD_VERSIONS
-        if name in _TASKS_OF_WORLD[version]
-        for term in _TASKS_OF_WORLD[version][name].weights
-    }
-
-
-_TASKS_OF_WORLD: Mapping[int, Mapping[str, Task]] = {1: of_world_1.TASKS, 2: TASKS}

@@ -12,7 +12,7 @@ from avrgym.study.design.design import Design
 from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES
 from avrgym.study.storage.log import KNOWN_BY
 from avrgym.study.storage.states import ATTEMPT, PARTICIPANT, TRIAL
-from avrgym.tasks.registry import TASKS, terms_ever
+from avrgym.tasks.registry import TASKS
 
 TEXT, WHOLE, NUMBER, TRUTH, TIME = "text", "whole number", "number", "truth", "time"
 
@@ -277,7 +277,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
 
 def reward_terms(design: Design) -> list[str]:
     """The reward terms of the design's tasks, of which control steps have a column each."""
-    return sorted({term for task in design.tasks for term in terms_ever(task)})
+    return sorted({term for task in design.tasks for term in TASKS[task].weights})
 
 
 def most_joints(design: Design) -> int:

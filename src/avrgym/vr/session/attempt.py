@@ -16,9 +16,9 @@ from avrgym.models.tracked import PARTS
 from avrgym.recording import records
 from avrgym.recording.files import RecordingError, RecordingWriter
 from avrgym.recording.headset_check import HeadsetCheck
-from avrgym.simulation.world_version import WORLD_VERSION
 from avrgym.system.files import make_private_folder
 from avrgym.system.used_plugins import UsedPlugin, own_version
+from avrgym.tasks.known import WORLD_VERSION
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.tracking.tracking_state import Followed
