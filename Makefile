@@ -83,13 +83,13 @@ $(DONE)/python:
 
 $(DONE)/demo: pyproject.toml $(DONE)/python
 	@echo 'Installing AVR Gym'
-	@$(PIP_INSTALL) -e '.[browser]'
+	@$(PIP_INSTALL) -e '.[study,browser]'
 	@touch $@
 
 $(DONE)/test: pyproject.toml $(DONE)/python
 	@echo 'Installing AVR Gym with what training and the checks need'
 	@$(PIP_INSTALL) '$(TORCH)'
-	@$(PIP_INSTALL) -e '.[browser,train,postgresql,export,video,onnx,pettingzoo,lsl,foxglove,dev,docs]'
+	@$(PIP_INSTALL) -e '.[all,dev,docs]'
 	@touch $(DONE)/demo $@
 
 $(DONE)/gpu: $(DONE)/test

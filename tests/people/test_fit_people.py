@@ -319,19 +319,23 @@ def test_a_file_by_hand_needs_no_source() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("[0.50, 0.60]\n\n", "[0.60, 0.50]\n\n", "p.toml:5: woman is .* within 0.4 to 0.75 m"),
-        ("man = [0.50", "man = [0.20", "p.toml:4: man is .* within 0.4 to 0.75 m"),
-        ("[poses.Feeding]", "[poses.Feding]", "p.toml:8: unknown task 'Feding'; allowed: Feeding, Drinking"),
-        ("waist_x", "hip_x", "p.toml:8: unknown joint 'hip_x'; allowed: waist_x"),
-        ("[-5.0, 5]", "[-5.0, 500]", "p.toml:8: waist_x is .* within -30 to 75 degrees"),
-        ("[-5.0, 5]", '"wide"', "p.toml:8: waist_x is wide"),
-        ("cooperating = false", "cooperating = 3", "p.toml:1: Expected bool"),
-        ("cooperating = false", "", "p.toml:1: .*missing required field cooperating"),
+        ("[0.50, 0.60]\n\n", "[0.60, 0.50]\n\n", "p.toml: torso_height_m.woman is .* within 0.4 to 0.75 m"),
+        ("man = [0.50", "man = [0.20", "p.toml: torso_height_m.man is .* within 0.4 to 0.75 m"),
+        (
+            "[poses.Feeding]",
+            "[poses.Feding]",
+            "p.toml: poses: unknown task 'Feding'; allowed: Feeding, Drinking",
+        ),
+        ("waist_x", "hip_x", "p.toml: poses.Feeding: unknown joint 'hip_x'; allowed: waist_x"),
+        ("[-5.0, 5]", "[-5.0, 500]", "p.toml: poses.Feeding.waist_x is .* within -30 to 75 degrees"),
+        ("[-5.0, 5]", '"wide"', "p.toml: poses.Feeding.waist_x is wide"),
+        ("cooperating = false", "cooperating = 3", "p.toml: cooperating: Expected `?bool"),
+        ("cooperating = false", "", "p.toml: .*missing required field cooperating"),
         ("cooperating = false", "cooperating = false\ntall = 1", "unknown field tall"),
         ("cooperating = false", "cooperating = ", "p.toml: not TOML"),
     ],
 )
-def test_mistakes_in_a_file_are_named_with_their_line(old: str, new: str, words: str) -> None:
+def test_mistakes_in_a_file_are_named_with_their_key(old: str, new: str, words: str) -> None:
     with pytest.raises(PeopleFileError, match=words):
         parse_people(GOOD.replace(old, new), "p.toml", TASKS)
 

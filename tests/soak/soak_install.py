@@ -56,7 +56,7 @@ def test_a_wheel_in_an_empty_environment(lab: Path) -> None:
     (wheel,) = lab.glob("*.whl")
     wheel.chmod(0o644)
     run(lab, PYTHON, "-m", "venv", "env")
-    run(lab, "pip", "install", "--quiet", "--no-cache-dir", wheel)
+    run(lab, "pip", "install", "--quiet", "--no-cache-dir", f"{wheel}[study]")
     assert "faults: 0" in run(lab, "avrgym", "doctor")
     assert "report    demo/report/index.html" in run(lab, "avrgym", "demo", "--out", "demo")
     assert (lab / "demo" / "report" / "index.html").stat().st_size > 1000

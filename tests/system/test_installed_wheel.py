@@ -10,10 +10,12 @@ import sys
 import sysconfig
 import venv
 from collections.abc import Iterator, Mapping
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import pytest
+from packaging.requirements import Requirement
 from typer.main import get_command
 
 from avrgym.cli.main import app
@@ -170,3 +172,80 @@ def test_servers_serve(words: list[str], lab: Path) -> None:
             assert any("#token=" in line for line in process.stdout)
         finally:
             process.terminate()
+
+
+# The core, without extras
+
+
+def required(name: str = "avrgym") -> set[str]:
+    """Distributions that one requires without extras, and those that they require."""
+    needed = (Requirement(each) for each in metadata.requires(name) or ())
+    own = {each.name for each in needed if each.marker is None or each.marker.evaluate({"extra": ""})}
+    return own.union(*map(required, own))
+
+
+@pytest.fixture(scope="module")
+def core(lab: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the virtual environment ``env``: the wheel, and links to what it requires without extras."""
+    folder = tmp_path_factory.mktemp("core")
+    venv.create(folder / "env", with_pip=False, symlinks=True)
+    site = Path(sysconfig.get_path("purelib", vars={"base": str(folder / "env")}))
+    for name in required():
+        files = metadata.files(name) or ()
+        for top in {file.parts[0] for file in files} - {"..", "__pycache__"}:
+            if not (site / top).exists():
+                (site / top).symlink_to(str(metadata.distribution(name).locate_file(top)))
+    install(folder, *lab.glob("*.whl"))
+    return folder
+
+
+ENVIRONMENTS = """
+import gymnasium as gym
+
+import avrgym
+
+for name in [name for name in gym.registry if name.startswith("avrgym/")]:
+    with gym.make(name, render_mode="rgb_array") as env:
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+        assert env.render().ndim == 3
+gym.make_vec("avrgym/FeedingJaco-v1", num_envs=2).reset(seed=0)
+"""
+
+
+def test_the_core_has_few_requirements() -> None:
+    own = [each for each in metadata.requires("avrgym") or () if "extra ==" not in each]
+    assert len(own) <= 9
+
+
+def test_the_core_runs_environments_and_policies(core: Path) -> None:
+    called(core, python(core), "-c", ENVIRONMENTS)
+    evaluated = ["evaluate", FEEDING, "--policy", "adaptive", "--people", "zoo/unseen", "--episodes", "1"]
+    run(core, ["envs"], evaluated, ["export", "scene", FEEDING, "scene"])
+
+
+@pytest.mark.parametrize(
+    ("words", "extra"),
+    [
+        ("study new x", "study"),
+        ("analyze x", "study"),
+        ("fit-people x --out y", "study"),
+        ("demo", "study"),
+        ("serve", "vr"),
+        (f"view {FEEDING}", "vr"),
+        ("replay x.mcap", "vr"),
+        ("doctor", "vr"),
+        ("bench vr", "vr"),
+        (f"train {FEEDING}", "train"),
+        (f"train {FEEDING} --recipe adaptive", "train"),
+        ("sweep x.toml --out y", "train,cluster"),
+        (f"export policy original {FEEDING} x.onnx", "onnx"),
+        (f"evaluate {FEEDING} --cluster local", "cluster"),
+    ],
+)
+def test_commands_name_the_extra_that_is_missing(words: str, extra: str, core: Path) -> None:
+    ran = subprocess.run([core / "env/bin/avrgym", *words.split()], cwd=core, capture_output=True, text=True)
+    assert (ran.returncode, ran.stdout) == (1, "")
+    (line,) = ran.stderr.splitlines()
+    assert re.fullmatch(rf"avrgym: \w+ is missing; run `pip install 'avrgym\[{extra}\]'`", line)
+    assert not [*core.glob("x*"), *core.glob("y*")]

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import rtbdata
 
@@ -17,15 +18,15 @@ AT_CONDA_FORGE = {"mujoco": "mujoco-python", "matplotlib": "matplotlib-base"}
 """Names that differ from the ones at PyPI."""
 
 
-def project() -> dict[str, object]:
+def project() -> dict[str, Any]:
     return tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 
-def test_the_conda_recipe_asks_for_what_the_package_asks_for() -> None:
+def test_the_conda_recipe_requires_the_core_and_the_extras_of_studies() -> None:
     recipe = (PACKAGING / "conda" / "recipe.yaml").read_text()
     asked = re.findall(r"^    - (\S+ [<>=]\S+)$", recipe.partition("  run:\n")[2], re.M)
-    dependencies = project()["dependencies"]
-    assert isinstance(dependencies, list)
+    extras = project()["optional-dependencies"]
+    dependencies = [*project()["dependencies"], *extras["vr"], *extras["study"]]
     names = [re.fullmatch(r"([\w-]+)(.*)", each) for each in dependencies]
     expected = [f"{AT_CONDA_FORGE.get(each[1], each[1])} {each[2]}" for each in names if each]
     assert asked == expected

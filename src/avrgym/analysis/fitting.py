@@ -14,11 +14,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 
 from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
-from avrgym.people.files import PeopleFile, Range, Source, TorsoHeights, people_text
+from avrgym.people.files import PeopleFile, Range, Source, TorsoHeights
 from avrgym.recording.files import Recording
 from avrgym.study.checking.held import too_much_held
 from avrgym.study.export.trials import ExportedAttempt, completed_attempts
@@ -104,7 +106,17 @@ def write_people(fit: Fit, out: Path) -> None:
     """Write the people into a new file; an existing one raises ``FileExistsError``."""
     if out.exists():
         raise FileExistsError(f"{out} exists already; choose another name")
-    write_whole(out, people_text(fit.people, fit.remarks).encode())
+    write_whole(out, _text(fit).encode())
+
+
+def _text(fit: Fit) -> str:
+    """TOML with the remarks as comments above the values."""
+    document = tomlkit.document()
+    for line in fit.remarks.splitlines():
+        document.add(tomlkit.comment(line))
+    document.add(tomlkit.nl())
+    document.update(msgspec.to_builtins(fit.people))  # pyright: ignore[reportUnknownMemberType]
+    return tomlkit.dumps(document)  # pyright: ignore[reportUnknownMemberType]
 
 
 def covering_range(values: Sequence[float], limits: Range) -> Range:

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from avrgym.cli.terminal import needs
-
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
@@ -27,12 +25,12 @@ def on_cluster(address: str | None, jobs: int | None) -> Generator["Cluster | No
     """A connection to the cluster that was asked for, if one was.
 
     Raises:
-        RuntimeError: without the extra ``cluster``, or where no cluster answers.
+        RuntimeError: where no cluster answers.
     """
     if address is None:
         yield None
         return
-    with needs("cluster", "clusters need"):
-        from avrgym.system.cluster import connected
+    from avrgym.system.cluster import connected
+
     with connected(address, jobs) as cluster:
         yield cluster

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from avrgym.cli.options import PEOPLE, Impairment, Seed
-from avrgym.cli.terminal import needs, plain_errors, say
+from avrgym.cli.terminal import plain_errors, say
 
 app = typer.Typer(no_args_is_help=True, help="Write policies and scenes for other programs.")
 
@@ -22,12 +22,11 @@ def export_policy(
 
     The graph takes observations and gives mean actions. Whatever runs ONNX runs it, `--policy OUT.onnx` too.
     """
+    from avrgym.policies.onnx_export import write_onnx
     from avrgym.policies.registry import find
     from avrgym.policies.trained import Policy
 
     with plain_errors():
-        with needs("onnx", "ONNX files need"):
-            from avrgym.policies.onnx_export import write_onnx
         found = find(policy, env)
         if not isinstance(found, Policy):
             raise ValueError(

@@ -24,7 +24,6 @@ from avrgym.cli.terminal import (
     Jobs,
     JsonFile,
     check_json,
-    needs,
     plain_errors,
     print_regions,
     print_table,
@@ -55,7 +54,7 @@ SETTLED: dict[str | None, tuple[str, ...]] = {
 
 def envs(json_file: JsonFile = None) -> None:
     """List the environments."""
-    from avrgym.doctor.installation import skipped_plugins
+    from avrgym.policies.registry import skipped_plugins
     from avrgym.policies.trained import packaged_policies
     from avrgym.tasks.registry import ENVIRONMENTS, sizes
 
@@ -286,8 +285,8 @@ def _so_far(now: "training.Progress") -> str:
 
 
 def _training() -> ModuleType:
-    with needs("train", "training needs"):
-        from avrgym.learning import training
+    from avrgym.learning import training
+
     return training
 
 

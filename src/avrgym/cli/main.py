@@ -7,7 +7,7 @@ from avrgym.cli.doctor import doctor
 from avrgym.cli.export import app as export_commands
 from avrgym.cli.learning import envs, evaluate, fit_people, train
 from avrgym.cli.new import app as new_commands
-from avrgym.cli.program import Program
+from avrgym.cli.program import Commands, Program
 from avrgym.cli.replay import replay
 from avrgym.cli.serve import serve, view
 from avrgym.cli.study import app as study_commands
@@ -16,6 +16,7 @@ from avrgym.cli.terminal import plain_errors
 from avrgym.system.headless import check_renderer
 
 app = Program(
+    cls=Commands,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -1,4 +1,4 @@
-"""The program ``avrgym``: how a signal ends it. Ctrl+C, SIGTERM and SIGHUP do the same."""
+"""The program ``avrgym``: how signals and missing packages end it. Ctrl+C, SIGTERM and SIGHUP do the same."""
 
 import os
 import signal
@@ -7,12 +7,23 @@ from types import FrameType
 from typing import Any
 
 import typer
+from typer.core import TyperGroup
+
+from avrgym.system.extras import extra_of
 
 STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _INTERRUPTED = 130
 """What Typer makes of a KeyboardInterrupt."""
 MOST_SIGNALS = 3
 """The first one lets the program end well, and the next does not disturb that; this many end it at once."""
+EXTRAS = {
+    "study": "study",
+    "analyze": "study",
+    "fit-people": "study",
+    "demo": "study",
+    "sweep": "train,cluster",
+}
+"""Extras with all packages of a command, where it needs more than one extra's."""
 
 
 class Signals:
@@ -38,6 +49,21 @@ class Signals:
             raise KeyboardInterrupt
         if len(self.received) >= MOST_SIGNALS:
             os._exit(self.exit_code)
+
+
+class Commands(TyperGroup):
+    """Commands of which one whose packages are missing ends with the command that installs them."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; raises ``typer.Exit``."""
+        try:
+            return super().invoke(ctx)
+        except ModuleNotFoundError as error:
+            extra = extra_of(error.name or "", preferred=EXTRAS.get(ctx.invoked_subcommand or ""))
+            if extra is None:
+                raise
+            typer.echo(f"avrgym: {error.name} is missing; run `pip install 'avrgym[{extra}]'`", err=True)
+            raise typer.Exit(1) from error
 
 
 class Program(typer.Typer):

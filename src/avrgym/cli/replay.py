@@ -12,7 +12,6 @@ from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
     JsonFile,
     check_json,
-    needs,
     plain_errors,
     print_regions,
     print_table,
@@ -210,8 +209,8 @@ def _write_gif(recording: "Recording", gif: Path, first_person: bool) -> None:
 
 
 def _write_mcap(recording: "Recording", mcap: Path) -> None:
-    with needs("foxglove", "--mcap needs"):
-        from avrgym.replay.foxglove import write_foxglove
+    from avrgym.replay.foxglove import write_foxglove
+
     with _progress(recording, "stepping again") as advance:
         write_foxglove(recording, mcap, advance)
     when = (

@@ -10,7 +10,7 @@ import typer
 
 from avrgym.cli.cluster import Address, on_cluster
 from avrgym.cli.progress import progress_bar
-from avrgym.cli.terminal import Jobs, JsonFile, check_json, needs, plain_errors, print_table, say, write_json
+from avrgym.cli.terminal import Jobs, JsonFile, check_json, plain_errors, print_table, say, write_json
 
 
 def sweep(
@@ -59,6 +59,6 @@ def sweep(
 
 
 def _sweeps() -> ModuleType:
-    with needs("train,cluster", "sweeps need"):
-        from avrgym.learning import sweep
+    from avrgym.learning import sweep
+
     return sweep

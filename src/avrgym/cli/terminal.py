@@ -37,21 +37,6 @@ Jobs = Annotated[
 
 
 @contextmanager
-def needs(extras: str, what: str) -> Generator[None]:
-    """Tell of an import within that fails which extras bring ``what`` needs: "training needs".
-
-    Raises:
-        RuntimeError: naming the package and the command that installs it.
-    """
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise RuntimeError(
-            f"{error.name} is missing; `pip install avrgym[{extras}]` brings what {what}"
-        ) from error
-
-
-@contextmanager
 def plain_errors() -> Generator[None]:
     """Turn an error that the user can mend into one clear line and exit code 1."""
     try:

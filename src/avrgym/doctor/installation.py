@@ -8,15 +8,12 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
 from avrgym.doctor.finding import Finding, fault, ok, warning
-from avrgym.policies import controllers
-from avrgym.robots.registry import BROKEN as BROKEN_ROBOTS
-from avrgym.tasks.registry import BROKEN as BROKEN_TASKS
+from avrgym.policies.registry import skipped_plugins
+from avrgym.system.extras import FOR_DEVELOPERS
 from avrgym.vr.server.web import HOW_TO_GET_PAGES, PAGES, ServerError, check_page
 
 SHOWN = ("mujoco", "numpy", "gymnasium")
 """The packages whose versions most reports of bugs need."""
-FOR_DEVELOPERS = ("dev", "docs")
-"""The extras that only work on AVR Gym itself needs."""
 
 
 def python(running: str, asked: str | None = None) -> Finding:
@@ -40,9 +37,13 @@ def packages(wanted: Sequence[Requirement]) -> Finding:
 
 
 def asked_for(extra: str = "") -> list[Requirement]:
-    """What the installed AVR Gym asks for by itself, or for one of its extras alone."""
+    """Requirements of the installed AVR Gym itself, or of one of its extras and those that it includes."""
     needed = [Requirement(each) for each in requires("avrgym") or ()]
-    return [each for each in needed if _applies(each, extra) and not (extra and _applies(each, ""))]
+    own = [each for each in needed if _applies(each, extra) and not (extra and _applies(each, ""))]
+    included = (
+        inner for each in own if each.name == "avrgym" for name in each.extras for inner in asked_for(name)
+    )
+    return [*(each for each in own if each.name != "avrgym"), *included]
 
 
 def offered_extras() -> list[str]:
@@ -83,12 +84,6 @@ def plugins() -> Finding:
     if skipped:
         return warning(f"skipped {'; '.join(skipped)}", "mend or uninstall that package; the rest works")
     return ok("nothing of other packages is broken")
-
-
-def skipped_plugins() -> list[str]:
-    """What other packages register and cannot be used, each with the reason; this imports all controllers."""
-    records = [f"{broken.name}: {broken.reason}" for broken in (*BROKEN_ROBOTS, *BROKEN_TASKS)]
-    return [*records, *controllers.broken()]
 
 
 def _version_that_fails(wanted: Requirement) -> str | None:

@@ -3,29 +3,22 @@
 A joint's range is given in degrees; what has no range keeps the task's own pose.
 """
 
-# tomlkit's documents: their types are known only in part.
-# pyright: reportUnknownMemberType=false
-
-import re
 import tomllib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import tomlkit
-from tomlkit.exceptions import TOMLKitError
 
 from avrgym.models.human import JOINTS, TORSO_HEIGHT_RANGE_M
 from avrgym.system.plain_values import is_array, is_table
-from avrgym.system.toml_places import Place, line_of
 from avrgym.system.user_text import read_user_text
 
 Range = tuple[float, float]
 
 
 class PeopleFileError(ValueError):
-    """A file of people that says what cannot be; the message names file, line and what is allowed there."""
+    """A file of people with an invalid value; the message names the file, the value and what is allowed."""
 
 
 class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -83,37 +76,29 @@ def parse_people(text: str, name: str, tasks: Collection[str]) -> PeopleFile:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise PeopleFileError(f"{name}: not TOML: {error}") from None
-    for place, message in _mistakes(values, tasks):
-        raise PeopleFileError(f"{name}:{_line(text, place)}: {message}")
+    for message in _mistakes(values, tasks):
+        raise PeopleFileError(f"{name}: {message}")
     try:
         return msgspec.convert(values, PeopleFile)
     except msgspec.ValidationError as error:
-        message, _, path = str(error).partition(" - at `$")
-        place = tuple(re.findall(r"\.(\w+)", path))
-        raise PeopleFileError(f"{name}:{_line(text, place)}: {message.replace('`', '')}") from None
+        message, _, path = str(error).replace("`", "").partition(" - at $.")
+        raise PeopleFileError(f"{name}: {path}: {message}" if path else f"{name}: {message}") from None
 
 
-def _line(text: str, place: Place) -> int:
-    try:
-        return line_of(text, place)
-    except (KeyError, TOMLKitError):  # what is missing has no line
-        return 1
-
-
-def _mistakes(values: Mapping[str, Any], tasks: Collection[str]) -> Iterator[tuple[Place, str]]:
-    """Where a value is that no type forbids but that cannot be, and what is allowed."""
+def _mistakes(values: Mapping[str, Any], tasks: Collection[str]) -> Iterator[str]:
+    """Values that have the right type but are invalid, and what is allowed."""
     for sex, heights in _table(values, "torso_height_m").items():
-        yield from _range_mistakes(("torso_height_m", sex), heights, TORSO_HEIGHT_RANGE_M, "m")
+        yield from _range_mistakes(f"torso_height_m.{sex}", heights, TORSO_HEIGHT_RANGE_M, "m")
     poses = _table(values, "poses")
     for task in poses:
         if task not in tasks:
-            yield ("poses", task), f"unknown task {task!r}; allowed: {', '.join(tasks)}"
+            yield f"poses: unknown task {task!r}; allowed: {', '.join(tasks)}"
         for joint, angles in _table(poses, task).items():
             if joint not in JOINTS:
-                yield ("poses", task, joint), f"unknown joint {joint!r}; allowed: {', '.join(JOINTS)}"
+                yield f"poses.{task}: unknown joint {joint!r}; allowed: {', '.join(JOINTS)}"
                 continue
             limits = JOINTS[joint].lower_deg, JOINTS[joint].upper_deg
-            yield from _range_mistakes(("poses", task, joint), angles, limits, "degrees")
+            yield from _range_mistakes(f"poses.{task}.{joint}", angles, limits, "degrees")
 
 
 def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -121,18 +106,8 @@ def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return found if is_table(found) else {}
 
 
-def _range_mistakes(place: Place, found: Any, limits: Range, unit: str) -> Iterator[tuple[Place, str]]:
+def _range_mistakes(place: str, found: Any, limits: Range, unit: str) -> Iterator[str]:
     numbers = is_array(found) and len(found) == 2 and all(isinstance(n, int | float) for n in found)
     if not (numbers and limits[0] <= found[0] <= found[1] <= limits[1]):
         low, high = limits
-        yield place, f"{place[-1]} is {found}; allowed: [lowest, highest] within {low:g} to {high:g} {unit}"
-
-
-def people_text(people: PeopleFile, remarks: str) -> str:
-    """The text of a file of people, with remarks as comments at its beginning."""
-    document = tomlkit.document()
-    for line in remarks.splitlines():
-        document.add(tomlkit.comment(line))
-    document.add(tomlkit.nl())
-    document.update(msgspec.to_builtins(people))
-    return tomlkit.dumps(document)
+        yield f"{place} is {found}; allowed: [lowest, highest] within {low:g} to {high:g} {unit}"

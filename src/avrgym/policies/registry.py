@@ -14,8 +14,10 @@ from avrgym.policies.controllers import Foreign
 from avrgym.policies.names import FORMS, OPERATOR, SCRIPTS
 from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
 from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies
+from avrgym.robots.registry import BROKEN as BROKEN_ROBOTS
 from avrgym.system.used_plugins import UsedPlugin, differences
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import BROKEN as BROKEN_TASKS
 from avrgym.tasks.registry import plugins_of, sizes
 
 Array = NDArray[np.float64]
@@ -41,6 +43,15 @@ AnyPolicy = Autonomous | Operated
 def named_policies(environment_id: str) -> list[str]:
     """Everything that has a name of its own in an environment, and is neither file nor Python object."""
     return [*packaged_policies(environment_id), *SCRIPTS, *controllers.registered()]
+
+
+def skipped_plugins() -> list[str]:
+    """Robots, tasks and controllers of other packages that cannot be used, each with the reason.
+
+    Imports all controllers.
+    """
+    records = [f"{broken.name}: {broken.reason}" for broken in (*BROKEN_ROBOTS, *BROKEN_TASKS)]
+    return [*records, *controllers.broken()]
 
 
 def find(name: str, environment_id: str, *, allow_other_environment: bool = False) -> Autonomous:

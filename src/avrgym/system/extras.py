@@ -1,0 +1,61 @@
+"""The extras of AVR Gym: optional packages, by the names that ``pip install 'avrgym[NAME]'`` takes."""
+
+import re
+from functools import cache
+from importlib.metadata import PackageNotFoundError, requires
+
+FOR_DEVELOPERS = ("dev", "docs")
+"""Extras for work on AVR Gym itself."""
+_EVERYTHING = "all"
+_DISTRIBUTIONS = {
+    "google": "mcap_protobuf_support",
+    "mcap_protobuf": "mcap_protobuf_support",
+    "pxr": "usd_core",
+    "ray": "ray",
+    "rsl_rl": "rsl_rl_lib",
+    "starlette": "fastapi",
+    "warp": "warp_lang",
+}
+"""Distributions by the modules that they install, where the names differ."""
+
+
+def extra_of(module: str, preferred: str | None = None) -> str | None:
+    """The smallest extra that installs a module, such as ``mcap.reader``; ``None`` where no extra does.
+
+    Args:
+        module: its name.
+        preferred: extras, separated by commas, to name instead where one of them installs the module.
+    """
+    root = module.partition(".")[0]
+    distribution = _DISTRIBUTIONS.get(root, root).lower()
+    found = sorted(
+        (len(installed), extra) for extra, installed in _extras().items() if distribution in installed
+    )
+    names = [extra for _, extra in found]
+    if preferred is not None and any(each in names for each in preferred.split(",")):
+        return preferred
+    return next(iter(names), None)
+
+
+@cache
+def _extras() -> dict[str, set[str]]:
+    """Distributions of each extra, those of extras that it includes too."""
+    try:
+        lines = requires("avrgym") or ()
+    except PackageNotFoundError:
+        return {}
+    found: dict[str, set[str]] = {}
+    included: dict[str, list[str]] = {}
+    for line in lines:
+        parts = re.match(r"([\w.-]+)(?:\[([\w,.-]+)\])?.*extra == ['\"](\w+)['\"]", line)
+        if parts is None or parts[3] in (*FOR_DEVELOPERS, _EVERYTHING):
+            continue
+        name, others, extra = parts.groups()
+        distributions = found.setdefault(extra, set())
+        if name == "avrgym":
+            included.setdefault(extra, []).extend(others.split(","))
+        else:
+            distributions.add(re.sub(r"[-.]", "_", name).lower())
+    for extra, others in included.items():
+        found[extra].update(*(found[other] for other in others))
+    return found
