@@ -1,6 +1,6 @@
 import type { BareHandsTracked } from "./barehands";
 import { Connection, type Link } from "./connection";
-import { awaitsReady, canBeStopped, confirmsAnswers, isRunning, mayRecalibrate, panelContent, type Display } from "./display";
+import { asksForCode, awaitsReady, canBeStopped, confirmsAnswers, isRunning, mayRecalibrate, panelContent, type Display } from "./display";
 import { Countdown } from "./countdown";
 import { DrawnFrames } from "./drawnframes";
 import { fetchBytes } from "./fetching";
@@ -280,6 +280,7 @@ export class App {
   private linked(link: Link, code: number): void {
     this.link = link;
     this.code = code;
+    if (asksForCode(code)) this.page.showEntrance();
     this.watchAnswering();
     this.refresh();
   }

@@ -13,7 +13,7 @@ export interface LinkEvents {
 /** The server closes with this code when the page was opened elsewhere: this one must not come back. */
 export const SUPERSEDED = 4001;
 /** The server closes with these where no later attempt can do better: see `server/connection.py`. */
-export const REFUSED: readonly number[] = [4400, 4401, 4403];
+export const REFUSED: readonly number[] = [4400, 4401, 4403, 4410, 4411];
 
 const FIRST_RETRY_MS = 100;
 const LONGEST_RETRY_MS = 1000;
@@ -79,7 +79,7 @@ export class Connection {
       this.failures = this.states = 0;
       this.events.link("connected", 0);
     }
-    if (this.welcomed) this.events.message(message);
+    if (this.welcomed || message.type === "language") this.events.message(message);
     if (message.type === "state" && ++this.states % STATES_A_RECEIPT === 0)
       this.send({ type: "receipt", states: this.states });
   }

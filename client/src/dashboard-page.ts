@@ -27,6 +27,7 @@ import {
   trialsTable,
   type Table,
 } from "./dashboard-tables";
+import { showLink } from "./dashboard-link";
 import { element } from "./element";
 
 /** What a form's field holds. */
@@ -69,6 +70,7 @@ export class Dashboard {
     this.onAct("decline", "declined-consent", "is stored", () => ({ version: this.overview!.consent_version }));
     this.onAct("inclusion", "inclusion", "are recorded", (form) => ({ answers: this.inclusionAnswers(form) }));
     this.onAct("begin", "sessions", "has begun", (form) => ({ furniture: this.furnitureIn(form) }));
+    this.onSubmit("link", () => this.renewLink());
     this.onAct("note", "notes", "is stored", (form) => ({ text: field(form, "text") }));
     this.onAct("edit-note", "edited-notes", "is changed", (form) => ({
       id: Number(field(form, "id")),
@@ -144,6 +146,13 @@ export class Dashboard {
     this.say("done", `${pseudonym} is enrolled.`);
   }
 
+  private async renewLink(): Promise<void> {
+    const pseudonym = this.overview!.live!;
+    await this.study.act(pseudonym, "links", {});
+    await this.refresh();
+    this.say("done", `${pseudonym}: ${NOUNS.links} is made.`);
+  }
+
   private inclusionAnswers(form: HTMLFormElement): Record<string, boolean> {
     const questions = Object.keys(this.person!.inclusion);
     return Object.fromEntries(questions.map((id) => [id, field(form, id) === "yes"]));
@@ -164,7 +173,8 @@ export class Dashboard {
   }
 
   private showOverview(overview: Overview): void {
-    const { summary, live, furniture, languages, warnings } = overview;
+    const { summary, live, furniture, languages, warnings, link } = overview;
+    showLink(link);
     document.title = `${summary.title} – AVR Gym`;
     element("title").textContent = summary.title;
     element("progress").textContent = progressWords(overview);
@@ -272,6 +282,7 @@ const NOUNS: Record<Action, string> = {
   "declined-consent": "the withdrawal",
   inclusion: "the answers",
   sessions: "the session",
+  links: "the new link",
   notes: "the note",
   "edited-notes": "the note",
   "adverse-events": "the report",

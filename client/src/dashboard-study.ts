@@ -45,6 +45,8 @@ export interface Overview {
   /** What is short, in words. */
   warnings: string[];
   live: string | null;
+  /** The way into the session that runs. */
+  link: { addresses: string[]; code: string } | null;
   furniture: Furniture;
   /** The name of this page's token, empty where several people use it. */
   experimenter: string;
@@ -136,7 +138,7 @@ export interface Participant {
 }
 
 /** What can be done to a participant; `study/dashboard/application.py` says what each takes. */
-export type Action = "identity" | "consent" | "declined-consent" | "inclusion" | "withdrawal" | "notes" | "edited-notes" | "adverse-events" | "sessions";
+export type Action = "identity" | "consent" | "declined-consent" | "inclusion" | "withdrawal" | "notes" | "edited-notes" | "adverse-events" | "sessions" | "links";
 
 /** Who somebody is, and whether the experimenter confirms that no participant with that name or contact is the same person. */
 export interface Identity {

@@ -53,7 +53,14 @@ const REASONS: Readonly<Record<number, Key>> = {
   4401: "no_token",
   4403: "earlier_start",
   4409: "taken",
+  4410: "link_ended",
+  4411: "enter_code",
 };
+
+/** Whether the code of a session opens this page again; see `server/access.py`. */
+export function asksForCode(code: number): boolean {
+  return code === 4410 || code === 4411;
+}
 
 export function linkWords({ words, link, code }: Pick<Display, "words" | "link" | "code">): string {
   return words.say((link !== "connected" && REASONS[code]) || LINK_WORDS[link]);

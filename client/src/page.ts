@@ -10,6 +10,7 @@ import {
   type Display,
 } from "./display";
 import { element } from "./element";
+import { exchangeCodes } from "./entrance";
 import type { Body, ChooseBody, Phase, Question } from "./messages";
 import { Scale } from "./scale";
 import type { Allowed } from "./senses";
@@ -60,6 +61,7 @@ export class Page {
     for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
     for (const sense of SENSES) remember(element<HTMLInputElement>(sense));
     element<HTMLDetailsElement>("help").open = window.innerHeight > 620 && window.innerWidth > 720;
+    exchangeCodes(() => this.words);
     this.speak(ENGLISH);
   }
 
@@ -119,6 +121,12 @@ export class Page {
   private sayActions(): void {
     this.enter.textContent = this.words.say(this.presenting ? "leave" : "enter");
     this.play.textContent = this.words.say(this.playing ? "end_play" : "play");
+  }
+
+  /** Only a link or a code leads on. */
+  showEntrance(): void {
+    for (const id of ["take-part", "help", "loading", "body"]) element(id).hidden = true;
+    element("entrance").hidden = false;
   }
 
   /** Whoever only watches takes no part. */

@@ -4,6 +4,12 @@ export const TEXTS = {
   "de": {
     "direction": "ltr",
     "words": {
+      "link_ended": "Dieser Link ist mit seiner Sitzung abgelaufen. Jede Sitzung hat einen neuen.",
+      "enter_code": "Geben Sie den Code ein, den Sie von der Versuchsleitung bekommen.",
+      "code": "Code Ihrer Sitzung",
+      "open_session": "Sitzung öffnen",
+      "wrong_code": "Dieser Code ist falsch oder zu alt. Fragen Sie nach dem aktuellen.",
+      "too_many_codes": "Zu viele falsche Codes. Warten Sie eine Minute.",
       "subtitle": "Begegnen Sie einem Assistenzroboter in virtueller Realität",
       "scene": "Die Szene",
       "loading": "Die Szene wird geladen …",
@@ -84,6 +90,12 @@ export const TEXTS = {
   "en": {
     "direction": "ltr",
     "words": {
+      "link_ended": "This link has ended with its session. Each session has a new one.",
+      "enter_code": "Enter the code that the experimenter gives you.",
+      "code": "Code of your session",
+      "open_session": "Open the session",
+      "wrong_code": "This code is wrong or too old. Ask for the present one.",
+      "too_many_codes": "Too many wrong codes. Wait a minute.",
       "subtitle": "Meet an assistive robot in virtual reality",
       "scene": "The scene",
       "loading": "The scene is being loaded …",

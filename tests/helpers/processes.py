@@ -29,7 +29,10 @@ def die_with_parent() -> None:
 
 @dataclass(frozen=True)
 class Served:
-    """A server of its own process, and the addresses that it printed for this machine."""
+    """A server of its own process, and the addresses that it printed for this machine.
+
+    That of ``participant`` has a token, unless a study waits for its first session.
+    """
 
     process: subprocess.Popen[str]
     participant: str
@@ -44,7 +47,7 @@ def served(study: Path, *options: str, limits: tuple[str, ...] = ()) -> Iterator
         try:
             assert process.stdout is not None
             lines = (line.strip() for line in process.stdout)
-            participant = next(line for line in lines if "/#token=" in line)
+            participant = next(line for line in lines if re.fullmatch(r"https?://[^/]*/(#token=\S+)?", line))
             dashboard = next(line for line in lines if re.search("/(dashboard|spectator)#token=", line))
             yield Served(process, participant, dashboard)
         finally:

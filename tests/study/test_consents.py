@@ -320,7 +320,7 @@ def before_the_archive(store: Store) -> None:
         ledger.delete(connection, schema.CONSENT)
         ledger.delete(connection, schema.DESIGN)
     with store.database.write() as connection:
-        for table in ("consent", "consent_text", "design"):
+        for table in ("link", "consent", "consent_text", "design"):
             connection.execute(sa.text(f"DROP TABLE {table}"))
         connection.execute(sa.text("UPDATE alembic_version SET version_num = '0008_log'"))
     store.close()

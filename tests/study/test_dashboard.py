@@ -48,6 +48,7 @@ BODIES: dict[str, Any] = {
         }
     },
     "sessions": {},
+    "links": {},
 }
 
 REFUSED = "status of 409 (Conflict)"

@@ -46,7 +46,10 @@ def farewell(client: ClientConnection) -> tuple[int | None, str | None]:
 @pytest.mark.slow
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_server_says_goodbye_and_ends(tmp_path: Path, number: signal.Signals) -> None:
-    with served(make_study(tmp_path)) as server:
+    folder = make_study(tmp_path)
+    with Store(folder) as store:
+        pseudonym = take_in(store)
+    with served(folder, "--participant", pseudonym) as server:
         with participant(server.participant) as client:
             server.process.send_signal(number)
             assert farewell(client) == (1001, "the server has stopped")

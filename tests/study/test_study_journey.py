@@ -72,7 +72,7 @@ def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
         dashboard = open_dashboard(headset, server.dashboard)
         dashboard.get_by_role("button", name="sub-001").click()
         dashboard.get_by_role("button", name="Continue with the remaining trials").click()
-        headset.page.bring_to_front()
+        come_in(dashboard, headset)
         await_phase(headset, "waiting")
         sit_down(headset, participant)
         answer_all(headset)
@@ -121,10 +121,20 @@ def begin(dashboard: Page, headset: EmulatedHeadset, button: str) -> None:
     """Begin the session; the participant answers the question before it on their page."""
     dashboard.get_by_role("button", name=button).click()
     expect(dashboard.locator("#session-words")).to_contain_text("The participant answers questions")
-    headset.page.bring_to_front()
+    come_in(dashboard, headset)
     headset.page.locator("#points").get_by_role("button", name="2").click()
     headset.page.get_by_role("button", name="Done").click()
     await_phase(headset, "waiting")
+
+
+def come_in(dashboard: Page, headset: EmulatedHeadset) -> None:
+    """Enter the code of the session on the headset's page."""
+    code = dashboard.locator("#link-code")
+    expect(code).to_be_visible()
+    headset.page.bring_to_front()
+    headset.page.locator("#code").fill(code.inner_text())
+    headset.page.locator("#code").press("Enter")
+    expect(headset.page.locator("#entrance")).to_be_hidden()
 
 
 # What the participant does ------------------------------------------------------------------------------------

@@ -53,6 +53,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Command, Hello, Problem, Welcome
+from avrgym.vr.server.links import SessionLinks
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.session import Session
 from html_page import Page
@@ -90,7 +91,7 @@ def served(
             "127.0.0.1",
             0,
             study=lambda tokens, _: dashboard_app(store, tokens),
-            tokens=StudyTokens.of_study(tmp_path / "tokens.json", known),
+            tokens=StudyTokens.of_study(tmp_path / "tokens.json", known, SessionLinks()),
             record=lambda _, caller, message: log.record(caller, message, "sub-001"),
         ) as server:
             yield server, token

@@ -89,14 +89,18 @@ def loop(store: Store) -> Iterator[Loop]:
 
 
 def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store, loop: Loop) -> None:
+    """The next session begins for those who watch, and not for the participant of the one before."""
     first, second = take_in(store), take_in(store)
     greeted: list[Sent] = []
+    watched: list[Sent] = []
     loop.sessions.greet(greeted.append, "participant", 0.0)
+    loop.sessions.greet(watched.append, "spectator", 0.0)
     loop.sessions.receive(Entered(), 0.0)
     loop.tick()
     assert (loop.sessions.participant, list(loop.sessions.scenes)) == (None, [])
     assert [type(message) for message in greeted] == [Welcome, Language, Phase]
     greeted.clear()
+    watched.clear()
     loop.ask(loop.sessions.begin, first)
     assert [type(message) for message in greeted] == [Welcome, Language, Body, Scene, Phase]
     assert (loop.sessions.participant, len(loop.sessions.scenes)) == (first, 1)
@@ -107,7 +111,8 @@ def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store
     assert (loop.sessions.participant, store.sessions(first)[0].state) == (None, "closed")
     loop.ask(loop.sessions.begin, second)
     assert loop.sessions.participant == second
-    assert [type(message) for message in greeted] == 2 * [Welcome, Language, Body, Scene, Phase]
+    assert [type(message) for message in greeted] == [Welcome, Language, Body, Scene, Phase]
+    assert [type(message) for message in watched] == 2 * [Welcome, Language, Body, Scene, Phase]
 
 
 def test_sessions_are_on_the_furniture_that_was_given_last(store: Store, loop: Loop) -> None:

@@ -586,6 +586,7 @@ def test_attempts_from_before_torso_heights_had_a_column_keep_their_rows_and_led
             "DROP TABLE experimenter",
             "DROP TABLE design",
             "ALTER TABLE session DROP COLUMN headset_check",
+            "DROP TABLE link",
             "DROP TABLE consent_text",
             "DROP TABLE consent",
             "UPDATE alembic_version SET version_num = '0002_ledger'",

@@ -164,7 +164,7 @@ def serve(
         )
         with LiveServer(make_session, address, port, certificate) as server:
             server.render_ahead()
-            _explain(server, "spectator")
+            _explain(server, "spectator", server.urls())
             _wait(server)
 
 
@@ -184,6 +184,7 @@ def _serve_study(
     from avrgym.study.dashboard.logging import LiveLog
     from avrgym.study.dashboard.tokens import StudyTokens
     from avrgym.study.people.experimenters import Experimenters
+    from avrgym.study.sessions.links import session_links
     from avrgym.study.sessions.serving import StudySessions
     from avrgym.study.sessions.storing import StoringThread
     from avrgym.study.storage.keyfile import FOLDER as PRIVATE
@@ -193,6 +194,7 @@ def _serve_study(
     unlock(folder)
     with (
         Store(folder) as store,
+        nullcontext(session_links(store)) as links,
         logged(store, "start server", "stop server"),
         StoringThread() as storing,
         Experimenters(store) as experimenters,
@@ -207,17 +209,25 @@ def _serve_study(
                 storing=storing,
                 streams=streams,
                 headset_check=check,
+                links=links,
             ),
             host,
             port,
             certificate,
-            study=lambda tokens, sessions: dashboard_app(store, tokens, sessions),
-            tokens=StudyTokens.of_study(folder / PRIVATE / "tokens.json", experimenters),
+            study=lambda tokens, sessions: dashboard_app(
+                store, tokens, sessions, lambda link: server.urls(token=link)
+            ),
+            tokens=StudyTokens.of_study(folder / PRIVATE / "tokens.json", experimenters, links),
             record=partial(_record, LiveLog(store, storing, warn)),
+            links=links,
         ) as server,
     ):
         server.render_ahead()
-        _explain(server, "dashboard")
+        _explain(server, "dashboard", server.urls(token=links.link) if links.link else server.pages())
+        if links.link is None:
+            say(
+                "Each session has a link of its own. Begin one on the dashboard, and enter its code on the headset."
+            )
         _wait(server)
 
 
@@ -297,9 +307,9 @@ def _tell_check(happened: "SessionEvent") -> None:
         say(f"    {happened.check.figures()}")
 
 
-def _explain(server: "LiveServer[Any]", experimenters_page: str) -> None:
-    """Say which addresses to open."""
-    own, *in_network = server.urls()
+def _explain(server: "LiveServer[Any]", experimenters_page: str, participants: list[str]) -> None:
+    """Say which addresses to open; ``participants`` are those of the participant's page."""
+    own, *in_network = participants
     say("No headset, or one connected to this computer (SteamVR, Rift S): open this in Chrome here")
     say(f"    {own}")
     say("Headset on a USB cable (Quest, Pico): run this first, then open the same address in its browser")

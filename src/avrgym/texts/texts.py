@@ -24,6 +24,15 @@ DIRECTIONS = ("ltr", "rtl")
 NAMED = 5
 """As many missing keys are named; of more, how many there are."""
 _NUMBER = re.compile(r"^(\d+)\.(\d+)$")
+LATER_ON_PAGE = (
+    "link_ended",
+    "enter_code",
+    "code",
+    "open_session",
+    "wrong_code",
+    "too_many_codes",
+)
+"""Keys under ``page`` that languages of earlier studies lack: English stands in for them."""
 ON_PAGE = "_page"
 """A text whose key ends so is for somebody who takes part on the page, without a headset; every key under
 ``session`` may have one."""
@@ -148,7 +157,7 @@ def read_texts(language: str, folder: Path | None = None) -> Texts:
         added.direction or brought.direction or DIRECTIONS[0],
         added.decimal or brought.decimal or ".",
         brought.session | added.session,
-        brought.page | added.page,
+        {key: _ENGLISH.page[key] for key in LATER_ON_PAGE} | brought.page | added.page,
         {normal(sentence): text for sentence, text in (brought.sentences | added.sentences).items()},
     )
     _check(texts, where)

@@ -3,7 +3,7 @@
 Every route needs the experimenter's token as ``Authorization: Bearer``. Names and contacts go in and never come out.
 """
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Protocol, TypeVar
 
@@ -15,7 +15,7 @@ from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.trained import PolicyError
 from avrgym.study.dashboard.logging import VIEW_RESULTS, DashboardLog
-from avrgym.study.dashboard.views import overview, participant_view, results_view
+from avrgym.study.dashboard.views import link_view, overview, participant_view, results_view
 from avrgym.study.people.adverse_events import Report, record_adverse_event
 from avrgym.study.people.doubles import PossibleDouble
 from avrgym.study.people.participants import (
@@ -32,6 +32,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.study.storage.texts import MOST_IN_LINE, MOST_IN_NOTE
 from avrgym.vr.server.access import Caller, Tokens
+from avrgym.vr.server.links import SessionLinks
 
 MAX_BODY_BYTES = 1 << 16
 
@@ -58,6 +59,15 @@ class LiveSessions(Protocol):
 
     def withdraw(self, pseudonym: str, reason: str) -> None:
         """Stop robot and recording of the participant whose session runs, then store that they withdrew."""
+        ...
+
+    @property
+    def links(self) -> SessionLinks:
+        """The link of the session that runs."""
+        ...
+
+    def renew_link(self, pseudonym: str) -> None:
+        """Make a new link for the session of this participant, which runs; the link before has ended."""
         ...
 
 
@@ -137,6 +147,10 @@ class NewReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     follows: int | None = None
 
 
+class NewLink(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """That the session that runs shall have a new link."""
+
+
 class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """That a session shall begin or go on, with other furniture than the one before if it is given."""
 
@@ -211,6 +225,12 @@ def _begin(board: Dashboard, pseudonym: str, start: SessionStart) -> None:
     board.live.begin(pseudonym, start.furniture)
 
 
+def _renew_link(board: Dashboard, pseudonym: str, _: NewLink) -> None:
+    if board.live is None:
+        raise StudyError("no sessions are run here; `avrgym serve --study DIR` runs them")
+    board.live.renew_link(pseudonym)
+
+
 ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any], None]]] = {
     "identity": (Identification, _identify),
     "consent": (Agreement, _consent),
@@ -221,6 +241,7 @@ ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any]
     "edited-notes": (EditedNote, _edit_note),
     "adverse-events": (NewReport, _report),
     "sessions": (SessionStart, _begin),
+    "links": (NewLink, _renew_link),
 }
 """What is done to a participant, by the last part of the route: what is posted, and what it does."""
 LOGGED_AS = {
@@ -230,17 +251,24 @@ LOGGED_AS = {
     "edited-notes": "edit note",
     "adverse-events": "record adverse event",
     "sessions": "begin session",
+    "links": "make link",
 }
 """The name of an action in the log, where it is not that of the route."""
 
 
-def dashboard_app(store: Store, tokens: Tokens, live: LiveSessions | None = None) -> FastAPI:
+def dashboard_app(
+    store: Store,
+    tokens: Tokens,
+    live: LiveSessions | None = None,
+    addresses: Callable[[str], Sequence[str]] = lambda link: (f"/#token={link}",),
+) -> FastAPI:
     """The web application of a study, to be mounted at ``/study``.
 
     Args:
         store: the study. Its log contains who views what, and each action.
         tokens: those of experimenters open all routes.
         live: the sessions that this server runs; without them only the study itself is led.
+        addresses: those of the participant's page with a link, as other devices reach it.
     """
 
     def experimenter_only(request: Request) -> None:
@@ -259,7 +287,8 @@ def dashboard_app(store: Store, tokens: Tokens, live: LiveSessions | None = None
     @app.get("/overview")
     def read_overview(request: Request) -> Response:
         log.view(_caller(request), "view dashboard")
-        return _json(overview(store, board.participant, board.furniture, _caller(request).name))
+        link = link_view(board.live.links, addresses) if board.live else None
+        return _json(overview(store, board.participant, board.furniture, _caller(request).name, link))
 
     @app.get("/results")
     def read_results(request: Request) -> Response:

@@ -1,25 +1,40 @@
-"""The tokens of a study: those of the roles, and those of experimenters with names."""
+"""The tokens of a study: of experimenters and spectators, and of a participant the link of their session alone."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Self
 
 from avrgym.study.people.experimenters import Experimenters
-from avrgym.vr.server.access import Caller, Tokens
+from avrgym.vr.server.access import ENTER_CODE, LINK_ENDED, Caller, Refusal, Tokens
+from avrgym.vr.server.links import SessionLinks
 
 
 @dataclass(frozen=True)
 class StudyTokens(Tokens):
-    """Tokens of the roles, of which that of ``experimenter`` names nobody, and of experimenters with their own."""
+    """Tokens of the roles, of which that of ``experimenter`` names nobody, and of experimenters with their own.
+
+    That of ``participant`` opens nothing: participants come in by the link of their session.
+    """
 
     experimenters: Experimenters
+    links: SessionLinks
 
     @classmethod
-    def of_study(cls, path: Path, experimenters: Experimenters) -> Self:
+    def of_study(cls, path: Path, experimenters: Experimenters, links: SessionLinks) -> Self:
         """Those in a file, with those of experimenters; ``ValueError`` for a file that holds none."""
-        return cls(**asdict(Tokens.kept(path)), experimenters=experimenters)
+        return cls(**asdict(Tokens.kept(path)), experimenters=experimenters, links=links)
 
     def caller(self, token: str) -> Caller | None:
         """Whose token this is."""
+        if self.links.opens(token):
+            return Caller("participant")
         name = self.experimenters.name_of(token)
-        return super().caller(token) if name is None else Caller("experimenter", name)
+        found = super().caller(token) if name is None else Caller("experimenter", name)
+        return None if found == Caller("participant") else found
+
+    def refusal(self, token: str) -> Refusal:
+        """Why a token opens nothing; to a participant in their language."""
+        if not token:
+            return ENTER_CODE
+        language = self.links.language_of_ended(token)
+        return super().refusal(token) if language is None else replace(LINK_ENDED, language=language)

@@ -2,7 +2,7 @@
 
 import shutil
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,9 +31,24 @@ from avrgym.study.storage.states import PARTICIPANT
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import find_environment
 from avrgym.texts.texts import read_texts
+from avrgym.vr.server.links import SessionLinks
 
 SHORT_BYTES = 2_000_000_000
 """Of free disk; a recorded trial of 20 s takes a few MB."""
+
+
+@dataclass(frozen=True)
+class LinkView:
+    """The way into the session that runs: ``addresses`` with its link, and the ``code`` that leads to it."""
+
+    addresses: tuple[str, ...]
+    code: str
+
+
+def link_view(links: SessionLinks, addresses: Callable[[str], Sequence[str]]) -> LinkView | None:
+    """The link of the session that runs, if one does; ``addresses`` makes those of a link."""
+    link, code = links.link, links.code()
+    return None if link is None or code is None else LinkView(tuple(addresses(link)), code)
 
 
 @dataclass(frozen=True)
@@ -41,6 +56,7 @@ class Overview:
     """The whole study. ``live`` is whose session runs, ``furniture`` what the next participant really sits and lies
     on. ``languages`` hold names by tag; ``warnings`` what is short or due, in words. ``experimenter`` is the name of
     the token of this page, if it has one. ``scales`` are those of adverse events, ``scales_words`` their sources.
+    ``link`` leads into the session.
     """
 
     summary: StudySummary
@@ -52,6 +68,7 @@ class Overview:
     experimenter: str
     scales: Mapping[str, tuple[str, ...]]
     scales_words: str
+    link: LinkView | None
 
 
 @dataclass(frozen=True)
@@ -134,7 +151,13 @@ class ParticipantView:
     safety_events: tuple[SafetyEvent, ...]
 
 
-def overview(store: Store, live: str | None, furniture: RealFurniture, experimenter: str = "") -> Overview:
+def overview(
+    store: Store,
+    live: str | None,
+    furniture: RealFurniture,
+    experimenter: str = "",
+    link: LinkView | None = None,
+) -> Overview:
     """How the study stands, while the session of ``live`` runs; the next one is on this ``furniture``."""
     design = store.design
     return Overview(
@@ -147,6 +170,7 @@ def overview(store: Store, live: str | None, furniture: RealFurniture, experimen
         experimenter=experimenter,
         scales=SCALES,
         scales_words=SOURCES,
+        link=link,
     )
 
 

@@ -61,6 +61,7 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> boo
         (schema.ANSWER, schema.ANSWER.c.session.in_(visits)),
         (schema.ATTEMPT, schema.ATTEMPT.c.session.in_(visits)),
         (schema.TRIAL, schema.TRIAL.c.participant == number),
+        (schema.LINK, schema.LINK.c.session.in_(visits)),
         (schema.SESSION, own),
         (schema.PARTICIPANT, schema.PARTICIPANT.c.number == number),
     ):

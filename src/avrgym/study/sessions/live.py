@@ -20,6 +20,7 @@ from avrgym.study.checking.policy_files import policy_files
 from avrgym.study.checking.preflight import load_study_policy
 from avrgym.study.people.consents import latest_consent
 from avrgym.study.people.participants import texts_of, withdraw
+from avrgym.study.sessions.links import language_message
 from avrgym.study.sessions.storing import Storing
 from avrgym.study.sessions.watch import Watch
 from avrgym.study.storage.answers import (
@@ -91,7 +92,7 @@ class StudyVisit:
     @property
     def language_message(self) -> Language:
         """The participant's language, with the words of their page."""
-        return Language(self.texts.language, self.texts.direction, dict(self.texts.page))
+        return language_message(self.texts)
 
     @property
     def called_off(self) -> bool:

@@ -9,11 +9,13 @@ from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Person
 from avrgym.study.sessions.live import StudyVisit, has_more
 from avrgym.study.sessions.session_questions import SessionQuestions
+from avrgym.study.storage.links import make_link
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.texts import Said, Texts, read_texts
 from avrgym.vr.protocol.messages import PROTOCOL, Language, Phase, PhaseName, Problem, Role, Send, Welcome
 from avrgym.vr.protocol.received import Received
+from avrgym.vr.server.links import SessionLinks
 from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
 
@@ -46,15 +48,17 @@ class StudySessions:
         storing: Executor | None = None,
         streams: Streams | None = None,
         headset_check: bool = False,
+        links: SessionLinks | None = None,
     ) -> None:
         """Wait for a participant of a study, or begin the session of the ``first`` at once.
 
         ``furniture`` is what participants really sit and lie on here, the design's unless given. ``send``,
         ``workers`` and ``streams`` are as for ``Session``, ``storing`` as for ``StudyVisit``, ``headset_check`` as for
-        ``plan_session``. Raises what ``begin`` does.
+        ``plan_session``. ``links`` get the link of each session. Raises what ``begin`` does.
         """
         self._store, self._send, self._workers, self._storing = store, send, workers, storing
         self._streams, self._headset_check = streams, headset_check
+        self.links = links or SessionLinks()
         self._ended: Future[None] | None = None
         self._retry_at_s: float | None = None
         self._visit: StudyVisit | None = None
@@ -93,6 +97,14 @@ class StudySessions:
             StudyError: when it is not their session that runs.
         """
         self._ask(lambda now_s: self._withdraw(pseudonym, reason, now_s))
+
+    def renew_link(self, pseudonym: str) -> None:
+        """Make a new link for the session that runs; the link before has ended.
+
+        Raises:
+            StudyError: when it is not their session that runs.
+        """
+        self._ask(lambda _: self._renew_link(pseudonym))
 
     # What the loop calls -----------------------------------------------------------------------------------------
 
@@ -137,6 +149,7 @@ class StudySessions:
         try:
             if self._session is not None:
                 self._session.close(now_s)
+            self._end_link()
             if self._visit is not None:
                 self._visit.close()
                 self._visit = None
@@ -168,12 +181,31 @@ class StudySessions:
         self._furniture = furniture or self._furniture
         try:
             self._session = self._in_vr(visit)
+            self._open_link(visit)
         except BaseException:
             visit.close()
             raise
         self._visit = visit
         self._questions = self._questions_of(visit, "before_session" if self._session else "after_session")
         self._greet_all(now_s)
+
+    def _open_link(self, visit: StudyVisit) -> None:
+        self.links.begin(make_link(self._store, visit.stored.id), visit.language_message)
+
+    def _renew_link(self, pseudonym: str) -> None:
+        if self._visit is None or self.participant != pseudonym or self.links.link is None:
+            raise StudyError(f"no session of {pseudonym} runs here")
+        self._open_link(self._visit)
+        self._forget_participant()
+
+    def _end_link(self) -> None:
+        """Nobody's page goes on into the next session."""
+        self.links.end()
+        self._forget_participant()
+
+    def _forget_participant(self) -> None:
+        watching = [each for each in self._clients if each[1] != "participant"]
+        self._clients = deque(watching, maxlen=CLIENTS)
 
     def _in_vr(self, visit: StudyVisit) -> Session | None:
         """The trials that remain; ``None`` where a crash left only the last questions."""
@@ -237,7 +269,8 @@ class StudySessions:
         return stored
 
     def _end_visit(self, now_s: float) -> None:
-        """Have the end of the visit stored; then another can begin."""
+        """Have the end of the visit stored; then another can begin. The participant's link ends first."""
+        self._end_link()
         if self._visit is not None:
             self._ended, self._retry_at_s = self._visit.end(), None
             self._await_end(self._ended, now_s)

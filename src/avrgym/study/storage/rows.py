@@ -233,6 +233,16 @@ class Consent:
 
 
 @dataclass(frozen=True)
+class ParticipantLink:
+    """A link of a participant to one of their sessions, by its checksum."""
+
+    id: int
+    session: int
+    at: str
+    sha256: str
+
+
+@dataclass(frozen=True)
 class Site:
     """A study that this one was merged from, with the end of its ledger at the latest merge."""
 

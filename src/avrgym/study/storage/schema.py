@@ -235,6 +235,17 @@ CONSENT = Table(
 The participant's own row repeats the latest text that they agreed to.
 """
 
+LINK = Table(
+    "link",
+    METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("session", Integer, ForeignKey("session.id"), nullable=False),
+    Column("at", String, nullable=False),
+    Column("sha256", String, nullable=False),
+    _salt(),
+)
+"""Every link of a participant to a session; the latest of an open session opens it, at the station that runs it."""
+
 TOMBSTONE = Table(
     "tombstone",
     METADATA,

@@ -85,7 +85,8 @@ class EmulatedHeadset:
         self.page.set_default_timeout(1000 * PATIENCE_S)
         if script:
             self.page.add_init_script(script)
-        self.page.goto(url.replace("/#", f"/?emulate=1{query}#"))
+        page, mark, token = url.partition("#")
+        self.page.goto(f"{page}?emulate=1{query}{mark}{token}")
         self.page.wait_for_function("() => window.avrgymEmulator !== undefined")
 
     def __enter__(self) -> "EmulatedHeadset":

@@ -11,7 +11,7 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from avrgym.system.files import PRIVATE_FILE, make_private_folder, write_whole
-from avrgym.vr.protocol.messages import Role
+from avrgym.vr.protocol.messages import Language, Role
 
 TOKEN_BYTES = 16
 Token = Annotated[str, msgspec.Meta(min_length=TOKEN_BYTES, max_length=128, pattern="^[A-Za-z0-9_-]+$")]
@@ -24,6 +24,26 @@ class Caller:
 
     role: Role
     name: str = ""
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a token opens nothing: the code that the connection is closed with, words, and a participant's language."""
+
+    code: int
+    words: str
+    language: Language | None = None
+
+
+NO_TOKEN = Refusal(
+    4401, "the address of this page lacks the session's token; open the one that the server printed"
+)
+EARLIER_START = Refusal(
+    4403, "the address of this page is of an earlier start of the server; open the one that it prints now"
+)
+LINK_ENDED = Refusal(4410, "this link has ended with its session; each session has a new one")
+ENTER_CODE = Refusal(4411, "this page opens with the link of a session, or with the code on the dashboard")
+"""``client/src/display.ts`` has the words for these codes in the participant's language."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +82,10 @@ class Tokens:
             if secrets.compare_digest(token.encode(), getattr(self, role).encode()):
                 found = Caller(role)
         return found
+
+    def refusal(self, token: str) -> Refusal:
+        """Why a token that is nobody's, or of another role, opens nothing."""
+        return EARLIER_START if token else NO_TOKEN
 
     def bearer(self, headers: Headers) -> Caller | None:
         """Whose token a request presents."""

@@ -18,6 +18,7 @@ from avrgym.vr.protocol.messages import (
     Timing,
     Welcome,
 )
+from avrgym.vr.server.access import LINK_ENDED, Refusal
 
 T = TypeVar("T")
 
@@ -38,7 +39,11 @@ FAREWELL_S = 1.0
 
 
 class Farewell(Exception):
-    """A connection has nothing more to send and ends, for the reason in words."""
+    """A connection has nothing more to send and ends, with the code of its closing, for the reason in words."""
+
+    def __init__(self, reason: str, code: int) -> None:
+        super().__init__(reason)
+        self.code = code
 
 
 class Outbox:
@@ -57,13 +62,13 @@ class Outbox:
         self.made_s = 0.0
         self._sent_states = self._received_states = 0
         self._welcomed = False
-        self._farewell = ""
+        self._farewell: Farewell | None = None
         self._filled = asyncio.Event()
 
     def push(self, message: Message, made_s: float = 0.0) -> None:
         """Have a message sent that was handed out at a time."""
         self._welcomed = self._welcomed or isinstance(message, Welcome)
-        if not self._welcomed:
+        if not self._welcomed or self._farewell is not None:
             return
         if isinstance(message, State):
             self._state = message, made_s
@@ -77,9 +82,9 @@ class Outbox:
         self._received_states = states
         self._filled.set()
 
-    def close(self, reason: str) -> None:
-        """Let the connection end when all is sent."""
-        self._farewell = reason
+    def close(self, reason: str, code: int = 1001) -> None:
+        """Let the connection end when all is sent; nothing more is taken."""
+        self._farewell = Farewell(reason, code)
         self._filled.set()
 
     async def next(self) -> Message:
@@ -91,8 +96,8 @@ class Outbox:
                 self._sent_states += 1
                 (state, self.made_s), self._state = self._state, None
                 return state
-            if self._farewell:
-                raise Farewell(self._farewell)
+            if self._farewell is not None:
+                raise self._farewell
             self._filled.clear()
             await self._filled.wait()
 
@@ -139,6 +144,14 @@ class Broadcast:
             if time.monotonic() > ends_s:
                 return
             time.sleep(0.01)
+
+    def dismiss_participant(self) -> None:
+        """End the participant's connection after all that was sent before, because their link has ended."""
+        self._call(self._dismiss, LINK_ENDED)
+
+    def _dismiss(self, why: Refusal) -> None:
+        if self._participant is not None:
+            self._participant.close(why.words, why.code)
 
     def _join(self, outbox: Outbox, role: Role) -> None:
         if role == "participant":

@@ -15,7 +15,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Hello, Message, Passed, Problem, Receipt, Role, Scene, State, Tracking
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.protocol.state_changes import StateEncoder
-from avrgym.vr.server.access import Caller, Tokens
+from avrgym.vr.server.access import LINK_ENDED, Caller, Tokens
 from avrgym.vr.server.broadcast import Broadcast, Farewell, Outbox
 from avrgym.vr.server.gate import Gate
 from avrgym.vr.server.inbox import holds_robot
@@ -113,26 +113,31 @@ async def serve_connection(
         loop.greet(broadcast.sender(outbox), role)
         passage = Passage()
         await _until_either(
-            _receive(socket, channel, caller, loop, outbox, passage, record),
+            _receive(socket, channel, caller, loop, outbox, passage, record, lambda: _opens(tokens, hello)),
             _send(socket, outbox, passage),
-            _until_revoked(socket, tokens, hello.token),
+            _until_revoked(socket, tokens, hello, role),
         )
     if role == "participant":
         loop.post(Disconnected())
 
 
-async def _until_revoked(socket: WebSocket, tokens: Tokens, token: str) -> None:
+def _opens(tokens: Tokens, hello: Hello) -> bool:
+    return tokens.caller(hello.token) is not None
+
+
+async def _until_revoked(socket: WebSocket, tokens: Tokens, hello: Hello, role: Role) -> None:
     """Close the connection once its token opens nothing any more."""
-    while tokens.caller(token) is not None:
+    while _opens(tokens, hello):
         await asyncio.sleep(LOOK_EVERY_S)
+    ended = (LINK_ENDED.code, LINK_ENDED.words) if role == "participant" else (4403, _REVOKED)
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
-        await socket.close(4403, _REVOKED)
+        await socket.close(*ended)
 
 
 async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast: Broadcast) -> Hello | None:
     """The hello with a token of the channel; without one, the client receives the reason."""
     refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL}"
-    hello = None
+    hello = language = None
     try:
         hello = channel.decode(await asyncio.wait_for(socket.receive_bytes(), HELLO_TIMEOUT_S))
     except TimeoutError:
@@ -144,26 +149,25 @@ async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast:
     elif isinstance(hello, Hello):
         caller = tokens.caller(hello.token)
         if caller is None or caller.role not in channel.roles:
-            refusal = (4403, _EARLIER_START) if hello.token else (4401, _NO_TOKEN)
+            why = tokens.refusal(hello.token)
+            refusal, language = (why.code, why.words), why.language
         elif caller.role == "participant" and broadcast.taken:
             refusal = 4409, "a participant is already connected; one at a time"
         else:
             return hello
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+        if language is not None:
+            await socket.send_bytes(messages.encode(language))
         await socket.send_bytes(messages.encode(Problem(message=refusal[1])))
         await socket.close(*refusal)
     return None
 
 
-_EARLIER_START = (
-    "the address of this page is of an earlier start of the server; open the one that it prints now"
-)
 _REVOKED = "the token of this page was revoked; ask for another"
 _OTHER_VERSION = (
     "this page speaks protocol {}, "
     f"the server {messages.PROTOCOL}: reload the page, it is of another version"
 )
-_NO_TOKEN = "the address of this page lacks the session's token; open the one that the server printed"
 
 
 async def _until_either(*directions: Coroutine[Any, Any, None]) -> None:
@@ -184,7 +188,9 @@ async def _receive(
     outbox: Outbox,
     passage: Passage,
     record: Record,
+    opens: Callable[[], bool],
 ) -> None:
+    """Post what comes; nothing of a participant whose link has ended reaches the next session."""
     pace = Pace()
     with contextlib.suppress(WebSocketDisconnect):
         while True:
@@ -194,6 +200,8 @@ async def _receive(
             if not pace.allows(time.monotonic()):
                 await socket.close(1008, f"too many messages: {pace}")
                 return
+            if caller.role == "participant" and not opens():
+                continue
             message = _understand(frame.get("bytes"), channel, outbox.push)
             if isinstance(message, Hello):
                 outbox.push(Problem(message="a hello is said once"))
@@ -242,4 +250,4 @@ async def _send(socket: WebSocket, outbox: Outbox, passage: Passage) -> None:
                     message = encoder.encode(message)
                 await socket.send_bytes(messages.encode(message))
         except Farewell as farewell:
-            await socket.close(1001, str(farewell))
+            await socket.close(farewell.code, str(farewell))

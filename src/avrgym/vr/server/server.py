@@ -17,8 +17,10 @@ from avrgym.vr.server.access import Caller, OwnPagesOnly, Tokens
 from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK
 from avrgym.vr.server.broadcast import Broadcast
 from avrgym.vr.server.certificate import Certificate
+from avrgym.vr.server.codes import code_exchange
 from avrgym.vr.server.connection import PARTICIPANT, WATCHING, Record, serve_connection
 from avrgym.vr.server.gate import Gate
+from avrgym.vr.server.links import SessionLinks
 from avrgym.vr.server.loop import RealTimeLoop, S
 from avrgym.vr.server.web import STATIC, ServerError, WebThread, check_page, listen
 
@@ -37,6 +39,7 @@ def create_app(
     renderer: SceneRenderer,
     record: Record,
     study: FastAPI | None = None,
+    links: SessionLinks | None = None,
 ) -> FastAPI:
     """The web application of one session.
 
@@ -49,6 +52,7 @@ def create_app(
         renderer: renders the scenes.
         record: told of watchers and their commands.
         study: what the experimenter's dashboard reads and does.
+        links: those of a study's participants, for which codes are exchanged.
     """
     app = FastAPI(openapi_url=None)
     app.add_middleware(OwnPagesOnly)
@@ -79,6 +83,9 @@ def create_app(
     async def spectator() -> FileResponse:
         return FileResponse(STATIC / "index.html")
 
+    if links is not None:
+        app.post("/link")(code_exchange(links))
+
     if study is not None:
         app.mount("/study", study)
 
@@ -105,6 +112,7 @@ class LiveServer(Generic[S]):
         study: Callable[[Tokens, S], FastAPI] | None = None,
         tokens: Tokens | None = None,
         record: Callable[[S, Caller, Any], None] = lambda session, caller, message: None,
+        links: SessionLinks | None = None,
     ) -> None:
         """Bind the port and make the session.
 
@@ -117,6 +125,7 @@ class LiveServer(Generic[S]):
                 ``study.dashboard.application``.
             tokens: what clients must present, fresh ones unless given.
             record: told of each watcher who connects, by their hello, and of each command that they give.
+            links: those of a study's participants, which ``tokens`` let in; a participant leaves when theirs ends.
 
         Raises:
             ServerError: when the client is not built or the port cannot be had.
@@ -127,6 +136,8 @@ class LiveServer(Generic[S]):
         self.certificate = certificate
         self.tokens = tokens or Tokens.new()
         self._broadcast = broadcast = Broadcast()
+        if links is not None:
+            links.on_end = broadcast.dismiss_participant
         try:
             self.loop = RealTimeLoop(make_session(broadcast.send), broadcast.send)
         except BaseException:
@@ -138,7 +149,7 @@ class LiveServer(Generic[S]):
         gate = Gate(listener, self.tokens)
         of_session = partial(record, self.session)
         self.app = create_app(
-            self.loop, broadcast, self.tokens, gate, hosts, self._renderer, of_session, pages
+            self.loop, broadcast, self.tokens, gate, hosts, self._renderer, of_session, pages, links
         )
         self._web = WebThread(self.app, gate, certificate)
 
@@ -163,6 +174,10 @@ class LiveServer(Generic[S]):
         return [
             f"{scheme}://{name}:{self.port}/{page}#token={token or self.tokens.participant}" for name in names
         ]
+
+    def pages(self) -> list[str]:
+        """The addresses of the participant's page without a token, where a code leads to the link of a session."""
+        return [url.partition("#")[0] for url in self.urls()]
 
     def __enter__(self) -> "LiveServer[S]":
         gc.collect()

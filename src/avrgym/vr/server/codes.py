@@ -1,0 +1,46 @@
+"""Where a headset's page exchanges a code for the link of the session at hand."""
+
+from collections.abc import Awaitable, Callable
+
+import msgspec
+from fastapi import HTTPException, Request, Response
+
+from avrgym.vr.server.links import CodeError, SessionLinks, TooManyCodes
+
+MAX_BODY_BYTES = 1000
+
+
+class EnteredCode(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The digits that somebody entered."""
+
+    code: str
+
+
+def code_exchange(links: SessionLinks) -> Callable[[Request], Awaitable[Response]]:
+    """The endpoint that answers a right code with the token of the link."""
+
+    async def exchange(request: Request) -> Response:
+        entered = await _read(request)
+        try:
+            token = links.exchange("".join(entered.code.split()))
+        except TooManyCodes as error:
+            raise HTTPException(429, str(error)) from None
+        except CodeError as error:
+            raise HTTPException(403, str(error)) from None
+        return Response(msgspec.json.encode({"token": token}), media_type="application/json")
+
+    return exchange
+
+
+async def _read(request: Request) -> EnteredCode:
+    if request.headers.get("content-type") != "application/json":
+        raise HTTPException(415, "send application/json")
+    data = bytearray()
+    async for chunk in request.stream():
+        data += chunk
+        if len(data) > MAX_BODY_BYTES:
+            raise HTTPException(413, f"that is too long; allowed: {MAX_BODY_BYTES} bytes")
+    try:
+        return msgspec.json.decode(data, type=EnteredCode)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        raise HTTPException(422, 'send the code as {"code": "123456"}') from None

@@ -1,0 +1,131 @@
+"""Links of participants: one for each session, which ends with it, and short codes that a headset's page exchanges.
+
+A link is a random token in the address of the participant's page. Only its checksum is stored. Headsets have no
+keyboard, so their page also takes a code: six digits, valid for minutes and once, with few wrong ones a minute.
+"""
+
+import hashlib
+import secrets
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from avrgym.vr.protocol.messages import Language
+
+LINK_BYTES = 16
+CODE_DIGITS = 6
+CODE_VALID_S = 300.0
+WRONG_CODES, WRONG_WITHIN_S = 10, 60.0
+"""As many wrong codes are let through in this time: a program that guesses needs three weeks on average."""
+
+
+class CodeError(ValueError):
+    """A code that leads to no link."""
+
+
+class TooManyCodes(CodeError):
+    """Too many wrong codes came of late."""
+
+
+def new_link() -> str:
+    """A random token of 128 bits."""
+    return secrets.token_urlsafe(LINK_BYTES)
+
+
+def link_sha256(link: str) -> str:
+    """The checksum by which a link is stored."""
+    return hashlib.sha256(link.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+@dataclass(frozen=True)
+class _Open:
+    """The link of the session at hand, and the language of its participant."""
+
+    link: str
+    sha256: str
+    language: Language
+
+
+@dataclass
+class _Code:
+    digits: str
+    made_s: float = field(default_factory=lambda: time.monotonic())
+
+    def is_younger(self, seconds: float) -> bool:
+        return time.monotonic() - self.made_s < seconds
+
+
+class SessionLinks:
+    """The link of the session at hand, if one runs, and the links that have ended.
+
+    Methods may be called from any thread. ``on_end`` is called whenever a link has ended, in the thread that ended it.
+    """
+
+    def __init__(self, ended: Mapping[str, Language] | None = None) -> None:
+        """``ended`` are links of earlier sessions by their checksum, each with its participant's language."""
+        self.on_end: Callable[[], None] = lambda: None
+        self._ended = dict(ended or {})
+        self._open: _Open | None = None
+        self._codes: list[_Code] = []
+        self._wrong_s: deque[float] = deque(maxlen=WRONG_CODES)
+        self._lock = threading.Lock()
+
+    @property
+    def link(self) -> str | None:
+        """The link of the session at hand."""
+        return None if self._open is None else self._open.link
+
+    def begin(self, link: str, language: Language) -> None:
+        """A session begins, or gets a new link; the link before has ended."""
+        self.end()
+        self._open = _Open(link, link_sha256(link), language)
+
+    def end(self) -> None:
+        """The link opens nothing any more."""
+        with self._lock:
+            ended, self._open, self._codes = self._open, None, []
+        if ended is not None:
+            self._ended[ended.sha256] = ended.language
+            self.on_end()
+
+    def opens(self, token: str) -> bool:
+        """Whether a token is the link of the session at hand."""
+        present = self._open
+        return present is not None and secrets.compare_digest(link_sha256(token), present.sha256)
+
+    def language_of_ended(self, token: str) -> Language | None:
+        """The language of the participant whose link this was; ``None`` where it never was one."""
+        return self._ended.get(link_sha256(token))
+
+    def code(self) -> str | None:
+        """The code of the link at hand, still valid for half of its time or longer; ``None`` between sessions."""
+        with self._lock:
+            if self._open is None:
+                return None
+            self._codes = [each for each in self._codes if each.is_younger(CODE_VALID_S)]
+            if not self._codes or not self._codes[-1].is_younger(CODE_VALID_S / 2):
+                self._codes.append(_Code(f"{secrets.randbelow(10**CODE_DIGITS):0{CODE_DIGITS}}"))
+            return self._codes[-1].digits
+
+    def exchange(self, digits: str) -> str:
+        """The link that a code leads to; the code is used up.
+
+        Raises:
+            TooManyCodes: when too many wrong codes came of late.
+            CodeError: for any other that is not valid.
+        """
+        with self._lock:
+            now_s = time.monotonic()
+            if len(self._wrong_s) == WRONG_CODES and now_s - self._wrong_s[0] < WRONG_WITHIN_S:
+                raise TooManyCodes(
+                    f"{WRONG_CODES} wrong codes in {WRONG_WITHIN_S:g} s; wait, or open the link"
+                )
+            for code in self._codes:
+                right = secrets.compare_digest(code.digits.encode(), digits.encode("utf-8", "surrogatepass"))
+                if right and code.is_younger(CODE_VALID_S) and self._open is not None:
+                    self._codes.remove(code)
+                    return self._open.link
+            self._wrong_s.append(now_s)
+            raise CodeError("this code is wrong, used or too old; the dashboard shows the present one")

@@ -1,0 +1,354 @@
+"""Links of participants: each opens one session of one participant and ends with it; codes lead to it for minutes."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import httpx
+import pytest
+from playwright.sync_api import Page, expect, sync_playwright
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from avrgym.study.dashboard.application import dashboard_app
+from avrgym.study.dashboard.tokens import StudyTokens
+from avrgym.study.people.experimenters import Experimenters
+from avrgym.study.people.participants import enrol, record_consent, record_inclusion
+from avrgym.study.sessions.links import session_links
+from avrgym.study.sessions.serving import StudySessions
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.texts.texts import read_texts
+from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Hello, Language, Message, Problem, Welcome
+from avrgym.vr.server import links as links_module
+from avrgym.vr.server.links import (
+    CODE_VALID_S,
+    WRONG_CODES,
+    WRONG_WITHIN_S,
+    CodeError,
+    SessionLinks,
+    TooManyCodes,
+    link_sha256,
+    new_link,
+)
+from avrgym.vr.server.server import LiveServer
+from receipts import understand
+from studies import fitting_answers, make_study, take_in
+
+PATIENCE_S = 120.0
+GERMAN = read_texts("de").page
+ENGLISH = Language("en", "ltr", {})
+
+
+@dataclass(frozen=True)
+class Served:
+    """A study's server, as ``avrgym serve`` makes it."""
+
+    store: Store
+    server: LiveServer[StudySessions]
+
+    @property
+    def sessions(self) -> StudySessions:
+        return self.server.session
+
+    @property
+    def link(self) -> str:
+        """That of the session that runs."""
+        assert self.sessions.links.link is not None
+        return self.sessions.links.link
+
+    def request(self, method: str, path: str, token: str, **options: Any) -> httpx.Response:
+        headers = {"authorization": f"Bearer {token}"}
+        url = f"http://127.0.0.1:{self.server.port}{path}"
+        return httpx.request(method, url, headers=headers, timeout=PATIENCE_S, **options)
+
+
+@contextmanager
+def serving(store: Store, folder: Path) -> Iterator[Served]:
+    links = session_links(store)
+    with (
+        ThreadPoolExecutor(1) as workers,
+        Experimenters(store) as experimenters,
+        LiveServer(
+            lambda send: StudySessions(store, send, workers, links=links),
+            "127.0.0.1",
+            0,
+            study=lambda tokens, sessions: dashboard_app(store, tokens, sessions),
+            tokens=StudyTokens.of_study(folder / "tokens.json", experimenters, links),
+            links=links,
+        ) as server,
+    ):
+        yield Served(store, server)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]', languages='["en", "de"]')
+    with Store(folder) as opened:
+        yield opened
+
+
+@pytest.fixture
+def served(store: Store, tmp_path: Path) -> Iterator[Served]:
+    with serving(store, tmp_path) as opened:
+        yield opened
+
+
+def take_in_german(store: Store) -> str:
+    pseudonym = enrol(store, "man", language="de")
+    record_consent(store, pseudonym)
+    record_inclusion(store, pseudonym, fitting_answers(store))
+    return pseudonym
+
+
+@contextmanager
+def opened(served: Served, token: str, path: str = "/ws") -> Iterator[ClientConnection]:
+    """A socket that has said hello."""
+    with connect(f"ws://127.0.0.1:{served.server.port}{path}", max_size=None) as socket:
+        socket.send(messages.encode(Hello(messages.PROTOCOL, token, "test", emulated=True)))
+        yield socket
+
+
+def first(socket: ClientConnection) -> Message:
+    message = understand(socket, socket.recv(PATIENCE_S))
+    assert message is not None
+    return message
+
+
+def identifier(served: Served, link: str) -> str:
+    """Whose session a link opens."""
+    with opened(served, link) as socket:
+        welcome = first(socket)
+        assert isinstance(welcome, Welcome), welcome
+        return welcome.session
+
+
+def closing(socket: ClientConnection) -> int | None:
+    """The code by which the server ends a connection, after all else that it sends."""
+    rest(socket)
+    return socket.close_code
+
+
+def rest(socket: ClientConnection) -> list[Message]:
+    """All that still comes."""
+    heard: list[Message] = []
+    with suppress(ConnectionClosed):
+        while True:
+            heard.append(first(socket))
+    return heard
+
+
+def refused(served: Served, token: str, path: str = "/ws") -> tuple[int | None, str | None]:
+    """The code of a refusal, and its language."""
+    with opened(served, token, path) as socket:
+        message = first(socket)
+        language = message.language if isinstance(message, Language) else None
+        if language is not None:
+            message = first(socket)
+        assert isinstance(message, Problem), message
+        return closing(socket), language
+
+
+# One session, one link ---------------------------------------------------------------------------------------
+
+
+def test_a_link_opens_one_session_and_ends_with_it(served: Served) -> None:
+    german, other = take_in_german(served.store), take_in(served.store)
+    served.sessions.begin(german)
+    link = served.link
+    assert identifier(served, link) == f"{german} ses-01"
+    assert identifier(served, link) == f"{german} ses-01", "a page that is loaded again"
+    with opened(served, link) as connected:
+        assert isinstance(first(connected), Welcome)
+        served.sessions.withdraw(german, "")
+        assert closing(connected) == 4410
+    assert refused(served, link) == (4410, "de")
+    served.sessions.begin(other)
+    assert served.link != link
+    assert refused(served, link) == (4410, "de")
+    assert identifier(served, served.link) == f"{other} ses-01"
+
+
+def test_who_stays_connected_hears_nothing_of_the_next_session(served: Served) -> None:
+    pseudonym, other = take_in(served.store), take_in(served.store)
+    served.sessions.begin(pseudonym)
+    with opened(served, served.link) as connected:
+        assert isinstance(first(connected), Welcome)
+        served.sessions.withdraw(pseudonym, "")
+        served.sessions.begin(other)
+        heard = rest(connected)
+        assert connected.close_code == 4410
+    assert not [each for each in heard if isinstance(each, Welcome)]
+
+
+def test_the_address_of_all_sessions_opens_none(served: Served) -> None:
+    pseudonym = take_in(served.store)
+    assert refused(served, served.server.tokens.participant) == (4403, None)
+    served.sessions.begin(pseudonym)
+    assert refused(served, served.server.tokens.participant) == (4403, None)
+    assert served.request("GET", "/scenes/0.glb", served.server.tokens.participant).status_code == 401
+    assert refused(served, "") == (4411, None)
+    assert refused(served, new_link()) == (4403, None)
+
+
+def test_a_link_reaches_nothing_of_the_experimenter(served: Served) -> None:
+    served.sessions.begin(take_in(served.store))
+    assert refused(served, served.link, "/watch")[0] == 4403
+    for method, path in (("GET", "/study/overview"), ("POST", "/study/participants")):
+        assert served.request(method, path, served.link).status_code == 401
+
+
+def test_a_new_link_ends_the_one_before(served: Served) -> None:
+    pseudonym = take_in(served.store)
+    served.sessions.begin(pseudonym)
+    link = served.link
+    with opened(served, link) as connected:
+        assert isinstance(first(connected), Welcome)
+        path = f"/study/participants/{pseudonym}/links"
+        made = served.request("POST", path, served.server.tokens.experimenter, json={})
+        assert made.status_code == 204
+        assert closing(connected) == 4410
+    assert refused(served, link) == (4410, "en")
+    assert identifier(served, served.link) == f"{pseudonym} ses-01"
+    with pytest.raises(StudyError, match="no session of sub-999 runs here"):
+        served.sessions.renew_link("sub-999")
+
+
+def test_only_checksums_are_stored_and_outlast_the_server(store: Store, tmp_path: Path) -> None:
+    german = take_in_german(store)
+    with serving(store, tmp_path) as served:
+        served.sessions.begin(german)
+        link = served.link
+        assert len(link) >= 22
+    files = [path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()]
+    assert not any(link.encode() in data for data in files)
+    assert any(link_sha256(link).encode() in data for data in files)
+    with serving(store, tmp_path) as served:
+        served.sessions.begin(german)
+        assert refused(served, link) == (4410, "de")
+        assert identifier(served, served.link) == f"{german} ses-02"
+
+
+# Codes -------------------------------------------------------------------------------------------------------
+
+
+class Clock:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now_s = 1000.0
+        monkeypatch.setattr(links_module, "time", SimpleNamespace(monotonic=lambda: self.now_s))
+
+
+def test_a_code_leads_to_the_link_once_and_for_minutes(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, links = Clock(monkeypatch), SessionLinks()
+    assert links.code() is None
+    links.begin("first", ENGLISH)
+    code = links.code()
+    assert code is not None
+    assert (len(code), links.code()) == (6, code)
+    assert links.exchange(code) == "first"
+    with pytest.raises(CodeError):
+        links.exchange(code)
+    later = links.code()
+    assert later is not None
+    clock.now_s += CODE_VALID_S - 1.0
+    assert links.code() != later
+    assert links.exchange(later) == "first"
+    old = links.code()
+    assert old is not None
+    clock.now_s += CODE_VALID_S + 1.0
+    with pytest.raises(CodeError):
+        links.exchange(old)
+    last = links.code()
+    assert last is not None
+    links.begin("second", ENGLISH)
+    with pytest.raises(CodeError):
+        links.exchange(last)
+
+
+def test_guesses_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, links = Clock(monkeypatch), SessionLinks()
+    links.begin("link", ENGLISH)
+    code = links.code()
+    assert code is not None
+    wrong = f"{(int(code) + 1) % 10**6:06}"
+    for _ in range(WRONG_CODES):
+        with pytest.raises(CodeError):
+            links.exchange(wrong)
+    for guess in (wrong, code):
+        with pytest.raises(TooManyCodes):
+            links.exchange(guess)
+    clock.now_s += WRONG_WITHIN_S + 1.0
+    assert links.exchange(code) == "link"
+
+
+def test_the_page_exchanges_a_code(served: Served) -> None:
+    assert served.request("POST", "/link", "nobody", json={"code": "000000"}).status_code == 403
+    pseudonym = take_in(served.store)
+    served.sessions.begin(pseudonym)
+    shown = served.request("GET", "/study/overview", served.server.tokens.experimenter).json()["link"]
+    assert shown["addresses"] == [f"/#token={served.link}"]
+    code = shown["code"]
+    answer = served.request("POST", "/link", "nobody", json={"code": f"{code[:3]} {code[3:]}"})
+    assert (answer.status_code, answer.json()) == (200, {"token": served.link})
+    assert served.request("POST", "/link", "nobody", json={"code": code}).status_code == 403
+    for body, status in (({"code": 1}, 422), ({}, 422), ({"code": "1" * 2000}, 413)):
+        assert served.request("POST", "/link", "nobody", json=body).status_code == status
+    assert served.request("POST", "/link", "nobody", content=b"{}").status_code == 415
+    url = f"http://127.0.0.1:{served.server.port}/link"
+    assert httpx.post(url, json={"code": code}, headers={"origin": "http://evil.test"}).status_code == 403
+    for _ in range(WRONG_CODES):
+        served.request("POST", "/link", "nobody", json={"code": "x"})
+    assert served.request("POST", "/link", "nobody", json={"code": "x"}).status_code == 429
+
+
+# In the browser ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_headset_comes_in_by_code_and_its_page_ends_with_the_session(served: Served) -> None:
+    expect.set_options(timeout=1000 * PATIENCE_S)
+    german, other = take_in_german(served.store), take_in(served.store)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        page = browser.new_page(viewport={"width": 640, "height": 480}, locale="en")
+        page.set_default_timeout(1000 * PATIENCE_S)
+        dashboard = browser.new_page(viewport={"width": 900, "height": 900})
+        experimenter = served.server.tokens.experimenter
+        dashboard.goto(served.server.urls("dashboard?detail=light", experimenter)[0])
+        dashboard.get_by_role("button", name=german).click()
+        dashboard.get_by_role("button", name="Begin session").click()
+        expect(dashboard.locator("#link-code")).to_contain_text(" ")
+        page.goto(f"{served.server.pages()[0]}?detail=light")
+        expect(page.locator("#status-words")).to_have_text("Enter the code that the experimenter gives you.")
+        enter(page, "12")
+        expect(page.locator("#code-wrong")).to_contain_text("wrong or too old")
+        enter(page, dashboard.locator("#link-code").inner_text())
+        expect(page.locator("#status-words")).to_have_text(GERMAN["connected"])
+        page.reload()
+        expect(page.locator("#status-words")).to_have_text(GERMAN["connected"])
+        expect(page.locator("#entrance")).to_be_hidden()
+
+        dashboard.get_by_role("button", name="End session").click()
+        expect(page.locator("#status-words")).to_have_text(GERMAN["link_ended"])
+        expect(dashboard.locator("#link")).to_be_hidden()
+        page.reload()
+        expect(page.locator("#status-words")).to_have_text(GERMAN["link_ended"])
+        expect(page.locator("#take-part")).to_be_hidden()
+
+        served.sessions.begin(other)
+        page.reload()
+        expect(page.locator("#status-words")).to_have_text(GERMAN["link_ended"])
+        enter(page, served.sessions.links.code() or "")
+        expect(page.locator("#status-words")).to_have_text("Connected to the server")
+        browser.close()
+
+
+def enter(page: Page, code: str) -> None:
+    page.locator("#code").fill(code)
+    page.locator("#code").press("Enter")
