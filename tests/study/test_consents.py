@@ -271,10 +271,10 @@ def test_the_command_shows_the_participants_language(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
     with Store(folder) as store:
         german = enrol(store, "man", language="de")
-        shown = texts_of(store, store.participant(german)).translate(store.design.consent.text)
-    asked = study("consent", folder, german, answers="y\n" * 6)
-    assert shown.strip().splitlines()[0] in asked.stdout
-    assert "Hatten Sie schon einmal Epilepsie?" in asked.stdout
+        texts, design = texts_of(store, store.participant(german)), store.design
+    asked = study("consent", folder, german, answers="y\n" * (1 + len(design.inclusion)))
+    assert texts.translate(design.consent.text).strip().splitlines()[0] in asked.stdout
+    assert all(texts.translate(question.text) in asked.stdout for question in design.inclusion)
 
 
 def test_a_dry_run_goes_on_under_another_version(folder: Path) -> None:
