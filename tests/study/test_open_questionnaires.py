@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from avrgym.recording import late_answers
 from avrgym.recording.files import read_recording
 from avrgym.recording.records import Answer
 from avrgym.study.checking.checks import check_study
@@ -109,6 +110,8 @@ def test_a_lost_database_is_rebuilt_with_late_answers(left: Callable[[], tuple[S
     day.tell(Ready())
     day.end()
     folder = store.folder
+    (attempt,) = store.attempts(pseudonym)
+    late = late_answers.times(folder / attempt.recording)
     store.close()
     for path in folder.glob(f"{database.FILE}*"):
         path.unlink()
@@ -116,6 +119,8 @@ def test_a_lost_database_is_rebuilt_with_late_answers(left: Callable[[], tuple[S
     assert (rebuilt.attempts, rebuilt.answers) == (1, 4)
     with Store(folder) as again:
         assert values(again, pseudonym) == GIVEN
+        assert late.keys() < GIVEN.keys()
+        assert late.items() <= {each.item: each.answered_at for each in again.answers(pseudonym)}.items()
         assert again.trials(pseudonym)[0].state == "completed"
         assert open_attempts(again, again.attempts(pseudonym)) == []
 
