@@ -29,8 +29,8 @@ def _words(store: Store) -> Iterator[str]:
     unknown = [each.pseudonym for each in people if each.state == UNKNOWN]
     if unknown:
         yield (
-            "Whether they consented, withdrew or were deleted is unknown since the loss of the database, so that they "
-            f"are in no analysis: {', '.join(unknown)}."
+            "Consent, withdrawal or deletion is unknown since the loss of the database; these participants are in no "
+            f"analysis: {', '.join(unknown)}."
         )
     if confirmed := _confirmed(people, events):
         yield (
