@@ -119,5 +119,5 @@ def test_a_record_that_was_changed_tells_nothing(folder: Path, tmp_path: Path) -
     record.write_bytes(record.read_bytes().replace(b"higher", b"lower"))
     analysis, page = analysed(folder, tmp_path / "out")
     assert {row.planned for row in analysis.tests} == {""}
-    assert "plan-frozen.json: was changed" in page
+    assert "plan-frozen.json: was modified after freezing" in page
     assert "Confirmatory" not in page

@@ -261,8 +261,9 @@ class TestedRow:
     """A test of ``group_a`` against ``group_b``.
 
     Tests of one ``family`` are corrected together. ``unit`` is what one value stands for. ``n_a`` and ``n_b``
-    values were given, ``n`` went into the test, ``zeros`` differences of zero were left out. ``mark`` stars
-    ``p_holm``. See ``statistics.Comparison`` for the others. ``planned`` says what the study's frozen plan has a test
+    values were given, ``n`` went into the test, ``zeros`` differences of zero were left out. ``role`` is what the
+    test is for its question; ``p_primary`` of primary results is p corrected over all of them, ``mark`` stars it.
+    See ``statistics.Comparison`` for the others. ``planned`` says what the study's frozen plan has a test
     as: ``confirmatory``, ``exploratory`` or ``not in the plan``; nothing where no plan was frozen.
     """
 
@@ -283,9 +284,13 @@ class TestedRow:
     method: str
     p: float | None
     p_holm: float | None
-    mark: str
+    p_primary: float | None = None
+    mark: str = ""
     effect: float | None
+    effect_low: float | None
+    effect_high: float | None
     note: str
+    role: str = ""
     planned: str = ""
 
 

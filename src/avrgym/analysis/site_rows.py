@@ -27,3 +27,5 @@ class SiteEffectRow:
     median_a: float | None
     median_b: float | None
     effect: float | None
+    effect_low: float | None
+    effect_high: float | None

@@ -22,10 +22,11 @@ from avrgym.analysis.statistics.biomechanics import Measures, biomechanics_rows,
 from avrgym.analysis.statistics.biomechanics_tests import biomechanics_families
 from avrgym.analysis.statistics.families import Family
 from avrgym.analysis.statistics.models.models import model_rows
-from avrgym.analysis.statistics.models.quantities import offered_models
 from avrgym.analysis.statistics.objective import objective_rows
-from avrgym.analysis.statistics.offered import offered_tests
+from avrgym.analysis.statistics.objective_tests import objective_families
+from avrgym.analysis.statistics.offered import offered_tests, optional_tests
 from avrgym.analysis.statistics.paper_tables import as_tables, paper_tables
+from avrgym.analysis.statistics.primary import judged
 from avrgym.analysis.statistics.scores import score_families, score_summary_rows
 from avrgym.analysis.statistics.session_answers import (
     session_answer_rows,
@@ -47,8 +48,8 @@ from avrgym.study.export.records import WITHOUT, adverse_event_rows
 from avrgym.study.export.scores import uses_instruments
 from avrgym.study.plan.deviations import deviations
 from avrgym.study.plan.origin import read_frozen
+from avrgym.study.plan.plan import EXPLORATORY, NOT_PLANNED, Plan
 from avrgym.study.plan.plan import FILE as PLAN_FILE
-from avrgym.study.plan.plan import Plan
 from avrgym.study.storage.asked import Asked
 from avrgym.study.storage.losses import loss_words
 from avrgym.study.storage.manifest import FORMAT_NAME
@@ -211,11 +212,14 @@ def analyse(
     plan = _frozen_plan(store, design, observed)
     confirmed = plan.confirmed if plan else None
     families = [
+        *objective_families(design, observed.trials),
         *answer_families(*given),
         *session_families(*given),
         *score_families(design, observed.scores),
         *biomechanics_families(groups, people),
     ]
+    families = _labelled(families, confirmed, design) if confirmed else families
+    found = judged(families, model_rows(design, observed, confirmed), confirmed)
     return Analysis(
         design=design,
         plan=plan,
@@ -231,8 +235,8 @@ def analyse(
         subjective=subjective_rows(*given),
         session_answers=session_answer_rows(*given),
         likert=likert_rows(*given) + session_likert_rows(*given),
-        families=_labelled(families, confirmed) if confirmed else families,
-        models=model_rows(design, observed, confirmed),
+        families=found.families,
+        models=found.models,
         score_summaries=score_summary_rows(design, observed.scores),
         biomechanics=biomechanics_rows(groups, people),
         ranges=range_rows(groups),
@@ -260,7 +264,7 @@ def _frozen_plan(store: Store, design: Design, observed: Observations) -> Frozen
     exclusions = [
         left_out(row.participant, row.position, row.left_out) for row in observed.trials if row.left_out
     ]
-    found = deviations(store, frozen, offered_tests(design), exclusions, offered_models(design))
+    found = deviations(store, frozen, offered_tests(design), exclusions, optional_tests(design))
     record = frozen.record
     return FrozenPlan(
         at=frozen.at,
@@ -273,13 +277,16 @@ def _frozen_plan(store: Store, design: Design, observed: Observations) -> Frozen
     )
 
 
-def _labelled(families: list[Family], plan: Plan) -> list[Family]:
-    """The families with what each test is by the plan."""
+def _labelled(families: list[Family], plan: Plan, design: Design) -> list[Family]:
+    """The families with what each test is by the plan; what it need not name is exploratory."""
+    optional = optional_tests(design)
+
+    def label(row: rows.TestedRow) -> str:
+        by_plan = plan.label(row.family, row.quantity)
+        return EXPLORATORY if by_plan == NOT_PLANNED and row.family in optional else by_plan
+
     return [
-        replace(
-            family,
-            rows=tuple(replace(row, planned=plan.label(row.family, row.quantity)) for row in family.rows),
-        )
+        replace(family, rows=tuple(replace(row, planned=label(row)) for row in family.rows))
         for family in families
     ]
 

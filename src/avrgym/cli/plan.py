@@ -191,13 +191,12 @@ def plan_of(store: "Store", left_out: "Sequence[LeftOut]" = ()) -> "tuple[str | 
     frozen = read_frozen(store)
     if frozen is None:
         return None, []
-    from avrgym.analysis.statistics.models.quantities import offered_models
-    from avrgym.analysis.statistics.offered import offered_tests
+    from avrgym.analysis.statistics.offered import offered_tests, optional_tests
     from avrgym.study.plan.deviations import deviations
     from avrgym.study.storage.asked import Asked
 
     design = Asked(store).design
-    return frozen.at, deviations(store, frozen, offered_tests(design), left_out, offered_models(design))
+    return frozen.at, deviations(store, frozen, offered_tests(design), left_out, optional_tests(design))
 
 
 def checked(store: "Store") -> "list[Finding]":

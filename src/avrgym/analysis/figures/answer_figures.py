@@ -29,6 +29,7 @@ from avrgym.analysis.figures.mean_answers import means_figure
 from avrgym.analysis.rows import LikertRow, SubjectiveRow, TestedRow
 from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS, PARTICIPANT
 from avrgym.analysis.statistics.objective import ALL
+from avrgym.analysis.statistics.primary import PRIMARY
 from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, change_question
 from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, policies_question
 from avrgym.recording.questionnaire import SESSION_MOMENTS, Item, Questionnaire
@@ -69,7 +70,7 @@ def mean_answers_figures(
         ]  # fmt: skip
         if own:
             differ = _differences(design, questionnaire, tests) if len(design.policies) == 2 else []
-            tested = "; p over participants, corrected by Holm" if differ else ""
+            tested = "; p over participants, corrected over all primary results" if differ else ""
             caption = f"{questionnaire.name}: mean answers over all trials, as the paper drew them{tested}"
             figure = means_figure(design, questionnaire, own, differ)
             yield finished(simulated, f"{trial_figure_name(design, questionnaire)}-means", caption, figure)
@@ -78,11 +79,12 @@ def mean_answers_figures(
 def _differences(design: Design, questionnaire: Questionnaire, tests: Sequence[TestedRow]) -> list[TestedRow]:
     """The tests between policies that a figure shows: each value is one participant's mean."""
     family = policies_question(design, questionnaire).by(PARTICIPANT)
-    return _of_enough(row for row in tests if row.family == family)
+    return _shown(row for row in tests if row.family == family)
 
 
-def _of_enough(tests: Iterable[TestedRow]) -> list[TestedRow]:
-    return [row for row in tests if row.n_a >= LEAST_PARTICIPANTS]
+def _shown(tests: Iterable[TestedRow]) -> list[TestedRow]:
+    """Primary results of enough participants: no other is in a figure."""
+    return [row for row in tests if row.role == PRIMARY and row.n_a >= LEAST_PARTICIPANTS]
 
 
 def session_answers_figures(
@@ -97,7 +99,7 @@ def session_answers_figures(
             if moment in questionnaire.moments
         }
         family = change_question(questionnaire).by(PARTICIPANT)
-        differ = _of_enough(row for row in tests if row.family == family)
+        differ = _shown(row for row in tests if row.family == family)
         if any(groups.values()):
             name, words = session_figure_name(questionnaire), ("session", "participants")
             yield _likert_figure(simulated, name, questionnaire, groups, differ, words)
@@ -167,7 +169,8 @@ def _axis(axes: Axes, beside: float, common: str, words: tuple[str, str]) -> Non
 def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
     scale = _common_scale(questionnaire) or "on each item's own scale"
     tests = (
-        "; p by Wilcoxon's signed-rank test over participants, corrected by Holm; * < 0.05, ** < 0.01, *** < 0.001"
+        "; p by Wilcoxon's signed-rank test over participants, corrected over all primary results; * < 0.05, "
+        "** < 0.01, *** < 0.001"
         if tested
         else ""
     )

@@ -112,10 +112,10 @@ def name_places(axes: Axes, names: Sequence[str], width_in: float) -> None:
 
 
 def p_words(row: TestedRow) -> str:
-    """The result of a test beside the bars that it compares."""
-    if row.p_holm is None:
+    """The primary result of a question beside the bars that it compares."""
+    if row.p_primary is None:
         return "no test"
-    shown = "p < 0.001" if row.p_holm < 0.001 else f"p = {row.p_holm:.3f}"
+    shown = "p < 0.001" if row.p_primary < 0.001 else f"p = {row.p_primary:.3f}"
     return f"{shown}\n{row.mark}" if row.mark else shown
 
 

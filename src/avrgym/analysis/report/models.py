@@ -52,13 +52,13 @@ def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) ->
     """Effects as a table; those that could not be estimated say why. Columns that say the same everywhere go."""
     planned, noted = any(row.planned != EXPLORATORY for row in rows), any(row.note for row in rows)
     heads = (
-        "What", "Groups", "People", "Effect [95 %]", "p", "p, Holm", "", "Without one", "p then",
+        "What", "Groups", "People", "Effect [95 %]", "p", "p, Holm", "Without one", "p then", "Role",
         *(["By plan"] if planned else []), *(["Remark"] if noted else []),
     )  # fmt: skip
     body = [
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.participants, effect(row), probability(row.p),
-            probability(row.p_holm), row.mark, _without_one(row), _probabilities(row),
+            probability(row.p_holm), _without_one(row), _probabilities(row), row.role,
             *([row.planned] if planned else []), *([row.note] if noted else []),
         )
         for row in rows
@@ -68,7 +68,7 @@ def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) ->
         + ("" if planned else "; all exploratory")
         + (" (simulated participants)" if simulated else "")
     )
-    return table(marked, heads, body, numbers=(2, 3, 4, 5, 7, 8))
+    return table(marked, heads, body, numbers=(2, 3, 4, 5, 6, 7))
 
 
 def effect(row: ModelRow) -> str:

@@ -9,6 +9,7 @@ from avrgym.analysis.rows import ObjectiveRow, RangeRow, SessionAnswerRow, Subje
 from avrgym.analysis.statistics.biomechanics_tests import HEADS, HEIGHTS
 from avrgym.analysis.statistics.families import TRIAL
 from avrgym.analysis.statistics.objective import ALL
+from avrgym.analysis.statistics.objective_tests import OBJECTIVE
 from avrgym.analysis.statistics.paper_tables import PaperTable, paper_tables
 from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, change_question
 from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, policies_question
@@ -20,7 +21,7 @@ TestTables = dict[str, Markup]
 """Tables of tests by caption: each section takes its own out."""
 
 
-def objective(analysis: Analysis, simulated: bool, drawings: Drawings) -> Markup:
+def objective(analysis: Analysis, simulated: bool, drawings: Drawings, tests: TestTables) -> Markup:
     """Reward and success, as the paper's tables, then with intervals."""
     rows = [row for row in analysis.objective if row.simulated is simulated]
     if not rows:
@@ -32,6 +33,7 @@ def objective(analysis: Analysis, simulated: bool, drawings: Drawings) -> Markup
         _remarks(rows),
         _figures(drawings, "success", "reward"),
         _details("With 95 % intervals", _intervals(rows, simulated)),
+        tests.pop(OBJECTIVE.table, Markup()),
     )
 
 
@@ -63,7 +65,7 @@ def _intervals(rows: Sequence[ObjectiveRow], simulated: bool) -> Markup:
     body = [
         (
             row.task, row.robot, row.policy, row.trials,
-            _interval(row.reward_mean, row.reward_low, row.reward_high),
+            _interval(row.reward_mean, row.reward_low, row.reward_high, row.trials),
             percent(row.success_rate, row.success_low, row.success_high),
             *(_simulation(row) if simulation else ()),
         )
@@ -78,7 +80,12 @@ def _simulation(row: ObjectiveRow) -> tuple[object, ...]:
     return (
         row.simulation_people or "–",
         row.simulation_episodes or "–",
-        _interval(row.simulation_reward_mean, row.simulation_reward_low, row.simulation_reward_high),
+        _interval(
+            row.simulation_reward_mean,
+            row.simulation_reward_low,
+            row.simulation_reward_high,
+            row.simulation_episodes or 0,
+        ),
         percent(row.simulation_success_rate, row.simulation_success_low, row.simulation_success_high),
     )
 
@@ -92,10 +99,16 @@ def _remarks(rows: Sequence[ObjectiveRow]) -> Markup:
     return listing([f"Simulation of {', '.join(which)}: {note}." for note, which in about.items()])
 
 
-def _interval(mean: float | None, low: float | None, high: float | None) -> str:
+def _interval(mean: float | None, low: float | None, high: float | None, count: int) -> str:
+    """The mean of so many values with its interval; several values without one are all equal."""
     if mean is None:
         return "–"
-    ends = "" if low is None or high is None else f" [{quantity(low, digits=1)}, {quantity(high, digits=1)}]"
+    without = " (all equal)" if count > 1 else ""
+    ends = (
+        without
+        if low is None or high is None
+        else f" [{quantity(low, digits=1)}, {quantity(high, digits=1)}]"
+    )
     return quantity(mean, digits=1) + ends
 
 
@@ -282,8 +295,8 @@ def tables_of_tests(analysis: Analysis, simulated: bool) -> TestTables:
     """The tests of every family of a group of participants, by the caption of the table that they stand in."""
     own = [family for family in analysis.families if family.simulated is simulated]
     rows = {
-        caption: [row for family in own if family.table == caption for row in family.rows]
-        for caption in dict.fromkeys(family.table for family in own)
+        caption: [row for family in own if family.question.table == caption for row in family.rows]
+        for caption in dict.fromkeys(family.question.table for family in own)
     }
     return {caption: table_of_tests(caption, tests, simulated) for caption, tests in rows.items()}
 
@@ -310,20 +323,27 @@ BY_TRIAL = (
 
 def _table_of_tests(caption: str, rows: Sequence[TestedRow], simulated: bool) -> Markup:
     """Tests as a table, with what they are by the study's plan if there is one."""
-    heads = ("What", "Groups", "One value", "n", "Medians", "p", "p, Holm", "", "Effect", "Test")
+    heads = ("What", "Groups", "One value", "n", "Medians", "p", "p, Holm", "Effect [95 %]", "Test", "Role")
     planned = any(row.planned for row in rows)
     body = [
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.unit,
             values_given(row),
             f"{brief(row.median_a)} / {brief(row.median_b)}",
-            probability(row.p), probability(row.p_holm), row.mark, quantity(row.effect, absent="–"),
-            f"{row.test}, {row.note or row.method}", *([row.planned] if planned else []),
+            probability(row.p), probability(row.p_holm),
+            with_interval(row.effect, row.effect_low, row.effect_high),
+            f"{row.test}, {row.note or row.method}", row.role, *([row.planned] if planned else []),
         )
         for row in rows
     ]  # fmt: skip
     heads = (*heads, "By plan") if planned else heads
-    return table(captioned(caption, simulated), heads, body, numbers=(3, 4, 5, 6, 8))
+    return table(captioned(caption, simulated), heads, body, numbers=(3, 4, 5, 6, 7))
+
+
+def with_interval(effect: float | None, low: float | None, high: float | None) -> str:
+    """An effect size with the ends of its 95 % interval, where it has one."""
+    ends = "" if low is None or high is None else f" [{quantity(low)}, {quantity(high)}]"
+    return quantity(effect, absent="–") + ends
 
 
 def values_given(row: TestedRow) -> str:

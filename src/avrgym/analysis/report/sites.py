@@ -1,7 +1,7 @@
 """The results of one group of participants by site on the page, where they took part at more than one."""
 
-from avrgym.analysis.page import Markup, brief, quantity, table, tag
-from avrgym.analysis.report.results import captioned, percent
+from avrgym.analysis.page import Markup, brief, table, tag
+from avrgym.analysis.report.results import captioned, percent, with_interval
 from avrgym.analysis.statistics.objective import ALL
 from avrgym.analysis.statistics.sites import site_of
 from avrgym.analysis.study import Analysis
@@ -68,9 +68,10 @@ def _effects(analysis: Analysis, simulated: bool) -> Markup:
         (
             row.family, row.quantity, f"{row.group_a} / {row.group_b}", row.site,
             f"{row.n} + {row.zeros} zero" if row.zeros else row.n,
-            f"{brief(row.median_a)} / {brief(row.median_b)}", quantity(row.effect, absent="–"),
+            f"{brief(row.median_a)} / {brief(row.median_b)}",
+            with_interval(row.effect, row.effect_low, row.effect_high),
         )
         for row in sorted(rows, key=lambda row: (row.family, row.quantity, row.group_a, row.group_b, row.site))
     ]  # fmt: skip
-    heads = ("Question", "What", "Groups", "Site", "n", "Medians", "Effect")
+    heads = ("Question", "What", "Groups", "Site", "n", "Medians", "Effect [95 %]")
     return table(captioned("Effects at each site", simulated), heads, body, numbers=(4, 5, 6))

@@ -29,6 +29,7 @@ from avrgym.analysis.report.log import log_section
 from avrgym.analysis.report.models import METHODS as OF_MODELS
 from avrgym.analysis.report.models import models
 from avrgym.analysis.report.plan import NOTHING, confirmatory, plan_section
+from avrgym.analysis.report.primary import primary
 from avrgym.analysis.report.repeats import METHOD as OF_REPEATS
 from avrgym.analysis.report.repeats import repeats
 from avrgym.analysis.report.results import (
@@ -132,7 +133,8 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
         *mark,
         _counts(analysis, simulated),
         confirmatory(analysis, simulated),
-        objective(analysis, simulated, own),
+        primary(analysis, simulated),
+        objective(analysis, simulated, own, tests),
         answers(analysis, simulated, own, tests),
         scores(analysis, simulated, tests),
         models(analysis, simulated),

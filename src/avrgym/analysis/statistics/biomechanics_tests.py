@@ -48,13 +48,14 @@ def _families(group: Measures, people: Sequence[PersonRow]) -> Iterator[Family]:
 def _paired_heights(group: Measures, people: Sequence[PersonRow], name: str) -> Compared:
     own = [float(row.torso_height_m or 0.0) for row in group.trials]
     others = [row.torso_height_m for row in _partners(group.trials, people, name)]
-    return _against("torso_height_m", own, name, others, signed_rank(np.subtract(own, others)))
+    found = signed_rank(np.subtract(own, others))
+    return _against(group.trials, "torso_height_m", own, name, others, found)
 
 
 def _unpaired_heights(group: Measures, people: Sequence[PersonRow], name: str) -> Compared:
     own = heights(group)
     others = [row.torso_height_m for row in people if row.people == name]
-    return _against("torso_height_m", own, name, others, rank_sum(own, others))
+    return _against(group.trials, "torso_height_m", own, name, others, rank_sum(own, others))
 
 
 def _paired_heads(group: Measures, people: Sequence[PersonRow], posture: str, name: str) -> list[Compared]:
@@ -62,27 +63,32 @@ def _paired_heads(group: Measures, people: Sequence[PersonRow], posture: str, na
     own = np.array([head_of(row) for row in trials]).T
     others = np.array([head_of(row) for row in _partners(trials, people, name)]).T
     return [
-        _against(f"head_{axis}_m, {posture}", a, name, b, signed_rank(a - b))
+        _against(trials, f"head_{axis}_m, {posture}", a, name, b, signed_rank(a - b))
         for axis, a, b in zip(AXES, own, others, strict=True)
     ]
 
 
 def _unpaired_heads(group: Measures, people: Sequence[PersonRow], posture: str, name: str) -> list[Compared]:
+    trials = group.in_posture(posture)
     own, others = participants_heads(group, posture).T, people_heads(people, name, posture).T
     return [
-        _against(f"head_{axis}_m, {posture}", a, name, b, rank_sum(a, b))
+        _against(trials, f"head_{axis}_m, {posture}", a, name, b, rank_sum(a, b))
         for axis, a, b in zip(AXES, own, others, strict=True)
     ]
 
 
 def _whole_heads(group: Measures, people: Sequence[PersonRow], posture: str, name: str) -> list[Compared]:
     own, others = participants_heads(group, posture), people_heads(people, name, posture)
-    return [_against(f"head_m, {posture}", own, name, others, energy_test(own, others, SEED))]
+    found = energy_test(own, others, SEED)
+    return [_against(group.in_posture(posture), f"head_m, {posture}", own, name, others, found)]
 
 
-def _against(quantity: str, own: Any, name: str, others: Any, found: Comparison) -> Compared:
+def _against(
+    trials: Sequence[TrialRow], quantity: str, own: Any, name: str, others: Any, found: Comparison
+) -> Compared:
     """Participants against a distribution's people."""
-    return Compared(quantity, ("participants", own), (name, others), found)
+    participants = len({row.participant for row in trials})
+    return Compared(quantity, ("participants", own), (name, others), found, participants)
 
 
 def _partners(trials: Sequence[TrialRow], people: Sequence[PersonRow], name: str) -> list[PersonRow]:

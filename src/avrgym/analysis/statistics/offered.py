@@ -7,6 +7,7 @@ from avrgym.analysis.reading.trained_people import AXES, posture_of
 from avrgym.analysis.statistics.biomechanics_tests import HEADS, HEIGHTS, WHOLE_HEADS
 from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL, Question
 from avrgym.analysis.statistics.models.quantities import offered_models
+from avrgym.analysis.statistics.objective_tests import offered_objective
 from avrgym.analysis.statistics.scores import scores_change_question, scores_policies_question
 from avrgym.analysis.statistics.session_answers import about_sessions, change_question
 from avrgym.analysis.statistics.subjective import (
@@ -33,9 +34,14 @@ def offered_tests(design: Design) -> dict[str, tuple[str, ...]]:
     }
 
 
+def optional_tests(design: Design) -> dict[str, tuple[str, ...]]:
+    """What a plan need not name: tests of objective measures and effects in models, which then are exploratory."""
+    return offered_objective(design) | offered_models(design)
+
+
 def nameable(design: Design) -> dict[str, tuple[str, ...]]:
-    """All that a plan may name: the tests, which it is to name, and the effects in models, which it need not."""
-    return offered_tests(design) | offered_models(design)
+    """All that a plan may name: the tests, which it is to name, and those that it need not name."""
+    return offered_tests(design) | optional_tests(design)
 
 
 def _questions(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequence[str]]]:

@@ -47,12 +47,13 @@ def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
 
 def scores_policies_question(questionnaire: Questionnaire) -> Question:
     """Whether policies differ in a questionnaire's scores."""
-    return Question(f"policies, scores of {questionnaire.name}", tests_of(questionnaire))
+    return Question(f"policies, scores of {questionnaire.name}", tests_of(questionnaire), primary=True)
 
 
 def scores_change_question(questionnaire: Questionnaire) -> Question:
     """Whether sessions change a questionnaire's scores."""
-    return Question(f"before and after sessions, scores of {questionnaire.name}", tests_of(questionnaire))
+    name = f"before and after sessions, scores of {questionnaire.name}"
+    return Question(name, tests_of(questionnaire), primary=True)
 
 
 def tests_of(questionnaire: Questionnaire) -> str:

@@ -76,14 +76,18 @@ def changed(quantity: str, given: Given) -> Compared:
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
     both = [who for who in before if who in after]
     a, b = [after[who] for who in both], [before[who] for who in both]
-    found = signed_rank(np.round(np.subtract(a, b), DIGITS))
-    return Compared(quantity, (WORDS[AFTER], a), (WORDS[BEFORE], b), found)
+    apart = np.round(np.subtract(a, b), DIGITS)
+    differences = dict(zip(both, apart.tolist(), strict=True))
+    return Compared(
+        quantity, (WORDS[AFTER], a), (WORDS[BEFORE], b), signed_rank(apart), len(both), differences
+    )
 
 
 def change_question(questionnaire: Questionnaire) -> Question:
     """What the tests of a questionnaire after sessions against before them ask."""
     name = questionnaire.name
-    return Question(f"before and after sessions, {name}", table=f"{name}: after sessions against before")
+    table = f"{name}: after sessions against before"
+    return Question(f"before and after sessions, {name}", table, questionnaire.instrument is None)
 
 
 def _asked(design: Design, answers: Sequence[AnswerRow]) -> Iterator[tuple[bool, Questionnaire, Given]]:

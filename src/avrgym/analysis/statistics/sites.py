@@ -72,4 +72,6 @@ def _effect(site: str, row: TestedRow) -> SiteEffectRow:
         median_a=row.median_a,
         median_b=row.median_b,
         effect=row.effect,
+        effect_low=row.effect_low,
+        effect_high=row.effect_high,
     )

@@ -108,14 +108,16 @@ def rated_items(design: Design) -> tuple[Item, ...]:
 
 def middle_question(questionnaire: Questionnaire) -> Question:
     """What the tests of a questionnaire's first item against the middle of its scale ask."""
-    return Question(f"{questionnaire.items[0].id} against the middle", table=_table(questionnaire))
+    name = f"{questionnaire.items[0].id} against the middle"
+    return Question(name, _table(questionnaire), questionnaire.instrument is None)
 
 
 def policies_question(design: Design, questionnaire: Questionnaire) -> Question:
     """What the tests between policies of a questionnaire's items ask; named where there are several."""
     names = {first_name(each.name) for each in asked_at(design, AFTER_TRIAL)}
     several = len(names) > 1 or questionnaire.name not in names
-    return Question(f"policies, {questionnaire.name}" if several else "policies", table=_table(questionnaire))
+    name = f"policies, {questionnaire.name}" if several else "policies"
+    return Question(name, _table(questionnaire), questionnaire.instrument is None)
 
 
 def _table(questionnaire: Questionnaire) -> str:
@@ -128,11 +130,13 @@ def _against_middle(
     item = questionnaire.items[0]
     neutral = questionnaire.scale_of(item).middle
     values = _per(unit, {_key(row): row.value for row in _of(answers, simulated, item.id, policy)})
+    differences = {key: value - neutral for key, value in values.items()}
     return Compared(
         item.id,
-        (policy, values),
+        (policy, list(values.values())),
         (f"{neutral:g}, the middle", [neutral] * len(values)),
-        signed_rank([value - neutral for value in values]),
+        signed_rank(list(differences.values())),
+        *_by_participant(unit, differences),
     )
 
 
@@ -145,8 +149,10 @@ def between_policies(
     pairs = [key for key in a if key in b]
     before = _per(unit, {key: a[key] for key in pairs})
     after = _per(unit, {key: b[key] for key in pairs})
-    found = signed_rank(np.round(np.subtract(after, before), DIGITS))
-    return Compared(name, (second, after), (first, before), found)
+    x, y = list(after.values()), list(before.values())
+    apart = np.round(np.subtract(x, y), DIGITS)
+    differences = dict(zip(after, apart.tolist(), strict=True))
+    return Compared(name, (second, x), (first, y), signed_rank(apart), *_by_participant(unit, differences))
 
 
 def _values(
@@ -157,12 +163,22 @@ def _values(
     return {_key(row): row.value for row in first}, {_key(row): row.value for row in second}
 
 
-def _per(unit: str, values: Mapping[Key, float]) -> list[float]:
+def _per(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
     """The values of trials, or their means for each participant."""
     if unit == TRIAL:
-        return [float(value) for value in values.values()]
-    people = dict.fromkeys(key[0] for key in values)
-    return [round(fmean(value for key, value in values.items() if key[0] == who), DIGITS) for who in people]
+        return {key: float(value) for key, value in values.items()}
+    own: dict[Key, list[float]] = {}
+    for key, value in values.items():
+        own.setdefault(key[:1], []).append(value)
+    return {who: round(fmean(given), DIGITS) for who, given in own.items()}
+
+
+def _by_participant(unit: str, differences: Mapping[Key, float]) -> tuple[int, dict[str, float]]:
+    """How many participants there are, and of a test by participant the difference of each."""
+    participants = len({who for who, *_ in differences})
+    if unit == TRIAL:
+        return participants, {}
+    return participants, {who: value for (who, *_), value in differences.items()}
 
 
 def _groups(answers: Sequence[AnswerRow]) -> list[bool]:

@@ -45,8 +45,9 @@ class Comparison:
     """What a test found.
 
     ``n`` values went into it, ``zeros`` differences of zero did not. ``p`` is ``None`` where nothing could be
-    tested; then ``note`` says why. ``effect`` is a rank-biserial correlation in −1..1, or for the energy test the
-    share in 0..1 of the distance between the samples that is not distance within them.
+    tested; then ``note`` says why. ``effect`` is a rank-biserial correlation in −1..1 with the ends of its 95 %
+    interval, or for the energy test, without an interval, the share in 0..1 of the distance between the samples that
+    is not distance within them.
     """
 
     test: str
@@ -56,6 +57,8 @@ class Comparison:
     method: str = ""
     p: float | None = None
     effect: float | None = None
+    effect_low: float | None = None
+    effect_high: float | None = None
     note: str = ""
 
 
@@ -82,7 +85,8 @@ def signed_rank(differences: ArrayLike) -> Comparison:
         found: Any = stats.wilcoxon(used, method="asymptotic")
         method, p = "normal approximation", float(found.pvalue)
     effect = (positive - negative) / (positive + negative)
-    return Comparison(test, len(used), zeros, min(positive, negative), method, p, effect)
+    interval = effect_interval(effect, float(ranks.sum() ** 2 / (ranks @ ranks)))
+    return Comparison(test, len(used), zeros, min(positive, negative), method, p, effect, *interval)
 
 
 def _exact_signed_rank(ranks: Array, smaller: float) -> float:
@@ -118,7 +122,25 @@ def rank_sum(a: ArrayLike, b: ArrayLike) -> Comparison:
     p = _exact_rank_sum(a, b) if exact and ties else float(found.pvalue)
     effect = 2.0 * float(found.statistic) / (len(a) * len(b)) - 1.0
     method = "exact" if exact else "normal approximation"
-    return Comparison(test, n, 0, float(found.statistic), method, p, effect)
+    interval = effect_interval(effect, _size_of_rank_sum(len(a), len(b), pooled))
+    return Comparison(test, n, 0, float(found.statistic), method, p, effect, *interval)
+
+
+def _size_of_rank_sum(n: int, m: int, pooled: Array) -> float:
+    """How many independent yes-or-no values have a share that varies as U / (n m) without an effect, with its ties."""
+    _, times = np.unique(pooled, return_counts=True)
+    tied = 1.0 - float((times**3 - times).sum()) / (len(pooled) ** 3 - len(pooled))
+    return 3.0 * n * m / ((n + m + 1) * tied)
+
+
+def effect_interval(effect: float, size: float) -> tuple[float, float]:
+    """The 95 % interval of a rank-biserial correlation r: Wilson's of the share (1 + r) / 2.
+
+    ``size`` is the number of independent yes-or-no values whose share varies as much without an effect: for signed
+    ranks (sum of ranks)² / sum of squared ranks. Unlike Fisher's z, the interval has a width at r = ±1.
+    """
+    low, high = wilson_interval(size * (1.0 + effect) / 2.0, size)
+    return 2.0 * low - 1.0, 2.0 * high - 1.0
 
 
 def _exact_rank_sum(a: Array, b: Array) -> float:
@@ -224,12 +246,17 @@ def _design_effect(residuals: Array, count: int, share: float) -> float:
     return max(between / (share * (1.0 - share) / count), LEAST_DESIGN_EFFECT)
 
 
-def t_interval(mean: float, deviation: float, count: int) -> tuple[float | None, float | None]:
-    """The 95 % interval of a mean by Student's t (Biometrika 6, 1908); nothing for fewer than two values.
+EQUAL = 1e-12
+"""Values are equal if they deviate by no more than this share of their mean."""
 
-    ``deviation`` is the standard deviation with ``count − 1`` degrees of freedom.
+
+def t_interval(mean: float, deviation: float, count: int) -> tuple[float | None, float | None]:
+    """The 95 % interval of a mean by Student's t (Biometrika 6, 1908).
+
+    ``deviation`` is the standard deviation with ``count − 1`` degrees of freedom. Fewer than two values, and values
+    that are all equal, have no interval: they do not tell how far the mean may be off.
     """
-    if count < 2:
+    if count < 2 or deviation <= EQUAL * abs(mean):
         return None, None
     half = float(stats.t.ppf(0.975, count - 1)) * deviation / count**0.5
     return mean - half, mean + half

@@ -24,7 +24,11 @@ _NO_RECORDING = "no whole recording tells it"
 _NOT_TESTED = "nothing could be tested"
 _NO_ESTIMATE = "there is no estimate"
 _NOT_SIMULATED = "the policy was not measured in simulation"
+_NO_REWARDS = f"{_NOT_SIMULATED}, or all rewards are equal"
 _FEW = "too few values"
+_FEW_OR_EQUAL = "too few values, or all are equal"
+_NO_EFFECT_INTERVAL = "no effect, a test by trial, an energy distance, or too few participants"
+_NOT_PRIMARY = "no primary result, or nothing could be tested"
 _NO_INTERVAL = "no trial, or several of one participant"
 _SESSION = "it is about whole sessions"
 
@@ -108,8 +112,8 @@ COLUMNS: Mapping[str, Column] = {
     "what": _text("What is not as it should be."),
     "consequence": _text("What follows from it for the analysis."),
     "reward_mean": _number("Mean reward.", "1", "no trial, or all tasks together"),
-    "reward_low": _number("Lower end of its 95 % interval, Student's t.", "1", _FEW),
-    "reward_high": _number("Upper end of its 95 % interval, Student's t.", "1", _FEW),
+    "reward_low": _number("Lower end of its 95 % interval, Student's t.", "1", _FEW_OR_EQUAL),
+    "reward_high": _number("Upper end of its 95 % interval, Student's t.", "1", _FEW_OR_EQUAL),
     "successes": _whole("How many trials succeeded."),
     "success_rate": _number("Share of trials that succeeded.", "1", "no trial", _SHARE),
     "success_low": _number("Lower end of its 95 % interval, Wilson's.", "1", _NO_INTERVAL, _SHARE),
@@ -117,8 +121,8 @@ COLUMNS: Mapping[str, Column] = {
     "simulation_people": _text("Simulated people with whom the policy was measured.", _NOT_SIMULATED),
     "simulation_episodes": _whole("Episodes of that measurement.", _NOT_SIMULATED),
     "simulation_reward_mean": _number("Mean reward in simulation.", "1", _NOT_SIMULATED),
-    "simulation_reward_low": _number("Lower end of its 95 % interval.", "1", _NOT_SIMULATED),
-    "simulation_reward_high": _number("Upper end of its 95 % interval.", "1", _NOT_SIMULATED),
+    "simulation_reward_low": _number("Lower end of its 95 % interval.", "1", _NO_REWARDS),
+    "simulation_reward_high": _number("Upper end of its 95 % interval.", "1", _NO_REWARDS),
     "simulation_success_rate": _number("Share of successes in simulation.", "1", _NOT_SIMULATED, _SHARE),
     "simulation_success_low": _number("Lower end of its 95 % interval.", "1", _NOT_SIMULATED, _SHARE),
     "simulation_success_high": _number("Upper end of its 95 % interval.", "1", _NOT_SIMULATED, _SHARE),
@@ -148,8 +152,14 @@ COLUMNS: Mapping[str, Column] = {
     "method": _text("How p was computed.", _NOT_TESTED),
     "p": _number("Two-sided probability of such data without an effect.", "1", _NOT_TESTED, _P),
     "p_holm": _number("p after Holm's correction within the family.", "1", _NOT_TESTED, _P),
-    "mark": _text("Stars for p after correction: * < 0.05, ** < 0.01, *** < 0.001.", "0.05 or more"),
-    "effect": _number("Rank-biserial correlation, or for energy distances the share between groups.", "1", _NOT_TESTED),
+    "p_primary": _number("p corrected over all primary results of the study.", "1", _NOT_PRIMARY, _P),
+    "mark": _text("Stars for p_primary: * < 0.05, ** < 0.01, *** < 0.001.", "0.05 or more, or no primary result"),
+    "role": _text("What it is for its question: primary, sensitivity analysis, secondary or supplement."),
+    "effect_low": _number("Lower end of the 95 % interval of the effect.", "1", _NO_EFFECT_INTERVAL, "-1 to 1"),
+    "effect_high": _number("Upper end of the 95 % interval of the effect.", "1", _NO_EFFECT_INTERVAL, "-1 to 1"),
+    "effect": _number(
+        "Rank-biserial correlation, or for energy distances the share between groups.", "1", "no differences"
+    ),
     "note": _text("Why nothing was tested or estimated, or what was left out.", "nothing"),
     "planned": _text("What it is by the study's frozen plan.", "no plan is known to be older than the study"),
     "problems.simulated": Column(SIMULATED.meaning, TRUTH, "", _TRUTH, "it is about the whole study"),

@@ -1,4 +1,4 @@
-"""The tables of a publication: participants, reward and success, the paper's tests, and models."""
+"""The tables of a publication: participants, reward and success, primary results, other tests, and models."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -6,9 +6,11 @@ from statistics import fmean
 
 from avrgym.analysis.page import brief, quantity
 from avrgym.analysis.report.models import effect
-from avrgym.analysis.report.results import probability, values_given
+from avrgym.analysis.report.primary import CAPTION, HEADS, NUMBERS, primary_rows
+from avrgym.analysis.report.results import probability, values_given, with_interval
 from avrgym.analysis.statistics.families import PARTICIPANT
 from avrgym.analysis.statistics.models.effects import POLICIES
+from avrgym.analysis.statistics.primary import PRIMARY
 from avrgym.analysis.study import Analysis
 
 
@@ -25,7 +27,7 @@ class ShownTable:
 
 def shown_tables(analysis: Analysis, simulated: bool) -> Iterator[ShownTable]:
     """The tables that have rows; captions say what is about simulated participants."""
-    for table in (_participants, _objective, _tests, _models):
+    for table in (_participants, _primary, _objective, _tests, _models):
         shown = table(analysis, simulated)
         if shown.rows:
             yield shown
@@ -79,29 +81,38 @@ def _interval(mean: float | None, low: float | None, high: float | None, factor:
     return quantity(factor * mean, digits=digits) + (f" [{', '.join(ends)}]" if ends else "")
 
 
+def _primary(analysis: Analysis, simulated: bool) -> ShownTable:
+    rows = primary_rows(analysis, simulated)
+    return ShownTable("primary", _marked(CAPTION, simulated), HEADS, rows, NUMBERS)
+
+
 def _tests(analysis: Analysis, simulated: bool) -> ShownTable:
-    """The tests by participant, each of whose values is independent of the others."""
+    """The other tests by participant."""
     rows = [
         (
             row.family, row.quantity, f"{row.group_a} / {row.group_b}", values_given(row),
-            f"{brief(row.median_a)} / {brief(row.median_b)}", probability(row.p), probability(row.p_holm),
-            quantity(row.effect, absent="–"),
+            f"{brief(row.median_a)} / {brief(row.median_b)}",
+            with_interval(row.effect, row.effect_low, row.effect_high), probability(row.p), probability(row.p_holm),
+            row.role,
         )
         for row in analysis.tests
-        if row.simulated is simulated and row.unit == PARTICIPANT
+        if row.simulated is simulated and row.unit == PARTICIPANT and row.role != PRIMARY
     ]  # fmt: skip
-    heads = ("Family", "What", "Groups", "n", "Medians", "p", "p, Holm", "Effect")
-    return ShownTable("tests", _marked("Tests by participant", simulated), heads, rows, (3, 4, 5, 6, 7))
+    heads = ("Family", "What", "Groups", "n", "Medians", "Effect [95 %]", "p", "p, Holm", "Role")
+    caption = _marked("Other tests by participant: no primary results", simulated)
+    return ShownTable("tests", caption, heads, rows, (3, 4, 5, 6, 7))
 
 
 def _models(analysis: Analysis, simulated: bool) -> ShownTable:
     rows = [
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.model, row.participants, effect(row),
-            probability(row.p), probability(row.p_holm), row.planned, row.note,
+            probability(row.p), probability(row.p_holm), row.role, row.planned, row.note,
         )
         for row in analysis.models
         if row.simulated is simulated and row.effect == POLICIES
     ]  # fmt: skip
-    heads = ("What", "Groups", "Model", "n", "Effect [95 %]", "p", "p, Holm", "By plan", "Remark")
-    return ShownTable("models", _marked("Policies in models", simulated), heads, rows, (3, 4, 5, 6))
+    heads = ("What", "Groups", "Model", "n", "Effect [95 %]", "p", "p, Holm", "Role", "By plan", "Remark")
+    return ShownTable(
+        "models", _marked("Policies in models: sensitivity analyses", simulated), heads, rows, (3, 4, 5, 6)
+    )

@@ -6,7 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS
-from avrgym.analysis.statistics.models.effects import Columns, Effect, Observed, columns
+from avrgym.analysis.statistics.models.effects import (
+    POLICIES,
+    ROBOTS,
+    Columns,
+    Effect,
+    Observed,
+    columns,
+)
 from avrgym.analysis.statistics.models.fitted import Array, Estimate, Fitted, NoFit
 from avrgym.analysis.statistics.models.mixed import fit_mixed
 from avrgym.analysis.statistics.models.ordinal import fit_ordinal
@@ -14,6 +21,9 @@ from avrgym.study.design.design import Design
 
 ORDINAL, LOGISTIC, MIXED = "ordinal", "logistic", "mixed"
 Found = Mapping[Effect, Estimate | NoFit]
+VARIES_BY = {POLICIES: "policy", ROBOTS: "robot"}
+"""By kind of effect, the condition to which participants respond differently."""
+UNRELIABLE = "p is unreliable: no variance of this effect between participants was found"
 
 
 def informative(model: str, observed: Sequence[Observed]) -> tuple[list[Observed], str]:
@@ -62,9 +72,11 @@ def estimates(design: Design, model: str, observed: Sequence[Observed], wanted: 
 
 def _estimate(fitted: Fitted, names: Columns, effect: Effect) -> Estimate | NoFit:
     try:
-        return fitted.estimate(names.contrast(effect))
+        found = fitted.estimate(names.contrast(effect))
     except NoFit as error:
         return error
+    own = f"participant by {VARIES_BY.get(effect.kind)}"
+    return replace(found, note=f"{found.note}; {UNRELIABLE}") if own in found.note else found
 
 
 def fit(model: str, observed: Sequence[Observed], names: Columns) -> Fitted:

@@ -10,7 +10,7 @@ from avrgym.analysis.statistics.models.effects import EFFECTS, Effect, Observed,
 from avrgym.analysis.statistics.models.fitted import Estimate, NoFit
 from avrgym.analysis.statistics.models.fitting import MIXED, Found, estimates, informative
 from avrgym.analysis.statistics.models.quantities import Source, observed_values, sources
-from avrgym.analysis.statistics.tests import holm, mark
+from avrgym.analysis.statistics.tests import holm
 from avrgym.study.design.design import Design
 from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, Plan
 
@@ -33,7 +33,7 @@ def source_rows(
     for kind in EFFECTS:
         own = [row for row in found if row.effect == kind]
         adjusted = holm([row.p for row in own])
-        rows += [replace(row, p_holm=p, mark=mark(p)) for row, p in zip(own, adjusted, strict=True)]
+        rows += [replace(row, p_holm=p) for row, p in zip(own, adjusted, strict=True)]
     return rows
 
 

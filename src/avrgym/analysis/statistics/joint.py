@@ -1,0 +1,74 @@
+"""Correction of paired tests that the same participants give: family-wise, without the loss of Holm's bounds.
+
+If groups do not differ, each participant's differences are as likely with the opposite sign, all of them at the same
+time. The signs are flipped in every way, and each test is compared with the largest statistic of all tests in the same
+flip (Westfall and Young, Resampling-Based Multiple Testing, 1993), step by step from the largest to the smallest
+statistic (Romano and Wolf, J. Am. Stat. Assoc. 100, 2005). The tests' own dependence is thus kept.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+Array = NDArray[np.float64]
+
+MOST_ENUMERATED = 14
+"""Up to so many participants every choice of signs is computed."""
+DRAWN = 9_999
+"""For more participants so many choices are drawn, in addition to the one observed."""
+SEED = 0
+TOLERANCE = 1e-9
+
+
+def jointly_corrected(differences: Sequence[Mapping[str, float]]) -> list[float | None]:
+    """p of each signed-rank test after correction for all of them; ``None`` where all differences are zero.
+
+    Args:
+        differences: for each test the differences by participant; participants without a value are absent.
+    """
+    ranks = signed_ranks(differences)
+    sizes = np.sqrt((ranks**2).sum(axis=0))
+    tested = np.flatnonzero(sizes)
+    found: list[float | None] = [None] * len(differences)
+    if not len(tested):
+        return found
+    flipped = np.abs(signs(len(ranks)) @ (ranks[:, tested] / sizes[tested]))
+    for test, p in zip(tested, step_down(flipped), strict=True):
+        found[int(test)] = float(p)
+    return found
+
+
+def signed_ranks(differences: Sequence[Mapping[str, float]]) -> Array:
+    """The signed ranks (participants, tests); zero for a difference of zero, and for none."""
+    people = sorted({who for own in differences for who in own})
+    found = np.zeros((len(people), len(differences)))
+    for test, own in enumerate(differences):
+        given = np.array([own.get(who, 0.0) for who in people])
+        used = given != 0.0
+        found[used, test] = stats.rankdata(np.abs(given[used])) * np.sign(given[used])
+    return found
+
+
+def signs(participants: int) -> Array:
+    """Choices of signs (choices, participants), the one observed first; opposite choices count once."""
+    if participants > MOST_ENUMERATED:
+        drawn = np.random.default_rng(SEED).integers(0, 2, (DRAWN, participants))
+        return np.vstack([np.ones(participants), 1.0 - 2.0 * drawn])
+    free = max(participants - 1, 0)
+    bits = np.arange(2**free)[:, None] >> np.arange(free) & 1
+    return np.hstack([np.ones((2**free, participants - free)), 1.0 - 2.0 * bits])
+
+
+def step_down(statistics: Array) -> Array:
+    """p (tests,) from the statistics (choices, tests) of which the first row was observed."""
+    observed = statistics[0]
+    order = np.argsort(-observed, kind="stable")
+    found = np.zeros(len(order))
+    largest = 0.0
+    for place, test in enumerate(order):
+        others = statistics[:, order[place:]].max(axis=1)
+        largest = max(largest, float((others >= observed[test] - TOLERANCE).mean()))
+        found[test] = largest
+    return found
