@@ -88,9 +88,9 @@ def fit(model: str, observed: Sequence[Observed], names: Columns) -> Fitted:
     if model != MIXED:
         return fit_ordinal(values, names.matrix, participants)
     design = np.hstack([np.ones((len(values), 1)), names.matrix])
-    groupings = _groupings(observed)
-    fitted = fit_mixed(values, design, participants, list(groupings.values()))
-    return _WithConstant(fitted, _singular([list(groupings)[place] for place in fitted.at_zero]))
+    together = groupings(observed)
+    fitted = fit_mixed(values, design, participants, list(together.values()))
+    return _WithConstant(fitted, _singular([list(together)[place] for place in fitted.at_zero]))
 
 
 def _singular(at_zero: Sequence[str]) -> str:
@@ -108,7 +108,7 @@ class _WithConstant:
         return replace(self._fitted.estimate(np.concatenate([[0.0], contrast])), note=self._note)
 
 
-def _groupings(observed: Sequence[Observed]) -> dict[str, list[str]]:
+def groupings(observed: Sequence[Observed]) -> dict[str, list[str]]:
     """How values of a participant are alike: all of them, those with a policy, with a robot, and of a task.
 
     Left out is what all of a participant's values have in common, but for the first, and what no two have.

@@ -1,0 +1,261 @@
+"""How often a study's analysis is wrong: the tables of docs/analysis.md. `python scripts/figures/inference.py TABLE`.
+
+TABLE is one of stars, success, effects or mixed. Each takes a few minutes of one core.
+"""
+
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.analysis.power.answers import Answers, Assumptions, ImaginedStudies
+from avrgym.analysis.rows import AnswerRow, TestedRow, TrialRow
+from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL
+from avrgym.analysis.statistics.models.effects import POLICIES, Observed, columns, effects
+from avrgym.analysis.statistics.models.fitted import NoFit
+from avrgym.analysis.statistics.models.fitting import groupings
+from avrgym.analysis.statistics.models.mixed import MixedFit, fit_mixed
+from avrgym.analysis.statistics.objective_tests import objective_families
+from avrgym.analysis.statistics.primary import judged
+from avrgym.analysis.statistics.subjective import answer_families
+from avrgym.analysis.statistics.tests import clustered_interval, mark, signed_rank
+from avrgym.learning.evaluation import wilson_interval
+from avrgym.study.design.design import Design, default_text, parse_design
+from papers_results import row
+
+DESIGN = parse_design(default_text())
+STUDIES = 1000
+Array = NDArray[np.float64]
+
+
+# Studies
+
+
+def imagined(
+    design: Design, studies: ImaginedStudies, effect: float, people: int, number: int
+) -> list[TestedRow]:
+    """All tests of a study in which the last policy is rated ``effect`` points better, as the report has them."""
+    answers = studies.answers(effect, people, number)
+    families = [
+        *objective_families(design, list(_trials(design, people, number))),
+        *answer_families(design, list(_answers(design, studies, answers))),
+    ]
+    return [each for family in judged(families, [], None).families for each in family.rows]
+
+
+def _conditions(design: Design, people: int) -> Iterator[tuple[int, int, int, int]]:
+    return product(
+        range(people), *(map(range, (len(design.tasks), len(design.robots), len(design.policies))))
+    )
+
+
+def _answers(design: Design, studies: ImaginedStudies, answers: Answers) -> Iterator[AnswerRow]:
+    items = studies.questionnaire.items
+    for who, task, robot, policy in _conditions(design, len(answers)):
+        for place, item in enumerate(items):
+            yield AnswerRow(
+                participant=f"sub-{who:03}", simulated=True, counted=True, session=1, moment="after_trial",
+                questionnaire=studies.questionnaire.name, position=1, task=design.tasks[task],
+                robot=design.robots[robot], policy=design.policies[policy], attempt=1, item=item.id,
+                value=int(answers[who, task, robot, policy, place]), points=item.points, response_time_s=1.0,
+            )  # fmt: skip
+
+
+def _trials(design: Design, people: int, number: int) -> Iterator[TrialRow]:
+    """Trials without any effect of policies; participants differ in general and in what policies give with them."""
+    latent = _latent(design, people, np.random.default_rng([number, 3]), 3)
+    for who, task, robot, policy in _conditions(design, people):
+        ability, gain, load = latent[:, who, task, robot, policy]
+        yield TrialRow(
+            participant=f"sub-{who:03}", simulated=True, participant_state="completed", sex="woman", position=1,
+            practice=False, task=design.tasks[task], robot=design.robots[robot], policy=design.policies[policy],
+            seed=0, state="completed", attempts=1, attempts_broken_off=0, counted=True, success=bool(ability > -1.0),
+            reward=20.0 * float(gain), force_mean_n=float(np.exp(0.5 * load)),
+        )  # fmt: skip
+
+
+def _latent(design: Design, people: int, rng: np.random.Generator, measures: int) -> Array:
+    """(measures, people, tasks, robots, policies)."""
+    shape = (measures, people, len(design.tasks), len(design.robots), len(design.policies))
+    values = rng.standard_normal(shape) + rng.standard_normal((measures, 1, shape[2], 1, 1))
+    values = values + rng.standard_normal((measures, people, 1, 1, 1))
+    return values + 0.5 * rng.standard_normal((measures, people, 1, 1, shape[4]))
+
+
+# Stars
+
+
+Finds = Callable[[Sequence[TestedRow]], bool]
+
+
+def any_star(rows: Sequence[TestedRow]) -> bool:
+    """A star anywhere in figures, headline tables or ``tests.csv``."""
+    return any(each.mark for each in rows)
+
+
+def _by_holm(unit: str, families: str, quantity: str = "") -> Finds:
+    def finds(rows: Sequence[TestedRow]) -> bool:
+        return any(
+            mark(each.p_holm)
+            for each in rows
+            if each.unit == unit and families in each.family and quantity in each.quantity
+        )
+
+    return finds
+
+
+def _primary(rows: Sequence[TestedRow]) -> bool:
+    return any(each.mark for each in rows if each.family.startswith("policies, by") and each.quantity == "L1")
+
+
+ANY: Mapping[str, Finds] = {
+    "primary results, corrected jointly: any star in figures and headline tables": any_star,
+    "the same tests, Holm within each of the three families": _by_holm(PARTICIPANT, ""),
+    "policies by participant, Holm within four answers": _by_holm(PARTICIPANT, "policies, by"),
+    "policies by trial, Holm within four answers": _by_holm(TRIAL, "policies, by"),
+}
+OF_FIRST: Mapping[str, Finds] = {
+    "L1 between policies, corrected jointly over nine primary results": _primary,
+    "L1 between policies, Holm within four answers": _by_holm(PARTICIPANT, "policies, by", "L1"),
+}
+
+
+def stars() -> Iterator[str]:
+    """Studies in which something is starred: without an effect, then with one of 1 point in answers."""
+    for effect, people, procedures in (
+        (0.0, 8, ANY),
+        (0.0, 16, ANY),
+        (1.0, 8, OF_FIRST),
+        (1.0, 12, OF_FIRST),
+    ):
+        studies = ImaginedStudies(DESIGN, Assumptions(), 1)
+        found = [imagined(DESIGN, studies, effect, people, number) for number in range(STUDIES)]
+        for name, finds in procedures.items():
+            yield row(f"{effect:g}", people, name, share(sum(map(finds, found)), STUDIES))
+
+
+def share(hits: int, studies: int) -> str:
+    """A share in percent with its Monte-Carlo interval."""
+    low, high = (100.0 * end for end in wilson_interval(hits, studies))
+    return f"{100.0 * hits / studies:.1f} ({low:.1f} to {high:.1f})"
+
+
+# Intervals
+
+
+def success() -> Iterator[str]:
+    """Coverage of the interval of success over all tasks: 8 participants, 4 trials each, half of which succeed."""
+    for spread in (0.0, 1.0, 2.0):
+        rng = np.random.default_rng([int(spread), 1])
+        people = rng.normal(0.0, spread, (20 * STUDIES, 8, 1))
+        given = rng.random((20 * STUDIES, 8, 4)) < 1.0 / (1.0 + np.exp(-people))
+        clustered = np.array([clustered_interval(each) for each in given.tolist()], float)
+        plain = np.array([wilson_interval(each, 32) for each in given.sum(axis=(1, 2)).tolist()])
+        yield row(f"{spread:g}", *(f"{100.0 * _covers(ends, 0.5):.1f}" for ends in (clustered, plain)))
+
+
+def _covers(ends: Array, value: float) -> float:
+    return float(((ends[:, 0] <= value + 1e-12) & (ends[:, 1] >= value - 1e-12)).mean())
+
+
+SHIFTS = (0.0, 0.3, 0.8, 1.5)
+"""Mean differences in standard deviations."""
+
+
+def effect_sizes() -> Iterator[str]:
+    """Coverage of the interval of the rank-biserial correlation of normal differences, in means of eight answers."""
+    for people in (4, 6, 8, 16, 32):
+        rng = np.random.default_rng(people)
+        cells: list[str] = []
+        for shift in SHIFTS:
+            truth = np.mean([signed_rank(each).effect for each in _differences(rng, shift, (200, 600))])
+            found = [signed_rank(each) for each in _differences(rng, shift, (2 * STUDIES, people))]
+            ends = np.array(
+                [(each.effect_low, each.effect_high) for each in found if each.effect is not None]
+            )
+            cells.append(f"{100.0 * _covers(ends, float(truth)):.0f}")
+        yield row(people, *cells)
+
+
+def _differences(rng: np.random.Generator, shift: float, shape: tuple[int, int]) -> Array:
+    return np.round(8.0 * (shift + rng.standard_normal(shape))) / 8.0
+
+
+# Mixed models
+
+
+SPREADS = {
+    "policy 0.5, robot 0.3, task 0.5": (1.0, 0.5, 0.3, 0.5),
+    "policy 0.25, robot 0.15, task 0.25": (1.0, 0.25, 0.15, 0.25),
+    "none": (1.0, 0.0, 0.0, 0.0),
+}
+"""Standard deviations between participants: in general, by policy, by robot and by task; single values: 1."""
+
+
+def mixed() -> Iterator[str]:
+    """False positives of mixed models with variances that may be negative, and with variances held at zero."""
+    for name, spreads in SPREADS.items():
+        found = [each for number in range(STUDIES) if (each := _both(spreads, number)) is not None]
+        singular = [each for each in found if each[2]]
+        own = [each for each in found if each[3]]
+        cells = [_rates(each) for each in (found, singular, own)]
+        yield row(name, *(f"{unbounded} / {bounded} of {count}" for unbounded, bounded, count in cells))
+
+
+Both = tuple[bool, bool, bool, bool]
+
+
+def _rates(found: Sequence[Both]) -> tuple[str, str, int]:
+    rates = [100.0 * np.mean([each[place] for each in found]) for place in (0, 1)]
+    return f"{rates[0]:.1f}", f"{rates[1]:.1f}", len(found)
+
+
+def _both(spreads: Sequence[float], number: int) -> Both | None:
+    """Whether policies differ by each fit, whether it is singular, and whether in the variance of policies."""
+    observed = list(_observed(spreads, number))
+    names = columns(DESIGN, observed)
+    matrix = np.hstack([np.ones((len(observed), 1)), names.matrix])
+    (effect,) = (each for each in effects(DESIGN) if each.kind == POLICIES)
+    contrast = np.concatenate([[0.0], names.contrast(effect)])
+    together = groupings(observed)
+    values, people = [each.value for each in observed], [each.participant for each in observed]
+
+    def fit(kept: Sequence[str]) -> MixedFit:
+        return fit_mixed(values, matrix, people, [together[each] for each in kept])
+
+    try:
+        unbounded = fit(list(together))
+        bounded, kept = unbounded, list(together)
+        while bounded.at_zero:
+            kept.pop(int(np.argmin(bounded.variances[:-1])))
+            bounded = fit(kept)
+        p, held = unbounded.estimate(contrast).p, bounded.estimate(contrast).p
+    except NoFit:
+        return None
+    at_zero = [list(together)[place] for place in unbounded.at_zero]
+    return p < 0.05, held < 0.05, bool(at_zero), "participant by policy" in at_zero
+
+
+def _observed(spreads: Sequence[float], number: int) -> Iterator[Observed]:
+    rng = np.random.default_rng([7, number])
+    shape = (8, len(DESIGN.tasks), len(DESIGN.robots), len(DESIGN.policies))
+    values = rng.standard_normal(shape)
+    for axis, spread in zip((0, 3, 2, 1), spreads, strict=True):
+        drawn = [size if along in (0, axis) else 1 for along, size in enumerate(shape)]
+        values = values + spread * rng.standard_normal(drawn)
+    for who, task, robot, policy in _conditions(DESIGN, shape[0]):
+        block, place = rng.uniform(size=2)
+        before = DESIGN.policies[int(rng.integers(len(DESIGN.policies)))]
+        yield Observed(
+            f"sub-{who:03}", DESIGN.tasks[task], DESIGN.robots[robot], DESIGN.policies[policy],
+            float(block), float(place), before, float(values[who, task, robot, policy]),
+        )  # fmt: skip
+
+
+TABLES = {"stars": stars, "success": success, "effects": effect_sizes, "mixed": mixed}
+
+if __name__ == "__main__":
+    for line in TABLES[sys.argv[1]]():
+        print(line, flush=True)
