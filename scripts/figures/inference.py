@@ -23,6 +23,7 @@ from avrgym.analysis.statistics.subjective import answer_families
 from avrgym.analysis.statistics.tests import clustered_interval, mark, signed_rank
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.study.design.design import Design, default_text, parse_design
+from avrgym.study.plan.plan import Exclusion, Hypothesis, Plan
 from papers_results import row
 
 DESIGN = parse_design(default_text())
@@ -34,7 +35,12 @@ Array = NDArray[np.float64]
 
 
 def imagined(
-    design: Design, studies: ImaginedStudies, effect: float, people: int, number: int
+    design: Design,
+    studies: ImaginedStudies,
+    effect: float,
+    people: int,
+    number: int,
+    plan: Plan | None = None,
 ) -> list[TestedRow]:
     """All tests of a study in which the last policy is rated ``effect`` points better, as the report has them."""
     answers = studies.answers(effect, people, number)
@@ -42,7 +48,7 @@ def imagined(
         *objective_families(design, list(_trials(design, people, number))),
         *answer_families(design, list(_answers(design, studies, answers))),
     ]
-    return [each for family in judged(families, [], None).families for each in family.rows]
+    return [each for family in judged(families, [], plan).families for each in family.rows]
 
 
 def _conditions(design: Design, people: int) -> Iterator[tuple[int, int, int, int]]:
@@ -59,7 +65,8 @@ def _answers(design: Design, studies: ImaginedStudies, answers: Answers) -> Iter
                 participant=f"sub-{who:03}", simulated=True, counted=True, session=1, moment="after_trial",
                 questionnaire=studies.questionnaire.name, position=1, task=design.tasks[task],
                 robot=design.robots[robot], policy=design.policies[policy], attempt=1, item=item.id,
-                value=int(answers[who, task, robot, policy, place]), points=item.points, response_time_s=1.0,
+                value=int(answers[who, task, robot, policy, place]), least=1, most=item.points,
+                points=item.points, response_time_s=1.0,
             )  # fmt: skip
 
 
@@ -106,8 +113,8 @@ def _by_holm(unit: str, families: str, quantity: str = "") -> Finds:
     return finds
 
 
-def _primary(rows: Sequence[TestedRow]) -> bool:
-    return any(each.mark for each in rows if each.family.startswith("policies, by") and each.quantity == "L1")
+def _first(rows: Sequence[TestedRow]) -> bool:
+    return any(each.mark for each in rows if each.family == FAMILY and each.quantity == "L1")
 
 
 ANY: Mapping[str, Finds] = {
@@ -117,21 +124,32 @@ ANY: Mapping[str, Finds] = {
     "policies by trial, Holm within four answers": _by_holm(TRIAL, "policies, by"),
 }
 OF_FIRST: Mapping[str, Finds] = {
-    "L1 between policies, corrected jointly over nine primary results": _primary,
+    "L1 between policies, corrected jointly over nine primary results": _first,
     "L1 between policies, Holm within four answers": _by_holm(PARTICIPANT, "policies, by", "L1"),
 }
+WITH_PLAN: Mapping[str, Finds] = {
+    "L1 between policies, corrected jointly over the four answers of a plan": _first,
+}
+FAMILY = f"policies, by {PARTICIPANT}"
+PLAN = Plan(
+    participants=8,
+    exclusion=Exclusion(0.5),
+    hypotheses=(Hypothesis("H1", "Policies differ.", ("L1", "L2", "L3", "L4"), (FAMILY,)),),
+)
 
 
 def stars() -> Iterator[str]:
     """Studies in which something is starred: without an effect, then with one of 1 point in answers."""
-    for effect, people, procedures in (
-        (0.0, 8, ANY),
-        (0.0, 16, ANY),
-        (1.0, 8, OF_FIRST),
-        (1.0, 12, OF_FIRST),
+    for effect, people, plan, procedures in (
+        (0.0, 8, None, ANY),
+        (0.0, 16, None, ANY),
+        (1.0, 8, None, OF_FIRST),
+        (1.0, 8, PLAN, WITH_PLAN),
+        (1.0, 12, None, OF_FIRST),
+        (1.0, 12, PLAN, WITH_PLAN),
     ):
         studies = ImaginedStudies(DESIGN, Assumptions(), 1)
-        found = [imagined(DESIGN, studies, effect, people, number) for number in range(STUDIES)]
+        found = [imagined(DESIGN, studies, effect, people, number, plan) for number in range(STUDIES)]
         for name, finds in procedures.items():
             yield row(f"{effect:g}", people, name, share(sum(map(finds, found)), STUDIES))
 

@@ -16,6 +16,7 @@ from analysed import ITEMS, break_off, latency_of, run_trials, take_part
 from avrgym.analysis.figures.study_figures import draw_study
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.statistics.families import PARTICIPANT, Compared, Question, corrected
+from avrgym.analysis.statistics.objective_tests import offered_objective
 from avrgym.analysis.statistics.offered import offered_tests
 from avrgym.analysis.statistics.tests import clustered_interval, holm, signed_rank
 from avrgym.analysis.study import Analysis, analyse
@@ -184,17 +185,41 @@ def test_policies_are_compared_as_scipy_compares_the_exported_answers(
     ).itertuples()
     assert (row.n_a, row.n, row.zeros) == (len(pairs), len(used), len(differences) - len(used))
     assert row.median_a == pairs["revised"].median()
-    assert row.p == pytest.approx(exact_p(used), abs=1e-12)
+    if simulated:
+        assert row.p == pytest.approx(exact_p(used), abs=1e-12)
+    else:
+        assert np.isnan(row.p)
+        assert row.note == "fewer than 4 participants"
     ranks = stats.rankdata(np.abs(used))
     expected = (ranks[used > 0].sum() - ranks[used < 0].sum()) / ranks.sum()
     assert row.effect == pytest.approx(expected, abs=1e-12)
 
 
-def test_only_tests_by_participant_have_stars(tables: dict[str, Frame]) -> None:
+def test_only_primary_results_have_stars(tables: dict[str, Frame]) -> None:
     tests = tables["tests"]
-    assert only(tests, unit="trial")["mark"].isna().all()
-    by_participant = only(tests, unit="participant")
-    assert (by_participant["mark"].notna() == (by_participant["p_holm"] < 0.05)).all()
+    assert (tests["mark"].notna() == (tests["p_primary"] < 0.05)).all()
+    assert (only(tests, unit="trial")["role"] == "supplement").all()
+    assert tests[tests["p_primary"].notna()]["role"].unique().tolist() == ["primary"]
+    assert tables["models"]["mark"].isna().all()
+
+
+def test_nothing_is_inferred_from_fewer_than_four_people(
+    store: Store, out: Path, tables: dict[str, Frame]
+) -> None:
+    for name in ("tests", "models"):
+        own = only(tables[name], simulated=False)
+        assert len(own)
+        assert own[["p", "p_holm", "p_primary", "mark"]].isna().all(axis=None), name
+        assert own["note"].str.contains("fewer than 4 participants|all differences").all()
+    page = (out / "report" / "index.html").read_text()
+    people = page[page.index("<article") : page.index("</article>")]
+    assert 'id="people"' in people
+    assert "p = " not in people
+    assert "Fewer than 4 participants are described and not tested." in people
+    for path in (out / "reporting").glob("*-people.tex"):
+        rows = path.read_text().split(r"\midrule")[-1]
+        assert "*" not in rows, path
+        assert " 0.0" not in rows or "objective" in path.name or "participants" in path.name, path
 
 
 def test_figures_show_tests_by_participant_alone(store: Store) -> None:
@@ -206,11 +231,11 @@ def test_figures_show_tests_by_participant_alone(store: Store) -> None:
     )
     family = "policies, by participant"
     rows = [
-        row for row in analysis.tests if row.simulated and row.family == family and row.p_holm is not None
+        row for row in analysis.tests if row.simulated and row.family == family and row.p_primary is not None
     ]
     assert "p = " not in people
     assert simulated.count("p = ") == len(rows)
-    assert all(f"p = {row.p_holm:.3f}" in simulated for row in rows)
+    assert all(f"p = {row.p_primary:.3f}" in simulated for row in rows)
 
 
 def exact_p(used: np.ndarray) -> float:
@@ -240,7 +265,7 @@ def test_a_plan_may_name_the_tests_that_the_analysis_does_and_no_others(
     store: Store, tables: dict[str, Frame]
 ) -> None:
     done = tables["tests"].groupby("family", sort=False)["quantity"].unique()
-    offered = offered_tests(store.design)
+    offered = offered_tests(store.design) | offered_objective(store.design)
     assert {test: set(measures) for test, measures in done.items()} == {
         test: set(measures) for test, measures in offered.items()
     }
@@ -258,7 +283,7 @@ def test_a_family_that_is_added_appears_in_the_report(
     store: Store, analysis: Analysis, tmp_path: Path
 ) -> None:
     found = signed_rank([2.0, 3.0])
-    hum = Compared("hum_db", ("PR2", [3.0, 4.0]), ("Jaco", [1.0, 1.0]), found)
+    hum = Compared("hum_db", ("PR2", [3.0, 4.0]), ("Jaco", [1.0, 1.0]), found, 2)
     added = corrected(True, Question("noise", table="How loud robots are"), PARTICIPANT, [hum])
     report = write_analysis(replace(analysis, families=[*analysis.families, added]), store.folder, tmp_path)
     shown = report.read_text()

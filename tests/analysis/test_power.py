@@ -12,10 +12,13 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from avrgym.analysis.power.answers import Assumptions, ImaginedStudies
+from avrgym.analysis.power.modelled import in_order
 from avrgym.analysis.power.power import PowerRow, count, default_sizes, needed, power_rows, probabilities
 from avrgym.analysis.power.words import in_words, smallest_p
 from avrgym.analysis.rows import AnswerRow
 from avrgym.analysis.statistics.families import PARTICIPANT
+from avrgym.analysis.statistics.models.effects import Observed
+from avrgym.analysis.statistics.primary import judged
 from avrgym.analysis.statistics.subjective import answer_families
 from avrgym.cli.main import app
 from avrgym.study.design.design import Design, default_text, parse_design
@@ -35,9 +38,14 @@ def one_pair(points: int) -> Design:
 
 
 def simulated(design: Design, effect: float, participants: int, test: str) -> float:
-    """The share of studies in which a test finds the effect."""
-    counts = count(design, NOISE_ONLY, effect, participants, 5, range(SIMULATIONS))
-    return counts[test, "L1"][0] / SIMULATIONS
+    """The share of studies in which a test finds the effect, before correction."""
+    studies = ImaginedStudies(design, NOISE_ONLY, 5)
+    none = np.zeros((participants, len(design.policies), 0))
+    found = [
+        probabilities(design, studies.questionnaire, studies.answers(effect, participants, number), none)
+        for number in range(SIMULATIONS)
+    ]
+    return sum((each[test, "L1"][0] or 1.0) < 0.05 for each in found) / SIMULATIONS
 
 
 # Calculus
@@ -85,13 +93,40 @@ def test_imagined_answers_are_tested_as_the_analysis_tests_answers() -> None:
         )
     ]
     found = {
-        row.family: (row.p, row.p_holm)
-        for family in answer_families(DESIGN, rows)
+        (row.family, row.quantity): (row.p, row.p_primary)
+        for family in judged(answer_families(DESIGN, rows), [], None).families
         for row in family.rows
-        if row.quantity == "L1" and row.group_a == "revised"
+        if row.unit == PARTICIPANT and row.group_a == "revised"
     }
-    assert len(found) == 4
-    assert probabilities(DESIGN, studies.questionnaire, answers) == found
+    assert len(found) == 5
+    none = np.zeros((7, 2, 0))
+    assert probabilities(DESIGN, studies.questionnaire, answers, none) == found
+    values = {(each.task, each.robot, each.policy): each.value for each in _observed(studies, 0.7, 3)}
+    assert values == {
+        (task, robot, policy): answers[3, t, r, p, 0]
+        for (t, task), (r, robot), (p, policy) in product(
+            enumerate(DESIGN.tasks), enumerate(DESIGN.robots), enumerate(DESIGN.policies)
+        )
+    }
+
+
+def _observed(studies: ImaginedStudies, effect: float, who: int) -> list[Observed]:
+    """The trials of a participant of the first study of seven, as its model takes them."""
+    answers = studies.answers(effect, 7, 0)[..., 0].astype(float)
+    trials = in_order(studies.design, answers, studies.orders(7, 0))
+    return [each for each in trials if each.participant == f"sub-{who + 1:03}"]
+
+
+def test_power_is_that_of_primary_tests_and_the_model_and_of_no_test_by_trial() -> None:
+    counts = count(DESIGN, Assumptions(), 3.0, 8, 0, range(3))
+    assert list(counts) == [
+        ("L1 against the middle, by participant", "L1"),
+        *((BETWEEN, f"L{item}") for item in (1, 2, 3, 4)),
+        ("policies, models of answers", "L1"),
+    ]
+    assert counts["policies, models of answers", "L1"] == (3, 3)
+    few = count(DESIGN, Assumptions(), 3.0, 3, 0, range(3))
+    assert set(few.values()) == {(0, 0)}
 
 
 def _row(participant: str, task: str, robot: str, policy: str, item: str, value: int) -> AnswerRow:
@@ -129,7 +164,7 @@ def test_the_least_number_is_the_one_from_which_on_power_suffices() -> None:
     rows: list[PowerRow] = []
     for participants, hits in {4: 10, 8: 85, 12: 70, 16: 85, 20: 95}.items():
         rows += power_rows([{("test", "L1"): (99, hits)}], 1.0, participants, 100)
-    assert [needed(rows, 1.0, "test", goal) for goal in (0.6, 0.8, 0.9, 0.99)] == [8, 16, 20, None]
+    assert [needed(rows, 1.0, "test", "L1", goal) for goal in (0.6, 0.8, 0.9, 0.99)] == [8, 16, 20, None]
     assert default_sizes(DESIGN) == (4, 8, 12, 16, 20, 24, 32, 40, 48, 64)
 
 
@@ -137,8 +172,8 @@ def test_the_least_number_is_the_one_from_which_on_power_suffices() -> None:
     ("participants", "words"),
     [
         (5, "never below 0.0625: no such test can find anything"),
-        (6, "never below 0.0312, the smallest of 4 after Holm never below 0.125: one effect alone"),
-        (8, "never below 0.00781, the smallest of 4 after Holm never below 0.0312."),
+        (3, "Fewer than 4 participants are not tested."),
+        (8, "never below 0.00781."),
     ],
 )
 def test_words_say_what_so_few_can_show(participants: int, words: str) -> None:
@@ -146,11 +181,11 @@ def test_words_say_what_so_few_can_show(participants: int, words: str) -> None:
         *power_rows([{(BETWEEN, "L1"): (70, 20)}], 1.0, participants, 100),
         *power_rows([{(BETWEEN, "L1"): (5, 1)}], 0.0, participants, 100),
     ]
-    told = " ".join(in_words(DESIGN, Assumptions(), rows, participants))
+    told = " ".join(in_words(Assumptions(), rows, participants))
     assert words in told
-    assert "after Holm in 20 % (13 to 29): more often missed than found" in told
+    assert "after correction in 20 % (13 to 29): more often missed than found" in told
     assert "Where there is no effect, 'policies, by participant' finds one in 5 %" in told
-    assert smallest_p(8, 4) == (2 / 2**8, 4 * 2 / 2**8)
+    assert smallest_p(8) == 2 / 2**8
 
 
 @pytest.mark.slow
@@ -169,8 +204,8 @@ def test_a_studys_power_on_the_command_line(tmp_path: Path) -> None:
     expected = count(DESIGN, Assumptions(), 2.0, 8, 7, range(101))
     for row in found["power"]:
         if (row["effect"], row["participants"]) == (2.0, 8):
-            times = tuple(round(101 * row[name]) for name in ("power", "power_holm"))
-            assert times == expected[row["test"], "L1"]
+            times = tuple(round(101 * row[name]) for name in ("power", "corrected"))
+            assert times == expected[row["test"], row["measure"]]
     assert {path.name for path in tmp_path.iterdir()} == {"study.toml", "power.json"}
 
 

@@ -1,37 +1,19 @@
 """Imagined studies for tests of models: values of participants who differ, in the orders of a design."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.analysis.power.answers import Assumptions, ImaginedStudies
+from avrgym.analysis.power.modelled import in_order
 from avrgym.analysis.statistics.models.effects import Observed
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.design.design import Design
-from avrgym.study.design.orders import Order
 
 
 def with_values(design: Design, values: NDArray[np.float64]) -> list[Observed]:
     """A study's trials with values (participants, tasks, robots, policies), each participant in the next order."""
     orders = cell_orders(design)
-    return [
-        observed
-        for number, own in enumerate(values)
-        for observed in _course(design, orders[number % len(orders)], f"sub-{number + 1:03}", own)
-    ]
-
-
-def _course(design: Design, order: Order, who: str, own: NDArray[np.float64]) -> Iterator[Observed]:
-    blocks, places = max(len(design.tasks) - 1, 1), max(len(design.conditions) - 1, 1)
-    for block, part in enumerate(order):
-        before = design.practice_policy or None
-        for place, index in enumerate(part.conditions):
-            robot, policy = design.conditions[index]
-            value = own[part.task].reshape(-1)[index]
-            task = design.tasks[part.task]
-            yield Observed(who, task, robot, policy, block / blocks, place / places, before, float(value))
-            before = policy
+    return in_order(design, values, [orders[number % len(orders)] for number in range(len(values))])
 
 
 def answered(

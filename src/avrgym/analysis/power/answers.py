@@ -9,6 +9,7 @@ from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at
 from avrgym.recording.questionnaire import Item
 from avrgym.study.design.allocation import cell_orders, least_filled_cell
 from avrgym.study.design.design import Design
+from avrgym.study.design.orders import Order
 
 Answers = NDArray[np.int_]
 """Of participants who have finished: (participants, tasks, robots, policies, items)."""
@@ -73,7 +74,8 @@ class ImaginedStudies:
         """
         assumed, (tasks, _, policies, _) = self._assumptions, self._shape
         rng = np.random.default_rng([self._seed, number, 0])
-        stays, places = self._session(participants, number)
+        stays, cells = self._session(participants, number)
+        places = self._places[cells]
         drawn = rng.standard_normal((len(stays), 1 + policies + int(np.prod(self._shape))))
         lenience, liking = drawn[:, 0], drawn[:, 1 : 1 + policies]
         noise = drawn[:, 1 + policies :].reshape(-1, *self._shape)
@@ -90,10 +92,21 @@ class ImaginedStudies:
         rated = np.rint(self._middle + latent * (self._points - 1) / (POINTS - 1))
         return np.clip(rated, 1, self._points).astype(int)[stays]
 
-    def _session(self, participants: int, number: int) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        """Who of all that are taken in stays (m,), until so many have, and when each meets what in their session.
+    def orders(self, participants: int, number: int) -> list[Order]:
+        """The order of each participant who completes a study, by its number."""
+        stays, cells = self._session(participants, number)
+        orders = cell_orders(self.design)
+        return [orders[cell] for cell in cells[stays]]
 
-        Those times are (m, tasks, robots, policies), 0 to 1. Orders go as in a study: who withdraws frees theirs.
+    def objective(self, participants: int, number: int) -> NDArray[np.float64]:
+        """Success, reward and force of the same study, without an effect of policies: (participants, policies, 3)."""
+        rng = np.random.default_rng([self._seed, number, 3])
+        return rng.standard_normal((participants, self._shape[2], 3))
+
+    def _session(self, participants: int, number: int) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
+        """Who of all that are taken in stays (m,), until so many have, and the number of each one's order (m,).
+
+        Orders go as in a study: who withdraws frees theirs.
         """
         rng = np.random.default_rng([self._seed, number, 2])
         stays: list[bool] = []
@@ -102,7 +115,7 @@ class ImaginedStudies:
             taken = [cell for cell, remains in zip(cells, stays, strict=True) if remains]
             cells.append(least_filled_cell(range(len(self._places)), taken))
             stays.append(bool(rng.random() >= self._assumptions.dropout))
-        return np.array(stays), self._places[cells]
+        return np.array(stays), np.array(cells)
 
     def _places_in_session(self) -> NDArray[np.float64]:
         """When in the session, 0 to 1, each condition is met: (orders, tasks, robots, policies)."""

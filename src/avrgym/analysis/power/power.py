@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.analysis.power.answers import POINTS, Answers, Assumptions, ImaginedStudies, middle
-from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL
+from avrgym.analysis.power.modelled import modelled
+from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS, PARTICIPANT
+from avrgym.analysis.statistics.joint import jointly_corrected
 from avrgym.analysis.statistics.subjective import DIGITS, middle_question, policies_question
-from avrgym.analysis.statistics.tests import holm, signed_rank
+from avrgym.analysis.statistics.tests import signed_rank
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.recording.questionnaire import Questionnaire
 from avrgym.study.design.allocation import cell_orders
@@ -24,16 +26,17 @@ CHUNK = 100
 _STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)
 _LEAST_STEP = 4
 Probability = float | None
-Probabilities = Mapping[str, tuple[Probability, Probability]]
-"""By test: p, and p by Holm within its family."""
+Probabilities = Mapping[tuple[str, str], tuple[Probability, Probability]]
+"""By test and measure: p, and p corrected over all primary results."""
 
 
 @dataclass(frozen=True)
 class PowerRow:
     """In what share of simulated studies a test of ``measure`` found an ``effect``, in points of a seven-point scale.
 
-    ``participants`` completed each study. ``power`` is the share with p below 0.05, ``power_holm`` that with p below
-    0.05 after Holm's correction within the test's family; with Wilson's 95 % intervals.
+    ``participants`` completed each study. ``power`` is the share with p below 0.05, ``corrected`` that with p below
+    0.05 after correction over all primary results; with Wilson's 95 % intervals. Models, which are sensitivity
+    analyses, are not corrected.
     """
 
     effect: float
@@ -44,9 +47,9 @@ class PowerRow:
     power: float
     power_low: float
     power_high: float
-    power_holm: float
-    power_holm_low: float
-    power_holm_high: float
+    corrected: float
+    corrected_low: float
+    corrected_high: float
 
 
 def default_sizes(design: Design) -> tuple[int, ...]:
@@ -66,7 +69,9 @@ def simulate_power(
     jobs: int,
     progress: Callable[[int, int], None] = lambda done, all_: None,
 ) -> list[PowerRow]:
-    """Power of the paper's tests for each effect and number of participants; without an effect for the planned number.
+    """Power of the primary tests and of the model of the first item, for each effect and number of participants.
+
+    Without an effect it is simulated for the planned number.
 
     Args:
         design: the study's; its first questionnaire that is asked after trials is simulated.
@@ -98,7 +103,7 @@ def simulate_power(
 
 
 Counts = Mapping[tuple[str, str], tuple[int, int]]
-"""By test and measure, in how many studies p was below 0.05, and p by Holm."""
+"""By test and measure, in how many studies p was below 0.05, and p after correction."""
 
 
 def power_rows(
@@ -131,13 +136,18 @@ def count(
 ) -> Counts:
     """In how many of the studies with these numbers each test finds something."""
     studies = ImaginedStudies(design, assumptions, seed)
-    measure = studies.questionnaire.items[0].id
+    first = studies.questionnaire.items[0].id
     found: dict[tuple[str, str], tuple[int, int]] = {}
     for number in numbers:
         answers = studies.answers(effect, participants, number)
-        for test, (p, p_holm) in probabilities(design, studies.questionnaire, answers).items():
-            plain, corrected = found.get((test, measure), (0, 0))
-            found[test, measure] = plain + _finds(p), corrected + _finds(p_holm)
+        objective = studies.objective(participants, number)
+        judged = dict(probabilities(design, studies.questionnaire, answers, objective))
+        if len(design.policies) > 1:
+            family, p = modelled(design, answers, studies.orders(participants, number))
+            judged[family, first] = p, p
+        for test, (p, p_corrected) in judged.items():
+            plain, corrected = found.get(test, (0, 0))
+            found[test] = plain + _finds(p), corrected + _finds(p_corrected)
     return found
 
 
@@ -145,51 +155,60 @@ def _finds(p: Probability) -> bool:
     return p is not None and p < ALPHA
 
 
-def probabilities(design: Design, questionnaire: Questionnaire, answers: Answers) -> Probabilities:
-    """What the analysis finds for the first item: the last policy against the middle, and against the first policy."""
-    found: dict[str, tuple[Probability, Probability]] = {}
-    for unit in (TRIAL, PARTICIPANT):
-        values = _values(answers, unit)
-        neutral = middle(questionnaire.items[0])
-        against = [values[..., policy, 0] - neutral for policy in range(len(design.policies))]
-        found[middle_question(questionnaire).by(unit)] = _tested(against, -1)
-        if len(design.policies) > 1:
-            pairs = list(combinations(range(len(design.policies)), 2))
-            primary = pairs.index((0, len(design.policies) - 1)) * len(questionnaire.items)
-            between = list(_between(values, pairs))
-            found[policies_question(design, questionnaire).by(unit)] = _tested(between, primary)
-    return found
+def probabilities(
+    design: Design, questionnaire: Questionnaire, answers: Answers, objective: NDArray[np.float64]
+) -> Probabilities:
+    """What the analysis finds: the first item with the last policy against the middle, each item against the first
+    policy. Objective measures (participants, policies, measures) enter the correction alone."""
+    means: NDArray[np.float64] = np.round(answers.mean(axis=(1, 2)), DIGITS)
+    tests = list(_primary(design, questionnaire, means, objective))
+    if len(means) < LEAST_PARTICIPANTS:
+        return {name: (None, None) for name, _ in tests if name}
+    found = [signed_rank(differences).p for _, differences in tests]
+    people = [dict(zip(map(str, range(len(means))), each.tolist(), strict=True)) for _, each in tests]
+    joint = jointly_corrected(people)
+    return {
+        name: (p, None if p is None or together is None else max(p, together))
+        for (name, _), p, together in zip(tests, found, joint, strict=True)
+        if name
+    }
 
 
-def _values(answers: Answers, unit: str) -> NDArray[np.float64]:
-    """What each trial, or each participant in the mean, gives: (values, policies, items)."""
-    if unit == TRIAL:
-        return answers.reshape(-1, *answers.shape[3:]).astype(float)
-    means: NDArray[np.float64] = answers.mean(axis=(1, 2))
-    return np.round(means, DIGITS)
+Named = tuple[tuple[str, str] | None, NDArray[np.float64]]
+"""Test and measure, for those whose power is wanted, and the differences by participant."""
 
 
-def _between(values: NDArray[np.float64], pairs: Sequence[tuple[int, int]]) -> Iterator[NDArray[np.float64]]:
-    """Differences between policies, item by item for each pair."""
-    for (first, second), item in product(pairs, range(values.shape[-1])):
-        yield np.round(values[:, second, item] - values[:, first, item], DIGITS)
+def _primary(
+    design: Design,
+    questionnaire: Questionnaire,
+    means: NDArray[np.float64],
+    objective: NDArray[np.float64],
+) -> Iterator[Named]:
+    """The primary tests of a study."""
+    items, last = [item.id for item in questionnaire.items], len(design.policies) - 1
+    neutral = middle(questionnaire.items[0])
+    for policy in range(len(design.policies)):
+        name = (middle_question(questionnaire).by(PARTICIPANT), items[0]) if policy == last else None
+        yield name, means[:, policy, 0] - neutral
+    family = policies_question(design, questionnaire).by(PARTICIPANT)
+    for first, second in combinations(range(len(design.policies)), 2):
+        apart = np.round(means[:, second] - means[:, first], DIGITS)
+        for place, item in enumerate(items):
+            yield ((family, item) if (first, second) == (0, last) else None), apart[:, place]
+        for each in (objective[:, second] - objective[:, first]).T:
+            yield None, each
 
 
-def _tested(family: Sequence[NDArray[np.float64]], primary: int) -> tuple[Probability, Probability]:
-    """p of one test of a family, and p by Holm."""
-    found = [signed_rank(differences).p for differences in family]
-    return found[primary], holm(found)[primary]
-
-
-def needed(rows: Sequence[PowerRow], effect: float, test: str, goal: float) -> int | None:
+def needed(rows: Sequence[PowerRow], effect: float, test: str, measure: str, goal: float) -> int | None:
     """The least number of participants from which on a test, corrected, finds an effect with such a share; ``None``
     where none that was simulated does."""
     own = sorted(
-        (row for row in rows if (row.effect, row.test) == (effect, test)), key=lambda row: row.participants
+        (row for row in rows if (row.effect, row.test, row.measure) == (effect, test, measure)),
+        key=lambda row: row.participants,
     )
     reached: int | None = None
     for row in reversed(own):
-        if row.power_holm < goal:
+        if row.corrected < goal:
             break
         reached = row.participants
     return reached

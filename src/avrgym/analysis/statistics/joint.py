@@ -7,12 +7,13 @@ statistic (Romano and Wolf, J. Am. Stat. Assoc. 100, 2005). The tests' own depen
 """
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 MOST_ENUMERATED = 14
 """Up to so many participants every choice of signs is computed."""
@@ -51,13 +52,14 @@ def signed_ranks(differences: Sequence[Mapping[str, float]]) -> Array:
     return found
 
 
+@cache
 def signs(participants: int) -> Array:
     """Choices of signs (choices, participants), the one observed first; opposite choices count once."""
     if participants > MOST_ENUMERATED:
         drawn = np.random.default_rng(SEED).integers(0, 2, (DRAWN, participants))
         return np.vstack([np.ones(participants), 1.0 - 2.0 * drawn])
     free = max(participants - 1, 0)
-    bits = np.arange(2**free)[:, None] >> np.arange(free) & 1
+    bits = np.right_shift(np.arange(2**free)[:, None], np.arange(free)) & 1
     return np.hstack([np.ones((2**free, participants - free)), 1.0 - 2.0 * bits])
 
 
