@@ -261,8 +261,10 @@ METHODS = (
     "robot. Over trials as in the paper, which takes the trials of one participant for independent; over participants "
     "each is one value, the mean of their trials.",
     "Effect: rank-biserial correlation, from −1 to 1, positive where the first group is larger; for energy distances "
-    "the share from 0 to 1 that lies between the groups. Holm's correction holds within a family: one question, one "
-    "unit.",
+    "the share from 0 to 1 that lies between the groups. Its 95 % interval is Wilson's of the share (1 + r) / 2 with "
+    "the effective sample size of the ranks. Holm's correction holds within a family: one question, one unit.",
+    "Primary results: p is corrected over all of them by flipping the signs of participants' differences together "
+    "(Westfall and Young, 1993; Romano and Wolf, 2005). Rewards that are all equal have no interval.",
     f"The training's people: {PEOPLE_PER_TASK} drawn for each task and distribution, with seed {SEED}.",
     "Head positions and torso heights: signed-rank as in the paper, each trial paired with an arbitrary person drawn; "
     "Mann-Whitney and the energy distance compare one value per participant with everyone drawn. Means of several "

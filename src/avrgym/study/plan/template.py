@@ -46,7 +46,8 @@ further = []
 
 # What you expect: one [[hypotheses]] each. `measures` are the primary measures, `tests` those that judge it. "By
 # participant" each participant is one value; "by trial", as in the paper, takes the trials of one participant for
-# independent of each other. p is corrected by Holm within a test's measures, two-sided.
+# independent of each other: such a test is judged by participant instead. p is two-sided, corrected over all tests of
+# the hypotheses.
 {hypotheses}"""
 _HYPOTHESIS = """
 [[hypotheses]]

@@ -14,6 +14,7 @@ from avrgym.analysis.report.had import had
 from avrgym.analysis.report.models import METHODS as OF_MODELS
 from avrgym.analysis.report.pack.flow_chart import steps
 from avrgym.analysis.rows import ParticipantRow
+from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS
 from avrgym.analysis.statistics.sites import site_of
 from avrgym.analysis.study import Analysis
 from avrgym.recording.questionnaire import Questionnaire
@@ -298,11 +299,22 @@ def _analysis(analysis: Analysis) -> Iterator[str]:
         )
         yield " ".join(f"{each.id}: {each.text}" for each in plan.plan.hypotheses)
     yield (
-        "Answers, and scores of validated questionnaires, were compared by Wilcoxon's signed-rank test, two-sided, by "
-        "trial and by participant, with p corrected by Holm within each family and rank-biserial correlations as "
-        "effect sizes."
+        "Answers, scores of validated questionnaires, success, reward and force were compared by Wilcoxon's "
+        "signed-rank test, two-sided, each participant one value, with rank-biserial correlations as effect sizes and their 95 % "
+        f"intervals. Primary results: {_which_are_primary(analysis)}. Their p is corrected over all of them, by flipping "
+        "the signs of participants' differences together (Westfall and Young, step-down). All other results are "
+        "sensitivity analyses, secondary or, by trial as in the paper of AVR Gym, a supplement. Fewer than "
+        f"{LEAST_PARTICIPANTS} participants are not tested."
     )
     yield from OF_MODELS
+
+
+def _which_are_primary(analysis: Analysis) -> str:
+    if analysis.plan is not None and analysis.plan.confirmed is not None:
+        return "the tests of the plan's hypotheses"
+    return (
+        "whether policies differ, the first answer against the middle of its scale, and changes over sessions"
+    )
 
 
 def _deviations(analysis: Analysis) -> list[str]:
