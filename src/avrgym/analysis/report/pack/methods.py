@@ -300,10 +300,10 @@ def _analysis(analysis: Analysis) -> Iterator[str]:
         yield " ".join(f"{each.id}: {each.text}" for each in plan.plan.hypotheses)
     yield (
         "Answers, scores of validated questionnaires, success, reward and force were compared by Wilcoxon's "
-        "signed-rank test, two-sided, each participant one value, with rank-biserial correlations as effect sizes and their 95 % "
-        f"intervals. Primary results: {_which_are_primary(analysis)}. Their p is corrected over all of them, by flipping "
-        "the signs of participants' differences together (Westfall and Young, step-down). All other results are "
-        "sensitivity analyses, secondary or, by trial as in the paper of AVR Gym, a supplement. Fewer than "
+        "signed-rank test, two-sided, each participant one value, with rank-biserial correlations as effect sizes and "
+        f"their 95 % intervals. Primary results: {_which_are_primary(analysis)}. Their p is corrected over all of "
+        "them, by flipping the signs of participants' differences together (Westfall and Young, step-down). All other "
+        "results are sensitivity analyses, secondary or, by trial as in the paper of AVR Gym, a supplement. Fewer than "
         f"{LEAST_PARTICIPANTS} participants are not tested."
     )
     yield from OF_MODELS
