@@ -59,13 +59,13 @@ def _conditions(design: Design, people: int) -> Iterator[tuple[int, int, int, in
 
 def _answers(design: Design, studies: ImaginedStudies, answers: Answers) -> Iterator[AnswerRow]:
     items = studies.questionnaire.items
-    for who, task, robot, policy in _conditions(design, len(answers)):
+    for person, task, robot, policy in _conditions(design, len(answers)):
         for place, item in enumerate(items):
             yield AnswerRow(
-                participant=f"sub-{who:03}", simulated=True, counted=True, session=1, moment="after_trial",
+                participant=f"sub-{person:03}", simulated=True, counted=True, session=1, moment="after_trial",
                 questionnaire=studies.questionnaire.name, position=1, task=design.tasks[task],
                 robot=design.robots[robot], policy=design.policies[policy], attempt=1, item=item.id,
-                value=int(answers[who, task, robot, policy, place]), least=1, most=item.points,
+                value=int(answers[person, task, robot, policy, place]), least=1, most=item.points,
                 points=item.points, response_time_s=1.0,
             )  # fmt: skip
 
@@ -73,10 +73,10 @@ def _answers(design: Design, studies: ImaginedStudies, answers: Answers) -> Iter
 def _trials(design: Design, people: int, number: int) -> Iterator[TrialRow]:
     """Trials without any effect of policies; participants differ in general and in what policies give with them."""
     latent = _latent(design, people, np.random.default_rng([number, 3]), 3)
-    for who, task, robot, policy in _conditions(design, people):
-        ability, gain, load = latent[:, who, task, robot, policy]
+    for person, task, robot, policy in _conditions(design, people):
+        ability, gain, load = latent[:, person, task, robot, policy]
         yield TrialRow(
-            participant=f"sub-{who:03}", simulated=True, participant_state="completed", sex="woman", position=1,
+            participant=f"sub-{person:03}", simulated=True, participant_state="completed", sex="woman", position=1,
             practice=False, task=design.tasks[task], robot=design.robots[robot], policy=design.policies[policy],
             seed=0, state="completed", attempts=1, attempts_broken_off=0, counted=True, success=bool(ability > -1.0),
             reward=20.0 * float(gain), force_mean_n=float(np.exp(0.5 * load)),
@@ -263,12 +263,12 @@ def _observed(spreads: Sequence[float], number: int) -> Iterator[Observed]:
     for axis, spread in zip((0, 3, 2, 1), spreads, strict=True):
         drawn = [size if along in (0, axis) else 1 for along, size in enumerate(shape)]
         values = values + spread * rng.standard_normal(drawn)
-    for who, task, robot, policy in _conditions(DESIGN, shape[0]):
+    for person, task, robot, policy in _conditions(DESIGN, shape[0]):
         block, place = rng.uniform(size=2)
         before = DESIGN.policies[int(rng.integers(len(DESIGN.policies)))]
         yield Observed(
-            f"sub-{who:03}", DESIGN.tasks[task], DESIGN.robots[robot], DESIGN.policies[policy],
-            float(block), float(place), before, float(values[who, task, robot, policy]),
+            f"sub-{person:03}", DESIGN.tasks[task], DESIGN.robots[robot], DESIGN.policies[policy],
+            float(block), float(place), before, float(values[person, task, robot, policy]),
         )  # fmt: skip
 
 

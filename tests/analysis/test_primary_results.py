@@ -102,7 +102,7 @@ def test_the_joint_correction_is_that_of_all_choices_of_signs(people: int, rng: 
     """Recomputed choice by choice, test by test, and no worse than Holm's."""
     given = rng.integers(-3, 4, (5, people)).astype(float)
     given[2] = given[1]
-    own = [{str(who): value for who, value in enumerate(test)} for test in given.tolist()]
+    own = [{str(person): value for person, value in enumerate(test)} for test in given.tolist()]
     plain = [signed_rank(test).p for test in given]
     found = jointly_corrected(own)
     for p, least, most in zip(found, plain, holm(plain), strict=True):
@@ -127,13 +127,13 @@ def _standardised(test: np.ndarray, flips: np.ndarray) -> np.ndarray:
 
 
 def test_a_test_that_some_participants_lack_is_corrected_with_the_others() -> None:
-    whole = {str(who): float(who + 1) for who in range(8)}
-    part = {who: value for who, value in whole.items() if who not in "07"}
+    whole = {str(person): float(person + 1) for person in range(8)}
+    part = {person: value for person, value in whole.items() if person not in "07"}
     assert jointly_corrected([whole, part, {}]) == [pytest.approx(2 / 2**8), pytest.approx(2 / 2**6), None]
 
 
 def test_many_participants_are_corrected_by_drawn_signs_always_alike() -> None:
-    own = [{str(who): float(np.sin(test + who)) + 0.3 for who in range(30)} for test in range(3)]
+    own = [{str(person): float(np.sin(test + person)) + 0.3 for person in range(30)} for test in range(3)]
     first, second = jointly_corrected(own), jointly_corrected(own)
     assert first == second
     for p, test in zip(first, own, strict=True):
@@ -241,11 +241,11 @@ def test_an_effect_without_a_variance_of_its_own_is_said_to_be_unreliable() -> N
     """Policies differ far more between trials of a participant than between participants."""
     rng = np.random.default_rng(0)
     seen: list[Observed] = []
-    for who, task, robot in product(range(8), DESIGN.tasks, DESIGN.robots):
+    for person, task, robot in product(range(8), DESIGN.tasks, DESIGN.robots):
         sign = 1.0 if (DESIGN.tasks.index(task) + DESIGN.robots.index(robot)) % 2 else -1.0
         for policy, side in zip(DESIGN.policies, (sign, -sign), strict=True):
             value = side + 0.3 * rng.normal()
-            seen.append(Observed(f"sub-{who:03}", task, robot, policy, 0.5, 0.5, None, value))
+            seen.append(Observed(f"sub-{person:03}", task, robot, policy, 0.5, 0.5, None, value))
     found = estimates(DESIGN, MIXED, seen, effects(DESIGN))
     notes = {effect.kind: each.note for effect, each in found.items() if isinstance(each, Estimate)}
     assert notes["policies"].startswith("singular: random effect at zero: ")

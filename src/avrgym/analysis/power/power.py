@@ -160,7 +160,8 @@ def probabilities(
 ) -> Probabilities:
     """What the analysis finds: the first item with the last policy against the middle, each item against the first
     policy. Objective measures (participants, policies, measures) enter the correction alone."""
-    means: NDArray[np.float64] = np.round(answers.mean(axis=(1, 2)), DIGITS)
+    exact: NDArray[np.float64] = answers.mean(axis=(1, 2))
+    means = np.round(exact, DIGITS)
     tests = list(_primary(design, questionnaire, means, objective))
     if len(means) < LEAST_PARTICIPANTS:
         return {name: (None, None) for name, _ in tests if name}

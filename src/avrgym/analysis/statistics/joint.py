@@ -43,10 +43,10 @@ def jointly_corrected(differences: Sequence[Mapping[str, float]]) -> list[float 
 
 def signed_ranks(differences: Sequence[Mapping[str, float]]) -> Array:
     """The signed ranks (participants, tests); zero for a difference of zero, and for none."""
-    people = sorted({who for own in differences for who in own})
+    people = sorted({person for own in differences for person in own})
     found = np.zeros((len(people), len(differences)))
     for test, own in enumerate(differences):
-        given = np.array([own.get(who, 0.0) for who in people])
+        given = np.array([own.get(person, 0.0) for person in people])
         used = given != 0.0
         found[used, test] = stats.rankdata(np.abs(given[used])) * np.sign(given[used])
     return found
@@ -59,7 +59,8 @@ def signs(participants: int) -> Array:
         drawn = np.random.default_rng(SEED).integers(0, 2, (DRAWN, participants))
         return np.vstack([np.ones(participants), 1.0 - 2.0 * drawn])
     free = max(participants - 1, 0)
-    bits = np.right_shift(np.arange(2**free)[:, None], np.arange(free)) & 1
+    numbers: NDArray[np.int_] = np.arange(2**free)
+    bits = np.right_shift(numbers[:, None], np.arange(free)) & 1
     return np.hstack([np.ones((2**free, participants - free)), 1.0 - 2.0 * bits])
 
 

@@ -170,15 +170,15 @@ def _per(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
     own: dict[Key, list[float]] = {}
     for key, value in values.items():
         own.setdefault(key[:1], []).append(value)
-    return {who: round(fmean(given), DIGITS) for who, given in own.items()}
+    return {key: round(fmean(given), DIGITS) for key, given in own.items()}
 
 
 def _by_participant(unit: str, differences: Mapping[Key, float]) -> tuple[int, dict[str, float]]:
     """How many participants there are, and of a test by participant the difference of each."""
-    participants = len({who for who, *_ in differences})
+    participants = len({key[0] for key in differences})
     if unit == TRIAL:
         return participants, {}
-    return participants, {who: value for (who, *_), value in differences.items()}
+    return participants, {key[0]: value for key, value in differences.items()}
 
 
 def _groups(answers: Sequence[AnswerRow]) -> list[bool]:
