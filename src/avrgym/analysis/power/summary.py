@@ -8,6 +8,7 @@ from typing import Any
 from avrgym.analysis.power.answers import Assumptions
 from avrgym.analysis.power.power import GOALS, PowerRow, needed
 from avrgym.analysis.power.words import in_words
+from avrgym.analysis.statistics.families import PARTICIPANT
 from avrgym.study.design.design import Design
 
 
@@ -41,11 +42,15 @@ def printed(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
     """A row for each effect, test and measure: corrected power by number of participants, then the numbers needed."""
     sizes = sorted({row.participants for row in rows if row.effect})
     return [
-        {"effect": f"{effect:g}", "test": test, "measure": measure}
+        {"effect": f"{effect:g}", "test": _shown(test), "measure": measure}
         | {f"n={size}": _power(rows, effect, test, measure, size) for size in sizes}
         | {f"{100 * goal:.0f} % at": _number(rows, effect, test, measure, goal) for goal in GOALS}
         for effect, test, measure in _tests(rows)
     ]
+
+
+def _shown(test: str) -> str:
+    return test if test.endswith(PARTICIPANT) else f"{test} (not corrected)"
 
 
 def _tests(rows: Sequence[PowerRow]) -> list[tuple[float, str, str]]:

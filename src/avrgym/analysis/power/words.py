@@ -5,7 +5,7 @@ from math import ceil
 
 from avrgym.analysis.power.answers import Assumptions
 from avrgym.analysis.power.power import ALPHA, PowerRow
-from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS
+from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS, PARTICIPANT
 
 
 def in_words(assumptions: Assumptions, rows: Sequence[PowerRow], participants: int) -> Iterator[str]:
@@ -45,10 +45,15 @@ def _smallest_p(participants: int) -> str:
 def _found(row: PowerRow) -> str:
     verdict = "shown as a rule" if row.corrected_low >= 0.8 else _missed(row)
     points = "point" if row.effect == 1 else "points"
+    after = (
+        f"after correction in {100 * row.corrected:.0f} % ({100 * row.corrected_low:.0f} to "
+        f"{100 * row.corrected_high:.0f})"
+        if row.test.endswith(PARTICIPANT)
+        else "not corrected"
+    )
     return (
         f"An effect of {row.effect:g} {points} in {row.measure} is found by {row.test!r} in {_share(row.power, row)} "
-        f"of studies, after correction in {100 * row.corrected:.0f} % ({100 * row.corrected_low:.0f} to "
-        f"{100 * row.corrected_high:.0f}): {verdict}."
+        f"of studies, {after}: {verdict}."
     )
 
 

@@ -8,6 +8,7 @@ statistic (Romano and Wolf, J. Am. Stat. Assoc. 100, 2005). The tests' own depen
 
 from collections.abc import Mapping, Sequence
 from functools import cache
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,9 +60,8 @@ def signs(participants: int) -> Array:
         drawn = np.random.default_rng(SEED).integers(0, 2, (DRAWN, participants))
         return np.vstack([np.ones(participants), 1.0 - 2.0 * drawn])
     free = max(participants - 1, 0)
-    numbers: NDArray[np.int_] = np.arange(2**free)
-    bits = np.right_shift(numbers[:, None], np.arange(free)) & 1
-    return np.hstack([np.ones((2**free, participants - free)), 1.0 - 2.0 * bits])
+    chosen = np.array(list(product([1.0, -1.0], repeat=free))).reshape(2**free, free)
+    return np.hstack([np.ones((2**free, participants - free)), chosen])
 
 
 def step_down(statistics: Array) -> Array:
