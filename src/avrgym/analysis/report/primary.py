@@ -6,7 +6,7 @@ from itertools import chain
 from avrgym.analysis.model_rows import ModelRow
 from avrgym.analysis.page import Markup, badge, brief, table, tag
 from avrgym.analysis.report.models import effect
-from avrgym.analysis.report.results import captioned, probability, with_interval
+from avrgym.analysis.report.results import captioned, probability, values_given, with_interval
 from avrgym.analysis.rows import TestedRow
 from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS, PARTICIPANT, TOO_FEW
 from avrgym.analysis.statistics.primary import PRIMARY
@@ -61,7 +61,7 @@ def _primary(analysis: Analysis, simulated: bool) -> tuple[list[TestedRow], list
 def _tested(row: TestedRow) -> tuple[object, ...]:
     return (
         row.family.removesuffix(f", by {PARTICIPANT}"), row.quantity, f"{row.group_a} / {row.group_b}",
-        f"{row.n} + {row.zeros} zero" if row.zeros else row.n, f"{brief(row.median_a)} / {brief(row.median_b)}",
+        values_given(row), f"{brief(row.median_a)} / {brief(row.median_b)}",
         with_interval(row.effect, row.effect_low, row.effect_high),
         row.note if row.p is None else probability(row.p), probability(row.p_primary), row.mark,
     )  # fmt: skip
