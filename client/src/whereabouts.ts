@@ -98,11 +98,11 @@ export function pointerTo(place: Vector3, [position, orientation]: XRPose): { po
   return { position: aside.multiplyScalar(ASIDE_M).setZ(-AHEAD_M).applyMatrix4(head), turn };
 }
 
-/** A small pointer before the eyes in VR, while the robot is out of view. */
+/** A pointer before the eyes in VR, 6° long, while the robot is out of view. */
 export class RobotPointer {
   readonly mesh = new Mesh(
-    new ConeGeometry(0.012, 0.04, 12),
-    new MeshBasicMaterial({ color: 0xffb74d, depthTest: false, transparent: true, opacity: 0.85 }),
+    new ConeGeometry(0.02, 0.07, 16),
+    new MeshBasicMaterial({ color: 0xff6d00, depthTest: false, transparent: true, toneMapped: false }),
   );
 
   /** Is drawn in a scene. */
