@@ -108,6 +108,9 @@ EDITS = {
     ),
     "headset_check": Edit("headset_check = true", "headset_check = false", "headset_check", "true", "false"),
     "measure_reach": Edit("measure_reach = false", "measure_reach = true", "measure_reach", "false", "true"),
+    "ask_functioning": Edit(
+        "ask_functioning = false", "ask_functioning = true", "ask_functioning", "false", "true"
+    ),
     "an item's words": Edit(
         L1, "The robot failed.", "questionnaires.likert.items.L1.text", f'"{L1}"', '"The robot failed."'
     ),

@@ -44,6 +44,7 @@ from avrgym.study.checking.repeat_checks import check_repeats, is_simulated
 from avrgym.study.checking.repeats import tried_trials
 from avrgym.study.design.design import Design
 from avrgym.study.export.codebook import TABLES
+from avrgym.study.export.functioning import functioning_rows
 from avrgym.study.export.records import WITHOUT, adverse_event_rows
 from avrgym.study.export.scores import uses_instruments
 from avrgym.study.plan.deviations import deviations
@@ -122,6 +123,7 @@ class Analysis:
     rebuilt_at: str | None
     log: StudyLog
     adverse_events: list[Mapping[str, Any]]
+    functioning: list[dict[str, Any]]
     losses: tuple[str, ...]
     repeats: list[RepeatRow]
     repeat_findings: list[str]
@@ -144,6 +146,8 @@ class Analysis:
         yield Table.of("reward_terms", rows.TermRow, seen.terms)
         if seen.streams:
             yield Table.of("streams", StreamRow, seen.streams)
+        if self.functioning:
+            yield Table("functioning", list(TABLES["functioning"]), self.functioning)
         yield Table("adverse_events", list(TABLES["adverse_events"]), self.adverse_events)
         yield Table.of("problems", rows.ProblemRow, seen.problems)
         yield Table.of("objective", rows.ObjectiveRow, self.objective)
@@ -246,6 +250,7 @@ def analyse(
         rebuilt_at=store.rebuilt_at(),
         log=study_log(store),
         adverse_events=list(adverse_event_rows(store, store.participants(), WITHOUT)),
+        functioning=list(functioning_rows(store)) if store.design.ask_functioning else [],
         losses=loss_words(store),
         repeats=repeat_rows(tried_trials(store)),
         repeat_findings=[f"{each.where}: {each.what}" for each in check_repeats(store)],

@@ -216,3 +216,38 @@ def data_protection(folder: Folder) -> None:
     with plain_errors(), Store(folder) as store:
         for path in write_data_protection(store):
             say(f"draft     {path}")
+
+
+def functioning(folder: Folder, participant: Pseudonym) -> None:
+    """Ask a participant about functioning, assistive devices and a diagnosis, in their language.
+
+    The design must ask for it. Each question may be declined; answers replace earlier ones.
+    """
+    from avrgym.study.design.functioning import (
+        DEVICES,
+        DEVICES_QUESTION,
+        DIAGNOSIS_QUESTION,
+        LEVELS,
+        QUESTIONS,
+    )
+    from avrgym.study.people.functioning import Functioning, record_functioning
+    from avrgym.study.people.participants import texts_of
+    from avrgym.study.storage.store import Store
+
+    with plain_errors(), Store(folder) as store:
+        texts = texts_of(store, store.participant(participant))
+        levels: dict[str, str] = {}
+        for question, text in QUESTIONS.items():
+            say(texts.translate(text))
+            for key, word in LEVELS.items():
+                say(f"  {key}: {texts.translate(word)}")
+            levels[question] = typer.prompt(question)
+        say(texts.translate(DEVICES_QUESTION))
+        for key, word in DEVICES.items():
+            say(f"  {key}: {texts.translate(word)}")
+        devices = typer.prompt("numbers with commas between", default="", show_default=False)
+        diagnosis = typer.prompt(texts.translate(DIAGNOSIS_QUESTION), default="", show_default=False)
+        named = tuple(each.strip() for each in devices.split(",") if each.strip())
+        record_functioning(store, participant, Functioning(levels, named, diagnosis))
+        log(store, "record functioning", participant)
+    say(f"{participant}: the answers are stored")

@@ -16,6 +16,7 @@ from avrgym.cli.progress import GOES_ON, progress_bar
 from avrgym.cli.records import (
     adverse_events,
     data_protection,
+    functioning,
     participant_data,
     record_adverse_event,
     retention,
@@ -66,6 +67,7 @@ app.command()(adverse_events)
 app.command()(retention)
 app.command()(participant_data)
 app.command()(data_protection)
+app.command()(functioning)
 app.command()(add_experimenter)
 app.command()(experimenters)
 app.command()(revoke_experimenter)
@@ -372,6 +374,10 @@ def export(
             help="Export also what experimenters wrote, and their names: read it before you share it.",
         ),
     ] = False,
+    health: Annotated[
+        bool,
+        typer.Option("--health-data", help="Export also each person's answers about functioning and devices."),
+    ] = False,
 ) -> None:
     """Export a study's data, pseudonymised.
 
@@ -392,7 +398,7 @@ def export(
             data_format,
             out,
             skip_damaged=skip_damaged,
-            extras=Extras(free_text),
+            extras=Extras(free_text, health),
             progress=bar.show,
             tell=left_out.append,
         )

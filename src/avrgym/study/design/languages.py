@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from avrgym.recording.questionnaire import Questionnaire
+from avrgym.study.design import functioning
 from avrgym.study.design.wrong import Wrong, check_unique
 from avrgym.tasks.registry import TASKS
 from avrgym.texts.texts import FOLDER, TextsError, read_texts
@@ -60,6 +61,8 @@ def _own(design: Design) -> Iterator[str]:
 def _brought(design: Design) -> Iterator[str]:
     """Those that AVR Gym says in it."""
     yield from (TASKS[task].goal for task in design.tasks if not design.goals.get(task))
+    if design.ask_functioning:
+        yield from functioning.sentences()
     for questionnaire in design.questionnaires:
         if _is_brought(questionnaire):
             yield from _words(questionnaire)

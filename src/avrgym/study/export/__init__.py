@@ -66,7 +66,9 @@ def export_study(
     if data_format not in FORMATS:
         raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(FORMATS)}")
     if extras != WITHOUT and data_format not in WITH_RECORDS:
-        raise StudyError(f"{data_format} has no place for free text; allowed: {', '.join(WITH_RECORDS)}")
+        raise StudyError(
+            f"{data_format} has no place for free text and data on health; allowed: {', '.join(WITH_RECORDS)}"
+        )
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise StudyError(f"{out} holds something already; choose another folder")
     write = _writer(data_format)

@@ -9,6 +9,7 @@ from avrgym.recording.instruments.registry import INSTRUMENTS
 from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.study.design.design import Design
+from avrgym.study.design.functioning import LEVELS, QUESTIONS
 from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES
 from avrgym.study.storage.log import KNOWN_BY
 from avrgym.study.storage.states import ATTEMPT, PARTICIPANT, TRIAL
@@ -76,7 +77,7 @@ _OF_TRIAL = {
 }
 OF_INSTRUMENTS = ("scores", "scales")
 """The tables of studies that use instruments; others do not have them."""
-RECORDS = ("events", "adverse_events", "notes")
+RECORDS = ("events", "adverse_events", "functioning", "functioning_by_person", "notes")
 """The tables of what happened and what experimenters wrote."""
 WHY = {"why": Column("Why the recording was left out.", TEXT)}
 TABLES: Mapping[str, Mapping[str, Column]] = {
@@ -261,6 +262,24 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "relatedness": Column("Attribution to the study as NCI's CTEP grades it.", TEXT, allowed=_one_of(*RELATEDNESS)),
         "action": Column("What was done about it.", TEXT, empty="nothing, or not asked for"),
         "outcome": Column("Outcome of ICH E2B(R3).", TEXT, allowed=_one_of(*OUTCOMES)),
+    },
+    "functioning": {
+        "question": Column("The domain of the Washington Group Short Set, or devices.", TEXT),
+        "answer": Column("A level of difficulty, or a class of ISO 9999.", TEXT),
+        "people": Column(
+            "How many of the people analysed gave this answer.", TEXT,
+            allowed="a number from 5 on, 0, or suppressed where a group of fewer than 5 could be told",
+        ),
+    },
+    "functioning_by_person": {
+        "participant": PARTICIPANT_COLUMN,
+        "site": SITE,
+        **{
+            question: Column(f"Difficulty in {question.replace('_', '-')}.", TEXT, allowed=_one_of(*LEVELS))
+            for question in QUESTIONS
+        },
+        "devices": Column("Classes of assistive products by their numbers in ISO 9999.", TEXT, empty="nothing named"),
+        "diagnosis": Column("The diagnosis in the person's words.", TEXT, empty="not given, or not asked for"),
     },
     "notes": {
         "participant": PARTICIPANT_COLUMN,

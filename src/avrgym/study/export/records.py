@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from avrgym.study.export.codebook import TABLES, Column
+from avrgym.study.export.functioning import functioning_rows, individual_rows
 from avrgym.study.export.separated import write_json, write_rows
 from avrgym.study.people.adverse_events import followed
 from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
@@ -23,9 +24,13 @@ WITH_FREE_TEXT = ("participant withdrawn",)
 
 @dataclass(frozen=True)
 class Extras:
-    """What is exported only when it is asked for: ``free_text``, what experimenters wrote and their names."""
+    """What is exported only when it is asked for.
+
+    ``free_text``: what experimenters wrote and their names. ``health``: each person's answers about functioning.
+    """
 
     free_text: bool = False
+    health: bool = False
 
 
 WITHOUT = Extras()
@@ -39,6 +44,10 @@ def records_of(store: Store, extras: Extras) -> dict[str, list[dict[str, Any]]]:
         "events": list(event_rows(store, people, extras)),
         "adverse_events": list(adverse_event_rows(store, people, extras)),
     }
+    if store.design.ask_functioning:
+        tables["functioning"] = list(functioning_rows(store))
+    if extras.health:
+        tables["functioning_by_person"] = list(individual_rows(store, free_text=extras.free_text))
     return tables | ({"notes": list(note_rows(store, people))} if extras.free_text else {})
 
 

@@ -22,7 +22,7 @@ MEASURES = (
     "Pseudonyms: names and contacts are in the folder `private` alone, apart from recordings and answers.",
     "Files and folders of the study can be read by the account that owns them and by no other.",
     "The server needs a token for each role; on a network it serves by TLS alone.",
-    "A ledger and checksums detect each change of the database or of recordings by anything else.",
+    "A ledger and checksums detect changes of the database and of recordings by anything else.",
     "A log contains who viewed, exported and deleted what.",
     "Deletion of one participant on request, with the database's backups, and deletion by schedule.",
     "Exports contain no names, and free text only when it is asked for.",
@@ -110,7 +110,7 @@ def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
             "(a) Controller, joint controllers, data protection officer": _fill_in("names and contacts"),
             "(b) Purposes": _fill_in("the research question") + f" The study: {design.title}.",
             "(c) Categories of people": f"{design.participants} participants of a study; experimenters, in its log. "
-            + (" ".join(each.text for each in design.inclusion)),
+            + _fill_in("how they are found, and whether any of them are vulnerable"),
             "(c) Categories of data": _list(_data(design)),
             "(d) Recipients": _recipients(design),
             "(e) Transfers to third countries": _fill_in(
@@ -127,6 +127,8 @@ def _data(design: Design) -> Iterable[str]:
     yield "Identity: name and contact, where they were given."
     yield "Body model (woman or man), age where it was given, language, torso height."
     yield "Answers to inclusion questions: " + " ".join(each.text for each in design.inclusion)
+    if design.ask_functioning:
+        yield "Data on health (Article 9(1)): functioning, assistive devices, diagnosis, where not declined."
     yield "Movements of head and hands during each trial, at the rate of tracking."
     names = ", ".join(each.name for each in design.questionnaires)
     yield f"Answers with response times: {names or 'no questionnaires'}."

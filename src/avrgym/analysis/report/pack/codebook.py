@@ -14,7 +14,7 @@ JSON_TYPES = {TEXT: "string", WHOLE: "integer", NUMBER: "number", TRUTH: "boolea
 FRICTIONLESS_TYPES = JSON_TYPES | {TIME: "datetime", "any": "any"}
 SCHEMA = "https://json-schema.org/draft/2020-12/schema"
 PROFILE = "tabular-data-package"
-AS_EXPORTED = ("attempts", "answers", "scores", "adverse_events")
+AS_EXPORTED = ("attempts", "answers", "scores", "adverse_events", "functioning")
 """Tables whose rows are those of the export."""
 ANY = "any"
 UNDESCRIBED = Column("Not described.", ANY)

@@ -27,7 +27,7 @@ class ShownTable:
 
 def shown_tables(analysis: Analysis, simulated: bool) -> Iterator[ShownTable]:
     """The tables that have rows; captions say what is about simulated participants."""
-    for table in (_participants, _primary, _objective, _tests, _models):
+    for table in (_participants, _functioning, _primary, _objective, _tests, _models):
         shown = table(analysis, simulated)
         if shown.rows:
             yield shown
@@ -51,6 +51,13 @@ def _participants(analysis: Analysis, simulated: bool) -> ShownTable:
     return ShownTable(
         "participants", _marked("Participants in the analysis", simulated), heads, rows, (1, 2, 3, 4)
     )
+
+
+def _functioning(analysis: Analysis, simulated: bool) -> ShownTable:
+    """Of people alone, without groups of fewer than five and what they would follow from."""
+    rows = [] if simulated else [tuple(row.values()) for row in analysis.functioning if row["people"] != "0"]
+    caption = "Functioning (Washington Group Short Set) and devices (ISO 9999) of people with a completed trial"
+    return ShownTable("functioning", caption, ("Question", "Answer", "n"), rows, (2,))
 
 
 def _spread(values: Sequence[float], digits: int) -> str:

@@ -1,0 +1,54 @@
+"""What a study may ask participants about disability, diagnosis and assistive devices; each may be declined.
+
+Questions on functioning are the Short Set of the Washington Group on Disability Statistics, with its four levels.
+Devices are the classes of assistive products of ISO 9999:2022, in short words of our own. No translation of either is
+validated.
+"""
+
+from collections.abc import Iterator, Mapping
+
+QUESTIONS: Mapping[str, str] = {
+    "seeing": "Do you have difficulty seeing, even if wearing glasses?",
+    "hearing": "Do you have difficulty hearing, even if using a hearing aid?",
+    "walking": "Do you have difficulty walking or climbing steps?",
+    "remembering": "Do you have difficulty remembering or concentrating?",
+    "self_care": "Do you have difficulty with self-care, such as washing all over or dressing?",
+    "communicating": "Using your usual language, do you have difficulty communicating, for example understanding or "
+    "being understood?",
+}
+NONE, DECLINED = "none", "declined"
+LEVELS: Mapping[str, str] = {
+    NONE: "no difficulty",
+    "some": "some difficulty",
+    "a lot": "a lot of difficulty",
+    "cannot": "cannot do at all",
+    DECLINED: "I prefer not to answer",
+}
+DEVICES_QUESTION = "Which assistive devices do you use in daily life?"
+DEVICES: Mapping[str, str] = {
+    "04": "for treatment or training of the body",
+    "05": "for learning skills",
+    "06": "braces, splints or artificial limbs",
+    "09": "for eating, washing, dressing or using the toilet",
+    "12": "for moving around, such as a wheelchair or a cane",
+    "15": "for housework",
+    "18": "furniture and fittings, such as an adjustable bed",
+    "22": "for seeing, hearing, speaking or using a computer",
+    "24": "for reaching, gripping or carrying things",
+    "27": "for controlling the surroundings",
+    "28": "for work",
+    "30": "for leisure",
+    NONE: "none of these",
+    DECLINED: "I prefer not to answer",
+}
+"""The classes of ISO 9999 by their numbers."""
+DIAGNOSIS_QUESTION = "Which diagnosis do you want to name? You need not answer."
+
+
+def sentences() -> Iterator[str]:
+    """All that participants read of it."""
+    yield from QUESTIONS.values()
+    yield from LEVELS.values()
+    yield from DEVICES.values()
+    yield DEVICES_QUESTION
+    yield DIAGNOSIS_QUESTION

@@ -1,0 +1,74 @@
+"""Functioning and assistive devices of those analysed, as counts in which no small group can be told."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from avrgym.study.design.functioning import DECLINED, DEVICES, LEVELS, QUESTIONS
+from avrgym.study.people.functioning import Functioning
+from avrgym.study.storage.rows import Participant
+from avrgym.study.storage.states import TAKES_PART
+from avrgym.study.storage.store import Store
+
+LEAST = 5
+"""Groups of fewer people are not shown, nor what would tell them by a difference from the total."""
+SUPPRESSED = "suppressed"
+NOT_ASKED = "not asked"
+
+
+def functioning_rows(store: Store) -> Iterator[dict[str, Any]]:
+    """A row for each answer that each question allows, with how many of the people analysed gave it."""
+    given = [_answers(person) for person in store.participants() if _is_analysed(store, person)]
+    for question in QUESTIONS:
+        levels = [answers.levels[question] if answers else NOT_ASKED for answers in given]
+        kinds = [*LEVELS, NOT_ASKED]
+        for level, number in zip(kinds, suppress([levels.count(each) for each in kinds]), strict=True):
+            yield {"question": question, "answer": level, "people": _shown(number)}
+    for device in DEVICES:
+        number = sum(answers is not None and device in answers.devices for answers in given)
+        yield {
+            "question": "devices",
+            "answer": device if device == DECLINED else f"{device}: {DEVICES[device]}",
+            "people": _shown(suppress([number, len(given) - number])[0]),
+        }
+
+
+def suppress(counts: Sequence[int], least: int = LEAST) -> list[int | None]:
+    """Counts of one total without small ones, nor with others from which small ones would follow."""
+    hidden = {place for place, number in enumerate(counts) if 0 < number < least}
+    while hidden and (sum(counts[place] for place in hidden) < least or len(hidden) < 2):
+        shown = [place for place, number in enumerate(counts) if number and place not in hidden]
+        if not shown:
+            return [None] * len(counts)
+        hidden.add(min(shown, key=lambda place: counts[place]))
+    return [None if place in hidden else number for place, number in enumerate(counts)]
+
+
+def individual_rows(store: Store, *, free_text: bool) -> Iterator[dict[str, Any]]:
+    """What each person answered."""
+    for person in store.participants():
+        answers = _answers(person)
+        if answers is not None:
+            yield {
+                "participant": person.pseudonym,
+                "site": person.site,
+                **{question: answers.levels[question] for question in QUESTIONS},
+                "devices": ", ".join(answers.devices) or None,
+                "diagnosis": (answers.diagnosis or None) if free_text else None,
+            }
+
+
+def _answers(person: Participant) -> Functioning | None:
+    return None if person.functioning is None else Functioning(**person.functioning)
+
+
+def _is_analysed(store: Store, person: Participant) -> bool:
+    """Whether a person has a trial that may enter the analysis."""
+    return (
+        not person.simulated
+        and person.state in TAKES_PART
+        and any(each.state == "completed" and not each.practice for each in store.trials(person.pseudonym))
+    )
+
+
+def _shown(number: int | None) -> str:
+    return SUPPRESSED if number is None else str(number)

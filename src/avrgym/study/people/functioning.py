@@ -1,0 +1,57 @@
+"""Recording answers about disability, diagnosis and assistive devices, where the design asks for them."""
+
+import msgspec
+
+from avrgym.study.design.functioning import DECLINED, DEVICES, LEVELS, NONE, QUESTIONS
+from avrgym.study.storage import ledger, schema
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find_participant, record_event
+from avrgym.study.storage.texts import check_line
+
+
+class Functioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A level for each question that was asked, the numbers of classes of devices, and a diagnosis in free text."""
+
+    levels: dict[str, str]
+    devices: tuple[str, ...] = ()
+    diagnosis: str = ""
+
+
+def record_functioning(store: Store, pseudonym: str, answers: Functioning) -> None:
+    """Store a participant's answers in the place of earlier ones.
+
+    Raises:
+        StudyError: where the design does not ask, before consent, for a simulated participant, and for what is no
+            answer.
+    """
+    if not store.design.ask_functioning:
+        raise StudyError(
+            "the design does not ask about functioning; ask_functioning = true in study.toml does"
+        )
+    _check(answers)
+    with store.write() as connection:
+        participant = find_participant(connection, pseudonym)
+        if participant.simulated:
+            raise StudyError(f"{pseudonym} is simulated; only people are asked")
+        if participant.consented_at is None:
+            raise StudyError(f"{pseudonym} has not consented; consent comes first")
+        given = msgspec.to_builtins(answers)
+        ledger.update(connection, schema.PARTICIPANT, participant.number, functioning=given)
+        record_event(connection, "functioning recorded", "", {"participant": participant.number})
+
+
+def _check(answers: Functioning) -> None:
+    if set(answers.levels) != set(QUESTIONS):
+        raise StudyError(
+            f"each question needs an answer or {DECLINED!r}; the questions are {', '.join(QUESTIONS)}"
+        )
+    for question, level in answers.levels.items():
+        if level not in LEVELS:
+            raise StudyError(f"{question}: {level!r} is no answer; allowed: {', '.join(LEVELS)}")
+    for device in answers.devices:
+        if device not in DEVICES:
+            raise StudyError(f"{device!r} is no class of devices; allowed: {', '.join(DEVICES)}")
+    alone = {NONE, DECLINED} & set(answers.devices)
+    if alone and len(answers.devices) > 1:
+        raise StudyError(f"{alone.pop()!r} stands alone; allowed: one of it, or classes of devices")
+    check_line("the diagnosis", answers.diagnosis)

@@ -1,0 +1,161 @@
+"""Functioning, devices and diagnosis: optional, in every language, and in exports without small groups."""
+
+import csv
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from avrgym.cli import app
+from avrgym.study.design.functioning import DECLINED, DEVICES, LEVELS, QUESTIONS, sentences
+from avrgym.study.export import export_study
+from avrgym.study.export.functioning import LEAST, functioning_rows, suppress
+from avrgym.study.export.records import Extras
+from avrgym.study.people.functioning import Functioning, record_functioning
+from avrgym.study.people.participants import enrol
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.texts.texts import read_texts, shipped
+from studies import make_study, run_participant, small_study, take_in
+
+ANSWERS = Functioning(dict.fromkeys(QUESTIONS, "none"), ("12", "24"), "Unverwechselbar-Syndrom")
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    """Seven people with a trial, the last of whom has some difficulty walking."""
+    with Store(make_study(tmp_path / "study", tasks='["Feeding"]', ask_functioning="true")) as opened:
+        for number in range(7):
+            pseudonym = take_in(opened, simulated=False)
+            run_participant(opened, pseudonym, trials=2, simulated=False)
+            walking = "some" if number == 6 else "none"
+            record_functioning(opened, pseudonym, changed(levels=ANSWERS.levels | {"walking": walking}))
+        yield opened
+
+
+def changed(**changes: Any) -> Functioning:
+    return Functioning(
+        **{"levels": ANSWERS.levels, "devices": ANSWERS.devices, "diagnosis": ANSWERS.diagnosis} | changes
+    )
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    with open(path, encoding="utf-8-sig", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize("language", shipped())
+def test_every_language_has_every_sentence(language: str) -> None:
+    texts = read_texts(language)
+    assert language == "en" or texts.lacking(list(sentences())) == []
+
+
+def test_every_question_may_be_declined(store: Store) -> None:
+    record_functioning(store, "sub-001", Functioning(dict.fromkeys(QUESTIONS, DECLINED), (DECLINED,)))
+    said = store.participant("sub-001").functioning
+    assert said == {"levels": dict.fromkeys(QUESTIONS, DECLINED), "devices": [DECLINED], "diagnosis": ""}
+    assert store.database.faults() == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"levels": {"seeing": "none"}}, "each question needs an answer or 'declined'"),
+        (
+            {"levels": ANSWERS.levels | {"walking": "badly"}},
+            "walking: 'badly' is no answer; allowed: none, some",
+        ),
+        ({"devices": ("13",)}, "'13' is no class of devices; allowed: 04, 05"),
+        ({"devices": ("none", "12")}, "'none' stands alone"),
+        ({"diagnosis": "x" * 201}, "the diagnosis is 201 characters long"),
+    ],
+)
+def test_what_is_no_answer_is_refused(store: Store, changes: dict[str, Any], words: str) -> None:
+    before = store.participant("sub-001")
+    with pytest.raises(StudyError, match=words):
+        record_functioning(store, "sub-001", changed(**changes))
+    assert store.participant("sub-001") == before
+
+
+def test_nobody_is_asked_before_consent_or_without_the_design(store: Store, tmp_path: Path) -> None:
+    with pytest.raises(StudyError, match="consent comes first"):
+        record_functioning(store, enrol(store, "man"), ANSWERS)
+    with pytest.raises(StudyError, match="is simulated; only people are asked"):
+        record_functioning(store, take_in(store), ANSWERS)
+    with Store(small_study(tmp_path / "without")) as without:
+        pseudonym = take_in(without, simulated=False)
+        with pytest.raises(StudyError, match="ask_functioning = true in study"):
+            record_functioning(without, pseudonym, ANSWERS)
+
+
+# Small groups
+
+
+@pytest.mark.parametrize(
+    ("counts", "shown"),
+    [
+        ([12, 0, 0], [12, 0, 0]),
+        ([12, 6, 0], [12, 6, 0]),
+        ([12, 6, 4], [12, None, None]),
+        ([20, 3, 2], [20, None, None]),
+        ([20, 2, 1, 6], [20, None, None, None]),
+        ([7, 1], [None, None]),
+        ([4], [None]),
+        ([0, 0], [0, 0]),
+    ],
+)
+def test_neither_small_groups_nor_what_they_follow_from_are_shown(
+    counts: list[int], shown: list[int | None]
+) -> None:
+    assert suppress(counts) == shown
+
+
+def test_no_hidden_group_of_fewer_follows_from_the_total() -> None:
+    for a in range(12):
+        for b in range(12):
+            for c in range(12):
+                shown = suppress([a, b, c])
+                hidden = [number for number, seen in zip((a, b, c), shown, strict=True) if seen is None]
+                assert not any(seen is not None and 0 < seen < LEAST for seen in shown)
+                assert not hidden or sum(hidden) >= LEAST or all(seen is None for seen in shown)
+
+
+def test_an_export_contains_counts_and_what_persons_answered_only_on_request(
+    store: Store, tmp_path: Path
+) -> None:
+    rows = {(row["question"], row["answer"]): row["people"] for row in functioning_rows(store)}
+    assert rows["seeing", "none"] == "7"
+    assert rows["walking", "some"] == rows["walking", "none"] == "suppressed"
+    assert rows["devices", f"12: {DEVICES['12']}"] == "7"
+    export_study(store, "csv", tmp_path / "public")
+    files = [path.read_bytes() for path in (tmp_path / "public").rglob("*") if path.is_file()]
+    assert not any(b"Unverwechselbar" in data for data in files)
+    assert not (tmp_path / "public" / "functioning_by_person.csv").exists()
+    assert len(read(tmp_path / "public" / "functioning.csv")) == 6 * (len(LEVELS) + 1) + len(DEVICES)
+    export_study(store, "csv", tmp_path / "health", extras=Extras(health=True))
+    *_, last = read(tmp_path / "health" / "functioning_by_person.csv")
+    assert (last["walking"], last["devices"], last["diagnosis"]) == ("some", "12, 24", "")
+    export_study(store, "csv", tmp_path / "all", extras=Extras(free_text=True, health=True))
+    assert read(tmp_path / "all" / "functioning_by_person.csv")[0]["diagnosis"] == ANSWERS.diagnosis
+    assert {each.name for each in fields(Extras)} == {"free_text", "health"}
+
+
+def test_the_command_asks_in_the_participant_s_language(tmp_path: Path) -> None:
+    folder = make_study(
+        tmp_path / "study", tasks='["Feeding"]', ask_functioning="true", languages='["en", "de"]'
+    )
+    with Store(folder) as store:
+        pseudonym = take_in(store, simulated=False)
+        english = enrol(store, "man", language="de")
+    answers = "\n".join(["none"] * len(QUESTIONS) + ["12, 24", ""]) + "\n"
+    result = CliRunner().invoke(app, ["study", "functioning", str(folder), pseudonym], input=answers)
+    assert result.exit_code == 0, result.output
+    assert "no difficulty" in result.output
+    with Store(folder) as store:
+        assert store.participant(pseudonym).functioning is not None
+    result = CliRunner().invoke(app, ["study", "functioning", str(folder), english], input=answers)
+    assert "keine Schwierigkeiten" in result.output
+    assert "consent comes first" in result.output
