@@ -86,7 +86,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     ``withdraw_after_success``: the robot withdraws its tool once a task that ends with success is complete; of a design
     that does not say it goes on to the trial's end. ``streams`` are exchanged with other devices.
     ``headset_check``: sessions of people begin with a check of the headset; of a design that does not say they do not.
-    ``ask_functioning``: people are asked about disability, diagnosis and assistive devices.
+    ``ask_functioning``: the study has questions about disability, diagnosis and assistive devices.
     ``measure_reach``: people stretch their arms when they are measured, and their bodies' arms become as long.
     """
 

@@ -10,7 +10,7 @@ from avrgym.study.storage.texts import check_line
 
 
 class Functioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A level for each question that was asked, the numbers of classes of devices, and a diagnosis in free text."""
+    """A level for each question, the numbers of classes of devices, and a diagnosis in free text."""
 
     levels: dict[str, str]
     devices: tuple[str, ...] = ()
