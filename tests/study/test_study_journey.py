@@ -9,6 +9,7 @@ from playwright.sync_api import Page, expect
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
+from avrgym.study.design.design import FILE, read_design
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
@@ -53,7 +54,7 @@ def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
     with served(folder, limits=UNHURRIED) as server, EmulatedHeadset(server.participant, 320, 180) as headset:
         draw_little(headset)
         dashboard = open_dashboard(headset, server.dashboard)
-        take_in(dashboard)
+        take_in(dashboard, folder)
         begin(dashboard, headset, "Begin session")
         sit_down(headset, participant)
         await_buttons(headset, "L1")
@@ -102,7 +103,7 @@ def open_dashboard(headset: EmulatedHeadset, address: str) -> Page:
     return page
 
 
-def take_in(dashboard: Page) -> None:
+def take_in(dashboard: Page, folder: Path) -> None:
     """Enrol a woman who agrees and can take part."""
     dashboard.locator("summary", has_text="Enrol somebody").click()
     dashboard.get_by_label("Body model").select_option("woman")
@@ -110,9 +111,10 @@ def take_in(dashboard: Page) -> None:
     dashboard.get_by_label("They have read version 1 and agree").check()
     dashboard.get_by_role("button", name="Record consent").click()
     questions = dashboard.locator("#questions").get_by_role("group")
-    expect(questions).to_have_count(5)
-    for number, answer in enumerate(("yes", "yes", "no", "yes", "no")):
-        questions.nth(number).get_by_label(answer).check()
+    asked = read_design(folder / FILE).inclusion
+    expect(questions).to_have_count(len(asked))
+    for number, question in enumerate(asked):
+        questions.nth(number).get_by_label("yes" if question.required else "no").check()
     dashboard.get_by_role("button", name="Record answers").click()
     expect(dashboard.get_by_role("row", name="sub-001")).to_contain_text("0 of 2")
 
