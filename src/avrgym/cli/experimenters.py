@@ -13,7 +13,9 @@ Name = Annotated[str, typer.Argument(help="The experimenter, in at most 40 lette
 
 
 def add_experimenter(folder: Folder, name: Name) -> None:
-    """Give an experimenter a token of their own, so that the log names them.
+    """Give an experimenter a token of their own.
+
+    The log then contains their name.
 
     The token is printed once; the study stores only its checksum.
     """
@@ -31,7 +33,7 @@ def add_experimenter(folder: Folder, name: Name) -> None:
 
 
 def experimenters(folder: Folder, json_file: JsonFile = None) -> None:
-    """List the experimenters who have or had a token of their own."""
+    """List experimenters with a token of their own."""
     from avrgym.study.people.experimenters import list_experimenters
     from avrgym.study.storage.store import Store
 
@@ -50,7 +52,10 @@ def experimenters(folder: Folder, json_file: JsonFile = None) -> None:
 
 
 def revoke_experimenter(folder: Folder, name: Name) -> None:
-    """End the token of an experimenter; pages that use it are closed within seconds."""
+    """Revoke the token of an experimenter.
+
+    Pages that use it are closed within seconds.
+    """
     from avrgym.study.people.experimenters import revoke_experimenter as revoke
     from avrgym.study.storage.log import REVOKE_EXPERIMENTER
     from avrgym.study.storage.store import Store

@@ -15,7 +15,7 @@ KEPT = "Keep a copy of it apart from the study: without it the names are lost, a
 
 
 def names(folder: Folder) -> None:
-    """Show who the participants are: pseudonyms, names and contacts."""
+    """Show names and contacts of the participants."""
     from avrgym.study.storage import keyfile
     from avrgym.study.storage.store import Store
 
@@ -40,7 +40,7 @@ def encrypt_names(
         bool, typer.Option("--passphrase", help="With a passphrase instead of a key file.")
     ] = False,
 ) -> None:
-    """Encrypt the names with a new key file or passphrase.
+    """Encrypt the names with a new key or passphrase.
 
     The file that was not encrypted is removed once the encrypted one was read back. Names that are encrypted already
     get the new key.

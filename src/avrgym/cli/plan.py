@@ -55,7 +55,7 @@ def freeze(
         typer.Option("--registered-on", help="On which day; without it today.", formats=["%Y-%m-%d"]),
     ] = None,
 ) -> None:
-    """Freeze the study's plan, before the first participant.
+    """Freeze the plan before the first participant.
 
     Without a plan, write one to fill in. A plan that another station froze is adopted.
     """

@@ -54,7 +54,7 @@ def record_adverse_event(
     ] = None,
     by: Annotated[str, typer.Option(help="Who records it; without it the account of this computer.")] = "",
 ) -> None:
-    """Record an adverse event of a participant, or a follow-up of one.
+    """Record an adverse event, or a follow-up of one.
 
     A follow-up is stored after the reports before it and replaces none; it states only what has changed.
     """
@@ -112,7 +112,10 @@ def adverse_events(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """List adverse events as they are known now, and next to them what sessions reported of safety by themselves."""
+    """List adverse events and safety events.
+
+    Each adverse event with its latest follow-up; then stops, interventions and forces that sessions recorded.
+    """
     from avrgym.study.export.records import Extras, adverse_event_rows, write_adverse_events
     from avrgym.study.people.adverse_events import SOURCES, safety_events
     from avrgym.study.storage.store import Store
@@ -151,7 +154,9 @@ def retention(
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """List which data of people are due by [retention] of study.toml, and delete them with --delete.
+    """List data whose retention period has ended.
+
+    The periods are in [retention] of study.toml; --delete deletes what is due.
 
     Run it daily by cron or systemd with --delete. Each deletion is logged.
     """
@@ -190,7 +195,7 @@ def participant_data(
     participant: Pseudonym,
     out: Annotated[Path, typer.Option(help="A new archive.", metavar="FILE.zip")],
 ) -> None:
-    """Write all that the study holds about one participant into one archive.
+    """Write all data of one participant to an archive.
 
     It is for the participant who asks for their data, with an index, recordings, notes and name.
     """
@@ -206,7 +211,9 @@ def participant_data(
 
 
 def data_protection(folder: Folder) -> None:
-    """Write drafts of a data protection impact assessment and of a record of processing.
+    """Draft data protection documents.
+
+    An impact assessment and a record of processing.
 
     They are filled in from the design (GDPR, Articles 35 and 30); what you have filled in is never overwritten.
     """
@@ -219,7 +226,7 @@ def data_protection(folder: Folder) -> None:
 
 
 def functioning(folder: Folder, participant: Pseudonym) -> None:
-    """Ask a participant about functioning, assistive devices and a diagnosis, in their language.
+    """Ask about functioning, devices and diagnosis.
 
     The design must ask for it. Each question may be declined; answers replace earlier ones.
     """

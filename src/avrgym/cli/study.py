@@ -234,7 +234,10 @@ def withdraw(
     participant: Pseudonym,
     reason: Annotated[str, typer.Option(help="Without names.")] = "",
 ) -> None:
-    """Store that somebody takes part no longer. This is final; a session that runs anywhere ends within a second."""
+    """Store that somebody takes part no longer.
+
+    This is final; a session that runs anywhere ends within a second.
+    """
     from avrgym.study.people.participants import withdraw as end_participation
     from avrgym.study.storage.store import Store
 
@@ -250,7 +253,10 @@ def confirm_participation(
     participant: Pseudonym,
     evidence: Annotated[str, typer.Option(help="Such as a signed form and where it is. Without names.")],
 ) -> None:
-    """Store that somebody consented and did not withdraw, after `rebuild` could not know it."""
+    """Confirm a participant whose consent is unknown.
+
+    After `rebuild`: they consented and did not withdraw.
+    """
     from avrgym.study.people.participants import confirm_participation as confirm_by
     from avrgym.study.storage.store import Store
 
@@ -304,7 +310,7 @@ def check(
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Check that the study can run and its data are sound.
+    """Check that a study can run and its data are sound.
 
     Its policies are loaded, and whatever it stored is to be there, whole and unchanged.
     """
@@ -331,7 +337,9 @@ def check(
 
 @app.command()
 def rebuild(folder: Folder) -> None:
-    """Rebuild a lost database from the recordings and the participation list.
+    """Rebuild a lost database.
+
+    From the recordings and the participation list.
 
     What they do not tell is listed. Names and recordings stay.
     """
@@ -376,7 +384,9 @@ def export(
     ] = False,
     health: Annotated[
         bool,
-        typer.Option("--health-data", help="Export also each person's answers about functioning and devices."),
+        typer.Option(
+            "--health-data", help="Export also each person's answers about functioning and devices."
+        ),
     ] = False,
 ) -> None:
     """Export a study's data, pseudonymised.

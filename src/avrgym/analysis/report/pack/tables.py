@@ -56,7 +56,9 @@ def _participants(analysis: Analysis, simulated: bool) -> ShownTable:
 def _functioning(analysis: Analysis, simulated: bool) -> ShownTable:
     """Of people alone, without groups of fewer than five and what they would follow from."""
     rows = [] if simulated else [tuple(row.values()) for row in analysis.functioning if row["people"] != "0"]
-    caption = "Functioning (Washington Group Short Set) and devices (ISO 9999) of people with a completed trial"
+    caption = (
+        "Functioning (Washington Group Short Set) and devices (ISO 9999) of people with a completed trial"
+    )
     return ShownTable("functioning", caption, ("Question", "Answer", "n"), rows, (2,))
 
 
