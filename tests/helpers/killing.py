@@ -193,6 +193,7 @@ def recorded_of(store: Store, pseudonym: str) -> Iterator[tuple[dict[str, Any], 
     for trial in store.trials(pseudonym):
         recording = read_recording(store.path(completed[trial.id].recording))
         metadata = {name: value for name, value in recording.metadata.items() if name not in RUN}
+        metadata["consent"] = {name: value for name, value in metadata["consent"].items() if name not in RUN}
         messages = [
             message
             for message in recording.messages
@@ -211,15 +212,20 @@ RUN = {
     "started_at",
     "ended_at",
     "answered_at",
+    "decided_at",
+    "at",
 }
-"""What tells of the run that made a study, and not of the study."""
+"""Columns about the run that made a study, not about the study."""
+LOGS = {"events.csv", "log.csv"}
+"""Tables in which a killed run has more rows."""
 
 
 def tables_of(store: Store) -> dict[str, list[dict[str, str]]]:
-    """The rows of the exported tables, of attempts and what was done in them only those of completed ones."""
+    """The rows of the exported tables but logs, of attempts and what was done in them only those of completed ones."""
     with TemporaryDirectory() as folder:
         export_study(store, "csv", Path(folder) / "tables")
-        tables = {path.name: _rows(path) for path in (Path(folder) / "tables").glob("*.csv")}
+        paths = (Path(folder) / "tables").glob("*.csv")
+        tables = {path.name: _rows(path) for path in paths if path.name not in LOGS}
     completed = {_attempt(row) for row in tables["attempts.csv"] if row["state"] == "completed"}
     return {
         name: [
