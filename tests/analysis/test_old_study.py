@@ -1,4 +1,4 @@
-"""A study of AVR Gym 0.1.0 is analysed: answers on their scales, participants in the flow, figures in both formats."""
+"""Analysis of a study of an earlier version: scales of answers, participants in the flow, formats of figures."""
 
 import shutil
 from pathlib import Path
@@ -10,7 +10,7 @@ from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 
-OLD = Path(__file__).parents[1] / "data" / "study-of-0.1.0"
+OLD = Path(__file__).parents[1] / "data" / "study-of-0.2.0"
 
 
 @pytest.fixture
@@ -20,8 +20,12 @@ def old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def check_rows(found: Analysis) -> None:
-    assert {(row.least, row.most, row.points) for row in found.observed.answers} == {(1, 7, 7)}
-    assert {row.value for row in found.likert} == set(range(1, 8))
+    assert {(row.least, row.most, row.points) for row in found.observed.answers} == {
+        (0, 3, 4),
+        (0, 100, 21),
+        (1, 7, 7),
+    }
+    assert {row.value for row in found.likert if row.item.startswith("L")} == set(range(1, 8))
     for flow in found.flows:
         assert flow.analysed == len(found.observed.analysed_people(simulated=flow.simulated))
         assert flow.analysed <= flow.completed + flow.unfinished

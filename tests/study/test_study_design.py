@@ -10,7 +10,6 @@ from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import create_study
-from places import DATA
 
 TEXT = default_text()
 TLX = """
@@ -158,9 +157,3 @@ def test_what_is_said_of_tasks_furniture_and_publication_is_checked_line_by_line
         with pytest.raises(DesignError, match=words) as refused:
             parse_design(text.replace(old, new))
         assert abs(int(str(refused.value).split(":")[1]) - line) <= 2
-
-
-def test_a_design_of_an_earlier_version_tells_tasks_and_furniture_by_itself():
-    text = (DATA / "study-of-0.1.0" / "study.toml").read_text()
-    design = parse_design(text)
-    assert (design.goals, design.furniture) == ({}, RealFurniture())

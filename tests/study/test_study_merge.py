@@ -205,7 +205,7 @@ def test_a_session_that_is_open_comes_as_it_is_and_later_as_it_ended(sites: list
 
 
 def test_a_study_of_an_earlier_version_is_merged_too(tmp_path: Path, out: Path) -> None:
-    old = Path(shutil.copytree(DATA / "study-of-0.1.0", tmp_path / "old"))
+    old = Path(shutil.copytree(DATA / "study-of-0.2.0", tmp_path / "old"))
     merge_studies([old], out)
     with Store(old) as store, Store(out) as merged:
         for person in store.participants():

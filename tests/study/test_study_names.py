@@ -222,7 +222,7 @@ def _read_until(terminal: int, words: bytes) -> bytes:
 @pytest.fixture
 def old(tmp_path: Path) -> Path:
     """A study of an earlier version, with a name that is not encrypted."""
-    return Path(shutil.copytree(DATA / "study-of-0.1.0", tmp_path / "old"))
+    return Path(shutil.copytree(DATA / "study-of-0.2.0", tmp_path / "old"))
 
 
 def test_an_older_study_is_named_and_encrypted_on_request(old: Path) -> None:

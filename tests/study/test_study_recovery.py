@@ -24,7 +24,7 @@ from avrgym.study.storage.store import Store
 from places import DATA
 from studies import run_participant, small_study, take_in
 
-OLD = DATA / "study-of-0.1.0"
+OLD = DATA / "study-of-0.2.0"
 
 
 @pytest.fixture(autouse=True)
@@ -77,10 +77,11 @@ def test_a_lost_database_is_not_made_anew(tmp_path: Path, leave: str) -> None:
 
 def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None:
     kept = Path(shutil.copytree(old, tmp_path / "kept"))
-    (old / "study.db").unlink()
+    for name in ("study.db", "study.db.sha256", "study.head"):
+        (old / name).unlink()
     before = contents(old)
     rebuilt = rebuild_study(old)
-    assert (rebuilt.participants, rebuilt.unknown, rebuilt.attempts, rebuilt.answers) == (1, 1, 12, 32)
+    assert (rebuilt.participants, rebuilt.unknown, rebuilt.attempts, rebuilt.answers) == (1, 1, 1, 4)
     assert rebuilt.left_out == ("sub-002: no recording tells of them",)
     assert {name: data for name, data in contents(old).items() if name in before} == before
     with Store(old) as again, Store(kept) as original:
@@ -172,14 +173,14 @@ def _open(folder: Path) -> list[Path]:
 
 
 def test_an_older_study_s_files_are_taken_from_others_on_request(old: Path) -> None:
+    for path in (old, *old.rglob("*")):
+        path.chmod(0o755 if path.is_dir() else 0o644)
     noted = avrgym("study", "check", old)
-    assert (
-        "recordings: others than their owner may use 15 files or folders; --fix-permissions" in noted.stdout
-    )
+    assert "recordings: others than their owner may use 4 files or folders; --fix-permissions" in noted.stdout
     fixed = avrgym("study", "check", old, "--fix-permissions")
     assert "others than" not in fixed.stdout
     assert fixed.exit_code == 0
-    assert {path.name for path in _open(old)} <= {"old", "study.toml"}
+    assert {path.name for path in _open(old)} <= {"old", "study.toml", "plan.toml", "plan-frozen.json"}
 
 
 # What a killed write leaves
