@@ -269,7 +269,7 @@ def test_the_report_shows_each_questionnaire_in_its_own_words(out: Path) -> None
         "likert, asked after each trial",
         "load, asked after each trial",
         "T1: How mentally demanding was the task? (from 1 (very low) to 21 (very high))",
-        "load: answers each item on its own scale",
+        "load: answers on each item",
         "sickness, asked before and after sessions",
         "sickness: answers from 1 (none) to 4 (severe)",
     ):

@@ -4,7 +4,7 @@
 # pyright: reportUnknownMemberType=false
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from textwrap import wrap
+from textwrap import fill, wrap
 
 import matplotlib
 import numpy as np
@@ -148,18 +148,17 @@ def _likert_figure(
             _brackets(axes, top, list(groups), by_item[item.id] if brackets else (), BRACKET_IN / share_in)
         places = [top + place for top in tops for place in range(len(groups))]
         axes.set_yticks(places, list(groups) * len(tops))
-        _axis(axes, brackets * BRACKET_IN / share_in, common, (what, counted))
+        scale = f"answers {common}" if common else "each item on its own scale"
+        label = f"{counted} / %, the scale's middle at 0\n{fill(scale, min(66, int(axes_in / LETTER_IN)))}"
+        _axis(axes, brackets * BRACKET_IN / share_in, label)
+        axes.set_ylabel(what)
         axes.set_ylim(bottom - 0.4, 0.0)
     return finished(simulated, name, _caption(questionnaire, counted, bool(brackets)), figure)
 
 
-def _axis(axes: Axes, beside: float, common: str, words: tuple[str, str]) -> None:
-    """The axis of shares, with room ``beside`` it for tests, and what both axes show."""
-    what, counted = words
-    scale = "\n".join(wrap(f"answers {common}", 66)) if common else "each item on its own scale"
-    axes.set(
-        xlim=(-1.0, 1.04 + beside), xlabel=f"{counted} / %, the scale's middle at 0\n{scale}", ylabel=what
-    )
+def _axis(axes: Axes, beside: float, label: str) -> None:
+    """Draw the axis of shares, with room ``beside`` it for tests."""
+    axes.set(xlim=(-1.0, 1.04 + beside), xlabel=label)
     axes.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0], ["100", "50", "0", "50", "100"])
     axes.spines[["left", "bottom"]].set_visible(False)
     axes.tick_params(length=0)
