@@ -109,6 +109,20 @@ def avrgym(*arguments: str | Path) -> Result:
 # With a sound list
 
 
+def test_only_a_list_that_is_younger_than_the_first_participant_is_noted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    with Store(small_study(tmp_path / "study")) as store:
+        enrol(store, "man")
+        enrol(store, "woman")
+        assert not list(check_participation(store))
+        (store.folder / FILE).unlink()
+    with Store(tmp_path / "study") as store:
+        enrol(store, "man")
+        assert any("was begun at" in finding.what for finding in check_participation(store))
+
+
 def test_withdrawals_exclusions_and_deletions_survive_the_loss_of_the_database(folder: Path) -> None:
     with Store(folder) as store:
         before = {each.pseudonym: each for each in store.participants()}

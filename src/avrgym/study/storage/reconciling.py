@@ -67,15 +67,22 @@ def follow(known: ParticipationList, connection: sa.Connection, written: Collect
         known.set_aside()
         _begin(known, connection, f"replaces a list that {before.fault}")
     elif before is None:
-        _begin(known, connection, "")
+        _begin(known, connection, "", numbers)
     else:
         _append(known, before, _contents(connection, numbers, numbers), rebuilt)
 
 
-def _begin(known: ParticipationList, connection: sa.Connection, detail: str) -> None:
-    """Begin a list with everybody in the database."""
-    begun = _about_itself(connection, BEGUN, now(), detail)
+def _begin(
+    known: ParticipationList, connection: sa.Connection, detail: str, enrolled: Collection[int] = ()
+) -> None:
+    """Begin a list with everybody in the database.
+
+    Where a transaction has just enrolled all of them, the list begins with the first enrolment.
+    """
     everybody = _contents(connection)
+    is_first = everybody.keys() <= {*enrolled}
+    times = [str(each["enrolled_at"]) for each in everybody.values() if is_first and each.get("enrolled_at")]
+    begun = _about_itself(connection, BEGUN, min(times, default=now()), detail)
     rebuilt = [(None, each) for each in _rebuilds(connection)]
     if everybody or rebuilt:
         known.append([(None, begun), *rebuilt, *sorted(everybody.items())])
