@@ -159,7 +159,7 @@ def test_check_report_and_deviations_name_each_edit(folder: Path, analysis: Anal
         (told,) = [each.what for each in analysis.plan.deviations if each.what.startswith(f"{field} was ")]
         assert f"and {shown(value)} for sub-003" in told
     assert len(results["differences"]) == len(fields)
-    assert page.index("What was not the same for everybody") < page.index("People")
+    assert page.index("Differences between participants") < page.index("People")
 
 
 def test_methods_state_what_each_participant_had(out: Path) -> None:

@@ -66,7 +66,7 @@ DESIGN, DE, JIAN = "study.toml", "texts/de.toml", "instruments/jian-trust.toml"
 
 
 class Edit(NamedTuple):
-    """A text in a file that is replaced, and what a finding has to contain: the field, and both values.
+    """An edit of a file, and the words that the finding must contain: the field and both values.
 
     ``wrong``: it is an error; ``by``: another edit makes this one too.
     """

@@ -51,7 +51,7 @@ def test_items_are_on_their_instruments_published_scale_in_every_language(
     ("instrument", "scale"), SCALES, ids=[f"{each.name} {scale.name}" for each, scale in SCALES]
 )
 def test_scores_follow_from_the_items_as_shown(instrument: Instrument, scale: Scale) -> None:
-    """By the columns of ``scales.csv`` alone: of, factor, reversed and offset."""
+    """Recompute scores from the columns of ``scales.csv`` alone: of, factor, reversed and offset."""
     shown = PUBLISHED[instrument.name]
     answers = {item.id: 1 + 3 * number % len(shown) for number, item in enumerate(instrument.items)}
     values = [

@@ -191,7 +191,7 @@ def test_free_text_leaves_the_study_only_when_it_is_asked_for(
 def test_a_format_without_a_place_for_free_text_refuses_it(
     store: Store, tmp_path: Path, data_format: str
 ) -> None:
-    with pytest.raises(StudyError, match="has no place for free text and data on health; allowed: csv, bids"):
+    with pytest.raises(StudyError, match="cannot contain free text and data on health; allowed: csv, bids"):
         export_study(store, data_format, tmp_path / "out", extras=Extras(free_text=True))
 
 

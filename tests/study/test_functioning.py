@@ -69,7 +69,7 @@ def test_every_question_may_be_declined(store: Store) -> None:
             "walking: 'badly' is no answer; allowed: none, some",
         ),
         ({"devices": ("13",)}, "'13' is no class of devices; allowed: 04, 05"),
-        ({"devices": ("none", "12")}, "'none' stands alone"),
+        ({"devices": ("none", "12")}, "'none' cannot be combined"),
         ({"diagnosis": "x" * 201}, "the diagnosis is 201 characters long"),
     ],
 )
@@ -83,7 +83,7 @@ def test_what_is_no_answer_is_refused(store: Store, changes: dict[str, Any], wor
 def test_nobody_is_asked_before_consent_or_without_the_design(store: Store, tmp_path: Path) -> None:
     with pytest.raises(StudyError, match="consent comes first"):
         record_functioning(store, enrol(store, "man"), ANSWERS)
-    with pytest.raises(StudyError, match="is simulated; only people are asked"):
+    with pytest.raises(StudyError, match="is simulated; only people answer these questions"):
         record_functioning(store, take_in(store), ANSWERS)
     with Store(small_study(tmp_path / "without")) as without:
         pseudonym = take_in(without, simulated=False)

@@ -150,7 +150,7 @@ def test_withdrawals_exclusions_and_deletions_survive_the_loss_of_the_database(f
 
 def test_a_deleted_participant_who_comes_back_is_named_and_not_taken_up(folder: Path, made: Path) -> None:
     shutil.copytree(made.parent / "sub-003", folder / "recordings" / "sub-003")
-    assert "recordings of them are back" in wrong(folder)["sub-003"]
+    assert "there are recordings of them" in wrong(folder)["sub-003"]
     rebuilt = lose(folder)
     assert "sub-003" not in states(folder)
     assert any(each.startswith("sub-003: was deleted at") for each in rebuilt.left_out)

@@ -219,7 +219,7 @@ def test_the_robot_holds_within_a_tick_once_tracking_is_stale_and_goes_on_with_i
 
 
 def way_to_rest_m(stopping: Visit, lose: Callable[[Visit], None]) -> float:
-    """How far the tool of a robot at full speed goes on after the tick in which it is held."""
+    """The distance that the tool of a robot at full speed travels after the tick in which the robot is held."""
     stopping.go_to("trial")
     stopping.tick(FRAME_EVERY_TICKS * 20 - stopping._ticks % FRAME_EVERY_TICKS + 1)
     stopping.tracking = False

@@ -110,7 +110,7 @@ def write_people(fit: Fit, out: Path) -> None:
 
 
 def _text(fit: Fit) -> str:
-    """TOML with the remarks as comments above the values."""
+    """The fit as TOML, with the remarks as comments above the values."""
     document = tomlkit.document()
     for line in fit.remarks.splitlines():
         document.add(tomlkit.comment(line))

@@ -61,7 +61,7 @@ from avrgym.vr.session.attempt import versions
 IN_TABLES_ONLY = ("control_steps", "people")
 """Tables too long for the results' file."""
 FORMAT = f"{FORMAT_NAME} 1"
-USED_APART = "answers to other items are analysed apart, all else is used as it was recorded"
+USED_APART = "answers to different items are analysed separately, everything else is used as recorded"
 FROM_FILE = "what recordings do not contain is taken from the study's present files"
 
 
@@ -89,13 +89,13 @@ class FrozenPlan:
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """All that was found out about a study. ``groups`` are those whose bodies were recorded.
+    """The results of a study. ``groups`` are the groups of participants with recorded bodies.
 
-    ``design`` is the study's with all items that participants answered, ``uses`` are the designs that people took part
-    with as they were recorded, and ``differences`` is in what these are not the study's present one.
-    ``losses`` are what the loss of a database means for the study.
+    ``design`` is the study's design with all items that participants answered. ``uses`` are the designs that people
+    took part with, as recorded, and ``differences`` their differences from the study's present design.
+    ``losses`` describe the consequences of a lost database.
 
-    ``repeat_findings`` are about simulated participants or about people, as ``repeats_about`` is true or false.
+    ``repeat_findings`` are about simulated participants if ``repeats_about`` is true, else about people.
     """
 
     design: Design

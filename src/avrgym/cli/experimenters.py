@@ -26,7 +26,7 @@ def add_experimenter(folder: Folder, name: Name) -> None:
     with plain_errors(), Store(folder) as store:
         token = add(store, name)
         log(store, ADD_EXPERIMENTER, detail=name)
-    say(f"token     {token}: it is shown this once")
+    say(f"token     {token}: it is shown only once")
     say(
         f"dashboard http://localhost:{PORT}/dashboard#token={token} while `avrgym serve --study {folder}` runs"
     )
@@ -63,4 +63,4 @@ def revoke_experimenter(folder: Folder, name: Name) -> None:
     with plain_errors(), Store(folder) as store:
         revoke(store, name)
         log(store, REVOKE_EXPERIMENTER, detail=name)
-    say(f"{name} has no token any more")
+    say(f"the token of {name} is revoked")

@@ -1,4 +1,4 @@
-"""What the log of a study says of commands: the person is the account that runs them."""
+"""Log entries for commands; the person is the account that runs them."""
 
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
@@ -18,7 +18,7 @@ def log(
     *,
     shows_results: bool = False,
 ) -> None:
-    """Add an entry for a command; where the study can only be read, say that there is none."""
+    """Add an entry for a command; print a warning if the study can only be read."""
     from avrgym.study.storage.log import account, add_entry
 
     if store.database.read_only:
@@ -29,7 +29,7 @@ def log(
 
 @contextmanager
 def logged(store: "Store", begins: str, ends: str) -> Generator[None]:
-    """Add an entry for the beginning of what lasts, and one for its end."""
+    """Add an entry for the beginning of a command that lasts, and one for its end."""
     from avrgym.study.storage.states import StudyError
 
     log(store, begins)

@@ -11,7 +11,7 @@ from avrgym.cli.logged import log
 from avrgym.cli.plan import Folder
 from avrgym.cli.terminal import plain_errors, print_table, say
 
-KEPT = "Keep a copy of it apart from the study: without it the names are lost, and no other data."
+KEPT = "Keep a copy of it outside the study: without it the names are lost, but no other data."
 
 
 def names(folder: Folder) -> None:
@@ -92,5 +92,5 @@ def _new_passphrase(folder: Path) -> str:
     if (lock is None or lock.kind == "file") and (given := os.environ.get(identity_keys.PASSPHRASE)):
         return given
     if not sys.stdin.isatty():
-        raise RuntimeError("a new passphrase needs a terminal that can ask for it; nothing was changed")
+        raise RuntimeError("a new passphrase must be typed on a terminal; nothing was changed")
     return typer.prompt("New passphrase of the names", hide_input=True, confirmation_prompt=True)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
 NEEDED = ("description", "severity", "seriousness", "relatedness", "outcome")
-"""What every report states; a follow-up repeats what it does not state anew."""
+"""Fields of every report. A follow-up copies the fields that it does not state from the latest report."""
 
 
 def record_adverse_event(
@@ -46,13 +46,13 @@ def record_adverse_event(
     action: Annotated[str | None, typer.Option(help="What was done about it.")] = None,
     trial: Annotated[int | None, typer.Option(help="The position of the trial in which it began.")] = None,
     began: Annotated[
-        datetime | None, typer.Option(help="When it began, in this computer's time; without it now.")
+        datetime | None, typer.Option(help="When it began, in this computer's time; default: now.")
     ] = None,
     follow_up: Annotated[
         int | None,
         typer.Option("--follow-up", help="The number of the event that this follows up.", metavar="EVENT"),
     ] = None,
-    by: Annotated[str, typer.Option(help="Who records it; without it the account of this computer.")] = "",
+    by: Annotated[str, typer.Option(help="Who records it; default: the account of this computer.")] = "",
 ) -> None:
     """Record an adverse event, or a follow-up of one.
 
@@ -86,7 +86,7 @@ def record_adverse_event(
 
 
 def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, Any]:
-    """What a new report repeats of the latest one; of a new event it begins now, and the rest must be stated."""
+    """Fields that a new report copies from the latest one; a new event begins now and must state all others."""
     from avrgym.study.people.adverse_events import followed
     from avrgym.study.storage.schema import now
 
@@ -141,7 +141,7 @@ def adverse_events(
         print_table([{name: row[name] for name in (*shown, *more)} for row in latest.values()])
         say(SOURCES)
     if noticed:
-        say("What sessions reported by themselves; record it as an adverse event where it is one:")
+        say("Safety events that sessions reported; record those that are adverse events:")
         print_table(noticed)
     if out is not None:
         say(f"reports   {out}: they contain free text and names of experimenters")
@@ -180,7 +180,7 @@ def retention(
             if rows:
                 print_table(rows)
             else:
-                say("Nothing has a date: [retention] of study.toml states periods and the day of the end.")
+                say("No data are due on any day: set periods and ended_on in [retention] of study.toml.")
             if not delete:
                 for words in due_words(store, day):
                     say(f"due       {words}")

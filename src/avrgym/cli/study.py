@@ -251,7 +251,9 @@ def withdraw(
 def confirm_participation(
     folder: Folder,
     participant: Pseudonym,
-    evidence: Annotated[str, typer.Option(help="Such as a signed form and where it is. Without names.")],
+    evidence: Annotated[
+        str, typer.Option(help="Evidence without names, such as a signed form and its location.")
+    ],
 ) -> None:
     """Confirm a participant whose consent is unknown.
 
@@ -262,7 +264,7 @@ def confirm_participation(
 
     with plain_errors(), Store(folder) as store:
         state = confirm_by(store, participant, evidence)
-    say(f"{participant} is {state}; check and the report name that the experimenter confirmed it")
+    say(f"{participant} is {state}; check and the report state that the experimenter confirmed it")
 
 
 @app.command()
@@ -341,7 +343,7 @@ def rebuild(folder: Folder) -> None:
 
     From the recordings and the participation list.
 
-    What they do not tell is listed. Names and recordings stay.
+    The command lists data that they do not contain. Names and recordings stay.
     """
     from avrgym.study.checking.rebuilding import rebuild_study
     from avrgym.study.storage.store import Store
@@ -379,13 +381,13 @@ def export(
         bool,
         typer.Option(
             "--free-text",
-            help="Export also what experimenters wrote, and their names: read it before you share it.",
+            help="Also export free text and names of experimenters: read the text before you share it.",
         ),
     ] = False,
     health: Annotated[
         bool,
         typer.Option(
-            "--health-data", help="Export also each person's answers about functioning and devices."
+            "--health-data", help="Also export each person's answers about functioning and devices."
         ),
     ] = False,
 ) -> None:

@@ -55,7 +55,7 @@ class Pairing:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingConfiguration(TrainingSettings):
-    """A training run: where, on whom, for how many environment steps, and how."""
+    """A training run: environment, people, number of environment steps, and recipe."""
 
     environment: str
     people: str = "original"

@@ -15,7 +15,7 @@ NONE = "No adverse events were recorded."
 LOST = "The database was rebuilt from the recordings: reports from before that are lost."
 BESIDE = (
     "Attempts that somebody stopped, interventions of the force guard, and contact forces are measures of the robots. "
-    "They are no adverse events by themselves, and no event above was derived from them."
+    "They are not adverse events, and no event above was derived from them."
 )
 
 
@@ -44,7 +44,7 @@ def adverse_event_words(analysis: Analysis) -> str:
     events = latest_reports(analysis)
     flow = next((each for each in analysis.flows if not each.simulated), None)
     deleted = (
-        f" Reports went with the data of {count(flow.deleted, 'deleted participant')}."
+        f" Reports of {count(flow.deleted, 'deleted participant')} were deleted with their data."
         if flow and flow.deleted
         else ""
     )

@@ -4,10 +4,10 @@ from avrgym.analysis.page import Markup, listing, notice, table, tag
 from avrgym.analysis.study import Analysis
 from avrgym.study.storage.versions import first_name
 
-TITLE = "What was not the same for everybody"
+TITLE = "Differences between participants"
 NOTICE = (
     "Participants took part with different designs, or with another one than the study's folder contains. The section "
-    "below lists each difference. Answers to different items are analysed apart."
+    "below lists each difference. Answers to different items are analysed separately."
 )
 
 
@@ -38,4 +38,4 @@ def _versions(analysis: Analysis) -> list[Markup]:
         )
         for row in shown
     ]  # fmt: skip
-    return [table("Items that were changed; each version is analysed apart", heads, body, numbers=(5,))]
+    return [table("Items that were changed; each version is analysed separately", heads, body, numbers=(5,))]

@@ -23,7 +23,11 @@ def _words(log: StudyLog) -> tuple[Markup | str, ...]:
 
 def _looks(log: StudyLog) -> list[Markup]:
     if not log.interim_looks:
-        return [tag("p", "No view of results before the planned number of participants is in the log.")]
+        return [
+            tag(
+                "p", "The log has no view of results before the planned number of participants had completed."
+            )
+        ]
     found = count(len(log.interim_looks), "line")
     return [
         tag("p", f"Results were viewed before the planned number of participants had completed ({found}):"),

@@ -184,7 +184,7 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
         "missing", "Attempts", "broken off",
     )  # fmt: skip
     also = " or whose consent is unknown" if unknown else ""
-    caption = f"Participants; who withdrew{also} is counted here and in no analysis"
+    caption = f"Participants, with those who withdrew{also}; these are in no analysis"
     left_out = [f"{row.participant}, trial {row.position}: {row.left_out}." for row in trials if row.left_out]
     listed = [tag("p", "Left out of the analyses:"), listing(left_out)] if left_out else []
     shown = table(captioned(caption, simulated), heads, rows, numbers=range(len(heads) - 7, len(heads)))
@@ -208,7 +208,7 @@ def _facts(analysis: Analysis) -> Markup:
         "Real mattress": had(uses, design, _mattress),
     }
     words = listing([f"{name}: {text}" for name, text in rows.items()])
-    note = "This is what recordings contain, where there are any."
+    note = "These values are from recordings, where there are any."
     planned = [] if analysis.plan else [tag("p", NOTHING)]
     return tag("section", tag("h2", "About the study"), words, tag("p", note), *planned, id="facts")
 

@@ -1,9 +1,9 @@
-"""Correction of paired tests that the same participants give: family-wise, without the loss of Holm's bounds.
+"""Family-wise correction of paired tests with the same participants, without the loss of power of Holm's bounds.
 
-If groups do not differ, each participant's differences are as likely with the opposite sign, all of them at the same
-time. The signs are flipped in every way, and each test is compared with the largest statistic of all tests in the same
-flip (Westfall and Young, Resampling-Based Multiple Testing, 1993), step by step from the largest to the smallest
-statistic (Romano and Wolf, J. Am. Stat. Assoc. 100, 2005). The tests' own dependence is thus kept.
+If groups do not differ, the opposite signs of all differences of a participant together are equally likely. The signs
+of participants are flipped in every combination. Each test is compared with the largest statistic of all tests in the
+same flip (Westfall and Young, Resampling-Based Multiple Testing, 1993). This goes step by step from the largest to the
+smallest statistic (Romano and Wolf, J. Am. Stat. Assoc. 100, 2005). The dependence of the tests is thus kept.
 """
 
 from collections.abc import Mapping, Sequence

@@ -42,7 +42,7 @@ def _check_present_texts(
             yield Finding(
                 FILE,
                 f"[consent] in {language} is not the text that {named(others)} read as version "
-                f"{store.design.consent.version}; raise version, or put their text back",
+                f"{store.design.consent.version}; raise version, or restore their text",
             )
 
 

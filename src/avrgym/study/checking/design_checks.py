@@ -19,11 +19,11 @@ from avrgym.texts.texts import FOLDER as TEXTS
 from avrgym.texts.texts import TextsError, normal
 
 AT_ADMISSION = ("inclusion", "order of inclusion")
-"""What participants answer before the first session."""
+"""Fields that participants answer before the first session."""
 CONSENT = "consent"
 """Stored with each participant, and checked with that."""
 FOR_NOBODY = ("title", "participants", "max_held_share", "max_repeats")
-"""What changes nothing for participants: a difference is a note."""
+"""Fields that change nothing for participants: a difference is a note."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Difference:
 
 
 def check_design(store: Store) -> Iterator[Finding]:
-    """In what participants took part with another design than the study's folder contains."""
+    """Differences between the designs that participants took part with and the one in the study's folder."""
     uses = designs_used(store)
     for each in differences_of(store.design, _present_wordings(store), uses):
         wrong = each.place[0] not in FOR_NOBODY and not is_of_sites(store, each.uses, uses)
@@ -83,7 +83,7 @@ def _differences(design: Design, wordings: Wordings | None, use: Use) -> Iterato
 
 
 def _of_sessions(design: Design) -> dict[str, Any]:
-    """What a design fixes from the first session on."""
+    """The fields of a design that apply from the first session on."""
     before = (*AT_ADMISSION, CONSENT)
     return {name: value for name, value in fixed_values(design).items() if name not in before}
 
@@ -123,9 +123,9 @@ def admission_differences(
 
 
 def _check_recordings(store: Store, uses: Sequence[Use]) -> Iterator[Finding]:
-    """In what recordings differ from the design that their session began with.
+    """Differences between recordings and the design of their session.
 
-    The real seat may be another in a session; all else is a fault.
+    The real seat may differ in a session; every other difference is an error.
     """
     stored = {use.session.id: use for use in uses if use.wordings is not None}
     for use in designs_recorded(store):

@@ -1,4 +1,4 @@
-"""Why a participation list does not tell who takes part in a study whose database is lost."""
+"""Faults of a participation list, which make participation unknown when the database is lost."""
 
 from collections.abc import Iterator, Mapping
 from datetime import datetime, timedelta
@@ -11,11 +11,11 @@ from avrgym.study.storage.store import Store
 from avrgym.system.files import data_folder
 
 _CLOCK = timedelta(minutes=1)
-"""By so much the clocks of two computers may differ."""
+"""Allowed difference between the clocks of two computers."""
 
 
 def list_fault(store: Store, listed: Participation | None, beginnings: Mapping[int, datetime]) -> str:
-    """Why the list proves nothing, as a clause of which it is the subject; empty where it is sound.
+    """The fault of the list, as a clause whose subject is the list; empty if the list is valid.
 
     ``beginnings`` are those of each participant's first recording.
     """
@@ -31,9 +31,9 @@ def list_fault(store: Store, listed: Participation | None, beginnings: Mapping[i
 
 
 def came_back(deleted_at: str) -> str:
-    """What is wrong with recordings of somebody who was deleted."""
+    """The fault of recordings of a participant who was deleted."""
     return (
-        f"was deleted at {deleted_at}, and recordings of them are back, as from a backup; they are not taken up; "
+        f"was deleted at {deleted_at}, but there are recordings of them, for example from a backup; they are ignored; "
         "delete-participant removes them"
     )
 
@@ -41,9 +41,9 @@ def came_back(deleted_at: str) -> str:
 def _faults(store: Store, listed: Participation, beginnings: Mapping[int, datetime]) -> Iterator[str]:
     end = signing.known_end(store.folder) or signing.moved_end(listed.list_digest)
     if end is not None and end.list_digest != listed.list_digest:
-        yield "is of another study than was in this folder"
+        yield "is of another study than the earlier list in this folder"
     elif end is not None and not listed.has(end.digest):
-        yield "was set back: this computer knows later entries"
+        yield "was set back to an older copy: this computer has stored later entries"
     for number, began in beginnings.items():
         content = listed.latest.get(number)
         if content is None:

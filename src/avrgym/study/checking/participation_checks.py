@@ -1,4 +1,4 @@
-"""Checking who takes part: that the participation list is sound, and that nobody who left is back."""
+"""Check that the participation list is valid, and that no participant who left is back in the study."""
 
 from collections.abc import Iterator
 
@@ -20,7 +20,7 @@ def check_participation(store: Store) -> Iterator[Finding]:
         if participant.state == UNKNOWN:
             what = (
                 "whether they consented, withdrew or were deleted is unknown since the database was rebuilt: they are "
-                "in no analysis; `avrgym study confirm-participation` or `withdraw` ends that"
+                "in no analysis; run `avrgym study confirm-participation` or `withdraw`"
             )
             yield Finding(participant.pseudonym, what)
     for gone in store.tombstones():
@@ -30,7 +30,7 @@ def check_participation(store: Store) -> Iterator[Finding]:
 
 def _check_list(store: Store) -> Iterator[Finding]:
     for path in store.database.participation.set_aside_before():
-        yield Finding(path.name, f"was set aside as an unsound {FILE}; remove it once that is clear")
+        yield Finding(path.name, f"is an invalid {FILE} that was replaced; remove it once the cause is clear")
     listed = store.participation()
     if listed is None:
         return
@@ -42,7 +42,7 @@ def _check_list(store: Store) -> Iterator[Finding]:
     known = people | {each.number for each in store.tombstones()}
     for number, content in listed.latest.items():
         if number not in known:
-            what = f"contains {pseudonym_of(number)}, who is not in the database: put back a later copy"
+            what = f"contains {pseudonym_of(number)}, who is not in the database: restore a later copy"
             yield Finding(FILE, what)
         elif content["state"] == DELETED and number in people:
             what = f"was deleted at {content['at']} and is in the database again; delete-participant removes them"
@@ -50,7 +50,7 @@ def _check_list(store: Store) -> Iterator[Finding]:
 
 
 def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
-    """That a list is younger than the first participant."""
+    """Note that a list was begun after the first participant."""
     first = min((each.enrolled_at for each in store.participants()), default=listed.begun_at)
     if first < listed.begun_at:
         detail = listed.about_itself[0]["detail"]
@@ -61,7 +61,7 @@ def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
 
 
 def _check_events(store: Store) -> Iterator[Finding]:
-    """What happened to the list and to states that came from elsewhere."""
+    """Events of the list, and states that were restored or confirmed."""
     for event in store.events():
         where = pseudonym_of(event.participant) if event.participant else "study"
         if event.name == RESTORED:

@@ -1,4 +1,4 @@
-"""The files of a study's policies: what they are, and whether they were the same in all sessions."""
+"""The files of a study's policies, and whether they were the same in all sessions."""
 
 import hashlib
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ USED = "policies used"
 
 
 class PolicyFile(msgspec.Struct, frozen=True):
-    """What a policy of the design is in an environment; one that is no file has no checksum."""
+    """The file of a policy of the design in an environment; policies without a file have no checksum."""
 
     environment: str
     policy: str
@@ -32,14 +32,14 @@ class PolicyFile(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class UsedPolicy:
-    """A file that a policy was taken from, and the sessions in which it was."""
+    """The file of a policy, and the sessions that used it."""
 
     file: PolicyFile
     uses: list[Use]
 
 
 def policy_files(store: Store) -> tuple[PolicyFile, ...]:
-    """What each policy of the design is at present."""
+    """The present file of each policy of the design."""
     return tuple(_policy_file(store, environment, name) for environment, name in policies_needed(store))
 
 
@@ -54,7 +54,7 @@ def _policy_file(store: Store, environment: str, policy: str) -> PolicyFile:
 
 
 def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | None]:
-    """What a policy is taken from, in words, and its file if it has one; ``PolicyError`` where it is not there."""
+    """The source of a policy in words, and its file if it has one; ``PolicyError`` if it is missing."""
     source = store.policy_source(environment, policy)
     packaged, plugin = packaged_policies(environment), controllers.registered().get(source)
     if source in packaged:
@@ -88,7 +88,7 @@ def _decoded(event: StudyEvent) -> list[PolicyFile]:
 
 
 def check_policies_used(store: Store) -> Iterator[Finding]:
-    """Policies that were not the same in all sessions, or that are no longer."""
+    """Findings about policies that were not the same in all sessions, or that have changed since."""
     used = policies_used(store)
     present = {(each.environment, each.policy): each for each in policy_files(store)} if used else {}
     for key, files in used.items():
@@ -101,7 +101,7 @@ def check_policies_used(store: Store) -> Iterator[Finding]:
             yield Finding(where, what, wrong=wrong)
         now = present.get(key)
         if now is not None and now not in [each.file for each in files]:
-            yield Finding(where, f"of {key[0]} is {called(now)}, as in no session", wrong=False)
+            yield Finding(where, f"of {key[0]} is {called(now)}, which no session used", wrong=False)
 
 
 def called(file: PolicyFile) -> str:

@@ -39,19 +39,19 @@ from avrgym.study.storage.store import Store, record_event
 Plan = tuple[PlannedTrial, ...]
 LOST = (
     "the answers to inclusion questions and to questions about a session, events, adverse events, notes, the designs "
-    "of sessions, the log of who did what and tokens of experimenters"
+    "of sessions, the log of actions and tokens of experimenters"
 )
-"""What neither recordings nor list contain."""
+"""Data that neither recordings nor list contain."""
 LOST_WITH_LIST = (
     "ages, languages, consents that no recording stores, withdrawals, deletions, and participants who left neither "
     "name nor recording"
 )
-"""What is lost too where there is no sound participation list."""
+"""Data that are also lost without a valid participation list."""
 
 
 @dataclass(frozen=True)
 class Rebuilt:
-    """What a new database contains, by count, and what could not be rebuilt, in words.
+    """Counts of the rows of a new database, and the data that could not be rebuilt, in words.
 
     ``unknown`` counts participants whose consent or withdrawal is unknown.
     """
@@ -85,8 +85,8 @@ def rebuild_study(folder: Path) -> Rebuilt:
 
     Only a recording that was cut off after the robot had finished is completed.
 
-    The participation list gives each participant's state. Where it is missing or unsound, everybody's state is
-    ``unknown``, and an unsound list is kept under another name.
+    The participation list gives each participant's state. Where it is missing or invalid, all states are ``unknown``,
+    and an invalid list is kept under another name.
 
     Raises:
         StudyError: when the database is there.
@@ -133,7 +133,7 @@ class _Rebuilding:
         )
 
     def rebuild(self, connection: sa.Connection) -> None:
-        """Everybody, and the events of this rebuilding and of earlier ones."""
+        """Insert all participants, and the events of this rebuilding and of earlier ones."""
         for each in self._listed.rebuilds() if self._listed else ():
             ledger.insert(connection, schema.EVENT, at=each["at"], name=REBUILT, detail=each["detail"])
         record_event(connection, REBUILT, f"lost: {self._lost}", {})
@@ -178,7 +178,7 @@ class _Rebuilding:
             self._left_out.append(f"{pseudonym_of(number)}: {came_back(content['at'])}")
 
     def _fitting(self, number: int, kept: list[_Kept], content: Content | None) -> dict[int, Plan]:
-        """The plans that recordings may be of, by cell; those of the list's cell where it has one."""
+        """Plans of trials that fit the recordings, by cell; only those of the list's cell if it contains one."""
         design = self._store.design
         cells = range(len(cell_orders(design)))
         site = design.site
@@ -245,13 +245,13 @@ class _Rebuilding:
             ledger.update(connection, schema.PARTICIPANT, number, state=state)
 
     def _known_state(self, content: Content | None) -> str:
-        """A participant's state by a sound list."""
+        """A participant's state in a valid list."""
         return UNKNOWN if self._fault or content is None else content["state"]
 
     def _insert_participant(
         self, connection: sa.Connection, number: int, cell: int | None, plan: Plan, content: Content | None
     ) -> dict[tuple[Any, ...], int]:
-        """The ids of the participant's trials, by what they were planned with."""
+        """Insert a participant and their trials; the ids of the trials by plan."""
         self._participants += 1
         kept = _flat(self._visits[number])
         values = participant_values(content) if content and not self._fault else {}

@@ -37,13 +37,13 @@ def repeat_findings(trials: Sequence[TriedTrial], design: Design, limit: int | N
 
 
 def own_trials(store: Store) -> list[TriedTrial]:
-    """The trials of people, or of simulated participants where a study has no others."""
+    """Trials of people; trials of simulated participants if the study has no people."""
     simulated = is_simulated(store)
     return [each for each in tried_trials(store) if each.participant.simulated is simulated]
 
 
 def is_simulated(store: Store) -> bool:
-    """Whether a study has no other participants than simulated ones."""
+    """Whether all participants of a study are simulated."""
     return all(each.simulated for each in [*store.participants(), *store.tombstones()])
 
 
@@ -60,7 +60,7 @@ def _too_many(trials: Sequence[TriedTrial], limit: int) -> Iterator[Finding]:
 
 
 def _by_condition(trials: Sequence[TriedTrial], design: Design) -> Iterator[Finding]:
-    """Which policy, or else which robot with which policy, was repeated more often or less often than others."""
+    """Findings about policies, else about robots with policies, that were repeated more or less often than others."""
 
     def policy(each: TriedTrial) -> str:
         return design.shown_policy(each.trial.policy, practice=False)
@@ -95,7 +95,7 @@ def _count(group: str, own: Sequence[TriedTrial]) -> str:
 
 
 def _by_outcome(trials: Sequence[TriedTrial], steps: int) -> Iterator[Finding]:
-    """Whether the outcome of first attempts in which the robot had finished decided whether they were repeated."""
+    """Findings about repeats that depend on the outcome of first attempts in which the robot had finished."""
     finished = [each for each in trials if (each.attempts[0].metrics.steps or 0) >= steps]
     p = _p(finished, _failed, _first_ordered)
     if p > OUTCOME_ALPHA:
@@ -114,7 +114,7 @@ def _p(
     in_group: Callable[[TriedTrial], bool],
     drawn: Callable[[TriedTrial], bool],
 ) -> float:
-    """How likely it is that so many trials of a group are drawn, within each participant and task."""
+    """p of the exact test for this number of repeated trials of a group, within each participant and task."""
     blocks: Mapping[Hashable, list[TriedTrial]] = defaultdict(list)
     for each in trials:
         blocks[each.participant.number, each.task].append(each)

@@ -12,9 +12,9 @@ from avrgym.tasks.registry import find_environment
 
 TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN = "technical", "participant", "experimenter", "unknown"
 REASONS = (TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN)
-"""What led to a repeat: a fault, the participant, the experimenter, or nobody knows."""
+"""What led to a repeat: a fault, the participant, the experimenter, or unknown."""
 NOT_LOGGED = "not in the log"
-"""Stands for the person where no entry of the log fits."""
+"""Replaces the person where no entry of the log fits."""
 Cause = tuple[str, str]
 """A reason with the cause in words."""
 
@@ -46,7 +46,7 @@ _ENDED = re.compile(r"attempt (?!running)")
 
 @dataclass(frozen=True)
 class Repeat:
-    """An attempt that another one replaced; ``by`` is who ordered that, empty unless an experimenter did."""
+    """An attempt that another one replaced; ``by`` is the experimenter who ordered it, if there is one."""
 
     participant: Participant
     trial: Trial
@@ -109,7 +109,7 @@ def _attempts(store: Store, person: Participant) -> Iterator[tuple[Trial, list[T
 
 
 class _Causes:
-    """Why attempts ended, from the events next to their ends, and who ordered that, from the log."""
+    """Causes of the ends of attempts, from the events next to them, and the persons who ordered them, from the log."""
 
     def __init__(self, store: Store) -> None:
         self._sites = site_names(store)

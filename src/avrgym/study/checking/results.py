@@ -19,7 +19,7 @@ Condition = tuple[str, str, str, bool]
 
 @dataclass(frozen=True)
 class ConditionResults:
-    """What the completed trials of one condition gave, practice left out; people and simulated ones apart.
+    """Results of the completed trials of one condition, without practice; people and simulated participants separately.
 
     ``policy`` is a letter where the experimenter is blinded. ``reward_mean`` is per trial, ``success_rate`` in 0..1;
     ``answer_means`` holds the mean answer to each version of an item that was answered, on its own
@@ -37,7 +37,7 @@ class ConditionResults:
 
 
 def summarise_results(store: Store, asked: Asked | None = None) -> tuple[ConditionResults, ...]:
-    """The results so far of all who take part or have finished; who withdrew is left out.
+    """The results so far of participants who take part or have finished; those who withdrew are left out.
 
     ``asked`` are the items that they answered, if these were read already.
     """

@@ -141,14 +141,14 @@ class EditedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class NewReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A report of an adverse event; of a new one, or of the event of the number that it ``follows``."""
+    """A report of a new adverse event, or a follow-up of the event with the number in ``follows``."""
 
     report: Report
     follows: int | None = None
 
 
 class NewLink(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """That the session that runs shall have a new link."""
+    """Request of a new link for the session that runs."""
 
 
 class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

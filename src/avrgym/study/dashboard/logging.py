@@ -1,4 +1,4 @@
-"""What the log says of those who watch and lead a study's sessions, and use its dashboard."""
+"""Log entries about people who watch and lead a study's sessions, and use its dashboard."""
 
 import time
 from collections.abc import Callable, Generator
@@ -22,7 +22,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.server.access import Caller
 
 VIEW_ENDS_S = 600.0
-"""A page asks again and again: a view goes on until nobody has asked for so long."""
+"""Pages send requests repeatedly: a view ends after this time without a request."""
 VIEW_RESULTS = "view results"
 
 
@@ -41,7 +41,7 @@ class DashboardLog:
         self._seen_s: dict[tuple[Caller, str, str | None], float] = {}
 
     def view(self, caller: Caller, name: str, pseudonym: str | None = None) -> None:
-        """Add an entry for a view, unless it is one that goes on; ``StudyError`` where that cannot be stored."""
+        """Add an entry for a view, unless the same view continues; ``StudyError`` if it cannot be stored."""
         if self._store.database.read_only or not self._begins(caller, name, pseudonym):
             return
         try:
@@ -53,7 +53,7 @@ class DashboardLog:
 
     @contextmanager
     def command(self, caller: Caller, name: str, pseudonym: str) -> Generator[None]:
-        """Add an entry for what is done within, also where it is refused."""
+        """Add an entry for the command in this context, also if it is refused."""
         at = now()
         try:
             yield
@@ -64,7 +64,7 @@ class DashboardLog:
         add_entry(self._store, actor_of(caller), name, pseudonym, at=at)
 
     def done(self, caller: Caller, name: str, pseudonym: str) -> None:
-        """Add an entry for what was done."""
+        """Add an entry for a command that succeeded."""
         add_entry(self._store, actor_of(caller), name, pseudonym)
 
     def _begins(self, caller: Caller, name: str, pseudonym: str | None) -> bool:
@@ -74,13 +74,13 @@ class DashboardLog:
 
 
 class LiveLog(DashboardLog):
-    """The log of those who watch sessions and command them; nothing waits for it.
+    """The log of people who watch sessions and command them; nothing waits for it.
 
-    ``storing`` stores one fact after another, those of the session too: a command comes before what it leads to.
+    ``storing`` stores one fact after another, those of the session too: a command is stored before its effects.
     """
 
     def __init__(self, store: Store, storing: Executor, report: Callable[[str], None]) -> None:
-        """``report`` tells what could not be stored."""
+        """``report`` is called with each error of storing."""
         super().__init__(store)
         self._storing, self._report = storing, report
 

@@ -11,9 +11,9 @@ from avrgym.vr.server.links import SessionLinks
 
 @dataclass(frozen=True)
 class StudyTokens(Tokens):
-    """Tokens of the roles, of which that of ``experimenter`` names nobody, and of experimenters with their own.
+    """Tokens of the roles, and personal tokens of experimenters. The token of the role ``experimenter`` has no name.
 
-    That of ``participant`` opens nothing: participants come in by the link of their session.
+    The token of ``participant`` opens nothing: participants use the link of their session.
     """
 
     experimenters: Experimenters

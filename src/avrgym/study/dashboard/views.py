@@ -73,7 +73,7 @@ class Overview:
 
 @dataclass(frozen=True)
 class Results:
-    """The results so far, which are read only where somebody asks for them. ``items`` hold texts by id."""
+    """The results so far, which are read only on request. ``items`` are the texts by id."""
 
     blinded: bool
     items: dict[str, str]
@@ -175,7 +175,7 @@ def overview(
 
 
 def results_view(store: Store) -> Results:
-    """What the completed trials gave so far."""
+    """The results of the trials completed so far."""
     asked = Asked(store)
     return Results(
         blinded=store.design.blind_experimenter,

@@ -1,4 +1,4 @@
-"""What a study fixes for its participants: the design, and the wording of all that they read, to be compared."""
+"""The design and the texts that a study fixes for its participants, as values that can be compared."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -12,7 +12,7 @@ from avrgym.tasks.registry import TASKS
 from avrgym.texts.texts import Texts, normal, read_texts, shipped
 
 NOT_FIXED = (*LOCAL, "reporting")
-"""What each site says for itself, and what is filled in for a publication."""
+"""Fields of each site, and fields for publications; they are not compared."""
 
 Wordings = Mapping[str, Mapping[str, Mapping[str, str]]]
 """By language ``sentences`` with their translations, and the texts of ``session`` and ``page`` that the study has
@@ -26,14 +26,14 @@ def as_stored(design: Design) -> dict[str, Any]:
 
 
 def from_stored(values: Mapping[str, Any]) -> Design:
-    """The design of stored values; fields that this version does not know are left out."""
+    """The design of stored values, without fields that this version does not have."""
     return msgspec.convert(
         {name: values[name] for name in values if name in Design.__struct_fields__}, Design
     )
 
 
 def read_wordings(design: Design, folder: Path) -> dict[str, dict[str, dict[str, str]]]:
-    """What participants read in each language of a design; ``TextsError`` for a file that cannot be used."""
+    """The texts for participants in each language of a design; ``TextsError`` for a file that cannot be used."""
     return {language: _wordings(design, read_texts(language, folder)) for language in design.languages}
 
 

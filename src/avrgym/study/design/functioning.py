@@ -1,4 +1,4 @@
-"""What a study may ask participants about disability, diagnosis and assistive devices; each may be declined.
+"""Questions for participants about disability, diagnosis and assistive devices; each may be declined.
 
 Questions on functioning are the Short Set of the Washington Group on Disability Statistics, with its four levels.
 Devices are the classes of assistive products of ISO 9999:2022, in short words of our own. No translation of either is
@@ -46,7 +46,7 @@ DIAGNOSIS_QUESTION = "Which diagnosis do you want to name? You need not answer."
 
 
 def sentences() -> Iterator[str]:
-    """All that participants read of it."""
+    """All sentences for participants."""
     yield from QUESTIONS.values()
     yield from LEVELS.values()
     yield from DEVICES.values()

@@ -1,4 +1,4 @@
-"""How long a study keeps what: periods that begin when it has ended."""
+"""Retention periods of each kind of data, from the end of the study."""
 
 import calendar
 from collections.abc import Mapping

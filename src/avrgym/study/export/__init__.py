@@ -51,7 +51,7 @@ def export_study(
         store: the study.
         data_format: one of ``FORMATS``.
         out: the folder.
-        extras: what is exported only when it is asked for.
+        extras: data that are exported only on request.
         skip_damaged: leave damaged and missing recordings out, and list them in ``left_out.csv``.
         progress: told after each recording how many of how many were verified.
         tell: told of each recording that is left out, and why.
@@ -60,14 +60,14 @@ def export_study(
         The number of files.
 
     Raises:
-        StudyError: for an unknown format, extras that a format has no place for, a folder that holds something, a
+        StudyError: for an unknown format, extras that the format cannot contain, a folder that holds something, a
             damaged or missing recording, or when the extra ``export`` is missing.
     """
     if data_format not in FORMATS:
         raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(FORMATS)}")
     if extras != WITHOUT and data_format not in WITH_RECORDS:
         raise StudyError(
-            f"{data_format} has no place for free text and data on health; allowed: {', '.join(WITH_RECORDS)}"
+            f"{data_format} cannot contain free text and data on health; allowed: {', '.join(WITH_RECORDS)}"
         )
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise StudyError(f"{out} holds something already; choose another folder")
@@ -100,7 +100,7 @@ def _write(
 
 
 def _add_losses(store: Store, folder: Path) -> None:
-    """Append to the README files what the loss of a database means for the study."""
+    """Append the consequences of a lost database to the README files."""
     words = loss_words(store)
     for path in folder.rglob("README*") if words else ():
         with path.open("a", encoding="utf-8") as file:

@@ -240,7 +240,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "simulated": Column(SIMULATED.meaning, TRUTH, "", _TRUTH, _WHOLE_STUDY),
         "at": Column("When it was stored.", TIME, "UTC", _UTC),
         "name": Column("What happened.", TEXT),
-        "detail": Column("More about it.", TEXT, empty="nothing more, or free text that was not asked for"),
+        "detail": Column("More about it.", TEXT, empty="nothing more, or free text without --free-text"),
     },
     "adverse_events": {
         "participant": PARTICIPANT_COLUMN,
@@ -249,18 +249,18 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "event": Column("Number of the adverse event in the study.", WHOLE, allowed=_FROM_1),
         "report": Column("Number of the report of this event; the last is how it is known.", WHOLE, allowed=_FROM_1),
         "recorded_at": Column("When the report was recorded.", TIME, "UTC", _UTC),
-        "recorded_by": Column("Who recorded it.", TEXT, empty="nobody was named, or not asked for"),
+        "recorded_by": Column("Who recorded it.", TEXT, empty="nobody was named, or without --free-text"),
         "began_at": Column("When the event began.", TIME, "UTC", _UTC),
         "position": Column(POSITION.meaning, WHOLE, "", _FROM_1, _NOT_IN_TRIAL),
         **{
             name: Column(LABELS[name].meaning, LABELS[name].type, "", LABELS[name].allowed, _NOT_IN_TRIAL)
             for name in ("practice", "task", "robot", "policy")
         },
-        "description": Column("What happened.", TEXT, empty="not asked for"),
+        "description": Column("What happened.", TEXT, empty="without --free-text"),
         "severity": Column("Grade of CTCAE 5.0, from 1 to 5 in words.", TEXT, allowed=_one_of(*SEVERITIES)),
         "seriousness": Column("Criterion of ICH E2A that applies, or none.", TEXT, allowed=_one_of(*SERIOUSNESS)),
         "relatedness": Column("Attribution to the study as NCI's CTEP grades it.", TEXT, allowed=_one_of(*RELATEDNESS)),
-        "action": Column("What was done about it.", TEXT, empty="nothing, or not asked for"),
+        "action": Column("What was done about it.", TEXT, empty="nothing, or without --free-text"),
         "outcome": Column("Outcome of ICH E2B(R3).", TEXT, allowed=_one_of(*OUTCOMES)),
     },
     "functioning": {
@@ -268,7 +268,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "answer": Column("A level of difficulty, or a class of ISO 9999.", TEXT),
         "people": Column(
             "How many of the people analysed gave this answer.", TEXT,
-            allowed="a number from 5 on, 0, or suppressed where a group of fewer than 5 could be told",
+            allowed="a number from 5 on, 0, or suppressed where a group of fewer than 5 could be identified",
         ),
     },
     "functioning_by_person": {
@@ -279,7 +279,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
             for question in QUESTIONS
         },
         "devices": Column("Classes of assistive products by their numbers in ISO 9999.", TEXT, empty="nothing named"),
-        "diagnosis": Column("The diagnosis in the person's words.", TEXT, empty="not given, or not asked for"),
+        "diagnosis": Column("The diagnosis in the person's words.", TEXT, empty="not given, or without --free-text"),
     },
     "notes": {
         "participant": PARTICIPANT_COLUMN,

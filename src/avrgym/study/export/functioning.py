@@ -1,4 +1,4 @@
-"""Functioning and assistive devices of those analysed, as counts in which no small group can be told."""
+"""Functioning and assistive devices of analysed people, as counts without small groups."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -10,7 +10,7 @@ from avrgym.study.storage.states import TAKES_PART
 from avrgym.study.storage.store import Store
 
 LEAST = 5
-"""Groups of fewer people are not shown, nor what would tell them by a difference from the total."""
+"""Smaller groups are not shown, nor counts from which they could be computed by a difference from the total."""
 SUPPRESSED = "suppressed"
 NOT_ASKED = "not asked"
 
@@ -33,7 +33,7 @@ def functioning_rows(store: Store) -> Iterator[dict[str, Any]]:
 
 
 def suppress(counts: Sequence[int], least: int = LEAST) -> list[int | None]:
-    """Counts of one total without small ones, nor with others from which small ones would follow."""
+    """Counts of one total without small ones, and without others from which small ones could be computed."""
     hidden = {place for place, number in enumerate(counts) if 0 < number < least}
     while hidden and (sum(counts[place] for place in hidden) < least or len(hidden) < 2):
         shown = [place for place, number in enumerate(counts) if number and place not in hidden]
@@ -44,7 +44,7 @@ def suppress(counts: Sequence[int], least: int = LEAST) -> list[int | None]:
 
 
 def individual_rows(store: Store, *, free_text: bool) -> Iterator[dict[str, Any]]:
-    """What each person answered."""
+    """The answers of each person."""
     for person in store.participants():
         answers = _answers(person)
         if answers is not None:

@@ -1,4 +1,4 @@
-"""All that a study holds about one participant, in one archive with an index: for whoever asks for their data."""
+"""All data of one participant in one archive with an index, for participants who request their data."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -28,7 +28,7 @@ NAMES_OTHERS = ("participant enrolled", "identity corrected")
 """Events whose detail names other participants."""
 ABOUT: Mapping[str, str] = {
     "identity.json": "Name and contact, from the identity file.",
-    "participants.csv": "What the study knows of the person: body model, age, language, state, consent.",
+    "participants.csv": "The participant's record: body model, age, language, state, consent.",
     "inclusion.json": "The answers to the inclusion questions.",
     "functioning.json": "The person's answers about disability, diagnosis and assistive devices.",
     "consents.csv": "Each decision about a consent text.",
@@ -47,11 +47,11 @@ ABOUT: Mapping[str, str] = {
     "the libraries of MCAP open these files.",
     "codebook.csv": "What each column of each table means, with its unit and its allowed values.",
 }
-"""What each file of the archive contains, in the order of the index."""
+"""Contents of each file of the archive, in the order of the index."""
 
 
 def write_participant_data(store: Store, pseudonym: str, path: Path) -> int:
-    """Write everything that a study holds about one participant into a new ZIP archive of its owner alone.
+    """Write all data of one participant into a new ZIP archive that only its owner can read.
 
     Returns:
         The number of files.

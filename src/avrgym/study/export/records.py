@@ -1,6 +1,6 @@
-"""What happened in a study, and what experimenters wrote: rows for the exports.
+"""Rows for the exports about events in a study, and texts of experimenters.
 
-Free text may name people. It leaves the study only when it is asked for, and so do the names of experimenters.
+Free text may name people. It is exported only on request, and so are the names of experimenters.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -24,9 +24,9 @@ WITH_FREE_TEXT = ("participant withdrawn",)
 
 @dataclass(frozen=True)
 class Extras:
-    """What is exported only when it is asked for.
+    """Data that are exported only on request.
 
-    ``free_text``: what experimenters wrote and their names. ``health``: each person's answers about functioning.
+    ``free_text``: texts and names of experimenters. ``health``: each person's answers about functioning.
     """
 
     free_text: bool = False
@@ -52,7 +52,7 @@ def records_of(store: Store, extras: Extras) -> dict[str, list[dict[str, Any]]]:
 
 
 def event_rows(store: Store, people: Iterable[Participant], extras: Extras) -> Iterator[dict[str, Any]]:
-    """What happened, in the order it was stored: to these participants, and to the whole study."""
+    """Events of these participants and of the whole study, in the order of storage."""
     known = {person.number: person for person in people}
     sessions, attempts = _sessions(store, known.values()), _attempts(store, known.values())
     visitors = _visitors(store)
@@ -114,7 +114,7 @@ def note_rows(store: Store, people: Iterable[Participant]) -> Iterator[dict[str,
 
 
 def write_adverse_events(store: Store, out: Path) -> None:
-    """Write every report with its free text, and what the columns mean, into a new folder that only its owner may open.
+    """Write every report with its free text, and a codebook, into a new folder that only its owner may open.
 
     Raises:
         StudyError: when the folder holds something.
@@ -127,7 +127,7 @@ def write_adverse_events(store: Store, out: Path) -> None:
 
 
 def write_table(folder: Path, name: str, rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write a table as TSV, also an empty one, and next to it what its columns mean as JSON."""
+    """Write a table as TSV, also an empty one, and next to it the meaning of its columns as JSON."""
     columns = TABLES[name]
     write_rows(folder / f"{name}.tsv", [list(columns), *(list(row.values()) for row in rows)])
     described = {head: _described(column) for head, column in columns.items()}

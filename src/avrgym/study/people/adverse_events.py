@@ -1,4 +1,4 @@
-"""Adverse events: what happened to a participant, graded by published scales. Follow-ups append and replace nothing.
+"""Adverse events of participants, graded by published scales. Follow-ups append and replace nothing.
 
 Severity is the grade of CTCAE (Common Terminology Criteria for Adverse Events, NCI, version 5.0, 2017). Seriousness has
 the criteria of ICH E2A (1994, section II.B); it is not severity. Relatedness is the attribution that NCI's CTEP uses
@@ -36,19 +36,19 @@ SCALES = {
     "relatedness": RELATEDNESS,
     "outcome": OUTCOMES,
 }
-"""What each grade may be."""
+"""Allowed values of each grade."""
 SOURCES = (
     "Severity: grades 1 to 5 of CTCAE 5.0 (NCI, 2017). Seriousness: criteria of ICH E2A (1994). Relatedness: "
     "attribution of NCI's CTEP. Outcome: ICH E2B(R3). Severity is how strong an event is, seriousness what followed "
     "from it."
 )
 SAFETY_EVENTS = ("stopped", "stop rule met", "controller failed")
-"""The events of a session that are shown next to adverse events, and are none by themselves."""
+"""The events of a session that are shown next to adverse events, but are not adverse events."""
 _CLOCKS_DIFFER = timedelta(minutes=5)
 
 
 class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is reported of an adverse event: ``began_at`` is ISO 8601 with an offset from UTC, ``trial`` a position."""
+    """A report of an adverse event: ``began_at`` is ISO 8601 with an offset from UTC, ``trial`` a position."""
 
     began_at: str
     description: str
@@ -62,7 +62,7 @@ class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Followed:
-    """An adverse event with all its reports in their order; the latest is how it is known now."""
+    """An adverse event with all its reports in order; the latest is its present state."""
 
     reports: tuple[AdverseEvent, ...]
 
@@ -73,13 +73,13 @@ class Followed:
 
     @property
     def latest(self) -> AdverseEvent:
-        """How it is known now."""
+        """The latest report."""
         return self.reports[-1]
 
 
 @dataclass(frozen=True)
 class SafetyEvent:
-    """What a session reported by itself, in a trial of this position or between trials; no adverse event by itself."""
+    """An event that a session reported, in a trial of this position or between trials; it is not an adverse event."""
 
     at: str
     trial: int | None
@@ -94,8 +94,8 @@ def record_adverse_event(
 
     Args:
         store: the study.
-        pseudonym: whom it happened to.
-        report: what is known of it.
+        pseudonym: the participant.
+        report: the report.
         follows: the event that is followed up, by its number; ``None`` for a new event.
         recorded_by: who records it.
 
@@ -142,7 +142,7 @@ def followed(reports: Iterable[AdverseEvent]) -> list[Followed]:
 
 
 def safety_events(store: Store, pseudonym: str) -> Iterator[SafetyEvent]:
-    """What the session itself reported of a participant's safety, to be looked at when adverse events are recorded."""
+    """Safety events that sessions of a participant reported, to review when adverse events are recorded."""
     number = store.participant(pseudonym).number
     positions = {trial.id: trial.position for trial in store.trials(pseudonym)}
     trials = {attempt.id: positions[attempt.trial] for attempt in store.attempts(pseudonym)}

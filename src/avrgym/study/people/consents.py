@@ -1,4 +1,4 @@
-"""Decisions about consent texts: each is stored with its text, which the archive keeps by its checksum."""
+"""Decisions about consent texts. Each is stored with the checksum of its text, and the archive stores the text."""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -14,7 +14,7 @@ from avrgym.study.storage.store import Store, find_all
 from avrgym.texts.texts import TextsError, normal, read_texts
 
 RECORDED = ("version", "language", "sha256", "at")
-"""What recordings store of a consent."""
+"""Fields of a consent in recordings."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def store_consent(
     if others:
         raise StudyError(
             f"{named(others)} read another consent text under version {shown.version} ({shown.language}): raise "
-            "version under [consent] in study.toml, or put their text back"
+            "version under [consent] in study.toml, or restore their text"
         )
     at, sha256 = now(), _archived(connection, shown, archive)
     row = {"at": at, "agreed": agreed, "version": shown.version, "language": shown.language, "sha256": sha256}
@@ -74,7 +74,7 @@ def store_consent(
 
 
 def latest_consent(consents: Iterable[Consent]) -> dict[str, str] | None:
-    """What recordings store of the latest consent, without what an earlier version of AVR Gym did not store."""
+    """The latest consent as recordings store it, without fields that earlier versions of AVR Gym did not store."""
     agreed = [each for each in consents if each.agreed]
     if not agreed:
         return None
@@ -116,7 +116,7 @@ def named(consents: Iterable[Consent]) -> str:
 
 
 def _archived(connection: sa.Connection, shown: ShownText, archive: Iterable[ConsentText]) -> str:
-    """The checksum of the archived text with these words, which is this one if there was none."""
+    """The checksum of the archived text with these words; archives this text if there was none."""
     for kept in archive:
         same_use = (kept.version, kept.language) == (shown.version, shown.language)
         if same_use and normal(kept.text) == normal(shown.text):

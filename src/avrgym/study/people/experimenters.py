@@ -16,7 +16,7 @@ from avrgym.study.storage.store import Store, find_all
 
 TOKEN_BYTES = 16
 LOOK_EVERY_S = 1.0
-"""How often a server looks who has a token; one that is revoked opens nothing a moment later."""
+"""Interval at which a server reads the tokens; a revoked token opens nothing after this time."""
 
 
 def add_experimenter(store: Store, name: str) -> str:
@@ -57,7 +57,7 @@ def list_experimenters(store: Store) -> list[Experimenter]:
 
 
 class Experimenters:
-    """Those who have a token now, as a context manager: a thread looks every second, so that nobody waits for it."""
+    """Experimenters who have a token now, as a context manager; a thread reads them every second."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -70,7 +70,7 @@ class Experimenters:
         return self._names.get(_sha256(token))
 
     def look(self) -> None:
-        """Read who has a token."""
+        """Read the experimenters with a token."""
         valid = [each for each in list_experimenters(self._store) if each.revoked_at is None]
         self._names = {each.token_sha256: each.name for each in valid}
 

@@ -26,13 +26,13 @@ def record_functioning(store: Store, pseudonym: str, answers: Functioning) -> No
     """
     if not store.design.ask_functioning:
         raise StudyError(
-            "the design does not ask about functioning; ask_functioning = true in study.toml does"
+            "the study has no questions about functioning; set ask_functioning = true in study.toml"
         )
     _check(answers)
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.simulated:
-            raise StudyError(f"{pseudonym} is simulated; only people are asked")
+            raise StudyError(f"{pseudonym} is simulated; only people answer these questions")
         if participant.consented_at is None:
             raise StudyError(f"{pseudonym} has not consented; consent comes first")
         given = msgspec.to_builtins(answers)
@@ -53,5 +53,7 @@ def _check(answers: Functioning) -> None:
             raise StudyError(f"{device!r} is no class of devices; allowed: {', '.join(DEVICES)}")
     alone = {NONE, DECLINED} & set(answers.devices)
     if alone and len(answers.devices) > 1:
-        raise StudyError(f"{alone.pop()!r} stands alone; allowed: one of it, or classes of devices")
+        raise StudyError(
+            f"{alone.pop()!r} cannot be combined; allowed: this answer alone, or classes of devices"
+        )
     check_line("the diagnosis", answers.diagnosis)

@@ -1,4 +1,4 @@
-"""Deletion by schedule: what of people's data is due by the design, and deleting it when somebody asks for that."""
+"""Deletion by schedule: which data of people are due by the design, and their deletion on request."""
 
 import shutil
 from collections.abc import Iterator, Mapping
@@ -14,13 +14,13 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all, record_event
 
 EVENTS = {IDENTITIES: "identity deleted by schedule", RECORDINGS: "recordings deleted by schedule"}
-"""The event of a participant from whom a kind of data was deleted; ``DATA`` leaves a tombstone instead."""
+"""Event: a kind of data of a participant was deleted; ``DATA`` leaves a tombstone instead."""
 CALLED = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", DATA: "all data"}
 
 
 @dataclass(frozen=True)
 class Scheduled:
-    """A kind of data with the day from which on it is due, and the participants of whom there is some."""
+    """A kind of data, the first day on which it is due, and the participants with such data."""
 
     what: str
     due_on: date
@@ -37,7 +37,7 @@ def today() -> date:
 
 
 def schedule(store: Store) -> list[Scheduled]:
-    """What is due when, of people alone."""
+    """Each kind of data of people with the day on which it is due."""
     people = [each.pseudonym for each in store.participants() if not each.simulated]
     known = keyfile.pseudonyms(store.folder)
     held = {
@@ -49,12 +49,12 @@ def schedule(store: Store) -> list[Scheduled]:
 
 
 def due(store: Store, day: date) -> list[Scheduled]:
-    """What is to be deleted on a day."""
+    """Kinds of data that are due on a day."""
     return [each for each in schedule(store) if each.is_due(day)]
 
 
 def due_words(store: Store, day: date) -> Iterator[str]:
-    """What is due, and what keeps the schedule from being known, in sentences for people."""
+    """Sentences about data that are due, and about fields that the schedule needs."""
     retention = store.design.retention
     for each in due(store, day):
         number = len(each.participants)

@@ -1,7 +1,7 @@
 """Templates for data protection: an impact assessment and a record of processing, filled in from the design.
 
-Articles are those of Regulation (EU) 2016/679 (GDPR). What the design does not know is a place to fill in. The files
-are drafts: the controller completes and judges them.
+Articles are those of Regulation (EU) 2016/679 (GDPR). Data that the design does not contain are places to fill in. The
+files are drafts: the controller completes and judges them.
 """
 
 from collections.abc import Iterable, Mapping
@@ -25,13 +25,13 @@ MEASURES = (
     "A ledger and checksums detect changes of the database and of recordings by anything else.",
     "A log contains who viewed, exported and deleted what.",
     "Deletion of one participant on request, with the database's backups, and deletion by schedule.",
-    "Exports contain no names, and free text only when it is asked for.",
+    "Exports contain no names, and free text only on request.",
 )
-"""What this program does, which any study may state."""
+"""Measures of this program, which any study may state."""
 
 
 def write_data_protection(store: Store) -> list[Path]:
-    """Write both drafts into the study's folder; what somebody has filled in stays.
+    """Write both drafts into the study's folder; edited drafts are never overwritten.
 
     Raises:
         StudyError: where a draft is there already with other words.
@@ -52,7 +52,7 @@ def write_data_protection(store: Store) -> list[Path]:
 
 
 def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
-    """What Article 35(7) asks for, with what comes before it."""
+    """The contents that Article 35(7) requires, and the sections before them."""
     return {
         "Whether an assessment is needed (Article 35(1) and (3))": {
             "Why": "Movements of head and hands may identify a person even without a name. "
@@ -104,7 +104,7 @@ def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
 
 
 def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
-    """What Article 30(1) asks for."""
+    """The contents that Article 30(1) requires."""
     return {
         "Record (Article 30(1))": {
             "(a) Controller, joint controllers, data protection officer": _fill_in("names and contacts"),
@@ -123,7 +123,7 @@ def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
 
 
 def _data(design: Design) -> Iterable[str]:
-    """The kinds of data that a study of this design holds."""
+    """The kinds of data in a study of this design."""
     yield "Identity: name and contact, where they were given."
     yield "Body model (woman or man), age where it was given, language, torso height."
     yield "Answers to inclusion questions: " + " ".join(each.text for each in design.inclusion)

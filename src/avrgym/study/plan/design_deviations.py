@@ -1,4 +1,4 @@
-"""In what a study's design and words deviate from the frozen ones, as they are and as people took part with them."""
+"""Deviations of a study's design and texts from the frozen ones: of the present ones, and of those in sessions."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -31,9 +31,9 @@ Change = tuple[Place, Any, Any]
 
 
 def design_deviations(store: Store, record: Record) -> Iterator[Finding]:
-    """Each difference of the design, and of what participants read, from the frozen plan.
+    """Each difference of the design, and of the texts for participants, from the frozen plan.
 
-    Those with which somebody took part are listed also where the files are as planned again.
+    Differences in sessions are listed even if the files are as planned again.
     """
     frozen = frozen_design(record)
     had = _had(store, *frozen) if frozen else {}
@@ -54,7 +54,7 @@ def design_deviations(store: Store, record: Record) -> Iterator[Finding]:
 def _had(
     store: Store, design: Design, wordings: Wordings | None
 ) -> dict[tuple[str, Place, str], tuple[str, str]]:
-    """By file, place and value that somebody had the value in a frozen design, and who they are."""
+    """The frozen value and the participants, by file, place and the other value that they had."""
     uses = designs_used(store)
     found = {
         (each.file, each.place, shown(each.there)): (shown(each.here), listed(each.uses, uses))
@@ -94,7 +94,7 @@ def frozen_design(record: Record) -> tuple[Design, Wordings | None] | None:
 def _compared(
     store: Store, record: Record, name: str, before: str, frozen: Design | None
 ) -> tuple[str, list[Change]]:
-    """What is wrong with a file as a whole, and its differences from the frozen text."""
+    """The fault of a file as a whole, and its differences from the frozen text."""
     path = store.folder / name
     if not path.is_file():
         return "is gone", []
@@ -114,7 +114,7 @@ def _compared(
 
 
 def _shared(values: Mapping[str, Any]) -> dict[str, Any]:
-    """What a file fixes for all sites."""
+    """The fields of a file that apply to all sites."""
     return {name: value for name, value in values.items() if name not in NOT_FIXED}
 
 
@@ -128,5 +128,5 @@ def changed(place: Place, before: Any, after: Any) -> str:
 
 
 def deviation(where: str, what: str) -> Finding:
-    """A difference from a plan; it need not be mended."""
+    """A difference from a plan; it is a note, not an error."""
     return Finding(where, what, wrong=False)

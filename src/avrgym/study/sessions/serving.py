@@ -50,11 +50,11 @@ class StudySessions:
         headset_check: bool = False,
         links: SessionLinks | None = None,
     ) -> None:
-        """Wait for a participant of a study, or begin the session of the ``first`` at once.
+        """Wait for a participant of a study, or begin the session of the ``first`` immediately.
 
-        ``furniture`` is what participants really sit and lie on here, the design's unless given. ``send``,
-        ``workers`` and ``streams`` are as for ``Session``, ``storing`` as for ``StudyVisit``, ``headset_check`` as for
-        ``plan_session``. ``links`` get the link of each session. Raises what ``begin`` does.
+        ``furniture``: the real seat and bed at this station; default: the design's. ``send``, ``workers`` and
+        ``streams`` are as for ``Session``, ``storing`` as for ``StudyVisit``, ``headset_check`` as for
+        ``plan_session``. ``links`` gets the link of each session. Raises the errors of ``begin``.
         """
         self._store, self._send, self._workers, self._storing = store, send, workers, storing
         self._streams, self._headset_check = streams, headset_check
@@ -199,7 +199,7 @@ class StudySessions:
         self._forget_participant()
 
     def _end_link(self) -> None:
-        """Nobody's page goes on into the next session."""
+        """End the link of the session: its pages are not part of the next one."""
         self.links.end()
         self._forget_participant()
 
@@ -269,7 +269,7 @@ class StudySessions:
         return stored
 
     def _end_visit(self, now_s: float) -> None:
-        """Have the end of the visit stored; then another can begin. The participant's link ends first."""
+        """End the participant's link, then store the end of the visit; afterwards another can begin."""
         self._end_link()
         if self._visit is not None:
             self._ended, self._retry_at_s = self._visit.end(), None

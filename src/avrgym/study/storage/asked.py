@@ -1,8 +1,8 @@
-"""The items that answers answer: in which words and on which scale each participant read them.
+"""The items of answers, with the words and the scale that each participant read.
 
-An item is the same where its words, its scale and its end labels are the same, also in translation. A changed one is
-``L1 (version 2)`` in tables, tests and figures: answers to different items are never taken together. A validated
-questionnaire changes as a whole, so that scores stay apart too.
+An item is the same if its words, its scale and its end labels are the same, also in translation. A changed item is
+``L1 (version 2)`` in tables, tests and figures: answers to different items are never pooled. A validated
+questionnaire changes as a whole, and scores of its versions are separate too.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from avrgym.study.storage.uses import design_of, translation
 from avrgym.study.storage.versions import Catalogue, Form, Version, in_order
 
 NOBODY_KNOWS = "unknown"
-"""The questionnaire of items that are stored nowhere."""
+"""The questionnaire of items whose words are not stored."""
 UNKNOWN = "(neither the database nor a recording contains its words)"
 
 
@@ -53,7 +53,7 @@ class Asked:
 
     @property
     def versions(self) -> list[Version]:
-        """Every item that participants answered, the versions of one after each other."""
+        """All versions of all items that participants answered, ordered by item."""
         return self._catalogue.versions
 
     def contains(self, answer: GivenAnswer) -> bool:
@@ -61,19 +61,19 @@ class Asked:
         return answer.id in self._of_answers
 
     def item(self, answer: GivenAnswer) -> Item:
-        """The item that an answer answers, by its name among all versions."""
+        """The item of an answer, by its name among all versions."""
         return self._of_answers[answer.id].item
 
     def questionnaire(self, answer: GivenAnswer) -> Questionnaire:
-        """The questionnaire of the item that an answer answers."""
+        """The questionnaire of an answer's item."""
         return self._catalogue.questionnaires[self._of_answers[answer.id].questionnaire]
 
     def value(self, answer: GivenAnswer) -> int:
-        """What an answer counts as on the scale of its item."""
+        """The value of an answer on the scale of its item."""
         return self.questionnaire(answer).scale_of(self.item(answer)).counts_as(answer.value)
 
     def form(self, participant: Participant, design: Design, wordings: Wordings | None) -> Form:
-        """What a design asks a participant."""
+        """The items of a design for a participant."""
         language = participant.language or design.languages[0]
         content: Any = [design.questionnaires, language, wordings]
         key = msgspec.json.encode(content, order="deterministic")
@@ -90,7 +90,7 @@ class Asked:
         self._of_answers[answer.id] = version
 
     def _unknown(self, participant: Participant, answer: GivenAnswer) -> Version:
-        """An item that only its answer is known of."""
+        """The item of an answer whose words are not stored."""
         item = Item(answer.item, UNKNOWN, MOST_POINTS, "?", "?")
         version = self._catalogue.version(item, item, participant.language or "", NOBODY_KNOWS)
         when = "after_trial" if answer.attempt is not None else "after_session"
@@ -99,7 +99,7 @@ class Asked:
 
 
 class _Reading:
-    """Finds what each answer of a participant answers: in the database, else in the trial's recording."""
+    """Finds the item of each answer of a participant: in the database, else in the trial's recording."""
 
     def __init__(
         self, asked: Asked, store: Store, participant: Participant, stored: list[StoredDesign]

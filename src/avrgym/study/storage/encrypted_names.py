@@ -1,4 +1,4 @@
-"""The encrypted identity file: each entry is encrypted for itself, so that one is removed without the key.
+"""The encrypted identity file. Each entry is encrypted separately and can be removed without the key.
 
 AES-256 in Galois/Counter Mode, with a new nonce for each entry; an entry is bound to its pseudonym. Pseudonyms are not
 encrypted.
@@ -27,7 +27,7 @@ class Identity(msgspec.Struct, frozen=True):
 
 
 class IdentityFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the file contains; ``check`` is the encrypted format; a wrong key cannot decrypt it."""
+    """The contents of the file. ``check`` is the encrypted format: a wrong key cannot decrypt it."""
 
     format: str
     lock: Lock

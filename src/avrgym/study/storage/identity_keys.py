@@ -1,7 +1,7 @@
 """The key that encrypts a study's names: from a passphrase, or from a key file outside the study.
 
-Without another choice the key file is made in the user's data folder. A server reads the passphrase or the key file's
-path from a variable of the environment. Without the key the names are lost, and no other data.
+By default the key file is in the user's data folder. A server reads the passphrase or the key file's path from an
+environment variable. Without the key the names are lost, but no other data.
 """
 
 import os
@@ -27,7 +27,7 @@ _given: dict[Path, str] = {}
 
 
 class Locked(StudyError):
-    """Names whose key is not at hand; nothing was changed."""
+    """The key of the names is not available; nothing was changed."""
 
 
 class Lock(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -49,7 +49,7 @@ def give_passphrase(folder: Path, passphrase: str) -> None:
 
 
 def given_passphrase(folder: Path) -> str | None:
-    """The passphrase that this process has for the study in a folder, if any."""
+    """The passphrase that was given to this process for the study in a folder, if any."""
     return _given.get(folder.resolve()) or os.environ.get(PASSPHRASE) or None
 
 
@@ -96,7 +96,7 @@ def _from_file(folder: Path, path: Path, *, make: bool) -> bytes:
         key = bytes.fromhex(path.read_text("ascii"))
     except OSError as error:
         raise Locked(
-            f"the key file of the names, {path}, cannot be read ({error.strerror}): put a copy back, or name it in "
+            f"the key file of the names, {path}, cannot be read ({error.strerror}): restore a copy, or name it in "
             f"{KEY_FILE}; nothing was changed. Without it the names are lost, and no other data"
         ) from None
     except ValueError:

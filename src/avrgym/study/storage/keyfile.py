@@ -1,7 +1,7 @@
-"""The identity file: the only place that says who a participant is, encrypted with a key that is kept elsewhere.
+"""The identity file: the only file with names of participants, encrypted with a key that is stored elsewhere.
 
-``private/identities.json`` in a folder that only its owner may open. Studies of earlier versions have
-``private/key.json`` instead, which is not encrypted, until ``encrypt_names``. Writers hold the database as lock.
+``private/identities.json`` is in a folder that only its owner may open. Studies of earlier versions have
+``private/key.json`` instead, which is not encrypted, until ``encrypt_names``. Writers lock the database.
 """
 
 import os
@@ -47,7 +47,7 @@ def lock_of(folder: Path) -> Lock | None:
 
 
 def pseudonyms(folder: Path) -> set[str]:
-    """Who has an entry, which needs no key; ``StudyError`` for a file that is damaged."""
+    """The pseudonyms with an entry; needs no key. ``StudyError`` for a file that is damaged."""
     path = path_of(folder)
     if not path.exists():
         return set()
@@ -147,7 +147,7 @@ def _write(folder: Path, name: str, data: bytes) -> None:
 
 
 def unfinished(folder: Path) -> list[Path]:
-    """What was left of identity files, with names, where a process was killed that wrote one.
+    """Unfinished identity files with names, left by processes that were killed while they wrote.
 
     Only one process writes at a time, so while the database is locked there is nothing else.
     """
@@ -156,6 +156,6 @@ def unfinished(folder: Path) -> list[Path]:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what was left of identity files where a process was killed that wrote one."""
+    """Remove unfinished identity files of processes that were killed while they wrote."""
     for path in unfinished(folder):
         path.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""The log of a study: who did what, and who looked at what. Entries are added, and never changed or deleted.
+"""The log of a study: actions and views with their persons. Entries are added, and never changed or deleted.
 
 Names of participants, notes and reasons are in no entry. The ledger detects each entry that something else changed.
 """
@@ -35,14 +35,14 @@ REFUSED = "refused"
 
 @dataclass(frozen=True)
 class Actor:
-    """A person who acts, and how they are known, one of ``KNOWN_BY``."""
+    """A person who acts, and the way of identification, one of ``KNOWN_BY``."""
 
     name: str
     known_by: str
 
 
 def account() -> Actor:
-    """The person by whose account this process runs. The system knows it; no variable changes it."""
+    """The person whose account runs this process, from the operating system; environment variables do not change it."""
     try:
         import pwd
 
@@ -123,7 +123,7 @@ def _progress(store: Store, connection: sa.Connection) -> tuple[int | None, int 
 
 
 def person_words(entry: LogEntry, sites: Mapping[int, str]) -> str:
-    """Who did it, in words; ``sites`` are the names of merged sites by number."""
+    """The person in words; ``sites`` are the names of merged sites by number."""
     who = {
         OWN_TOKEN: entry.person,
         SHARED_TOKEN: "an unnamed experimenter",

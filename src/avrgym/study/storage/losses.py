@@ -1,4 +1,4 @@
-"""What the loss of a database means for a study, in the words of its report, methods and exports."""
+"""Consequences of a lost database, in the words of report, methods and exports."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,9 +1,9 @@
 """The participation list: every change of a participant's state, in a signed file beside the study's database.
 
-``participation.jsonl`` outlives the loss of the database: nobody who withdrew or was deleted comes back. An entry is
-written before its transaction is committed, so a crash between the two loses no withdrawal. Each entry's digest covers
-the entry before, and this user's key signs it. The content of entries about a deleted participant is erased; their
-checksums and the chain stay.
+``participation.jsonl`` survives the loss of the database: participants who withdrew or were deleted do not come back.
+An entry is written before its transaction is committed: a crash between the two loses no withdrawal. Each entry's
+digest covers the entry before, and this user's key signs it. The content of entries about a deleted participant is
+erased; their checksums and the chain stay.
 """
 
 import hashlib
@@ -30,7 +30,7 @@ FINAL = ("withdrawn", "excluded", DELETED)
 """States that the list restores in a database that does not have them."""
 BEGUN, COMPARED = "list begun", "compared with the database"
 REBUILT = "database rebuilt"
-"""The event of a database that was made from the recordings after a loss; it stays for good.
+"""The event of a database that was rebuilt from the recordings after a loss; it is never removed.
 
 These are what an entry about no participant tells of.
 """
@@ -39,7 +39,7 @@ Content = Mapping[str, Any]
 
 
 class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One line. ``participant`` is a number, or nothing where it is about the list or the database."""
+    """One line. ``participant`` is a number; ``None`` for entries about the list or the database."""
 
     number: int
     participant: int | None
@@ -64,7 +64,7 @@ class Participation:
 
     @cached_property
     def about_itself(self) -> Sequence[Content]:
-        """What is about the list or the database, in order."""
+        """Contents about the list or the database, in order."""
         return [each.content for each in self.entries if each.participant is None and each.content]
 
     @property
@@ -79,7 +79,7 @@ class Participation:
 
     @property
     def list_digest(self) -> str:
-        """What tells the list from any other."""
+        """The digest of the first entry, which identifies the list."""
         return self.entries[0].digest
 
     def rebuilds(self) -> list[Content]:
@@ -124,7 +124,7 @@ class ParticipationList:
         return self._folder / FILE
 
     def read(self) -> Participation | None:
-        """What the list holds; ``None`` where there is none."""
+        """The entries of the list; ``None`` if there is no list."""
         try:
             version = self._version()
         except FileNotFoundError:
@@ -150,7 +150,7 @@ class ParticipationList:
         signing.remember_end(self._folder, after.list_digest, entries[-1].digest)
 
     def remember_end(self) -> None:
-        """Let this computer know the list's last entry, where it knows none of this list in this folder."""
+        """Store the list's last entry on this computer, unless one of this list in this folder is stored."""
         known, end = self.read(), signing.known_end(self._folder)
         if known is None or known.fault or not known.is_signed_here():
             return
@@ -174,12 +174,12 @@ class ParticipationList:
             write_whole(self.path, b"".join(map(_line, entries)), PRIVATE_FILE)
 
     def set_aside(self) -> None:
-        """Keep an unsound list under another name; the next entry begins a new list."""
+        """Keep an invalid list under another name; the next entry begins a new list."""
         numbers = [_aside_number(path) for path in self.set_aside_before()]
         os.replace(self.path, self.path.with_name(f"{FILE}.unsound-{max(numbers, default=0) + 1}"))
 
     def set_aside_before(self) -> list[Path]:
-        """Unsound lists that were kept under other names."""
+        """Invalid lists that were kept under other names."""
         return sorted(path for path in self._folder.glob(f"{FILE}.*") if SET_ASIDE.fullmatch(path.name))
 
     def _version(self) -> object:

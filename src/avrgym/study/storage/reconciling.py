@@ -1,7 +1,7 @@
 """Keeping the participation list and the study's database in agreement.
 
-Each transaction is followed into the list. When a study is opened, the list gets what it lacks, and a database that was
-set back gets the withdrawals, exclusions and deletions that only the list still knows.
+Each transaction adds its changes to the list. When a study is opened, missing entries are added to the list. A
+database that was set back to an older copy gets the withdrawals, exclusions and deletions that only the list contains.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -26,9 +26,9 @@ from avrgym.study.storage.participation import (
 from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, TOMBSTONE, now
 
 RESTORED = "participation restored"
-"""The event that a participant's state was taken from the participation list, which the database did not have."""
+"""Event: a participant's state was restored from the participation list, because the database lacked it."""
 SET_BACK = "participation list set back"
-"""The event that a study is older than the latest state of it that this computer knows."""
+"""Event: a study is older than its latest state that this computer has stored."""
 _COLUMNS = (
     "simulated",
     "site",
@@ -42,7 +42,7 @@ _COLUMNS = (
     "consent_version",
     "consent_sha256",
 )
-"""What the list contains about a participant besides the state."""
+"""Fields that the list contains about a participant in addition to the state."""
 
 Contents = Mapping[int, Content]
 
@@ -99,7 +99,7 @@ def _append(
 
 
 def _is_news(before: Participation, number: int, content: Content) -> bool:
-    """Whether a content differs from the latest one, and may follow it: what is final stays so."""
+    """Whether a content differs from the latest one and may follow it; final states are never replaced."""
     latest = before.latest.get(number)
     if latest is not None and latest["state"] in FINAL and content["state"] not in FINAL:
         return False
@@ -113,7 +113,7 @@ def _contents(
     participants: Collection[int] | None = None,
     tombstones: Collection[int] | None = None,
 ) -> dict[int, Content]:
-    """What the list is to contain about participants with these numbers, and about those who were deleted."""
+    """Contents for the list about participants with these numbers, and about deleted participants."""
     columns = [PARTICIPANT.c[name] for name in ("number", "state", *_COLUMNS)]
     rows = _all(connection, columns, PARTICIPANT.c.number, participants)
     found = {
@@ -139,7 +139,7 @@ def _about_itself(connection: sa.Connection, event: str, at: str, detail: str) -
 
 
 def _first_digest(connection: sa.Connection) -> str | None:
-    """What tells a database from any other: the first digest in its ledger."""
+    """The first digest in the ledger, which identifies a database."""
     return connection.execute(sa.select(LEDGER.c.digest).where(LEDGER.c.number == 1)).scalar()
 
 
@@ -157,11 +157,11 @@ def _all(
 
 @dataclass(frozen=True)
 class Disagreement:
-    """What list and database lack of each other when a study is opened.
+    """Differences between list and database when a study is opened.
 
-    ``begin``: a new list is to begin, with this detail. ``restored``: final states by number that the database lacks.
-    ``missing``: contents that the list lacks. ``set_back``: this computer knows later entries. ``is_unsigned``: the
-    list agrees with the database, and this user has not signed it.
+    ``begin``: a new list must begin, with this detail. ``restored``: final states by number that the database lacks.
+    ``missing``: contents that the list lacks. ``set_back``: this computer has stored later entries. ``is_unsigned``:
+    the list agrees with the database, and this user has not signed it.
     """
 
     begin: str | None = None
@@ -175,7 +175,7 @@ class Disagreement:
 
 
 def compare(known: ParticipationList, connection: sa.Connection) -> Disagreement:
-    """Compare list and database; rows that something else than the program changed do not count."""
+    """Compare list and database; rows that another program changed are ignored."""
     everybody = _contents(connection)
     vouched = ledger.vouched(connection, PARTICIPANT)
     edited = {number for number, each in everybody.items() if each["state"] != DELETED} - vouched

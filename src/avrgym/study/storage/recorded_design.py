@@ -1,4 +1,4 @@
-"""What the recording of a trial reports about the design that it was run with."""
+"""The design of a trial as its recording contains it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -23,19 +23,19 @@ _FIELDS: Mapping[str, tuple[str, Any]] = {
     "stop_rules": ("stop_rules", tuple[StopRule, ...]),
     "furniture": ("furniture", RealFurniture),
 }
-"""By its name in a recording's configuration the field of a design, and its type."""
+"""The field of a design and its type, by its name in a recording's configuration."""
 
 
 def as_recorded(
     design: Design, trial: Trial, configuration: Mapping[str, Any], translate: Translate
 ) -> Design:
-    """A design with all that the configuration of a trial's recording contains in its place.
+    """A design whose fields are replaced by the configuration in a trial's recording.
 
     Args:
-        design: what is not recorded is taken from it.
+        design: gives the fields that are not recorded.
         trial: the trial.
-        configuration: that of its recording; fields that it lacks change nothing.
-        translate: gives the words of a sentence of the design as this participant read them.
+        configuration: the configuration in its recording; missing fields change nothing.
+        translate: translates a sentence of the design into the words that this participant read.
     """
     changes: dict[str, Any] = {}
     for name, (field, kind) in _FIELDS.items():
@@ -75,7 +75,7 @@ def _asked(
 
 
 def _in_design(item: Item, known: Item | None, translate: Translate) -> Item:
-    """An item as the design has it, where its words are a translation of that; else as it was read."""
+    """The item of the design if the recorded words are its translation; else the item as it was read."""
     return known if known is not None and item in (known, translated(known, translate)) else item
 
 
@@ -101,7 +101,7 @@ def _with_items(questionnaire: Questionnaire, asked: Mapping[str, Item], order: 
 def _with_others(
     questionnaires: tuple[Questionnaire, ...], asked: Mapping[str, Item]
 ) -> tuple[Questionnaire, ...]:
-    """With the items that no questionnaire of this moment has, in one of their own."""
+    """Questionnaires, and one more with the recorded items that no questionnaire after trials contains."""
     known = {item.id for each in questionnaires if AFTER_TRIAL in each.moments for item in each.items}
     others = tuple(item for item in asked.values() if item.id not in known)
     return (*questionnaires, Questionnaire("recorded", AFTER_TRIAL, others)) if others else questionnaires

@@ -105,7 +105,7 @@ class StudySession:
 
 @dataclass(frozen=True)
 class StoredDesign:
-    """A design as a session began with it, or without a session as its participant was taken in with it."""
+    """The design at the beginning of a session, or, without a session, at the admission of a participant."""
 
     id: int
     participant: int
@@ -221,7 +221,7 @@ class ConsentText:
 
 @dataclass(frozen=True)
 class Consent:
-    """A participant's decision about a consent text; ``None`` stands for what an earlier version did not store."""
+    """A participant's decision about a consent text; ``None`` in fields that an earlier version did not store."""
 
     id: int
     at: str
@@ -274,9 +274,9 @@ class Experimenter:
 
 @dataclass(frozen=True)
 class LogEntry:
-    """Something that a person did or looked at; ``known_by`` is how the person is known, ``detail`` what of it.
+    """An action or a view of a person; ``known_by`` is how the person is identified, ``detail`` adds to ``name``.
 
-    ``completed`` of ``planned`` participants had completed the study when somebody looked at its results.
+    ``completed`` of ``planned`` participants had completed the study when somebody viewed its results.
     """
 
     id: int

@@ -70,7 +70,7 @@ PARTICIPANT = Table(
     Column("functioning", JSON(none_as_null=True)),
     _salt(),
 )
-"""``functioning`` is what they said about disability, diagnosis and assistive devices.
+"""``functioning`` contains their answers about disability, diagnosis and assistive devices.
 
 ``language`` is the one they read the study in; of who has none, the design's first. ``site`` is where someone takes
 part; ``site_number`` the number that they have there, in a merged study alone.
@@ -104,9 +104,9 @@ DESIGN = Table(
     Column("wordings", JSON, nullable=False),
     _salt(),
 )
-"""The design that a session began with, or, without a session, that its participant was taken in with.
+"""The design at the beginning of a session, or, without a session, at the admission of a participant.
 
-``wordings`` is what participants read in each language, as ``design.fixed`` has it.
+``wordings`` contains the texts that participants read in each language, see ``design.fixed``.
 """
 
 TRIAL = Table(
@@ -295,9 +295,9 @@ LOG = Table(
     Column("planned", Integer),
     _salt(),
 )
-"""Who did what, and when; no row is ever changed or deleted, also not with its participant.
+"""Actions with their persons and times. No row is ever changed or deleted, not even with its participant.
 
-Of a view of results ``completed`` is how many participants had completed the study then, of ``planned``.
+For a view of results, ``completed`` of ``planned`` participants had completed the study at that time.
 """
 
 LEDGER = Table(

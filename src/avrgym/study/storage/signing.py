@@ -1,7 +1,7 @@
 """The signing key of this computer's user (Ed25519), and the last entry that the user wrote in each study.
 
-Both are in the user's data folder, outside all studies. A list in a study that somebody edits, sets back to an older
-copy or replaces by another study's therefore differs from what is known here.
+Both are in the user's data folder, outside all studies. A list that somebody edits, sets back to an older copy or
+replaces by another study's list therefore differs from them.
 """
 
 import hashlib
@@ -96,7 +96,7 @@ def known_end(folder: Path) -> KnownEnd | None:
 
 
 def moved_end(list_digest: str) -> KnownEnd | None:
-    """The last entry known of a list in a folder that is no longer there: it was moved, or a copy is left."""
+    """The last known entry of this list in a folder that no longer exists, because the study was moved or deleted."""
     for path in sorted((data_folder() / _STUDIES).glob("*.json")):
         with suppress(OSError, msgspec.DecodeError):
             known = _read(path)

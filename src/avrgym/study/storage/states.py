@@ -7,7 +7,7 @@ from avrgym.recording.outcomes import ATTEMPT_ENDS
 Transitions = Mapping[str, tuple[str, ...]]
 
 UNKNOWN = "unknown"
-"""The state of participants where the database was lost, with all that tells whether they consented or withdrew."""
+"""The state of participants whose consent or withdrawal is unknown, because the database was lost."""
 
 PARTICIPANT: Transitions = {
     "enrolled": ("consented", "withdrawn"),

@@ -1,4 +1,4 @@
-"""The designs that people took part with: as the database stores them, else as far as the recordings report them."""
+"""The designs that people took part with, from the database, else as far as recordings contain them."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -19,9 +19,9 @@ from avrgym.texts.texts import TextsError, normal, read_texts
 
 @dataclass(frozen=True)
 class Use:
-    """A design as somebody took part with it in trials of a session, by position.
+    """The design of a participant in trials of a session, by position.
 
-    ``wordings`` is what participants read; ``None`` where the database does not store the design of the session.
+    ``wordings`` are the texts that participants read; ``None`` if the database lacks the design of the session.
     """
 
     participant: Participant
@@ -37,9 +37,9 @@ class Use:
 
 
 def designs_used(store: Store, participants: Sequence[Participant] | None = None) -> list[Use]:
-    """The design of each session as the database stores it; of a session without one as its recordings report it.
+    """The design of each session from the database, else from its recordings.
 
-    ``participants`` are those whose sessions these are, everyone unless given.
+    ``participants``: only their sessions; default: all.
     """
     stored = _stored(store)
     return [
@@ -51,9 +51,9 @@ def designs_used(store: Store, participants: Sequence[Participant] | None = None
 
 
 def designs_recorded(store: Store) -> list[Use]:
-    """The design of each session as its recordings report it; what they do not contain as the database stores it.
+    """The design of each session from its recordings; fields that they do not contain are from the database.
 
-    What neither has is taken from the study's present design. Trials whose recordings cannot be read are left out.
+    Fields that both lack are from the study's present design. Trials whose recordings cannot be read are left out.
     Inclusion questions are those that the participant answered.
     """
     stored, admitted = _stored(store), _admitted(store)
@@ -76,7 +76,7 @@ def design_of(row: StoredDesign) -> Design:
 
 
 def translation(store: Store, language: str, wordings: Wordings | None) -> Callable[[str], str]:
-    """What translates a design's sentences: stored wordings, else the study's present texts."""
+    """A function that translates a design's sentences by stored wordings, else by the study's present texts."""
     if wordings is not None:
         known = wordings.get(language, {}).get("sentences", {})
         return lambda sentence: known.get(normal(sentence), sentence)

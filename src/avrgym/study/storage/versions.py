@@ -1,4 +1,4 @@
-"""Versions of items and of validated questionnaires: what participants read under one name."""
+"""Versions of items and of validated questionnaires that participants read under one name."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -17,8 +17,8 @@ Words = tuple[Item, ...]
 class Version:
     """An item as participants read it.
 
-    ``item`` has its name among all items, ``of`` is its name in the design, ``number`` counts the versions of that from
-    1. ``words`` are what was read, by language; ``asked`` counts answers by participant.
+    ``item`` has its name among all versions, ``of`` is its name in the design, ``number`` counts its versions from 1.
+    ``words`` are the texts by language, ``asked`` counts answers by participant.
     """
 
     item: Item
@@ -38,14 +38,14 @@ class Form:
 
 @dataclass(frozen=True)
 class _Whole:
-    """A validated questionnaire, whose items belong together; own questionnaires of a name are all one."""
+    """A version of a validated questionnaire, whose items change together; other questionnaires have one version."""
 
     content: Any
     words: dict[str, Words] = field(default_factory=dict[str, Words])
 
 
 class Catalogue:
-    """All that participants read; items and questionnaires that change under one name become versions of it."""
+    """All items that participants read; items and questionnaires that change under one name become its versions."""
 
     def __init__(self) -> None:
         self.questionnaires: dict[str, Questionnaire] = {}
@@ -54,11 +54,11 @@ class Catalogue:
 
     @property
     def versions(self) -> list[Version]:
-        """Every item, the versions of one after each other."""
+        """All versions of all items, ordered by item."""
         return [version for versions in self._versions.values() for _, _, version in versions]
 
     def form(self, design: Design, language: str, translate: Callable[[str], str]) -> Form:
-        """What a design asks somebody who reads this language."""
+        """The items of a design for a participant who reads this language."""
         found: dict[str, Version] = {}
         for questionnaire in design.questionnaires:
             words = tuple(translated(item, translate) for item in questionnaire.items)
@@ -84,7 +84,7 @@ class Catalogue:
         return version
 
     def add(self, questionnaire: Questionnaire) -> None:
-        """Add a questionnaire, or its items and moments to what is known of it."""
+        """Add a questionnaire, or add its items and moments to the existing one."""
         known = self.questionnaires.get(questionnaire.name, questionnaire)
         ids = {item.id for item in known.items}
         items = (*known.items, *(item for item in questionnaire.items if item.id not in ids))
@@ -108,17 +108,17 @@ class Catalogue:
 
 
 def numbered(name: str, version: int) -> str:
-    """The name of a version; the first has the name that the design gives."""
+    """The name of a version; the first version has the name of its item in the design."""
     return name if version == 1 else f"{name} (version {version})"
 
 
 def first_name(name: str) -> str:
-    """The name that the design gives an item or a questionnaire, of any of its versions."""
+    """The name in the design of any version of an item or a questionnaire."""
     return name.partition(" (version ")[0]
 
 
 def in_order(design: Design, catalogue: Catalogue) -> Design:
-    """A design with all items that participants read, in its own order; other items are as the design has them."""
+    """A design with all items that participants read, in its own order; other items are unchanged."""
     versions = {version.item.id: version for version in catalogue.versions}
     of = {version.of for version in versions.values()}
     whole = Catalogue()

@@ -60,7 +60,7 @@ COLUMNS: Mapping[str, Column] = {
     **{name: TABLES["scores"][name] for name in ("instrument", "scale", "score", "answered", "items")},
     **{f"items.{name}": TABLES["items"][name] for name in ("item", "text", "least", "most", "points", "low", "high")},
     "items.version": _whole(
-        "Which version of the item it is: 2 and above where it was changed after somebody had answered it.",
+        "Version of the item: 2 and above where it was changed after somebody had answered it.",
         allowed="1 and above",
     ),
     "items.asked_of": _text("The participants who answered it."),
@@ -154,7 +154,7 @@ COLUMNS: Mapping[str, Column] = {
     "p_holm": _number("p after Holm's correction within the family.", "1", _NOT_TESTED, _P),
     "p_primary": _number("p corrected over all primary results of the study.", "1", _NOT_PRIMARY, _P),
     "mark": _text("Stars for p_primary: * < 0.05, ** < 0.01, *** < 0.001.", "0.05 or more, or no primary result"),
-    "role": _text("What it is for its question: primary, sensitivity analysis, secondary or supplement."),
+    "role": _text("Role for its question: primary, sensitivity analysis, secondary or supplement."),
     "effect_low": _number("Lower end of the 95 % interval of the effect.", "1", _NO_EFFECT_INTERVAL, "-1 to 1"),
     "effect_high": _number("Upper end of the 95 % interval of the effect.", "1", _NO_EFFECT_INTERVAL, "-1 to 1"),
     "effect": _number(

@@ -282,7 +282,7 @@ def _versions(analysis: Analysis) -> Iterator[str]:
         if first_name(row.item) in changed
     ]
     if asked:
-        yield f"Items were changed during the study: {'; '.join(asked)}. Versions are analysed apart."
+        yield f"Items were changed during the study: {'; '.join(asked)}. Versions are analysed separately."
 
 
 def _analysis(analysis: Analysis) -> Iterator[str]:
