@@ -389,7 +389,7 @@ export class App {
     if (way) this.stop(way);
   }
 
-  /** The panel's words say how to select with what the participant has. */
+  /** Shows the panel's words for the participant's input. */
   private watchInput(sources: XRInputSourceArray): void {
     const input = inputOfAll(sources) ?? this.input;
     if (input === this.input) return;

@@ -33,7 +33,7 @@ export class AdverseEventForm {
     if (!this.field("began_at").value) this.begin();
   }
 
-  /** What is to be stored. */
+  /** The report to store. */
   body(): { report: Report; follows: number | null } {
     const text = (name: string) => this.field(name).value.trim();
     const number = (name: string) => (text(name) ? Number(text(name)) : null);

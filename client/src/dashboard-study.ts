@@ -50,7 +50,7 @@ export interface Overview {
   furniture: Furniture;
   /** The name of this page's token, empty where several people use it. */
   experimenter: string;
-  /** What each grade of an adverse event may be, and where the scales come from. */
+  /** Allowed values of each grade of an adverse event, and the sources of the scales. */
   scales: Record<string, string[]>;
   scales_words: string;
 }
@@ -85,7 +85,7 @@ export interface Score {
   most: number;
 }
 
-/** What is reported of an adverse event; `trial` is a position. */
+/** A report of an adverse event; `trial` is a position. */
 export interface Report {
   began_at: string;
   trial: number | null;
@@ -105,7 +105,7 @@ export interface AdverseEvent {
   report: Report;
 }
 
-/** What a session reported of safety by itself. */
+/** A safety event that a session reported. */
 export interface SafetyEvent {
   at: string;
   trial: number | null;

@@ -92,7 +92,7 @@ export function adverseEventsTable(events: AdverseEvent[]): Table {
   };
 }
 
-/** What a session reported of safety by itself, in one line. */
+/** A safety event that a session reported, in one line. */
 export function safetyWords({ at, trial, name, detail }: SafetyEvent): string {
   const where = trial === null ? "" : `, trial ${trial}`;
   return `${moment(at)}${where}: ${name}${detail ? `, ${detail}` : ""}`;
@@ -149,7 +149,7 @@ export function progressWords({ summary }: Overview): string {
   );
 }
 
-/** Whose page this is, as the study's log names them. */
+/** The experimenter of this page, as the study's log names them. */
 export function experimenterWords({ experimenter }: Overview): string {
   return experimenter
     ? `The log names you ${experimenter}.`

@@ -71,7 +71,7 @@ def _answers(design: Design, studies: ImaginedStudies, answers: Answers) -> Iter
 
 
 def _trials(design: Design, people: int, number: int) -> Iterator[TrialRow]:
-    """Trials without any effect of policies; participants differ in general and in what policies give with them."""
+    """Trials without any effect of policies; participants differ in general and in their response to policies."""
     latent = _latent(design, people, np.random.default_rng([number, 3]), 3)
     for person, task, robot, policy in _conditions(design, people):
         ability, gain, load = latent[:, person, task, robot, policy]
@@ -98,7 +98,7 @@ Finds = Callable[[Sequence[TestedRow]], bool]
 
 
 def any_star(rows: Sequence[TestedRow]) -> bool:
-    """A star anywhere in figures, headline tables or ``tests.csv``."""
+    """Whether figures, headline tables or ``tests.csv`` have any star."""
     return any(each.mark for each in rows)
 
 
@@ -139,7 +139,7 @@ PLAN = Plan(
 
 
 def stars() -> Iterator[str]:
-    """Studies in which something is starred: without an effect, then with one of 1 point in answers."""
+    """The share of studies with any star: without an effect, then with an effect of 1 point in answers."""
     for effect, people, plan, procedures in (
         (0.0, 8, None, ANY),
         (0.0, 16, None, ANY),
@@ -213,7 +213,7 @@ SPREADS = {
 
 
 def mixed() -> Iterator[str]:
-    """False positives of mixed models with variances that may be negative, and with variances held at zero."""
+    """False positives of mixed models with free variances, and with variances constrained to zero or above."""
     for name, spreads in SPREADS.items():
         found = [each for number in range(STUDIES) if (each := _both(spreads, number)) is not None]
         singular = [each for each in found if each[2]]
@@ -231,7 +231,7 @@ def _rates(found: Sequence[Both]) -> tuple[str, str, int]:
 
 
 def _both(spreads: Sequence[float], number: int) -> Both | None:
-    """Whether policies differ by each fit, whether it is singular, and whether in the variance of policies."""
+    """Whether policies differ in each fit, whether it is singular, and whether the variance of policies is zero."""
     observed = list(_observed(spreads, number))
     names = columns(DESIGN, observed)
     matrix = np.hstack([np.ones((len(observed), 1)), names.matrix])

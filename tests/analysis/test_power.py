@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from avrgym.analysis.power.answers import Assumptions, ImaginedStudies
 from avrgym.analysis.power.modelled import in_order
 from avrgym.analysis.power.power import PowerRow, count, default_sizes, needed, power_rows, probabilities
-from avrgym.analysis.power.words import in_words, smallest_p
+from avrgym.analysis.power.words import power_sentences, smallest_p
 from avrgym.analysis.rows import AnswerRow
 from avrgym.analysis.statistics.families import PARTICIPANT
 from avrgym.analysis.statistics.models.effects import Observed
@@ -181,7 +181,7 @@ def test_words_say_what_so_few_can_show(participants: int, words: str) -> None:
         *power_rows([{(BETWEEN, "L1"): (70, 20)}], 1.0, participants, 100),
         *power_rows([{(BETWEEN, "L1"): (5, 1)}], 0.0, participants, 100),
     ]
-    told = " ".join(in_words(Assumptions(), rows, participants))
+    told = " ".join(power_sentences(Assumptions(), rows, participants))
     assert words in told
     assert "after correction in 20 % (13 to 29): more often missed than found" in told
     assert "Where there is no effect, 'policies, by participant' finds one in 5 %" in told

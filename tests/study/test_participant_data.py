@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from avrgym.cli import app
 from avrgym.recording.records import Answer
-from avrgym.study.export.one_person import ABOUT, write_participant_data
+from avrgym.study.export.one_person import FILE_CONTENTS, write_participant_data
 from avrgym.study.export.records import WITHOUT, event_rows
 from avrgym.study.people.adverse_events import record_adverse_event
 from avrgym.study.people.deletion import delete_participant
@@ -99,7 +99,7 @@ def test_the_index_names_every_file_and_the_codebook_every_column(archive: ZipFi
     index = archive.read("README.md").decode()
     for name in archive.namelist():
         shown = f"{name.split('/')[0]}/" if "/" in name else name
-        assert shown in (*ABOUT, "README.md")
+        assert shown in (*FILE_CONTENTS, "README.md")
         assert name == "README.md" or f"| `{shown}` |" in index
     codebook = rows(archive, "codebook.csv")
     for name in archive.namelist():

@@ -82,7 +82,7 @@ def test_a_new_study_encrypts_with_a_key_file_elsewhere(folder: Path) -> None:
     assert lock is not None
     key = identity_keys.key_path(lock)
     assert str(key) in said.stdout
-    assert "without it the names are lost, and no other data" in said.stdout
+    assert "without it the names are lost, but no other data" in said.stdout
     assert key.is_relative_to(data_folder())
     assert key.stat().st_mode & 0o077 == 0
     assert not is_readable(folder)

@@ -28,7 +28,7 @@ class ItemRow:
 
 
 def item_rows(store: Store, asked: Asked) -> list[ItemRow]:
-    """A row for each item and group of participants, the versions of one item after each other."""
+    """A row for each version of an item and group of participants, ordered by item."""
     simulated = {each.pseudonym: each.simulated for each in store.participants()}
     scales = {item.id: own.scale_of(item) for own in asked.design.questionnaires for item in own.items}
     return [

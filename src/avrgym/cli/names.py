@@ -52,7 +52,7 @@ def encrypt_names(
         unlock(folder)
         was_plain = encrypt(store, (lambda: _new_passphrase(folder)) if passphrase else None)
         log(store, "encrypt names")
-    say_key(folder)
+    print_key(folder)
     if was_plain:
         say(
             "The file that was not encrypted is removed. Snapshots, backups and the disk's free space may retain it: "
@@ -73,7 +73,7 @@ def unlock(folder: Path) -> None:
             keyfile.read_key(folder)
 
 
-def say_key(folder: Path) -> None:
+def print_key(folder: Path) -> None:
     """Say what the names are encrypted with, and what is lost without it."""
     from avrgym.study.storage import identity_keys, keyfile
 
@@ -92,5 +92,5 @@ def _new_passphrase(folder: Path) -> str:
     if (lock is None or lock.kind == "file") and (given := os.environ.get(identity_keys.PASSPHRASE)):
         return given
     if not sys.stdin.isatty():
-        raise RuntimeError("a new passphrase must be typed on a terminal; nothing was changed")
+        raise RuntimeError("a new passphrase needs a terminal on which you type it; nothing was changed")
     return typer.prompt("New passphrase of the names", hide_input=True, confirmation_prompt=True)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from avrgym.study.storage.store import Store
 
 Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
-NEEDED = ("description", "severity", "seriousness", "relatedness", "outcome")
+REQUIRED_FIELDS = ("description", "severity", "seriousness", "relatedness", "outcome")
 """Fields of every report. A follow-up copies the fields that it does not state from the latest report."""
 
 
@@ -91,7 +91,7 @@ def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, 
     from avrgym.study.storage.schema import now
 
     if event is None:
-        return {"began_at": now(), **dict.fromkeys(NEEDED, "")}
+        return {"began_at": now(), **dict.fromkeys(REQUIRED_FIELDS, "")}
     latest = next(
         (each.latest for each in followed(store.adverse_events(participant)) if each.number == event), None
     )
@@ -100,7 +100,7 @@ def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, 
             f"{participant} has no adverse event {event}; `avrgym study adverse-events` lists them"
         )
     positions = {each.id: each.position for each in store.trials(participant)}
-    known = {name: getattr(latest, name) for name in (*NEEDED, "action", "began_at")}
+    known = {name: getattr(latest, name) for name in (*REQUIRED_FIELDS, "action", "began_at")}
     return known | {"trial": positions.get(latest.trial or 0)}
 
 
@@ -160,7 +160,7 @@ def retention(
 
     Run it daily by cron or systemd with --delete. Each deletion is logged.
     """
-    from avrgym.study.people.retention import CALLED, delete_due, due_words, schedule, today
+    from avrgym.study.people.retention import DATA_NAMES, delete_due, due_words, schedule, today
     from avrgym.study.storage.store import Store
 
     with plain_errors():
@@ -169,7 +169,7 @@ def retention(
             day = today()
             rows = [
                 {
-                    "data": CALLED[each.what],
+                    "data": DATA_NAMES[each.what],
                     "due_on": each.due_on.isoformat(),
                     "due": each.is_due(day),
                     "participants": list(each.participants),
@@ -186,8 +186,8 @@ def retention(
                     say(f"due       {words}")
                 return
             for what, pseudonym in delete_due(store, day):
-                log(store, "delete by schedule", pseudonym, detail=CALLED[what])
-                say(f"deleted   {CALLED[what]} of {pseudonym}")
+                log(store, "delete by schedule", pseudonym, detail=DATA_NAMES[what])
+                say(f"deleted   {DATA_NAMES[what]} of {pseudonym}")
 
 
 def participant_data(

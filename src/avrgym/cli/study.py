@@ -9,7 +9,7 @@ import typer
 from avrgym.cli.cluster import Address, on_cluster
 from avrgym.cli.experimenters import add_experimenter, experimenters, revoke_experimenter
 from avrgym.cli.logged import log
-from avrgym.cli.names import encrypt_names, names, say_key, unlock
+from avrgym.cli.names import encrypt_names, names, print_key, unlock
 from avrgym.cli.options import PEOPLE, Impairment
 from avrgym.cli.plan import Folder, checked, freeze, plan_of, power
 from avrgym.cli.progress import GOES_ON, progress_bar
@@ -158,7 +158,7 @@ def enrol(
         log(store, "enrol", pseudonym)
     say(f"enrolled  {pseudonym}")
     if first:
-        say_key(folder)
+        print_key(folder)
 
 
 @app.command()

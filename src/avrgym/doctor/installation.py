@@ -37,7 +37,7 @@ def packages(wanted: Sequence[Requirement]) -> Finding:
 
 
 def asked_for(extra: str = "") -> list[Requirement]:
-    """Requirements of the installed AVR Gym itself, or of one of its extras and those that it includes."""
+    """Requirements of the installed AVR Gym, or of one of its extras with the extras that it includes."""
     needed = [Requirement(each) for each in requires("avrgym") or ()]
     own = [each for each in needed if _applies(each, extra) and not (extra and _applies(each, ""))]
     included = (

@@ -113,8 +113,8 @@ def _length_asked_for(entry: FrameType | None) -> int:
     """The length of episodes in the call of ``gym.make`` that called the entry point.
 
     Gymnasium puts a time limit around the environment and does not pass it on. The environment needs it to refuse steps
-    after an episode's end. A wrapper around the time limit (``additional_wrappers``) is no way to do that:
-    ``gym.make_vec`` refuses it next to a vector entry point.
+    after an episode's end. A wrapper around the time limit (``additional_wrappers``) does not work: ``gym.make_vec``
+    refuses it next to a vector entry point.
     """
     make = None if entry is None or entry.f_back is None else entry.f_back.f_locals
     asked, spec = (None if make is None else make.get(name) for name in ("max_episode_steps", "env_spec"))

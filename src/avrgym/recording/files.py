@@ -220,10 +220,10 @@ class _Disk:
 
 @dataclass(frozen=True)
 class Recording:
-    """What a file holds: its messages (topic, log_time_ns, record) in the order of writing.
+    """The contents of a file: its messages (topic, log_time_ns, record) in the order of writing.
 
-    ``complete``: the trial ended with an outcome and nothing is missing. ``began_at``: when the trial did, in UTC;
-    recordings of earlier versions do not tell it. ``robot_finished`` is the outcome at the end of the last control
+    ``complete``: the trial ended with an outcome and nothing is missing. ``began_at``: when the trial began, in UTC;
+    recordings of earlier versions do not contain it. ``robot_finished`` is the outcome at the end of the last control
     step, where the robot took all of them.
     """
 

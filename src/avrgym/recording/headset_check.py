@@ -37,8 +37,8 @@ class TrackedPart(msgspec.Struct, frozen=True):
 class HeadsetCheck(msgspec.Struct, frozen=True):
     """The figures of a check.
 
-    ``device`` is what the browser says that it is, ``profiles`` what it says of controllers, ``emulated``: there was no
-    headset. ``display_hz`` is ``None`` where the headset does not tell. ``seconds`` were measured, in which so many
+    ``device`` is the device that the browser reports, ``profiles`` its controllers; ``emulated``: there was no
+    headset. ``display_hz`` is ``None`` if the headset does not report it. ``seconds`` were measured, in which so many
     ``frames`` were drawn, at ``frame_rate_hz`` and with ``dropped_share`` missing. ``latency_ms``: percentiles by stage
     as of ``recording.latency``. ``haptics`` and ``sound``: the participant felt and heard them; ``None`` where nobody
     asked.

@@ -68,7 +68,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def scale_of(self, item: Item) -> Response:
         """The scale of an item: its instrument's, else the whole numbers on its labels, else 1 to its points.
 
-        Stored answers are numbered from 1. Tables, figures and exports show what they count as on this scale.
+        Stored answers are numbered from 1. Tables, figures and exports show their values on this scale.
         """
         if self.instrument is not None:
             return self.instrument.response

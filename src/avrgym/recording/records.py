@@ -73,7 +73,7 @@ class BodyTargets(Record, frozen=True):
 
 
 class Command(Record, frozen=True):
-    """What the robot is told when control step ``step`` begins; a step that is broken off leaves only this.
+    """The command to the robot at the beginning of control step ``step``; an interrupted step has only this record.
 
     A driver that answers later, or a person, gives further commands during the step. In the phase ``retreat``, in which
     there are no control steps, these are the commands of the motion away from the person. ``brakes``: the action is

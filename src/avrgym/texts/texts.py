@@ -32,7 +32,7 @@ LATER_ON_PAGE = (
     "wrong_code",
     "too_many_codes",
 )
-"""Keys under ``page`` that languages of earlier studies lack: English stands in for them."""
+"""Keys under ``page`` that languages of earlier studies lack: the English texts are used."""
 ON_PAGE = "_page"
 """A text whose key ends so is for somebody who takes part on the page, without a headset; every key under
 ``session`` may have one."""
@@ -81,7 +81,7 @@ class Texts:
     sentences: Mapping[str, str]
 
     def say(self, said: Said, select_by: str = DEFAULT_INPUT) -> str:
-        """What is said to somebody in VR who selects by this kind of input."""
+        """The text for a participant in VR who selects by this kind of input."""
         select = self.session.get(SELECT_BY + select_by, "")
         values = {name: self._put(value, select_by) for name, value in said.values.items()}
         values |= {SELECT: select, SELECT.capitalize(): select[:1].upper() + select[1:]}
@@ -93,7 +93,7 @@ class Texts:
         return _NUMBER.sub(rf"\1{self.decimal}\2", value)
 
     def say_by_input(self, said: Said) -> dict[str, str]:
-        """What is said to somebody in VR by kind of input, where it differs from ``say``."""
+        """The texts for a participant in VR by kind of input, where they differ from ``say``."""
         kinds = [key.removeprefix(SELECT_BY) for key in self.session if key.startswith(SELECT_BY)]
         texts = {kind: self.say(said, kind) for kind in kinds}
         return {kind: text for kind, text in texts.items() if text != self.say(said)}
@@ -187,7 +187,7 @@ def _read(text: str, name: str) -> File:
 def _check(texts: Texts, where: str) -> None:
     """Raise ``TextsError`` unless these are all the texts that English has, with the same names in their braces.
 
-    Those for the page alone may be more. A language that nowhere says how to select needs no words for it.
+    Texts for the page alone may be added. A language without ``{select}`` needs no words for inputs.
     """
     if texts.direction not in DIRECTIONS:
         raise TextsError(f"{where}: direction {texts.direction!r}; allowed: {', '.join(DIRECTIONS)}")

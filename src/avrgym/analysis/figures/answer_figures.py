@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from avrgym.analysis.figures.drawing import (
     INK,
-    LETTER_IN,
+    LETTER_WIDTH_IN,
     ON_DARK,
     ON_LIGHT,
     RULE,
@@ -37,7 +37,7 @@ from avrgym.study.design.design import Design
 
 LINE = 0.55
 """The height of a line of an item's words as a share of a bar's."""
-BRACKET_IN = 0.62
+BRACKET_WIDTH_IN = 0.62
 """The width of a bracket with the result of its test."""
 MOST_BRACKETS = 6
 """With more comparisons of an item than these, figures show no tests."""
@@ -123,19 +123,21 @@ def _likert_figure(
     tests: Sequence[TestedRow],
     words: tuple[str, str],
 ) -> Drawing:
-    """How each item of a questionnaire was answered in each group, in its own words, and which groups differ.
+    """Answers to each item of a questionnaire in each group, in its own words, and differences between groups.
 
-    ``words`` name what groups are, and what the numbers in the bars count.
+    ``words`` name the groups, and the numbers in the bars.
     """
     what, counted = words
     by_item = {item.id: [row for row in tests if row.quantity == item.id] for item in questionnaire.items}
     brackets = max(map(len, by_item.values()))
     brackets = brackets if brackets <= MOST_BRACKETS else 0
-    width_in = WIDTH_IN + BRACKET_IN * max(0, brackets - 1)
-    axes_in = width_in - 0.45 - LETTER_IN * max(map(len, groups))
-    share_in = (axes_in - BRACKET_IN * brackets) / 2.04
+    width_in = WIDTH_IN + BRACKET_WIDTH_IN * max(0, brackets - 1)
+    axes_in = width_in - 0.45 - LETTER_WIDTH_IN * max(map(len, groups))
+    share_in = (axes_in - BRACKET_WIDTH_IN * brackets) / 2.04
     common = _common_scale(questionnaire)
-    heads = [_head(questionnaire, item, int(axes_in / LETTER_IN), common) for item in questionnaire.items]
+    heads = [
+        _head(questionnaire, item, int(axes_in / LETTER_WIDTH_IN), common) for item in questionnaire.items
+    ]
     spaces = [LINE * head.count("\n") + LINE + 0.9 for head in heads]
     tops = [sum(spaces[: index + 1]) + len(groups) * index for index in range(len(heads))]
     bottom = tops[-1] + len(groups)
@@ -145,12 +147,16 @@ def _likert_figure(
         for item, head, top in zip(questionnaire.items, heads, tops, strict=True):
             axes.text(-1.0, top - 0.62, head, fontsize=8, va="bottom", linespacing=1.2)
             _bars(axes, top, item, questionnaire.scale_of(item).middle, groups, share_in)
-            _brackets(axes, top, list(groups), by_item[item.id] if brackets else (), BRACKET_IN / share_in)
+            _brackets(
+                axes, top, list(groups), by_item[item.id] if brackets else (), BRACKET_WIDTH_IN / share_in
+            )
         places = [top + place for top in tops for place in range(len(groups))]
         axes.set_yticks(places, list(groups) * len(tops))
         scale = f"answers {common}" if common else "each item on its own scale"
-        label = f"{counted} / %, the scale's middle at 0\n{fill(scale, min(66, int(axes_in / LETTER_IN)))}"
-        _axis(axes, brackets * BRACKET_IN / share_in, label)
+        label = (
+            f"{counted} / %, the scale's middle at 0\n{fill(scale, min(66, int(axes_in / LETTER_WIDTH_IN)))}"
+        )
+        _axis(axes, brackets * BRACKET_WIDTH_IN / share_in, label)
         axes.set_ylabel(what)
         axes.set_ylim(bottom - 0.4, 0.0)
     return finished(simulated, name, _caption(questionnaire, counted, bool(brackets)), figure)
@@ -211,7 +217,7 @@ def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, shar
     for row, colour in zip(rows, colours, strict=True):
         axes.barh(y, row.share, 0.86, left, color=to_hex(colour))
         number = str(row.count)
-        if row.share * share_in > LETTER_IN * len(number):
+        if row.share * share_in > LETTER_WIDTH_IN * len(number):
             shade = ON_DARK if np.dot(colour[:3], (0.3, 0.6, 0.1)) < 0.5 else ON_LIGHT
             axes.text(left + row.share / 2, y, number, color=shade, fontsize=7, ha="center", va="center")
         left += row.share

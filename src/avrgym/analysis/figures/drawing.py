@@ -26,9 +26,9 @@ ON_DARK, ON_LIGHT = "#fffffe", "#1c2025"
 _IN_PAGE = {INK: "currentColor", GROUND: "none", RULE: "var(--rule)", WARNING: "var(--warning)"} | {
     colour: f"var(--line-{index})" for index, colour in enumerate(LINES, start=1)
 }
-"""What a page, light or dark, has instead of the colours of a file."""
+"""Colours of pages, light or dark, that replace the colours of a file."""
 WIDTH_IN = 5.0
-LETTER_IN = 0.066
+LETTER_WIDTH_IN = 0.066
 """The width of a letter of ticks, legends and items, rather more than the mean."""
 GROUP_WIDTH = 0.8
 """What the bars of one group take of the space from one group to the next."""
@@ -100,14 +100,14 @@ def name_marks(figure: Figure, columns: int) -> None:
             if not isinstance(handle, Line2D) or np.size(handle.get_xdata()):
                 named.setdefault(label, handle)
     if named:
-        room = figure.get_figwidth() / (0.6 + LETTER_IN * max(map(len, named)))
+        room = figure.get_figwidth() / (0.6 + LETTER_WIDTH_IN * max(map(len, named)))
         ncols = max(1, min(columns, int(room)))
         figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=ncols)
 
 
 def name_places(axes: Axes, names: Sequence[str], width_in: float) -> None:
     """Label the places 0, 1, … along the x axis; upright where their names do not fit side by side."""
-    longest = LETTER_IN * (1 + max(map(len, names)))
+    longest = LETTER_WIDTH_IN * (1 + max(map(len, names)))
     axes.set_xticks(range(len(names)), names, rotation=90 if longest * len(names) > width_in else 0)
 
 

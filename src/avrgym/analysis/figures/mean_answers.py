@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from avrgym.analysis.figures.drawing import (
     GROUP_WIDTH,
-    LETTER_IN,
+    LETTER_WIDTH_IN,
     LINES,
     STYLE,
     WIDTH_IN,
@@ -23,9 +23,9 @@ from avrgym.analysis.rows import SubjectiveRow, TestedRow
 from avrgym.recording.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
 
-ROW_IN = 4.2
+ROW_WIDTH_IN = 4.2
 """The width of a row of bars."""
-BAR_IN = 0.34
+BAR_WIDTH_IN = 0.34
 """The least width of a bar, which has its mean above it."""
 
 
@@ -49,9 +49,10 @@ def means_figure(
 def _items_in_row(design: Design, items: Sequence[Item]) -> int:
     """How many items a row holds, by the width of their bars and names."""
     item_in = max(
-        BAR_IN * len(design.policies) / GROUP_WIDTH, LETTER_IN * (1 + max(len(item.id) for item in items))
+        BAR_WIDTH_IN * len(design.policies) / GROUP_WIDTH,
+        LETTER_WIDTH_IN * (1 + max(len(item.id) for item in items)),
     )
-    return max(1, int(ROW_IN / item_in))
+    return max(1, int(ROW_WIDTH_IN / item_in))
 
 
 def _bars(axes: Axes, design: Design, items: Sequence[Item], rows: Sequence[SubjectiveRow]) -> None:
@@ -65,7 +66,7 @@ def _bars(axes: Axes, design: Design, items: Sequence[Item], rows: Sequence[Subj
             colour = LINES[index % len(LINES)]
             bars = axes.bar(places, list(own.values()), 0.9 * width, color=colour, alpha=0.55, label=policy)
             axes.bar_label(bars, fmt="%.1f", fontsize=7)
-    name_places(axes, ids, ROW_IN)
+    name_places(axes, ids, ROW_WIDTH_IN)
 
 
 def _scale(

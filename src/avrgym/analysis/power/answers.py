@@ -104,9 +104,9 @@ class ImaginedStudies:
         return rng.standard_normal((participants, self._shape[2], 3))
 
     def _session(self, participants: int, number: int) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
-        """Who of all that are taken in stays (m,), until so many have, and the number of each one's order (m,).
+        """Whether each enrolled participant stays (m,), until enough have, and the number of their order (m,).
 
-        Orders go as in a study: who withdraws frees theirs.
+        Orders are assigned as in a study: participants who withdraw free theirs.
         """
         rng = np.random.default_rng([self._seed, number, 2])
         stays: list[bool] = []

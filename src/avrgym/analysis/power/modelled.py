@@ -1,4 +1,4 @@
-"""The model of imagined answers: whether policies differ by it."""
+"""The model of simulated answers, which tests whether policies differ."""
 
 from collections.abc import Iterator, Sequence
 

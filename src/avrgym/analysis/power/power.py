@@ -32,7 +32,7 @@ Probabilities = Mapping[tuple[str, str], tuple[Probability, Probability]]
 
 @dataclass(frozen=True)
 class PowerRow:
-    """In what share of simulated studies a test of ``measure`` found an ``effect``, in points of a seven-point scale.
+    """Power of a test of ``measure`` to find an ``effect``, in points of a seven-point scale.
 
     ``participants`` completed each study. ``power`` is the share with p below 0.05, ``corrected`` that with p below
     0.05 after correction over all primary results; with Wilson's 95 % intervals. Models, which are sensitivity
@@ -74,17 +74,17 @@ def simulate_power(
     Without an effect it is simulated for the planned number.
 
     Args:
-        design: the study's; its first questionnaire that is asked after trials is simulated.
-        assumptions: how answers differ but for the effect.
+        design: the study's; its first questionnaire after trials is simulated.
+        assumptions: differences between answers apart from the effect.
         effects: in points of a seven-point scale.
         sizes: how many participants complete a study.
         simulations: how many studies each share is taken from.
         seed: the same one gives the same figures, with any number of jobs.
         jobs: how many processes.
-        progress: told again and again how many studies are done, and how many there are.
+        progress: called repeatedly with the number of finished studies and their total.
 
     Raises:
-        ValueError: where the design asks nothing after trials, and for an effect that is none.
+        ValueError: if the design has no items after trials, and for an effect that is not valid.
     """
     for effect in effects:
         if not 0 < effect < POINTS:

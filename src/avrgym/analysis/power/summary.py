@@ -7,7 +7,7 @@ from typing import Any
 
 from avrgym.analysis.power.answers import Assumptions
 from avrgym.analysis.power.power import GOALS, PowerRow, needed
-from avrgym.analysis.power.words import in_words
+from avrgym.analysis.power.words import power_sentences
 from avrgym.analysis.statistics.families import PARTICIPANT
 from avrgym.study.design.design import Design
 
@@ -20,7 +20,7 @@ def summary(design: Design, assumptions: Assumptions, rows: Sequence[PowerRow], 
         "assumptions": asdict(assumptions),
         "power": [asdict(row) for row in rows],
         "needed": _needed(assumptions, rows),
-        "words": list(in_words(assumptions, rows, design.participants)),
+        "words": list(power_sentences(assumptions, rows, design.participants)),
     }
 
 

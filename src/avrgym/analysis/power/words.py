@@ -8,7 +8,7 @@ from avrgym.analysis.power.power import ALPHA, PowerRow
 from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS, PARTICIPANT
 
 
-def in_words(assumptions: Assumptions, rows: Sequence[PowerRow], participants: int) -> Iterator[str]:
+def power_sentences(assumptions: Assumptions, rows: Sequence[PowerRow], participants: int) -> Iterator[str]:
     """Sentences on a study that so many participants complete, which must be among those of the ``rows``.
 
     They are about the first item; the others are imagined alike.

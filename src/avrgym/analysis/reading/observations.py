@@ -77,7 +77,7 @@ def observe(
 
     Args:
         store: the study.
-        progress: told after each recording how many were read, and how many there are.
+        progress: called after each recording with the number of recordings read and their total.
         skip_damaged: use nothing of recordings that are not as they were when their trials were completed.
         asked: the items that participants answered, if they were read already.
 

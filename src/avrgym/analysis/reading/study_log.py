@@ -1,4 +1,4 @@
-"""How many entries the log of a study has, and who looked at results before its planned end."""
+"""The number of entries in the log of a study, and views of results before its planned end."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

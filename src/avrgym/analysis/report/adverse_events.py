@@ -1,4 +1,4 @@
-"""Adverse events of people on the page, by condition, and next to them what robots did about safety."""
+"""Adverse events of people on the page, by condition, and next to them safety measures of the robots."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,14 +13,14 @@ Condition = tuple[str | None, str | None]
 PRACTICE, OUTSIDE = ("practice", None), (None, None)
 NONE = "No adverse events were recorded."
 LOST = "The database was rebuilt from the recordings: reports from before that are lost."
-BESIDE = (
+NEXT_TO_THEM = (
     "Attempts that somebody stopped, interventions of the force guard, and contact forces are measures of the robots. "
     "They are not adverse events, and no event above was derived from them."
 )
 
 
 def adverse_events(analysis: Analysis) -> Markup:
-    """What was recorded of people, withdrawn ones included."""
+    """Adverse events of people, including people who withdrew."""
     events = latest_reports(analysis)
     shown = [_by_condition(analysis, events)] if events else []
     return tag(
@@ -29,18 +29,18 @@ def adverse_events(analysis: Analysis) -> Markup:
         tag("p", adverse_event_words(analysis)),
         *shown,
         *([tag("p", SOURCES)] if events else []),
-        tag("p", BESIDE),
+        tag("p", NEXT_TO_THEM),
         _safety(analysis),
     )
 
 
 def latest_reports(analysis: Analysis) -> list[Mapping[str, Any]]:
-    """Each adverse event as it is known now."""
+    """The latest report of each adverse event."""
     return list({row["event"]: row for row in analysis.adverse_events}.values())
 
 
 def adverse_event_words(analysis: Analysis) -> str:
-    """How many there were, in how many people, and what the study does not know of them."""
+    """Numbers of adverse events and of people, and reports that are missing."""
     events = latest_reports(analysis)
     flow = next((each for each in analysis.flows if not each.simulated), None)
     deleted = (
@@ -105,7 +105,7 @@ def _trials(analysis: Analysis) -> list[TrialRow]:
 
 
 def _conditions(trials: Sequence[TrialRow]) -> list[Condition]:
-    """Those of trials in their order, then practice, if there was any, and what was outside trials."""
+    """Conditions of trials in order, then practice, if there was any, and events outside trials."""
     found = sorted({_of_trial(row) for row in trials} - {PRACTICE}, key=str)
     practice: list[Condition] = [PRACTICE] if any(row.practice for row in trials) else []
     return [*found, *practice, OUTSIDE]

@@ -1,4 +1,4 @@
-"""In what participants did not take part with the same design, at the top of a study's page."""
+"""Differences between the designs of participants, at the top of a study's page."""
 
 from avrgym.analysis.page import Markup, listing, notice, table, tag
 from avrgym.analysis.study import Analysis

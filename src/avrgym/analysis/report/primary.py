@@ -13,7 +13,7 @@ from avrgym.analysis.statistics.primary import PRIMARY
 from avrgym.analysis.study import Analysis
 
 HEADS = ("Question", "What", "Groups", "n", "Medians", "Effect [95 %]", "p", "p, corrected", "")
-NUMBERS = (3, 4, 5, 6, 7)
+NUMERIC_COLUMNS = (3, 4, 5, 6, 7)
 CAPTION = "Primary results, each participant one value; p corrected over all of them"
 WITHOUT_PLAN = (
     "Each question has one primary result. No plan names hypotheses, so these are the tests by participant of whether "
@@ -41,7 +41,7 @@ def primary(analysis: Analysis, simulated: bool) -> Markup:
         *mark,
         tag("p", f"{WITH_PLAN if planned else WITHOUT_PLAN} {OTHERS}"),
         *limits,
-        table(captioned(CAPTION, simulated), HEADS, rows, NUMBERS),
+        table(captioned(CAPTION, simulated), HEADS, rows, NUMERIC_COLUMNS),
     )
 
 
@@ -75,7 +75,7 @@ def _modelled(row: ModelRow) -> tuple[object, ...]:
 
 
 def _limits(analysis: Analysis, simulated: bool) -> Iterator[str]:
-    """What so few participants cannot show."""
+    """Limits of tests with few participants."""
     rows = [*chain(*_primary(analysis, simulated))]
     if any(row.note == TOO_FEW for row in rows):
         yield f"Fewer than {LEAST_PARTICIPANTS} participants are described and not tested."

@@ -1,4 +1,4 @@
-"""Repeats of trials on a study's page: by policy and reason, by person, and what is to be said about them."""
+"""Repeats of trials on a study's page, by policy, reason and person, with the findings about them."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -27,7 +27,7 @@ def repeats(analysis: Analysis, simulated: bool) -> Markup:
 
 
 def _letters(analysis: Analysis) -> list[Markup]:
-    """The policies of a blind study, which findings name by letters."""
+    """The letters that replace policies in the findings of a blind study."""
     if not analysis.design.blind_experimenter:
         return []
     codes = [f"{letter} is {policy}" for policy, letter in analysis.design.policy_codes().items()]

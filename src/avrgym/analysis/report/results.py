@@ -347,7 +347,7 @@ def with_interval(effect: float | None, low: float | None, high: float | None) -
 
 
 def values_given(row: TestedRow) -> str:
-    """How many values went into a test, of each group where they are not pairs, and how many pairs were equal."""
+    """The number of values in a test, by group if they are not pairs, and the number of equal pairs."""
     if row.n_a != row.n_b:
         return f"{row.n_a} / {row.n_b}"
     return f"{row.n} + {row.zeros} zero" if row.zeros else str(row.n)

@@ -20,8 +20,8 @@ from avrgym.analysis.page import (
 )
 from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED
 from avrgym.analysis.report.adverse_events import adverse_events
+from avrgym.analysis.report.by_design import by_design
 from avrgym.analysis.report.differences import TITLE, differences_notice, differences_section
-from avrgym.analysis.report.had import had
 from avrgym.analysis.report.headsets import headset_checks
 from avrgym.analysis.report.latency import METHOD as OF_LATENCY
 from avrgym.analysis.report.latency import latency
@@ -203,9 +203,9 @@ def _facts(analysis: Analysis) -> Markup:
         for name, text in msgspec.structs.asdict(design.reporting).items()
     }
     rows = given | {
-        "What participants read about the task": had(uses, design, _told),
-        "Real seat": had(uses, design, _seat),
-        "Real mattress": had(uses, design, _mattress),
+        "What participants read about the task": by_design(uses, design, _told),
+        "Real seat": by_design(uses, design, _seat),
+        "Real mattress": by_design(uses, design, _mattress),
     }
     words = listing([f"{name}: {text}" for name, text in rows.items()])
     note = "These values are from recordings, where there are any."

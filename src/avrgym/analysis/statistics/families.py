@@ -20,7 +20,7 @@ Sample = tuple[str, Sequence[float]]
 
 @dataclass(frozen=True)
 class Question:
-    """What a family of tests asks, and the caption of the report's table that shows its tests.
+    """The question of a family of tests, and the caption of its table in the report.
 
     ``primary``: without a plan its tests by participant are primary results.
     """
@@ -36,7 +36,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Compared:
-    """What was found of a quantity between two groups of values of some ``participants``.
+    """The result of a comparison of a quantity between two groups of values of some ``participants``.
 
     ``differences`` are those of a paired test by participant; other tests have none.
     """

@@ -35,12 +35,12 @@ def offered_tests(design: Design) -> dict[str, tuple[str, ...]]:
 
 
 def optional_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """What a plan need not name: tests of objective measures and effects in models, which then are exploratory."""
+    """Tests that a plan need not name: of objective measures, and effects in models. They are then exploratory."""
     return offered_objective(design) | offered_models(design)
 
 
 def nameable(design: Design) -> dict[str, tuple[str, ...]]:
-    """All that a plan may name: the tests, which it is to name, and those that it need not name."""
+    """All tests that a plan may name: those that it must name, and those that it need not name."""
     return offered_tests(design) | optional_tests(design)
 
 

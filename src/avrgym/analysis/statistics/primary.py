@@ -1,8 +1,8 @@
-"""Which result answers each question of a study: the primary one, corrected over all primary results.
+"""The primary result of each question of a study, corrected over all primary results.
 
 Without a plan the primary results are the tests by participant of whether policies differ in each answer, score and
 objective measure, of the first answer against the middle of its scale, and of changes over sessions. With a plan they
-are the tests of its hypotheses. Everything else describes, and has no stars.
+are the tests of its hypotheses. All other results are descriptive and have no stars.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,14 +22,14 @@ Place = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Judged:
+class WithRoles:
     """The tests and effects of a study, each with its role, primary ones corrected and with stars."""
 
     families: list[Family]
     models: list[ModelRow]
 
 
-def judged(families: Sequence[Family], models: Sequence[ModelRow], plan: Plan | None) -> Judged:
+def judged(families: Sequence[Family], models: Sequence[ModelRow], plan: Plan | None) -> WithRoles:
     """Give every test and effect its role; people and simulated participants are corrected apart.
 
     Args:
@@ -55,7 +55,7 @@ def judged(families: Sequence[Family], models: Sequence[ModelRow], plan: Plan | 
         together = _corrected([_test(families, at) for at in tests], [models[at].p for at in effects])
         corrected |= dict(zip(tests, together, strict=False))
         of_effects |= dict(zip(effects, together[len(tests) :], strict=True))
-    return Judged(
+    return WithRoles(
         [_with_roles(at, family, roles, corrected) for at, family in enumerate(families)],
         [
             replace(row, role=of_models[at], p_primary=of_effects.get(at), mark=mark(of_effects.get(at)))

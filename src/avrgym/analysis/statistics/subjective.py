@@ -174,7 +174,7 @@ def _per(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
 
 
 def _by_participant(unit: str, differences: Mapping[Key, float]) -> tuple[int, dict[str, float]]:
-    """How many participants there are, and of a test by participant the difference of each."""
+    """The number of participants, and for a test by participant the difference of each."""
     participants = len({key[0] for key in differences})
     if unit == TRIAL:
         return participants, {}

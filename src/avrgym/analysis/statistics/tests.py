@@ -127,7 +127,7 @@ def rank_sum(a: ArrayLike, b: ArrayLike) -> Comparison:
 
 
 def _size_of_rank_sum(n: int, m: int, pooled: Array) -> float:
-    """How many independent yes-or-no values have a share that varies as U / (n m) without an effect, with its ties."""
+    """Number of independent binary values whose share has the variance of U / (n m) without an effect, with ties."""
     _, times = np.unique(pooled, return_counts=True)
     tied = 1.0 - float((times**3 - times).sum()) / (len(pooled) ** 3 - len(pooled))
     return 3.0 * n * m / ((n + m + 1) * tied)
@@ -254,7 +254,7 @@ def t_interval(mean: float, deviation: float, count: int) -> tuple[float | None,
     """The 95 % interval of a mean by Student's t (Biometrika 6, 1908).
 
     ``deviation`` is the standard deviation with ``count − 1`` degrees of freedom. Fewer than two values, and values
-    that are all equal, have no interval: they do not tell how far the mean may be off.
+    that are all equal, have no interval: they give no information about the error of the mean.
     """
     if count < 2 or deviation <= EQUAL * abs(mean):
         return None, None

@@ -27,11 +27,11 @@ class Response(NamedTuple):
 
     @property
     def values(self) -> range:
-        """What each answer counts as, the lowest first."""
+        """The values of all answers, the lowest first."""
         return range(self.lowest, self.highest + self.step, self.step)
 
     def counts_as(self, value: int) -> int:
-        """What a stored answer counts as; stored answers are numbered from 1."""
+        """The value of a stored answer; stored answers are numbered from 1."""
         return self.lowest + (value - 1) * self.step
 
 

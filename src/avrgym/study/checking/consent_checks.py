@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from avrgym.study.checking.finding import Finding
 from avrgym.study.design.design import FILE
-from avrgym.study.people.consents import named, present_text, to_other_words
+from avrgym.study.people.consents import named, present_text, to_other_texts
 from avrgym.study.storage.rows import Consent, ConsentText
 from avrgym.study.storage.sites import site_of
 from avrgym.study.storage.store import Store, find_all
@@ -37,7 +37,7 @@ def _check_present_texts(
     first = store.design.languages[0]
     for language in sorted({each.language or first for each in consents}):
         shown = present_text(store, language)
-        others = to_other_words(shown, consents, archive, first) if shown else []
+        others = to_other_texts(shown, consents, archive, first) if shown else []
         if others:
             yield Finding(
                 FILE,

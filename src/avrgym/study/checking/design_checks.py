@@ -22,7 +22,7 @@ AT_ADMISSION = ("inclusion", "order of inclusion")
 """Fields that participants answer before the first session."""
 CONSENT = "consent"
 """Stored with each participant, and checked with that."""
-FOR_NOBODY = ("title", "participants", "max_held_share", "max_repeats")
+NOT_FOR_PARTICIPANTS = ("title", "participants", "max_held_share", "max_repeats")
 """Fields that change nothing for participants: a difference is a note."""
 
 
@@ -41,7 +41,7 @@ def check_design(store: Store) -> Iterator[Finding]:
     """Differences between the designs that participants took part with and the one in the study's folder."""
     uses = designs_used(store)
     for each in differences_of(store.design, _present_wordings(store), uses):
-        wrong = each.place[0] not in FOR_NOBODY and not is_of_sites(store, each.uses, uses)
+        wrong = each.place[0] not in NOT_FOR_PARTICIPANTS and not is_of_sites(store, each.uses, uses)
         what = f"{named(each.place)} is {shown(each.here)}; it was {shown(each.there)} for"
         yield Finding(each.file, f"{what} {listed(each.uses, uses)}", wrong=wrong)
     yield from _check_inclusion(store)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Block = tuple[int, int, int]
-"""How many units a block has, how many of them are in the group, and how many were drawn."""
+"""Numbers of units in a block: of all units, of units in the group, and of drawn units."""
 
 
 def draws_p(blocks: Iterable[Block], drawn_in_group: int) -> float:

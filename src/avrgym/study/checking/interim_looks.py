@@ -9,7 +9,7 @@ from avrgym.study.storage.rows import LogEntry
 from avrgym.study.storage.store import Store
 
 RESULTS = "results"
-"""What these findings are about."""
+"""The subject of these findings."""
 
 
 def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:

@@ -30,7 +30,7 @@ def list_fault(store: Store, listed: Participation | None, beginnings: Mapping[i
     return next(_faults(store, listed, beginnings), "")
 
 
-def came_back(deleted_at: str) -> str:
+def recordings_came_back(deleted_at: str) -> str:
     """The fault of recordings of a participant who was deleted."""
     return (
         f"was deleted at {deleted_at}, but there are recordings of them, for example from a backup; they are ignored; "

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from avrgym.study.checking.finding import Finding
-from avrgym.study.checking.list_faults import came_back
+from avrgym.study.checking.list_faults import recordings_came_back
 from avrgym.study.storage.losses import CONFIRMED
 from avrgym.study.storage.participation import DELETED, FILE, Participation
 from avrgym.study.storage.reconciling import RESTORED, SET_BACK
@@ -25,7 +25,7 @@ def check_participation(store: Store) -> Iterator[Finding]:
             yield Finding(participant.pseudonym, what)
     for gone in store.tombstones():
         if any((store.folder / RECORDINGS / pseudonym_of(gone.number)).rglob("*")):
-            yield Finding(pseudonym_of(gone.number), came_back(gone.deleted_at))
+            yield Finding(pseudonym_of(gone.number), recordings_came_back(gone.deleted_at))
 
 
 def _check_list(store: Store) -> Iterator[Finding]:
@@ -53,7 +53,7 @@ def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
     """Note that a list was begun after the first participant."""
     first = min((each.enrolled_at for each in store.participants()), default=listed.begun_at)
     if first < listed.begun_at:
-        detail = listed.about_itself[0]["detail"]
+        detail = listed.without_participant[0]["detail"]
         why = f" and {detail}" if detail else ""
         yield Finding(
             FILE, f"was begun at {listed.begun_at} with what the database contained{why}", wrong=False

@@ -18,7 +18,7 @@ from avrgym.recording.files import (
     read_configuration,
     read_recording,
 )
-from avrgym.study.checking.list_faults import came_back, list_fault
+from avrgym.study.checking.list_faults import list_fault, recordings_came_back
 from avrgym.study.design.allocation import PlannedTrial, cell_orders, plan_trials
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import read_design
@@ -175,7 +175,7 @@ class _Rebuilding:
         row = {"number": number, "simulated": content.get("simulated", False), "deleted_at": content["at"]}
         ledger.insert(connection, schema.TOMBSTONE, **row)
         if self._visits[number]:
-            self._left_out.append(f"{pseudonym_of(number)}: {came_back(content['at'])}")
+            self._left_out.append(f"{pseudonym_of(number)}: {recordings_came_back(content['at'])}")
 
     def _fitting(self, number: int, kept: list[_Kept], content: Content | None) -> dict[int, Plan]:
         """Plans of trials that fit the recordings, by cell; only those of the list's cell if it contains one."""

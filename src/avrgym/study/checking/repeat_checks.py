@@ -14,9 +14,9 @@ from avrgym.study.design.design import Design
 from avrgym.study.storage.store import Store
 
 REPEATS = "repeats"
-"""What these findings are about."""
+"""The subject of these findings."""
 POLICY_ALPHA, CONDITION_ALPHA, OUTCOME_ALPHA = 0.005, 0.0025, 0.0025
-"""In which share of studies each test raises a finding at most, if repeats depend on nothing."""
+"""Largest share of studies in which each test raises a finding, if repeats depend on nothing."""
 
 
 def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
@@ -25,7 +25,7 @@ def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
     ``limit`` takes the place of the design's ``max_repeats``.
     """
     limit = store.design.max_repeats if limit is None else limit
-    yield from repeat_findings(own_trials(store), store.design, limit)
+    yield from repeat_findings(tested_trials(store), store.design, limit)
 
 
 def repeat_findings(trials: Sequence[TriedTrial], design: Design, limit: int | None) -> Iterator[Finding]:
@@ -36,7 +36,7 @@ def repeat_findings(trials: Sequence[TriedTrial], design: Design, limit: int | N
     yield from _by_outcome(trials, design.trial_steps)
 
 
-def own_trials(store: Store) -> list[TriedTrial]:
+def tested_trials(store: Store) -> list[TriedTrial]:
     """Trials of people; trials of simulated participants if the study has no people."""
     simulated = is_simulated(store)
     return [each for each in tried_trials(store) if each.participant.simulated is simulated]

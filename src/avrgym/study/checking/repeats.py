@@ -12,7 +12,7 @@ from avrgym.tasks.registry import find_environment
 
 TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN = "technical", "participant", "experimenter", "unknown"
 REASONS = (TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN)
-"""What led to a repeat: a fault, the participant, the experimenter, or unknown."""
+"""Reasons of repeats: a fault, the participant, the experimenter, or unknown."""
 NOT_LOGGED = "not in the log"
 """Replaces the person where no entry of the log fits."""
 Cause = tuple[str, str]
@@ -85,7 +85,7 @@ class TriedTrial:
 
     @property
     def ordered(self) -> int:
-        """How many of its repeats an experimenter ordered."""
+        """The number of its repeats that an experimenter ordered."""
         return sum(repeat.ordered for repeat in self.repeats)
 
 

@@ -22,7 +22,7 @@ class ConditionResults:
     """Results of the completed trials of one condition, without practice; people and simulated participants separately.
 
     ``policy`` is a letter where the experimenter is blinded. ``reward_mean`` is per trial, ``success_rate`` in 0..1;
-    ``answer_means`` holds the mean answer to each version of an item that was answered, on its own
+    ``answer_means`` is the mean answer to each version of an item that was answered, on its own
     scale.
     """
 

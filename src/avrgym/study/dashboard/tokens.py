@@ -21,11 +21,11 @@ class StudyTokens(Tokens):
 
     @classmethod
     def of_study(cls, path: Path, experimenters: Experimenters, links: SessionLinks) -> Self:
-        """Those in a file, with those of experimenters; ``ValueError`` for a file that holds none."""
+        """The tokens in a file, and those of experimenters; ``ValueError`` for a file without tokens."""
         return cls(**asdict(Tokens.kept(path)), experimenters=experimenters, links=links)
 
     def caller(self, token: str) -> Caller | None:
-        """Whose token this is."""
+        """The role and the experimenter of a token."""
         if self.links.opens(token):
             return Caller("participant")
         name = self.experimenters.name_of(token)
@@ -33,7 +33,7 @@ class StudyTokens(Tokens):
         return None if found == Caller("participant") else found
 
     def refusal(self, token: str) -> Refusal:
-        """Why a token opens nothing; to a participant in their language."""
+        """The reason for refusing a token; for participants in their language."""
         if not token:
             return ENTER_CODE
         language = self.links.language_of_ended(token)

@@ -21,7 +21,7 @@ FORMATS: Mapping[str, str] = {
 }
 """Format to the module that writes it."""
 WITH_RECORDS = ("csv", "bids")
-"""Formats that have a place for what happened and for what experimenters wrote; the others hold trials alone."""
+"""Formats that can contain events and texts of experimenters; the others contain only trials."""
 LEFT_OUT = "left_out.csv"
 """What of the study an export lacks, and why."""
 Write = Callable[..., None]
@@ -53,8 +53,8 @@ def export_study(
         out: the folder.
         extras: data that are exported only on request.
         skip_damaged: leave damaged and missing recordings out, and list them in ``left_out.csv``.
-        progress: told after each recording how many of how many were verified.
-        tell: told of each recording that is left out, and why.
+        progress: called after each recording with the number verified and the total.
+        tell: called with each recording that is left out, and the reason.
 
     Returns:
         The number of files.

@@ -9,7 +9,7 @@ from avrgym.study.storage.store import Store
 
 FOLDER = "consent_texts"
 CHECKSUM_DIGITS = 12
-"""As many digits of the checksum tell the files apart."""
+"""Number of digits of the checksum in the names of files."""
 
 
 def consent_rows(store: Store) -> Iterator[dict[str, Any]]:

@@ -26,7 +26,7 @@ from avrgym.system.files import private_opener
 INDEX = "README.md"
 NAMES_OTHERS = ("participant enrolled", "identity corrected")
 """Events whose detail names other participants."""
-ABOUT: Mapping[str, str] = {
+FILE_CONTENTS: Mapping[str, str] = {
     "identity.json": "Name and contact, from the identity file.",
     "participants.csv": "The participant's record: body model, age, language, state, consent.",
     "inclusion.json": "The answers to the inclusion questions.",
@@ -144,7 +144,7 @@ def _files(folder: Path) -> list[Path]:
 def _index(store: Store, person: Participant, names: list[str]) -> str:
     present = [
         (what, words)
-        for what, words in ABOUT.items()
+        for what, words in FILE_CONTENTS.items()
         if any(name == what or (what.endswith("/") and name.startswith(what)) for name in names)
     ]
     simulated = ["The participant is simulated: a program made up all of it.", ""] if person.simulated else []

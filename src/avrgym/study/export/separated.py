@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
-"""How text begins that a spreadsheet would take for a formula."""
+"""First characters of texts that a spreadsheet would run as a formula."""
 
 
 def write_rows(path: Path, rows: Iterable[Sequence[Any]]) -> None:

@@ -68,7 +68,7 @@ class Followed:
 
     @property
     def number(self) -> int:
-        """What it is called in commands: the id of its first report."""
+        """The number of the event in commands: the id of its first report."""
         return self.reports[0].id
 
     @property

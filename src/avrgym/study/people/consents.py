@@ -31,7 +31,7 @@ class ShownText:
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 
-def to_other_words(
+def to_other_texts(
     shown: ShownText, consents: Iterable[Consent], archive: Iterable[ConsentText], first_language: str
 ) -> list[Consent]:
     """The consents to the same version in the same language whose text has other words; line breaks do not count.
@@ -61,7 +61,7 @@ def store_consent(
         StudyError: when somebody agreed to other words under the same version.
     """
     archive = find_all(connection, ConsentText)
-    others = to_other_words(shown, find_all(connection, Consent), archive, first_language)
+    others = to_other_texts(shown, find_all(connection, Consent), archive, first_language)
     if others:
         raise StudyError(
             f"{named(others)} read another consent text under version {shown.version} ({shown.language}): raise "
@@ -85,7 +85,7 @@ def latest_consent(consents: Iterable[Consent]) -> dict[str, str] | None:
 def restore_consents(
     store: Store, connection: sa.Connection, number: int, recorded: Iterable[Mapping[str, str]]
 ) -> None:
-    """Store the consents of a participant that recordings hold, in order, and the latest with their row.
+    """Store the consents of a participant from recordings, in order, and the latest one in their row.
 
     The design's text is archived again if they agreed to it.
     """

@@ -15,7 +15,7 @@ from avrgym.study.storage.store import Store, find_all, record_event
 
 EVENTS = {IDENTITIES: "identity deleted by schedule", RECORDINGS: "recordings deleted by schedule"}
 """Event: a kind of data of a participant was deleted; ``DATA`` leaves a tombstone instead."""
-CALLED = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", DATA: "all data"}
+DATA_NAMES = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", DATA: "all data"}
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def due_words(store: Store, day: date) -> Iterator[str]:
     for each in due(store, day):
         number = len(each.participants)
         yield (
-            f"{CALLED[each.what]} of {number} participant{'' if number == 1 else 's'} were due on {each.due_on}: "
+            f"{DATA_NAMES[each.what]} of {number} participant{'' if number == 1 else 's'} were due on {each.due_on}: "
             f"`avrgym study retention {store.folder}` lists them, with --delete it deletes them"
         )
     if retention.months and retention.end is None and _is_complete(store):

@@ -1,4 +1,4 @@
-"""The links of a study's sessions, with those that earlier sessions used up."""
+"""The links of a study's sessions, with the links of earlier sessions."""
 
 from avrgym.study.people.participants import texts_of
 from avrgym.study.storage.links import participants_by_link

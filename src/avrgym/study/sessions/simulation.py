@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 AGES_YEARS = (19, 24)
 """Of the paper's participants."""
-GONE = ("excluded", "withdrawn", UNKNOWN)
+LEFT_STUDY = ("excluded", "withdrawn", UNKNOWN)
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def simulate_participant(folder: Path, pseudonym: str, cast: Cast) -> None:
         try:
             _attend(store, pseudonym, cast)
         except RuntimeError:
-            if store.participant(pseudonym).state not in GONE:
+            if store.participant(pseudonym).state not in LEFT_STUDY:
                 raise
 
 
@@ -181,7 +181,9 @@ def _run_trial(visit: StudyVisit, cast: Cast) -> None:
 
 def simulated_participant(store: Store, index: int, cast: Cast) -> str:
     """The pseudonym of the simulated participant with this index, who takes part from now on if not before."""
-    present = [person for person in store.participants() if person.simulated and person.state not in GONE]
+    present = [
+        person for person in store.participants() if person.simulated and person.state not in LEFT_STUDY
+    ]
     if index < len(present):
         pseudonym = present[index].pseudonym
     else:

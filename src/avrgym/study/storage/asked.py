@@ -23,7 +23,7 @@ from avrgym.study.storage.store import Store
 from avrgym.study.storage.uses import design_of, translation
 from avrgym.study.storage.versions import Catalogue, Form, Version, in_order
 
-NOBODY_KNOWS = "unknown"
+NOT_STORED = "unknown"
 """The questionnaire of items whose words are not stored."""
 UNKNOWN = "(neither the database nor a recording contains its words)"
 
@@ -92,9 +92,9 @@ class Asked:
     def _unknown(self, participant: Participant, answer: GivenAnswer) -> Version:
         """The item of an answer whose words are not stored."""
         item = Item(answer.item, UNKNOWN, MOST_POINTS, "?", "?")
-        version = self._catalogue.version(item, item, participant.language or "", NOBODY_KNOWS)
+        version = self._catalogue.version(item, item, participant.language or "", NOT_STORED)
         when = "after_trial" if answer.attempt is not None else "after_session"
-        self._catalogue.add(Questionnaire(NOBODY_KNOWS, when, (version.item,)))
+        self._catalogue.add(Questionnaire(NOT_STORED, when, (version.item,)))
         return version
 
 

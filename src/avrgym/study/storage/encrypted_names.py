@@ -20,7 +20,7 @@ _NONCE_BYTES = 12
 
 
 class Identity(msgspec.Struct, frozen=True):
-    """Who a participant is."""
+    """Name and contact of a participant."""
 
     name: str
     contact: str

@@ -97,7 +97,7 @@ def _from_file(folder: Path, path: Path, *, make: bool) -> bytes:
     except OSError as error:
         raise Locked(
             f"the key file of the names, {path}, cannot be read ({error.strerror}): restore a copy, or name it in "
-            f"{KEY_FILE}; nothing was changed. Without it the names are lost, and no other data"
+            f"{KEY_FILE}; nothing was changed. Without it the names are lost, but no other data"
         ) from None
     except ValueError:
         key = b""

@@ -136,8 +136,8 @@ def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
         yield from _faults_of(connection, table, expected)
 
 
-def vouched(connection: sa.Connection, table: sa.Table) -> set[int]:
-    """The keys of a table's rows that are as the program wrote them; none where that cannot be told."""
+def unchanged_keys(connection: sa.Connection, table: sa.Table) -> set[int]:
+    """The keys of a table's rows that are as the program wrote them; empty if the ledger cannot be read."""
     try:
         entries = _rows(connection, LEDGER)
         found = _contents(connection, table)

@@ -1,4 +1,4 @@
-"""The links of a study's participants: a random one for each session, of which the checksum is stored."""
+"""The links of a study's participants: a random one for each session. Only its checksum is stored."""
 
 from avrgym.study.storage import ledger, schema
 from avrgym.study.storage.rows import ParticipantLink, StudySession

@@ -24,7 +24,7 @@ OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT = (
     "account",
 )
 KNOWN_BY = (OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT)
-"""How a person is known: by a token of their own, by one that several use, or by their account on the computer."""
+"""Identification of a person: by a personal token, by a shared token, or by an account on the computer."""
 UNNAMED = "unnamed"
 """The name of a person whose token names nobody."""
 ADD_EXPERIMENTER, REVOKE_EXPERIMENTER = "add experimenter", "revoke experimenter"
@@ -109,7 +109,7 @@ def _next_id(connection: sa.Connection) -> int:
 
 
 def _progress(store: Store, connection: sa.Connection) -> tuple[int | None, int | None]:
-    """How many participants have completed the study, and how many are planned; nothing while there are no results.
+    """Numbers of participants who completed the study and who are planned; ``None`` while there are no results.
 
     These are people, or simulated participants where a study has no others.
     """

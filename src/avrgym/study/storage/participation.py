@@ -32,7 +32,7 @@ BEGUN, COMPARED = "list begun", "compared with the database"
 REBUILT = "database rebuilt"
 """The event of a database that was rebuilt from the recordings after a loss; it is never removed.
 
-These are what an entry about no participant tells of.
+Entries without a participant contain one of these events.
 """
 
 Content = Mapping[str, Any]
@@ -63,19 +63,19 @@ class Participation:
         return {each.participant: each.content for each in self.entries if each.participant and each.content}
 
     @cached_property
-    def about_itself(self) -> Sequence[Content]:
+    def without_participant(self) -> Sequence[Content]:
         """Contents about the list or the database, in order."""
         return [each.content for each in self.entries if each.participant is None and each.content]
 
     @property
     def ledger(self) -> str | None:
         """The first digest in the ledger of the database that the list belongs to."""
-        return next((each["ledger"] for each in reversed(self.about_itself) if "ledger" in each), None)
+        return next((each["ledger"] for each in reversed(self.without_participant) if "ledger" in each), None)
 
     @property
     def begun_at(self) -> str:
         """When the list was begun."""
-        return self.about_itself[0]["at"]
+        return self.without_participant[0]["at"]
 
     @property
     def list_digest(self) -> str:
@@ -84,7 +84,7 @@ class Participation:
 
     def rebuilds(self) -> list[Content]:
         """Each time that the database was rebuilt."""
-        return [each for each in self.about_itself if each["event"] == REBUILT]
+        return [each for each in self.without_participant if each["event"] == REBUILT]
 
     def consents(self, participant: int) -> list[dict[str, str]]:
         """The consents of a participant: when, and to which text."""
@@ -112,7 +112,7 @@ class Participation:
 
 
 class ParticipationList:
-    """The list in a study's folder. Its writers hold the database's lock for writing."""
+    """The list in a study's folder. Writers must hold the database's lock for writing."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -187,7 +187,7 @@ class ParticipationList:
         return found.st_size, found.st_mtime_ns, found.st_ino
 
     def _cut_unfinished_line(self) -> None:
-        """Remove what a crash may have cut, so that the next entry has a line of its own."""
+        """Remove an unfinished last line after a crash."""
         if self.path.exists():
             data = self.path.read_bytes()
             if not data.endswith(b"\n"):
@@ -195,12 +195,12 @@ class ParticipationList:
 
 
 def content_of(state: str, at: str, **values: Any) -> Content:
-    """What an entry contains about a participant; values that are nothing are left out."""
+    """The content of an entry about a participant, without values that are ``None``."""
     return {"state": state, "at": at} | {name: value for name, value in values.items() if value is not None}
 
 
-def says_the_same(content: Content, other: Content | None) -> bool:
-    """Whether two contents differ in nothing but their time and salt."""
+def has_same_content(content: Content, other: Content | None) -> bool:
+    """Whether two contents are the same except for their time and salt."""
     return other is not None and _without_time(content) == _without_time(other)
 
 

@@ -21,7 +21,7 @@ from avrgym.study.storage.participation import (
     Participation,
     ParticipationList,
     content_of,
-    says_the_same,
+    has_same_content,
 )
 from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, TOMBSTONE, now
 
@@ -82,7 +82,7 @@ def _begin(
     everybody = _contents(connection)
     is_first = everybody.keys() <= {*enrolled}
     times = [str(each["enrolled_at"]) for each in everybody.values() if is_first and each.get("enrolled_at")]
-    begun = _about_itself(connection, BEGUN, min(times, default=now()), detail)
+    begun = _without_participant(connection, BEGUN, min(times, default=now()), detail)
     rebuilt = [(None, each) for each in _rebuilds(connection)]
     if everybody or rebuilt:
         known.append([(None, begun), *rebuilt, *sorted(everybody.items())])
@@ -105,7 +105,7 @@ def _is_news(before: Participation, number: int, content: Content) -> bool:
         return False
     if latest is not None and latest["state"] == DELETED:
         return False
-    return not says_the_same(content, latest)
+    return not has_same_content(content, latest)
 
 
 def _contents(
@@ -131,10 +131,10 @@ def _rebuilds(connection: sa.Connection, keys: Collection[int] | None = None) ->
     """The contents about rebuildings of the database, from its events."""
     for row in _all(connection, list(EVENT.c), EVENT.c.id, keys):
         if row["name"] == REBUILT:
-            yield _about_itself(connection, REBUILT, row["at"], row["detail"])
+            yield _without_participant(connection, REBUILT, row["at"], row["detail"])
 
 
-def _about_itself(connection: sa.Connection, event: str, at: str, detail: str) -> Content:
+def _without_participant(connection: sa.Connection, event: str, at: str, detail: str) -> Content:
     return {"event": event, "at": at, "detail": detail, "ledger": _first_digest(connection)}
 
 
@@ -156,7 +156,7 @@ def _all(
 
 
 @dataclass(frozen=True)
-class Disagreement:
+class Differences:
     """Differences between list and database when a study is opened.
 
     ``begin``: a new list must begin, with this detail. ``restored``: final states by number that the database lacks.
@@ -174,19 +174,19 @@ class Disagreement:
         return self.begin is not None or any((self.restored, self.missing, self.set_back, self.is_unsigned))
 
 
-def compare(known: ParticipationList, connection: sa.Connection) -> Disagreement:
+def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
     """Compare list and database; rows that another program changed are ignored."""
     everybody = _contents(connection)
-    vouched = ledger.vouched(connection, PARTICIPANT)
-    edited = {number for number, each in everybody.items() if each["state"] != DELETED} - vouched
+    unchanged_keys = ledger.unchanged_keys(connection, PARTICIPANT)
+    edited = {number for number, each in everybody.items() if each["state"] != DELETED} - unchanged_keys
     contents = {number: each for number, each in everybody.items() if number not in edited}
     before = known.read()
     if before is None:
-        return Disagreement(begin="" if contents else None)
+        return Differences(begin="" if contents else None)
     if before.fault:
-        return Disagreement(begin=f"replaces a list that {before.fault}")
-    if _first_digest(connection) not in {each.get("ledger") for each in before.about_itself}:
-        return Disagreement(begin="replaces a list that is of another study")
+        return Differences(begin=f"replaces a list that {before.fault}")
+    if _first_digest(connection) not in {each.get("ledger") for each in before.without_participant}:
+        return Differences(begin="replaces a list that is of another study")
     restored = {
         number: content
         for number, content in before.latest.items()
@@ -196,10 +196,10 @@ def compare(known: ParticipationList, connection: sa.Connection) -> Disagreement
     if before.is_signed_here():
         end = signing.known_end(known.path.parent)
         set_back = end is not None and end.list_digest == before.list_digest and not before.has(end.digest)
-        return Disagreement(restored=restored, missing=missing, set_back=set_back)
+        return Differences(restored=restored, missing=missing, set_back=set_back)
     if restored or missing:
-        return Disagreement(begin="replaces a list that another user's key signed, and that differs")
-    return Disagreement(is_unsigned=signing.own_key() is not None)
+        return Differences(begin="replaces a list that another user's key signed, and that differs")
+    return Differences(is_unsigned=signing.own_key() is not None)
 
 
 def _lacks(found: Content | None, final: Content) -> bool:
@@ -225,7 +225,7 @@ def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
         detail = "this computer knows a later state of this study; this copy is older"
         ledger.insert(connection, EVENT, at=now(), name=SET_BACK, detail=detail)
     if found.set_back or found.is_unsigned:
-        known.append([(None, _about_itself(connection, COMPARED, now(), ""))])
+        known.append([(None, _without_participant(connection, COMPARED, now(), ""))])
 
 
 def _restore(connection: sa.Connection, number: int, content: Content) -> None:

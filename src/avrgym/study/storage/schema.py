@@ -72,7 +72,7 @@ PARTICIPANT = Table(
 )
 """``functioning`` contains their answers about disability, diagnosis and assistive devices.
 
-``language`` is the one they read the study in; of who has none, the design's first. ``site`` is where someone takes
+``language`` is the language in which they read the study; default: the design's first. ``site`` is where someone takes
 part; ``site_number`` the number that they have there, in a merged study alone.
 """
 

@@ -32,8 +32,8 @@ from avrgym.system.processes import is_running
 def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> StudySession:
     """Begin a session of a participant at this station.
 
-    What a session that crashed left open is ended first: an attempt whose robot had finished completes its trial, any
-    other is kept as interrupted.
+    Open attempts of a session that crashed are ended first. An attempt whose robot had finished completes its trial;
+    any other is stored as interrupted.
 
     Args:
         store: the study.

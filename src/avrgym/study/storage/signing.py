@@ -21,7 +21,7 @@ KEY = "signing-key.pem"
 _STUDIES = "studies"
 
 
-class KnownEnd(msgspec.Struct, frozen=True):
+class LastEntry(msgspec.Struct, frozen=True):
     """The last entry of a study's list that this user wrote: the study's folder, the list, the entry's digest."""
 
     folder: str
@@ -81,21 +81,21 @@ def is_signed(public: str, signature: str, text: str) -> bool:
 
 def remember_end(folder: Path, list_digest: str, digest: str) -> None:
     """Store the last entry of a study's list, where that can be written."""
-    known = KnownEnd(str(folder.resolve()), list_digest, digest)
+    known = LastEntry(str(folder.resolve()), list_digest, digest)
     with suppress(OSError, ValueError):
         path = _path_of(folder)
         make_private_folder(path.parent)
         write_whole(path, msgspec.json.encode(known), PRIVATE_FILE)
 
 
-def known_end(folder: Path) -> KnownEnd | None:
+def known_end(folder: Path) -> LastEntry | None:
     """The last entry known of the study in a folder."""
     with suppress(OSError, msgspec.DecodeError):
         return _read(_path_of(folder))
     return None
 
 
-def moved_end(list_digest: str) -> KnownEnd | None:
+def moved_end(list_digest: str) -> LastEntry | None:
     """The last known entry of this list in a folder that no longer exists, because the study was moved or deleted."""
     for path in sorted((data_folder() / _STUDIES).glob("*.json")):
         with suppress(OSError, msgspec.DecodeError):
@@ -105,8 +105,8 @@ def moved_end(list_digest: str) -> KnownEnd | None:
     return None
 
 
-def _read(path: Path) -> KnownEnd:
-    return msgspec.json.decode(path.read_bytes(), type=KnownEnd)
+def _read(path: Path) -> LastEntry:
+    return msgspec.json.decode(path.read_bytes(), type=LastEntry)
 
 
 def _path_of(folder: Path) -> Path:

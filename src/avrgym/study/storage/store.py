@@ -235,7 +235,7 @@ class Store:
         return self._rows(Tombstone)
 
     def log(self) -> list[LogEntry]:
-        """Who did what, in the order in which it was stored."""
+        """The entries of the log, in the order of storage."""
         return self._rows(LogEntry)
 
     def sites(self) -> list[Site]:

@@ -28,7 +28,7 @@ class Caller:
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why a token opens nothing: the code that the connection is closed with, words, and a participant's language."""
+    """The reason for refusing a token: the closing code of the connection, words, and a participant's language."""
 
     code: int
     words: str
@@ -84,7 +84,7 @@ class Tokens:
         return found
 
     def refusal(self, token: str) -> Refusal:
-        """Why a token that is nobody's, or of another role, opens nothing."""
+        """The reason for refusing an unknown token, or a token of another role."""
         return EARLIER_START if token else NO_TOKEN
 
     def bearer(self, headers: Headers) -> Caller | None:

@@ -25,7 +25,7 @@ from avrgym.vr.tracking.world import TICK_S
 _log = logging.getLogger("uvicorn.error")
 HELLO_TIMEOUT_S = 5.0
 LOOK_EVERY_S = 1.0
-"""How often a connection's token is looked at again: one that is revoked opens nothing any more."""
+"""Interval at which a connection's token is checked again: a revoked token closes the connection."""
 BURST, MESSAGES_PER_S = 1000, 250
 """More than any headset sends: 144 frames a second, and those of seven seconds after a pause of the network."""
 
@@ -84,7 +84,7 @@ FRAMES_REMEMBERED = 1000
 
 
 Record = Callable[[Caller, Any], None]
-"""Told of each watcher who connects, by their hello, and of each command before it is done. It waits for nothing."""
+"""Called with the hello of each watcher who connects, and with each command before it runs. Never waits."""
 
 PARTICIPANT = Channel(("participant",), messages.decode_client, messages.ClientMessage)
 WATCHING = Channel(("experimenter", "spectator"), messages.decode_experimenter, messages.ExperimenterMessage)

@@ -18,15 +18,15 @@ LINK_BYTES = 16
 CODE_DIGITS = 6
 CODE_VALID_S = 300.0
 WRONG_CODES, WRONG_WITHIN_S = 10, 60.0
-"""As many wrong codes are let through in this time: a program that guesses needs three weeks on average."""
+"""Wrong codes are allowed up to a number in this time: guessing takes three weeks on average."""
 
 
 class CodeError(ValueError):
-    """A code that leads to no link."""
+    """A code that is wrong, used or expired."""
 
 
 class TooManyCodes(CodeError):
-    """Too many wrong codes came of late."""
+    """Too many wrong codes were entered recently."""
 
 
 def new_link() -> str:
@@ -35,7 +35,7 @@ def new_link() -> str:
 
 
 def link_sha256(link: str) -> str:
-    """The checksum by which a link is stored."""
+    """The checksum of a link, which is stored."""
     return hashlib.sha256(link.encode("utf-8", "surrogatepass")).hexdigest()
 
 
@@ -78,12 +78,12 @@ class SessionLinks:
         return None if self._open is None else self._open.link
 
     def begin(self, link: str, language: Language) -> None:
-        """A session begins, or gets a new link; the link before has ended."""
+        """Make the link of a new session, or a new link of this session; the previous link ends."""
         self.end()
         self._open = _Open(link, link_sha256(link), language)
 
     def end(self) -> None:
-        """The link opens nothing any more."""
+        """End the link."""
         with self._lock:
             ended, self._open, self._codes = self._open, None, []
         if ended is not None:
@@ -113,7 +113,7 @@ class SessionLinks:
         """The link that a code leads to; the code is used up.
 
         Raises:
-            TooManyCodes: when too many wrong codes came of late.
+            TooManyCodes: when too many wrong codes were entered recently.
             CodeError: for any other that is not valid.
         """
         with self._lock:

@@ -47,10 +47,10 @@ def create_app(
         loop: the simulation that runs.
         broadcast: where its messages go.
         tokens: what clients must present.
-        gate: who lets connections in, and is told whose they are.
+        gate: admits connections, and receives their roles.
         hosts: the host names under which the server may be addressed.
         renderer: renders the scenes.
-        record: told of watchers and their commands.
+        record: called with watchers and their commands.
         study: what the experimenter's dashboard reads and does.
         links: those of a study's participants, for which codes are exchanged.
     """
@@ -124,7 +124,7 @@ class LiveServer(Generic[S]):
             study: makes what the experimenter's dashboard reads and does from tokens and session; see
                 ``study.dashboard.application``.
             tokens: what clients must present, fresh ones unless given.
-            record: told of each watcher who connects, by their hello, and of each command that they give.
+            record: called with the hello of each watcher who connects, and with each of their commands.
             links: those of a study's participants, which ``tokens`` let in; a participant leaves when theirs ends.
 
         Raises:

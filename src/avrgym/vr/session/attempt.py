@@ -234,7 +234,7 @@ def configuration(
     """All that an attempt at the plan's trial ``index`` is run with, in plain values.
 
     ``start_rad`` are the joint angles of the person that the episode began with, ``start`` is all else that it
-    began with: replay draws nothing. ``headset_check`` stands there where the headset was checked before, ``consent``
+    began with: replay draws nothing. ``headset_check`` is included if the headset was checked before, ``consent``
     where a study stored one.
     """
     trial = plan.trials[index]

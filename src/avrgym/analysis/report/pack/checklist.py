@@ -8,7 +8,7 @@ of participants of CONSORT (Schulz et al., BMJ 340, 2010, c332).
 from dataclasses import dataclass
 
 from avrgym.analysis.reading.flow import Flow
-from avrgym.analysis.report.had import had
+from avrgym.analysis.report.by_design import by_design
 from avrgym.analysis.report.pack.methods import days_of, inclusion_answers, uses_of
 from avrgym.analysis.study import Analysis
 from avrgym.policies.names import OPERATOR
@@ -42,7 +42,7 @@ def _about_people(analysis: Analysis, flow: Flow) -> list[Asked]:
     )
     if lost := flow.unknown + flow.unknown_before:
         left += f", of {lost} unknown"
-    inclusion = had(uses_of(analysis, flow), analysis.design, inclusion_answers)
+    inclusion = by_design(uses_of(analysis, flow), analysis.design, inclusion_answers)
     consent = ", ".join(f"version {version}: {number}" for version, number in flow.consents.items())
     if flow.reconsented or flow.declined:
         consent += f"; re-consent: {flow.reconsented} agreed, {flow.declined} declined"
@@ -75,7 +75,7 @@ def _about_the_study(analysis: Analysis) -> list[Asked]:
     return [
         Asked("Design and conditions", conditions(design)),
         Asked("Order and randomisation", randomization(design)),
-        Asked("Blinding", had(analysis.uses, design, blinding)),
+        Asked("Blinding", by_design(analysis.uses, design, blinding)),
         Asked("Robots", ", ".join(design.robots)),
         Asked(
             "Who controls the robots",

@@ -10,7 +10,7 @@ from avrgym.analysis.page import count
 from avrgym.analysis.reading.flow import Flow
 from avrgym.analysis.reading.trained_people import posture_of
 from avrgym.analysis.report.adverse_events import adverse_event_words
-from avrgym.analysis.report.had import had
+from avrgym.analysis.report.by_design import by_design
 from avrgym.analysis.report.models import METHODS as OF_MODELS
 from avrgym.analysis.report.pack.flow_chart import steps
 from avrgym.analysis.rows import ParticipantRow
@@ -46,13 +46,13 @@ def methods(analysis: Analysis, flow: Flow) -> Sections:
     sections = {
         "Participants": list(_participants(analysis, flow)),
         "Design": [
-            had(uses, analysis.design, conditions),
+            by_design(uses, analysis.design, conditions),
             randomization(analysis.design),
             *_orders(flow),
-            had(uses, analysis.design, blinding),
+            by_design(uses, analysis.design, blinding),
         ],
         "Apparatus": list(_apparatus(analysis, flow)),
-        "Procedure": [had(uses, analysis.design, description), *_inclusion(analysis, flow)],
+        "Procedure": [by_design(uses, analysis.design, description), *_inclusion(analysis, flow)],
         "Measures": list(_measures(analysis)),
         "Analysis": list(_analysis(analysis)),
         "Deviations from the plan": _deviations(analysis),
@@ -168,7 +168,7 @@ def _apparatus(analysis: Analysis, flow: Flow) -> Iterator[str]:
         f"MuJoCo {software['mujoco']} (as of this analysis; the report lists recordings of other versions). "
         f"Headset and controllers: {design.reporting.headset or missing('headset and controllers')}"
     )
-    yield had(uses_of(analysis, flow), design, _equipment)
+    yield by_design(uses_of(analysis, flow), design, _equipment)
     yield from _plugins(analysis, flow)
     yield _latency(analysis)
     if checked:
@@ -176,7 +176,7 @@ def _apparatus(analysis: Analysis, flow: Flow) -> Iterator[str]:
 
 
 def _equipment(design: Design) -> str:
-    """What participants sat or lay on, and what the robots did and did not do."""
+    """The seat or mattress of participants, the force guard and the withdrawal of robots."""
     seat, postures = design.furniture, {posture_of(task) for task in design.tasks}
     places = {
         "seated": f"sat on a seat {seat.seat_height_m:g} m high",
@@ -221,7 +221,7 @@ def _latency(analysis: Analysis) -> str:
 
 
 def _inclusion(analysis: Analysis, flow: Flow) -> Iterator[str]:
-    asked = had(uses_of(analysis, flow), analysis.design, _inclusion_questions)
+    asked = by_design(uses_of(analysis, flow), analysis.design, _inclusion_questions)
     if asked:
         yield asked
     about = analysis.design.reporting
@@ -273,7 +273,7 @@ def _questionnaire(asked: Questionnaire) -> str:
 
 
 def _versions(analysis: Analysis) -> Iterator[str]:
-    """Which participants answered each version of a changed item."""
+    """Each version of a changed item with the participants who answered it."""
     changed = {first_name(row.item) for row in analysis.items if row.version > 1}
     asked = [
         f"{row.item} (“{row.text}”, from {row.least}, {row.low}, to {row.most}, {row.high}) was answered by "

@@ -6,7 +6,7 @@ from statistics import fmean
 
 from avrgym.analysis.page import brief, quantity
 from avrgym.analysis.report.models import effect
-from avrgym.analysis.report.primary import CAPTION, HEADS, NUMBERS, primary_rows
+from avrgym.analysis.report.primary import CAPTION, HEADS, NUMERIC_COLUMNS, primary_rows
 from avrgym.analysis.report.results import probability, values_given, with_interval
 from avrgym.analysis.statistics.families import PARTICIPANT
 from avrgym.analysis.statistics.models.effects import POLICIES
@@ -92,7 +92,7 @@ def _interval(mean: float | None, low: float | None, high: float | None, factor:
 
 def _primary(analysis: Analysis, simulated: bool) -> ShownTable:
     rows = primary_rows(analysis, simulated)
-    return ShownTable("primary", _marked(CAPTION, simulated), HEADS, rows, NUMBERS)
+    return ShownTable("primary", _marked(CAPTION, simulated), HEADS, rows, NUMERIC_COLUMNS)
 
 
 def _tests(analysis: Analysis, simulated: bool) -> ShownTable:

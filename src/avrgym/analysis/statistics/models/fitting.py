@@ -21,7 +21,7 @@ from avrgym.study.design.design import Design
 
 ORDINAL, LOGISTIC, MIXED = "ordinal", "logistic", "mixed"
 Found = Mapping[Effect, Estimate | NoFit]
-VARIES_BY = {POLICIES: "policy", ROBOTS: "robot"}
+RANDOM_EFFECT_OF = {POLICIES: "policy", ROBOTS: "robot"}
 """By kind of effect, the condition to which participants respond differently."""
 UNRELIABLE = "p is unreliable: no variance of this effect between participants was found"
 
@@ -75,7 +75,7 @@ def _estimate(fitted: Fitted, names: Columns, effect: Effect) -> Estimate | NoFi
         found = fitted.estimate(names.contrast(effect))
     except NoFit as error:
         return error
-    own = f"participant by {VARIES_BY.get(effect.kind)}"
+    own = f"participant by {RANDOM_EFFECT_OF.get(effect.kind)}"
     return replace(found, note=f"{found.note}; {UNRELIABLE}") if own in found.note else found
 
 

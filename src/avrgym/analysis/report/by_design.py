@@ -1,4 +1,4 @@
-"""What participants had, in words: once where all had the same, else for each group of them."""
+"""Descriptions of designs: one if all participants had the same, else one for each group of participants."""
 
 from collections.abc import Callable, Iterable
 
@@ -6,8 +6,8 @@ from avrgym.study.design.design import Design
 from avrgym.study.storage.uses import Use, listed
 
 
-def had(uses: Iterable[Use], design: Design, words: Callable[[Design], str]) -> str:
-    """What ``words`` state about the designs of ``uses``, or about ``design`` where nobody took part yet."""
+def by_design(uses: Iterable[Use], design: Design, words: Callable[[Design], str]) -> str:
+    """Texts of ``words`` about the designs of ``uses``, or about ``design`` if nobody took part yet."""
     groups: dict[str, list[Use]] = {}
     for use in uses:
         groups.setdefault(words(use.design), []).append(use)
