@@ -1,6 +1,7 @@
 """Items that were edited while people took part: answers are not pooled, none is lost, methods state who had what."""
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from itertools import product
@@ -14,6 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from analysed import ITEMS, record_trial, run_trials, take_part
+from avrgym.analysis.report.had import had
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
@@ -27,6 +29,7 @@ from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.rows import Participant, Trial
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
+from avrgym.study.storage.uses import designs_used
 from html_page import Page
 from studies import make_study
 
@@ -181,6 +184,37 @@ def test_methods_state_what_each_participant_had(out: Path) -> None:
         "L2 (version 2) (“I felt comfortable with how the robot assisted me in VR.”, from 1, strongly disagree, to 5"
         in text
     )
+
+
+def test_practice_has_the_items_of_its_session_where_only_recordings_report_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]')
+    with Store(folder) as store:
+        pseudonym = take_part(store, simulated=False)
+        session = open_session(store, pseudonym)
+        for trial in store.remaining_trials(pseudonym):
+            attempt = begin_attempt(store, session.id, trial.position)
+            asked = [] if trial.practice else store.design.items_at("after_trial", trial.seed)
+            items = [msgspec.to_builtins(item) for item in asked]
+            participant = store.participant(pseudonym)
+            metrics = record_trial(store.path(attempt.recording), participant, trial, items=items)
+            complete_attempt(store, attempt.id, metrics)
+        close_session(store, session.id)
+    edit(folder)
+    monkeypatch.setattr(Store, "designs", lambda _: [])
+    with Store(folder) as store:
+        (use,) = designs_used(store)
+    assert use.positions == (1, 2, 3, 4, 5)
+    assert use.design.items["L1"].text == "The robot successfully assisted me with the task."
+
+
+def test_each_group_with_another_design_has_a_sentence_of_its_own(folder: Path) -> None:
+    with Store(folder) as store:
+        words = had(
+            designs_used(store), store.design, lambda design: f"{design.furniture.seat_height_m:g} m high"
+        )
+    assert re.search(r": 0\.485 m high\. For sub-003 .*: 0\.4 m high\.$", words)
 
 
 def test_a_file_that_is_edited_later_changes_no_result(

@@ -1,5 +1,6 @@
 """One result of each question is primary, stars keep their promise, and what data do not tell has no interval."""
 
+import re
 from dataclasses import replace
 from itertools import product
 
@@ -8,7 +9,7 @@ import pytest
 
 from avrgym.analysis import rows as tables
 from avrgym.analysis.power.answers import Assumptions, ImaginedStudies
-from avrgym.analysis.report.results import table_of_tests
+from avrgym.analysis.report.results import probability, table_of_tests
 from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL, Compared, Question, corrected
 from avrgym.analysis.statistics.joint import jointly_corrected
 from avrgym.analysis.statistics.models.effects import Observed, effects
@@ -47,6 +48,21 @@ def test_each_question_has_one_primary_result() -> None:
     assert {each.role for each in tests if each.unit == TRIAL} == {"supplement"}
     assert all(each.p_primary is not None for each in primary if each.p is not None)
     assert not any(each.mark for each in tests if each.role != "primary")
+
+
+def test_tables_show_the_correction_over_primary_results_next_to_holms() -> None:
+    own = [each for each in rows() if each.family == OBJECTIVE.by(PARTICIPANT)]
+    shown = table_of_tests("Tests", own, simulated=False)
+    heads = re.findall("<th[^>]*>([^<]*)</th>", shown)
+    cells = re.findall("<td[^>]*>([^<]*)</td>", shown)
+    table = [
+        dict(zip(heads, cells[at : at + len(heads)], strict=True)) for at in range(0, len(cells), len(heads))
+    ]
+    assert [(row["p, Holm"], row["p, corrected"]) for row in table] == [
+        (probability(each.p_holm), probability(each.p_primary)) for each in own
+    ]
+    others = [replace(each, role="secondary", p_primary=None) for each in own]
+    assert "p, corrected" not in table_of_tests("Tests", others, simulated=False)
 
 
 @pytest.mark.parametrize("unit", [TRIAL, PARTICIPANT])

@@ -15,6 +15,8 @@ from typer.testing import CliRunner, Result
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from avrgym.analysis.reading.study_log import StudyLog
+from avrgym.analysis.report.log import log_section
 from avrgym.analysis.report.study_page import write_study_page
 from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
@@ -370,6 +372,14 @@ def test_results_that_are_viewed_too_early_are_a_deviation(planned: Path) -> Non
     assert expected in " ".join(each["what"] for each in results["plan"]["deviations"])
     methods = (out / "reporting" / "methods.md").read_text()
     assert expected in methods
+
+
+def test_an_empty_log_of_a_rebuilt_database_is_not_taken_for_an_untouched_study() -> None:
+    empty = StudyLog(entries=0, people=[], first_at=None, last_at=None, interim_looks=[])
+    assert "no view of this study was logged" in log_section(empty, rebuilt_at=None)
+    rebuilt = log_section(empty, rebuilt_at="2026-11-27T17:05:22+00:00")
+    assert "no view of this study was logged" not in rebuilt
+    assert "entries from before that are lost" in rebuilt
 
 
 def test_results_after_the_planned_end_or_without_any_are_no_deviation(planned: Path) -> None:

@@ -179,7 +179,10 @@ def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
         if tested
         else ""
     )
-    return f"{questionnaire.name}: answers {scale}, centred on the middle, numbers of {unit}{tests}"
+    colours = "from brown to purple"
+    return (
+        f"{questionnaire.name}: answers {scale}, {colours}, centred on the middle, numbers of {unit}{tests}"
+    )
 
 
 def _common_scale(questionnaire: Questionnaire) -> str:

@@ -15,7 +15,7 @@ NONE = "No adverse events were recorded."
 LOST = "The database was rebuilt from the recordings: reports from before that are lost."
 NEXT_TO_THEM = (
     "Attempts that somebody stopped, interventions of the force guard, and contact forces are measures of the robots. "
-    "They are not adverse events, and no event above was derived from them."
+    "They are not adverse events, and no adverse event was derived from them."
 )
 
 

@@ -13,4 +13,8 @@ def by_design(uses: Iterable[Use], design: Design, words: Callable[[Design], str
         groups.setdefault(words(use.design), []).append(use)
     if len(groups) < 2:
         return next(iter(groups), None) or words(design)
-    return " ".join(f"For {listed(own)}: {text}" for text, own in groups.items())
+    return " ".join(f"For {listed(own)}: {_sentence(text)}" for text, own in groups.items())
+
+
+def _sentence(text: str) -> str:
+    return text if text.endswith((".", "!", "?")) else f"{text}."

@@ -7,7 +7,8 @@ from avrgym.study.storage.versions import first_name
 TITLE = "Differences between participants"
 NOTICE = (
     "Participants took part with different designs, or with another one than the study's folder contains. The section "
-    "below lists each difference. Answers to different items are analysed separately."
+    "below lists each difference. Answers to different items are analysed separately; rewards, success and forces are "
+    "taken together."
 )
 
 

@@ -6,8 +6,8 @@ from avrgym.analysis.study import Analysis
 from avrgym.recording.latency import STAGE_WORDS, TOTAL
 
 METHOD = (
-    "Latency: of every tracking frame the client tells when its pose was read and sent, when the state that follows "
-    "it came and when a picture showed it; the server tells when the frame came, when it was simulated and when that "
+    "Latency: for every tracking frame the client reports when its pose was read and sent, when the state that follows "
+    "it came and when a picture showed it; the server reports when the frame came, when it was simulated and when that "
     "state was sent. The clocks are aligned by the fastest messages of ten seconds. Percentiles are over the frames of "
     "counted trials. A headset's display adds its own time; own arms are drawn without waiting for all this."
 )

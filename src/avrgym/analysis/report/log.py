@@ -3,18 +3,26 @@
 from avrgym.analysis.page import Markup, count, listing, tag
 from avrgym.analysis.reading.study_log import StudyLog
 
-
-def log_section(log: StudyLog) -> Markup:
-    """The log by count, and views of results before the planned end."""
-    return tag("section", tag("h2", "The log"), tag("p", *_words(log)), *_looks(log), id="log")
+LOST = "The database was rebuilt from the recordings: entries from before that are lost."
 
 
-def _words(log: StudyLog) -> tuple[Markup | str, ...]:
+def log_section(log: StudyLog, rebuilt_at: str | None) -> Markup:
+    """The log by count, and views of results before the planned end; ``rebuilt_at`` is of a rebuilt database."""
+    lost = [tag("p", LOST)] if rebuilt_at else []
+    return tag(
+        "section", tag("h2", "The log"), tag("p", *_words(log, rebuilt_at)), *lost, *_looks(log), id="log"
+    )
+
+
+def _words(log: StudyLog, rebuilt_at: str | None) -> tuple[Markup | str, ...]:
+    if not log.entries and rebuilt_at:
+        return ("The log has no entry.",)
     if not log.entries:
         return ("The log has no entry: no command and no view of this study was logged.",)
     entries = "1 entry" if log.entries == 1 else f"{log.entries} entries"
+    time = f"at {log.first_at}" if log.entries == 1 else f"from {log.first_at} to {log.last_at}"
     return (
-        f"The log has {entries}, from {log.first_at} to {log.last_at} (UTC), by {', '.join(log.people)}. Views of "
+        f"The log has {entries}, {time} (UTC), by {', '.join(log.people)}. Views of "
         "results after the planned end are not counted. The whole log: ",
         tag("code", "avrgym study export --format csv"),
         ".",

@@ -5,7 +5,7 @@ from math import exp
 
 from avrgym.analysis.model_rows import ModelRow
 from avrgym.analysis.page import Markup, badge, quantity, table, tag
-from avrgym.analysis.report.results import probability
+from avrgym.analysis.report.results import over_primary, probability
 from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS
 from avrgym.analysis.statistics.models.effects import EFFECTS, POLICIES
 from avrgym.analysis.study import Analysis
@@ -50,15 +50,18 @@ def _kind(kind: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
 
 def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
     """Effects as a table; those that could not be estimated say why. Columns that say the same everywhere go."""
+    corrected = any(row.p_primary is not None for row in rows)
     planned, noted = any(row.planned != EXPLORATORY for row in rows), any(row.note for row in rows)
     heads = (
-        "What", "Groups", "People", "Effect [95 %]", "p", "p, Holm", "Without one", "p then", "Role",
+        "What", "Groups", "People", "Effect [95 %]", "p", "p, Holm", *(["p, corrected"] if corrected else []),
+        "Without one", "p then", "Role",
         *(["By plan"] if planned else []), *(["Remark"] if noted else []),
     )  # fmt: skip
     body = [
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.participants, effect(row), probability(row.p),
-            probability(row.p_holm), _without_one(row), _probabilities(row), row.role,
+            probability(row.p_holm), *([over_primary(row)] if corrected else []),
+            _without_one(row), _probabilities(row), row.role,
             *([row.planned] if planned else []), *([row.note] if noted else []),
         )
         for row in rows
@@ -68,7 +71,7 @@ def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) ->
         + ("" if planned else "; all exploratory")
         + (" (simulated participants)" if simulated else "")
     )
-    return table(marked, heads, body, numbers=(2, 3, 4, 5, 6, 7))
+    return table(marked, heads, body, numbers=range(2, 9 if corrected else 8))
 
 
 def effect(row: ModelRow) -> str:

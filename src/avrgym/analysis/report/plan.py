@@ -54,7 +54,10 @@ def confirmatory(analysis: Analysis, simulated: bool) -> Markup:
     if plan is None:
         return Markup()
     shown = [_hypothesis(analysis, plan, each, simulated) for each in plan.hypotheses]
-    note = "These tests were planned. All that follows is exploratory unless it stands here too."
+    note = (
+        "These tests were planned. All other tests are exploratory. “p, corrected” is that of the primary results; "
+        "“p, Holm” is corrected within one family only."
+    )
     return tag("section", tag("h3", "Confirmatory results"), tag("p", note), *shown)
 
 

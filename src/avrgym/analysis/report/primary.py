@@ -23,7 +23,8 @@ WITHOUT_PLAN = (
 WITH_PLAN = "The primary results are the tests of the plan's hypotheses, each participant one value."
 OTHERS = (
     "Only primary results have stars: * < 0.05, ** < 0.01, *** < 0.001 after correction over all of them. All other "
-    "results are sensitivity analyses, secondary, or a supplement, and have none."
+    "results are sensitivity analyses, secondary, or a supplement, and have none. Stars and figures use "
+    "“p, corrected”. “p, Holm” in other tables is corrected within one family only and has another value."
 )
 
 

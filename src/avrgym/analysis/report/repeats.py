@@ -36,7 +36,7 @@ def _letters(analysis: Analysis) -> list[Markup]:
 
 def _words(rows: list[RepeatRow]) -> str:
     if not rows:
-        return "No trial was repeated."
+        return "No trial was repeated; practice is not counted."
     reasons = _summed(rows, lambda row: row.reason)
     people = _summed([row for row in rows if row.ordered_by], lambda row: row.ordered_by)
     total = sum(row.replaced for row in rows)

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from avrgym.analysis.figures.answer_figures import session_figure_name, trial_figure_name
 from avrgym.analysis.figures.drawing import Drawing
+from avrgym.analysis.model_rows import ModelRow
 from avrgym.analysis.page import Markup, brief, figure, listing, quantity, table, tag
 from avrgym.analysis.rows import ObjectiveRow, RangeRow, SessionAnswerRow, SubjectiveRow, TestedRow
 from avrgym.analysis.statistics.biomechanics_tests import HEADS, HEIGHTS
@@ -323,21 +324,28 @@ BY_TRIAL = (
 
 def _table_of_tests(caption: str, rows: Sequence[TestedRow], simulated: bool) -> Markup:
     """Tests as a table, with what they are by the study's plan if there is one."""
-    heads = ("What", "Groups", "One value", "n", "Medians", "p", "p, Holm", "Effect [95 %]", "Test", "Role")
-    planned = any(row.planned for row in rows)
+    planned, corrected = any(row.planned for row in rows), any(row.p_primary is not None for row in rows)
+    heads = (
+        "What", "Groups", "Unit", "n", "Medians", "p", "p, Holm", *(["p, corrected"] if corrected else []),
+        "Effect [95 %]", "Test", "Role", *(["By plan"] if planned else []),
+    )  # fmt: skip
     body = [
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.unit,
             values_given(row),
             f"{brief(row.median_a)} / {brief(row.median_b)}",
-            probability(row.p), probability(row.p_holm),
+            probability(row.p), probability(row.p_holm), *([over_primary(row)] if corrected else []),
             with_interval(row.effect, row.effect_low, row.effect_high),
             f"{row.test}, {row.note or row.method}", row.role, *([row.planned] if planned else []),
         )
         for row in rows
     ]  # fmt: skip
-    heads = (*heads, "By plan") if planned else heads
-    return table(captioned(caption, simulated), heads, body, numbers=(3, 4, 5, 6, 7))
+    return table(captioned(caption, simulated), heads, body, numbers=range(3, 9 if corrected else 8))
+
+
+def over_primary(row: TestedRow | ModelRow) -> str:
+    """p corrected over all primary results; nothing for other results."""
+    return "–" if row.p_primary is None else probability(row.p_primary)
 
 
 def with_interval(effect: float | None, low: float | None, high: float | None) -> str:

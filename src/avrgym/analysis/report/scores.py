@@ -11,6 +11,11 @@ from avrgym.analysis.study import Analysis
 from avrgym.recording.instruments.instrument import Instrument
 from avrgym.recording.questionnaire import Questionnaire
 
+NOTE = (
+    "A scale of one item has the values and the p of that item, which the section Answers tests too. After correction "
+    "p differs, because families differ. Without a plan only the score is a primary result."
+)
+
 
 def scores(analysis: Analysis, simulated: bool, tests: TestTables) -> Markup:
     """What each instrument's scales came out as, with tests; nothing where a study uses none."""
@@ -20,7 +25,7 @@ def scores(analysis: Analysis, simulated: bool, tests: TestTables) -> Markup:
         if questionnaire.instrument is not None
     ]
     shown = [part for part in parts if part]
-    return tag("section", tag("h3", "Scores"), *shown) if shown else Markup()
+    return tag("section", tag("h3", "Scores"), tag("p", NOTE), *shown) if shown else Markup()
 
 
 def _of_instrument(

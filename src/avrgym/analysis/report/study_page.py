@@ -74,7 +74,7 @@ def write_study_page(path: Path, analysis: Analysis, drawings: Sequence[Drawing]
             *nobody,
             *sections,
             _facts(analysis),
-            log_section(analysis.log),
+            log_section(analysis.log, analysis.rebuilt_at),
             _problems(analysis),
             _methods(analysis),
         ],
@@ -251,7 +251,7 @@ def _problem(what: str, consequence: str, where: Sequence[str]) -> Markup:
 METHODS = (
     "Counted are completed trials but for practice, of participants who have not withdrawn. A trial is left out, and "
     "listed, whose person was held still, because tracking was lost or jumped, for a larger share of the time in which "
-    "the robot helped than the design allows. Every table has a column that says whether a row is about simulated "
+    "the robot helped than the design allows. Every table in tables/ has a column that marks rows about simulated "
     "participants.",
     "Reward: mean over participants with a 95 % interval by Student's t. Success: Wilson's 95 % interval; "
     "where participants have several trials, with the effective sample size. Next to them is the result of "
@@ -264,7 +264,9 @@ METHODS = (
     "the share from 0 to 1 that lies between the groups. Its 95 % interval is Wilson's of the share (1 + r) / 2 with "
     "the effective sample size of the ranks. Holm's correction holds within a family: one question, one unit.",
     "Primary results: p is corrected over all of them by flipping the signs of participants' differences together "
-    "(Westfall and Young, 1993; Romano and Wolf, 2005). Rewards that are all equal have no interval.",
+    "(Westfall and Young, 1993; Romano and Wolf, 2005). Models and unpaired tests that a plan makes primary are "
+    "corrected by Holm; next to paired tests both corrected p are doubled. Rewards that are all equal have no "
+    "interval.",
     f"The training's people: {PEOPLE_PER_TASK} drawn for each task and distribution, with seed {SEED}.",
     "Head positions and torso heights: signed-rank as in the paper, each trial paired with an arbitrary person drawn; "
     "Mann-Whitney and the energy distance compare one value per participant with everyone drawn. Means of several "

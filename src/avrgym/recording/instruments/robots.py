@@ -85,7 +85,7 @@ JIAN_TRUST = Instrument(
         "Jian, Bisantz and Drury (2000), Foundations for an empirically determined scale of trust in automated "
         "systems, doi:10.1207/S15327566IJCE0401_04"
     ),
-    licence="the publisher's, so that the statements are not here",
+    licence="the publisher's; AVR Gym does not include the statements",
     texts="the article, whose twelve statements are numbered as here",
     response=Response(points=7, lowest=1),
     items=tuple(InstrumentItem(item, low="not at all", high="extremely") for item in _TRUST_ITEMS),

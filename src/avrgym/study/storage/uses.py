@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import msgspec
 
@@ -10,7 +11,7 @@ from avrgym.recording.files import RecordingError, read_configuration
 from avrgym.study.design.design import Design, InclusionQuestion
 from avrgym.study.design.fixed import Wordings, from_stored
 from avrgym.study.storage.recorded_design import as_recorded
-from avrgym.study.storage.rows import Participant, StoredDesign, StudySession, TrialAttempt
+from avrgym.study.storage.rows import Participant, StoredDesign, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.sites import DIFFERS
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -164,18 +165,25 @@ def _recorded(
     attempts: list[TrialAttempt],
     stored: StoredDesign | None,
 ) -> Iterator[Use]:
-    """A use for each design that recordings of a session report."""
+    """A use for each design that recordings of a session report.
+
+    Without a stored design, each trial has what any recording of its session reports: practice has no items.
+    """
     design = store.design if stored is None else design_of(stored)
     wordings = None if stored is None else stored.wordings
     translate = translation(store, participant.language or design.languages[0], wordings)
     trials = {trial.id: trial for trial in store.trials(participant.pseudonym)}
-    found: dict[bytes, tuple[Design, set[int]]] = {}
+    configurations = list[tuple[Trial, dict[str, Any]]]()
     for attempt in attempts:
         with suppress(OSError, RecordingError, StudyError, KeyError):  # other checks report it
-            trial = trials[attempt.trial]
-            configuration = read_configuration(store.path(attempt.recording))
-            recorded = as_recorded(design, trial, configuration, translate)
-            found.setdefault(_content(recorded), (recorded, set()))[1].add(trial.position)
+            configurations.append((trials[attempt.trial], read_configuration(store.path(attempt.recording))))
+    if stored is None:
+        for each in configurations:
+            design = as_recorded(design, *each, translate)
+    found: dict[bytes, tuple[Design, set[int]]] = {}
+    for trial, configuration in configurations:
+        recorded = as_recorded(design, trial, configuration, translate)
+        found.setdefault(_content(recorded), (recorded, set()))[1].add(trial.position)
     if stored is not None and not found:
         found[b""] = design, set[int]()
     for recorded, positions in found.values():

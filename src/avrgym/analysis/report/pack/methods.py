@@ -26,6 +26,7 @@ from avrgym.tasks.registry import TASKS
 from avrgym.vr.session.attempt import versions
 
 SIMULATED = "SIMULATED PARTICIPANTS: all that follows was made up by a program and says nothing about people."
+LOST_ANSWERS = "The answers from before the database was rebuilt are lost."
 MOMENTS = {
     "before_session": "before each session",
     "after_trial": "after each trial",
@@ -212,7 +213,7 @@ def _latency(analysis: Analysis) -> str:
     flow = main_flow(analysis)
     total = total_of(analysis.latency, simulated=flow.simulated) if flow else None
     if total is None:
-        return f"Latency from pose to picture: {missing('no recording tells it')}"
+        return f"Latency from pose to picture: {missing('no recording contains it')}"
     return (
         "Latency from a tracked pose to the picture that showed what the simulation made of it: "
         f"{total.p50_ms:.0f} ms at the median, at most {total.p95_ms:.0f} ms for 95 % of {total.pictures} frames, "
@@ -223,7 +224,7 @@ def _latency(analysis: Analysis) -> str:
 def _inclusion(analysis: Analysis, flow: Flow) -> Iterator[str]:
     asked = by_design(uses_of(analysis, flow), analysis.design, _inclusion_questions)
     if asked:
-        yield asked
+        yield f"{asked} {LOST_ANSWERS}" if analysis.rebuilt_at else asked
     about = analysis.design.reporting
     days = f"Sessions took place {days_of(flow)}." if flow.first_day else "No session took place yet."
     yield f"{days} Place: {about.location or missing('where sessions took place')}"
@@ -236,7 +237,7 @@ def inclusion_answers(design: Design) -> str:
 
 def _inclusion_questions(design: Design) -> str:
     asked = inclusion_answers(design)
-    return f"Everybody who took part answered as follows: {asked}" if asked else ""
+    return f"Everybody who took part had to answer as follows: {asked}" if asked else ""
 
 
 def days_of(flow: Flow) -> str:
@@ -262,7 +263,8 @@ def _questionnaire(asked: Questionnaire) -> str:
     if asked.instrument is not None:
         source, answers = f"{asked.instrument.title} ({asked.instrument.source})", asked.instrument.response
         steps = f" in steps of {answers.step}" if answers.step != 1 else ""
-        scale = f"from {answers.lowest} to {answers.highest}{steps}"
+        ranged = f"from {answers.lowest} to {answers.highest}{steps}"
+        scale = "with a choice of one of two" if answers.points == 2 else ranged
         return f"{asked.name}, asked {when}: {source}, {count(len(asked.items), 'item')} {scale}."
     scales = dict.fromkeys(asked.scale_words(item) for item in asked.items)
     if len(scales) == 1:
@@ -302,11 +304,19 @@ def _analysis(analysis: Analysis) -> Iterator[str]:
         "Answers, scores of validated questionnaires, success, reward and force were compared by Wilcoxon's "
         "signed-rank test, two-sided, each participant one value, with rank-biserial correlations as effect sizes and "
         f"their 95 % intervals. Primary results: {_which_are_primary(analysis)}. Their p is corrected over all of "
-        "them, by flipping the signs of participants' differences together (Westfall and Young, step-down). All other "
+        "them, by flipping the signs of participants' differences together (Westfall and Young, step-down)"
+        f"{_others_corrected(analysis)}. All other "
         "results are sensitivity analyses, secondary or, by trial as in the paper of AVR Gym, a supplement. Fewer than "
         f"{LEAST_PARTICIPANTS} participants are not tested."
     )
     yield from OF_MODELS
+
+
+def _others_corrected(analysis: Analysis) -> str:
+    """How the primary results are corrected that are not paired tests; only a plan has some."""
+    if analysis.plan is None or analysis.plan.confirmed is None:
+        return ""
+    return "; models and unpaired tests by Holm, and next to paired tests both p are doubled"
 
 
 def _which_are_primary(analysis: Analysis) -> str:
