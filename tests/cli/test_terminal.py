@@ -62,6 +62,15 @@ def test_no_control_character_reaches_the_terminal(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])
+def test_a_table_is_shown_in_every_encoding(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    row = {"name": None, "other": "漢字", "list": [None, 1.5]}
+    shown = shown_by(lambda: print_table([row]), monkeypatch, encoding)
+    dash = "–" if encoding in ("cp1252", "utf-8") else "-"
+    cells = [word for word in shown.splitlines()[-2].split() if word != "|"]
+    assert cells == [dash, printable("漢字", encoding), f"{dash},", "1.5"]
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])
 def test_what_an_encoding_lacks_is_named(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for text in hostile_texts():
         assert (

@@ -432,3 +432,14 @@ def test_the_dashboard_shows_results_only_to_who_asks(
     path.parent.mkdir()
     write_study_page(path, analyse(store), [], "..")
     assert found in " ".join(Page(path).text.split())
+
+
+def test_a_refused_enrolment_is_logged(store: Store, served: tuple[LiveServer[Session], str]) -> None:
+    """It tells whether somebody of that name takes part."""
+    server, token = served
+    new = {"sex": "woman", "name": NAME, "contact": "grace@example.org"}
+    assert [ask(server, token, "/participants", new).status_code for _ in range(2)] == [200, 409]
+    assert told(store.log()) == [
+        ("ada", OWN_TOKEN, "enrol", 1, ""),
+        ("ada", OWN_TOKEN, "enrol", None, REFUSED),
+    ]

@@ -1,5 +1,6 @@
 """Names are encrypted with a key that is not in the study: a key file elsewhere, or a passphrase."""
 
+import json
 import os
 import pty
 import shutil
@@ -276,3 +277,65 @@ def test_a_key_can_be_exchanged_for_a_passphrase(folder: Path, monkeypatch: pyte
     monkeypatch.delenv(PASSPHRASE)
     with pytest.raises(Locked):
         keyfile.read_key(folder)
+
+
+def test_what_a_broken_off_exchange_of_keys_left_goes_with_the_deleted(folder: Path) -> None:
+    with Store(folder) as store:
+        enrol(store, "woman", name=NAME)
+        left = folder / "private" / "identities.json.new"
+        left.write_bytes((folder / "private" / "identities.json").read_bytes())
+        assert "identities.json.new was left by a broken-off write" in " ".join(
+            f"{each.where} {each.what}" for each in check_private(store)
+        )
+        delete_participant(store, "sub-001")
+        assert not left.exists()
+
+
+@pytest.mark.parametrize("change", [{"salt": "none"}, {"cost": 3}])
+def test_a_damaged_lock_is_named(
+    locked: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, object]
+) -> None:
+    path = locked / "private" / "identities.json"
+    file = json.loads(path.read_bytes())
+    file["lock"] |= change
+    path.write_text(json.dumps(file))
+    monkeypatch.setenv(PASSPHRASE, SECRET)
+    with pytest.raises(StudyError, match="the lock of the identity file is damaged"):
+        keyfile.read_key(locked)
+
+
+@pytest.mark.parametrize("name", ["identities.json", "key.json"])
+def test_bytes_that_are_no_text_are_named_as_damage(folder: Path, name: str) -> None:
+    path = folder / "private" / name
+    path.parent.mkdir(mode=0o700)
+    path.write_bytes(b'{"format": "\xff"}')
+    with pytest.raises(StudyError, match=r"not (an identity|a key) file"):
+        keyfile.pseudonyms(folder)
+
+
+@pytest.mark.parametrize(
+    ("locks", "opens"), [("gr\udcfcn is long", "gr\udcfcn is long"), ("grün is long", "gru\u0308n is long")]
+)
+def test_a_passphrase_is_the_same_however_it_is_encoded(folder: Path, locks: str, opens: str) -> None:
+    identity_keys.give_passphrase(folder, locks)
+    with Store(folder) as store:
+        enrol(store, "woman", name=NAME)
+    identity_keys.give_passphrase(folder, opens)
+    assert keyfile.read_key(folder)["sub-001"].name == NAME
+
+
+def test_a_key_file_is_on_disk_before_names_need_it(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[str] = []
+    fsync = os.fsync
+
+    def noted(number: int) -> None:
+        synced.append(Path(os.readlink(f"/proc/self/fd/{number}")).name)
+        fsync(number)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    with Store(folder) as store:
+        enrol(store, "woman", name=NAME)
+    lock = keyfile.lock_of(folder)
+    assert lock is not None
+    names = [each for each in synced if each.endswith(".key") or "identities" in each]
+    assert names[0] == identity_keys.key_path(lock).name

@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
+from avrgym.study.checking import rebuilding
 from avrgym.study.checking.checks import check_strays
 from avrgym.study.checking.database_checks import check_database
 from avrgym.study.checking.participation_checks import check_participation
@@ -361,3 +362,88 @@ def test_a_line_that_a_kill_cut_off_does_not_count(folder: Path) -> None:
     assert wrong(folder) == {}
     lose(folder)
     assert states(folder) == STATES | {"sub-005": "withdrawn"}
+
+
+def _rebuild_and_die(folder: Path) -> None:
+    def die(*_: object) -> None:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rebuilding._Rebuilding, "rebuild", die)
+        lose(folder)
+
+
+def test_the_list_outlasts_a_rebuilding_that_a_kill_broke_off(folder: Path) -> None:
+    """Before it is complete the study does not open: an empty database would replace the list."""
+    process = get_context("fork").Process(target=_rebuild_and_die, args=(folder,))
+    process.start()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
+    assert (folder / "study.db").exists()
+    with pytest.raises(StudyError, match=r"is lost or empty, but there are .* `avrgym study rebuild"):
+        Store(folder)
+    assert not list(folder.glob("*.unsound-*"))
+    rebuild_study(folder)
+    assert states(folder) == STATES | {"sub-005": "allocated"}
+
+
+@pytest.mark.parametrize("written", [False, True])
+def test_a_kill_in_the_first_enrolment_keeps_no_study_from_opening(tmp_path: Path, written: bool) -> None:
+    folder = small_study(tmp_path / "new")
+    with Store(folder) as store, pytest.MonkeyPatch.context() as patch:
+        follow = reconciling.follow
+
+        def fail(*arguments: object) -> None:
+            follow(*arguments)  # pyright: ignore[reportArgumentType]
+            raise StudyError("as a kill before the commit")
+
+        patch.setattr(database, "follow", fail)
+        with pytest.raises(StudyError, match="as a kill"):
+            enrol(store, "man")
+    if not written:
+        (folder / FILE).write_bytes(b'{"number":1,"partic')
+    with Store(folder) as store:
+        assert store.participants() == []
+        assert enrol(store, "man") == ("sub-002" if written else "sub-001")
+
+
+def test_bytes_that_are_no_text_make_a_list_unsound(folder: Path) -> None:
+    data = (folder / FILE).read_bytes()
+    (folder / FILE).write_bytes(data.replace(b"sha256", b"sha25\xff", 1))
+    with Store(folder) as store:
+        withdraw(store, "sub-005")
+        assert [path.name for path in folder.glob("*.unsound-*")] == [f"{FILE}.unsound-1"]
+    (folder / FILE).write_bytes(data.replace(b"sha256", b"sha25\xff", 1))
+    assert "is damaged in line 1" in lose(folder).lost
+
+
+def test_a_copy_that_a_kill_left_goes_with_the_deleted(folder: Path) -> None:
+    left = folder / f".{FILE}.{2**22 + 1}.part"
+    left.write_bytes((folder / FILE).read_bytes())
+    with Store(folder) as store:
+        delete_participant(store, "sub-006")
+    assert not left.exists()
+
+
+def test_a_list_that_cannot_be_written_is_named_and_nothing_is_changed(folder: Path) -> None:
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with Store(folder) as store:
+        resource.setrlimit(resource.RLIMIT_FSIZE, ((folder / FILE).stat().st_size + 100, limits[1]))
+        try:
+            with pytest.raises(OSError, match="large") as refused:
+                withdraw(store, "sub-005")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        assert refused.value.filename == str(folder / FILE)
+    assert states(folder) == STATES
+    assert wrong(folder) == {}
+    with Store(folder) as store:
+        withdraw(store, "sub-005")
+    assert wrong(folder) == {}
+
+
+def test_a_rebuilding_names_all_that_is_lost(folder: Path) -> None:
+    lost = lose(folder).lost
+    for what in ("about functioning", "adverse events", "refusals to re-consent", "the log", "links of"):
+        assert what in lost

@@ -1,15 +1,18 @@
 """Sessions of a study one after another, as the server's loop runs them and an experimenter begins them."""
 
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 import sqlalchemy as sa
 
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.study.checking.checks import check_study
-from avrgym.study.people.participants import enrol
+from avrgym.study.people.participants import enrol, withdraw
+from avrgym.study.sessions import serving, watch
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage import database, schema
 from avrgym.study.storage.sessions import open_session
@@ -240,3 +243,57 @@ def test_who_only_lacks_the_last_answers_is_asked_them(asking: Store) -> None:
     answer(loop, "effort", 2)
     loop.tick()
     assert asking.participant(pseudonym).state == "completed"
+
+
+def test_a_session_without_a_link_does_not_begin(
+    store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No session goes on for those who watch where its link could not be stored."""
+
+    def fail(*_: object) -> str:
+        raise StudyError("the study's database: disk full")
+
+    pseudonym = take_in(store)
+    with monkeypatch.context() as patch:
+        patch.setattr(serving, "make_link", fail)
+        with pytest.raises(StudyError, match="disk full"):
+            loop.ask(loop.sessions.begin, pseudonym)
+    assert (loop.sessions.participant, loop.sessions.at_rest) == (None, True)
+    watched: list[Sent] = []
+    loop.sessions.greet(watched.append, "experimenter", loop.now_s)
+    assert [each.session for each in watched if isinstance(each, Welcome)] == [""]
+    loop.ask(loop.sessions.begin, pseudonym)
+    assert loop.sessions.participant == pseudonym
+
+
+def test_the_loop_never_waits_for_a_new_link(
+    store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The database may be locked for a minute, while the robot moves."""
+    loop.ask(loop.sessions.begin, take_in(store))
+    before, made_by = loop.sessions.links.link, list[threading.Thread]()
+    make_link = serving.make_link
+
+    def noted(*arguments: Any) -> str:
+        made_by.append(threading.current_thread())
+        return make_link(*arguments)
+
+    monkeypatch.setattr(serving, "make_link", noted)
+    loop.ask(loop.sessions.renew_link, "sub-001")
+    assert made_by != [threading.current_thread()]
+    assert len(made_by) == 1
+    assert loop.sessions.links.link not in (None, before)
+    with pytest.raises(StudyError, match="no session of sub-002 runs here"):
+        loop.ask(loop.sessions.renew_link, "sub-002")
+
+
+def test_a_link_ends_with_a_session_that_is_ended_elsewhere(
+    store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watch, "LOOK_EVERY_S", 0.01)
+    loop.ask(loop.sessions.begin, take_in(store))
+    withdraw(store, "sub-001", "at another station")
+    while loop.sessions.participant is not None:
+        loop.tick()
+    assert loop.sessions.links.link is None
+    assert loop.sessions.links.code() is None

@@ -1,5 +1,6 @@
 """Who may come in, on every route: tokens by role, hosts, origins; the certificate for the local network."""
 
+import asyncio
 import datetime
 import ssl
 import stat
@@ -8,7 +9,8 @@ import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import cast
+from types import SimpleNamespace
+from typing import Any, cast
 
 import httpx
 import pytest
@@ -33,7 +35,7 @@ from avrgym.vr.protocol.messages import (
 from avrgym.vr.server import certificate as certificate_module
 from avrgym.vr.server.access import Tokens
 from avrgym.vr.server.certificate import Certificate, certificate_for, lan_names
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.server.server import LiveServer, create_app
 from avrgym.vr.server.web import ServerError
 from avrgym.vr.session.session import Session
 from receipts import understand
@@ -315,3 +317,36 @@ def test_the_network_is_served_over_tls_and_needs_a_certificate(tmp_path: Path) 
         assert [url.split("/")[2] for url in server.urls()] == [
             f"localhost:{server.port}", f"lab:{server.port}"
         ]  # fmt: skip
+
+
+def test_a_browser_keeps_no_scene_of_an_earlier_start() -> None:
+    """Tokens outlast a restart, and scenes are numbered anew."""
+    tokens, rendered = Tokens.new(), list[bytes]()
+
+    def started(glb: bytes) -> httpx.ASGITransport:
+        async def render(*_: object) -> bytes:
+            rendered.append(glb)
+            return glb
+
+        loop: Any = SimpleNamespace(session=SimpleNamespace(scenes=[("avrgym/FeedingJaco-v1", None)]))
+        renderer: Any = SimpleNamespace(glb=render)
+        nothing: Any = None
+        return httpx.ASGITransport(
+            create_app(loop, nothing, tokens, nothing, ["localhost"], renderer, nothing)
+        )
+
+    def get(server: httpx.ASGITransport, version: str = "") -> httpx.Response:
+        headers = {"authorization": f"Bearer {tokens.experimenter}", "if-none-match": version}
+
+        async def ask() -> httpx.Response:
+            async with httpx.AsyncClient(transport=server, base_url="http://localhost") as client:
+                return await client.get("/scenes/0.glb", headers=headers)
+
+        return asyncio.run(ask())
+
+    first, later = started(b"first"), started(b"later")
+    version = get(first).headers["etag"]
+    assert "no-cache" in get(first).headers["cache-control"]
+    assert get(first, version).status_code == 304
+    assert get(later, version).content == b"later"
+    assert rendered == [b"first", b"first", b"later"]

@@ -145,7 +145,7 @@ def print_regions(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None
 
 def _cell(value: Any) -> str:
     if value is None:
-        return UNKNOWN
+        return UNKNOWN if printable(UNKNOWN) == UNKNOWN else "-"
     if isinstance(value, float):
         return f"{value:.3g}"
     if is_array(value):

@@ -76,9 +76,18 @@ def private_opener(path: str, flags: int) -> int:
 
 
 def write_new(path: Path, text: str) -> None:
-    """Write a new file that is its owner's alone; ``FileExistsError`` where there is one, which stays as it is."""
+    """Write a new file that is its owner's alone, and on disk or not there afterwards.
+
+    ``FileExistsError`` where there is one, which stays as it is.
+    """
     with open(path, "x", encoding="utf-8", opener=private_opener) as file:
-        file.write(text)
+        try:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        except OSError:
+            path.unlink(missing_ok=True)
+            raise
 
 
 def make_private_folder(path: Path) -> None:

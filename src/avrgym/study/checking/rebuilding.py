@@ -38,8 +38,9 @@ from avrgym.study.storage.store import Store, record_event
 
 Plan = tuple[PlannedTrial, ...]
 LOST = (
-    "the answers to inclusion questions and to questions about a session, events, adverse events, notes, the designs "
-    "of sessions, the log of actions and tokens of experimenters"
+    "the answers to inclusion questions, about functioning and to questions about a session, events, adverse events, "
+    "notes, refusals to re-consent, consent texts of earlier versions, the designs of sessions, the log of "
+    "actions, tokens of experimenters and links of participants"
 )
 """Data that neither recordings nor list contain."""
 LOST_WITH_LIST = (

@@ -301,11 +301,15 @@ def dashboard_app(
         log.view(_caller(request), "view participant", pseudonym)
         return _json(view)
 
+    def logged(caller: Caller, new: Enrolment) -> dict[str, str]:
+        with log.command(caller, "enrol", None) as entry:
+            enrolled = _enrol(board, new)
+            entry.participant = enrolled["participant"]
+        return enrolled
+
     @app.post("/participants")
     async def enrol_somebody(request: Request) -> Response:
-        enrolled = await run_in_threadpool(_enrol, board, await _body(request, Enrolment))
-        await run_in_threadpool(log.done, _caller(request), "enrol", enrolled["participant"])
-        return _json(enrolled)
+        return _json(await run_in_threadpool(logged, _caller(request), await _body(request, Enrolment)))
 
     for name, (kind, act) in ACTIONS.items():
         endpoint = _endpoint(board, log, LOGGED_AS.get(name, name), kind, act)

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Generator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import Any
 
 from avrgym.study.storage.log import (
@@ -33,6 +34,13 @@ def actor_of(caller: Caller) -> Actor:
     return Actor(UNNAMED, SPECTATORS_TOKEN if caller.role == "spectator" else SHARED_TOKEN)
 
 
+@dataclass
+class CommandEntry:
+    """The entry of a command, with the pseudonym of its participant, which an enrolment makes."""
+
+    participant: str | None
+
+
 class DashboardLog:
     """The log as the dashboard and the live page write it. Methods may be called from any thread."""
 
@@ -52,20 +60,16 @@ class DashboardLog:
             raise
 
     @contextmanager
-    def command(self, caller: Caller, name: str, pseudonym: str) -> Generator[None]:
+    def command(self, caller: Caller, name: str, pseudonym: str | None) -> Generator["CommandEntry"]:
         """Add an entry for the command in this context, also if it is refused."""
-        at = now()
+        at, entry = now(), CommandEntry(pseudonym)
         try:
-            yield
+            yield entry
         except Exception:
             with suppress(StudyError):  # why it was refused counts
                 add_entry(self._store, actor_of(caller), name, pseudonym, REFUSED, at=at)
             raise
-        add_entry(self._store, actor_of(caller), name, pseudonym, at=at)
-
-    def done(self, caller: Caller, name: str, pseudonym: str) -> None:
-        """Add an entry for a command that succeeded."""
-        add_entry(self._store, actor_of(caller), name, pseudonym)
+        add_entry(self._store, actor_of(caller), name, entry.participant, at=at)
 
     def _begins(self, caller: Caller, name: str, pseudonym: str | None) -> bool:
         key, seen_s = (caller, name, pseudonym), time.monotonic()

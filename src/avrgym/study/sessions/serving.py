@@ -104,7 +104,13 @@ class StudySessions:
         Raises:
             StudyError: when it is not their session that runs.
         """
-        self._ask(lambda _: self._renew_link(pseudonym))
+        visit = self._visit
+        if visit is None or visit.pseudonym != pseudonym:
+            raise StudyError(f"no session of {pseudonym} runs here")
+        link = make_link(
+            self._store, visit.stored.id
+        )  # in this thread: the loop never waits for the database
+        self._ask(lambda _: self._renew_link(visit, link))
 
     # What the loop calls -----------------------------------------------------------------------------------------
 
@@ -180,22 +186,19 @@ class StudySessions:
         visit = StudyVisit(self._store, pseudonym, storing=self._storing)
         self._furniture = furniture or self._furniture
         try:
-            self._session = self._in_vr(visit)
-            self._open_link(visit)
+            session = self._in_vr(visit)
+            self.links.begin(make_link(self._store, visit.stored.id), visit.language_message)
         except BaseException:
             visit.close()
             raise
-        self._visit = visit
+        self._session, self._visit = session, visit
         self._questions = self._questions_of(visit, "before_session" if self._session else "after_session")
         self._greet_all(now_s)
 
-    def _open_link(self, visit: StudyVisit) -> None:
-        self.links.begin(make_link(self._store, visit.stored.id), visit.language_message)
-
-    def _renew_link(self, pseudonym: str) -> None:
-        if self._visit is None or self.participant != pseudonym or self.links.link is None:
-            raise StudyError(f"no session of {pseudonym} runs here")
-        self._open_link(self._visit)
+    def _renew_link(self, visit: StudyVisit, link: str) -> None:
+        if self._visit is not visit or self.links.link is None:
+            raise StudyError(f"no session of {visit.pseudonym} runs here")
+        self.links.begin(link, visit.language_message)
         self._forget_participant()
 
     def _end_link(self) -> None:

@@ -3,7 +3,7 @@
 import json
 import os
 import sqlite3
-from collections.abc import Generator, Iterator
+from collections.abc import Collection, Generator, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,10 +18,11 @@ from alembic.script import ScriptDirectory
 from sqlalchemy.exc import SQLAlchemyError
 
 from avrgym.study.storage import ledger, sqlite
-from avrgym.study.storage.participation import ParticipationList
-from avrgym.study.storage.reconciling import compare, follow, reconcile
+from avrgym.study.storage.participation import FILE as PARTICIPATION
+from avrgym.study.storage.participation import REBUILT, ParticipationList
+from avrgym.study.storage.reconciling import compare, first_digest, follow, reconcile
 from avrgym.study.storage.remains import remains
-from avrgym.study.storage.schema import EVENT, LEDGER, now
+from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, TOMBSTONE, now
 from avrgym.study.storage.seal import HEAD, MISMATCH, Seal, SealError
 from avrgym.study.storage.states import StudyError
 from avrgym.system.files import make_private_folder, write_new
@@ -68,6 +69,7 @@ class Database:
         self._engine = sqlite.make_engine(self._path) if self.is_sqlite else _postgresql_engine(url)
         try:
             self._bring_up_to_date()
+            self._refuse_if_emptied()
         except BaseException:
             self.close()
             raise
@@ -249,6 +251,23 @@ class Database:
         with self._write() as connection:
             self._migrate(connection)
 
+    def _refuse_if_emptied(self) -> None:
+        """Refuse tables without anybody where others were lost, as a rebuilding that broke off leaves them."""
+        if self._anew:
+            return
+        with self.read() as connection:
+            is_filled = bool(connection.execute(_SOMEBODY).scalar())
+            begun_with = None if is_filled else first_digest(connection)
+        if is_filled:
+            return
+        listed = self.participation.read()
+        is_own = listed is None or not listed.entries or begun_with in listed.ledgers
+        _refuse_if_lost(self._folder, self._called, but=(HEAD, PARTICIPATION) if is_own else (HEAD,))
+
+    @property
+    def _called(self) -> str:
+        return FILE if self.is_sqlite else "the database of PostgreSQL"
+
     def _migrate(self, connection: sa.Connection) -> None:
         scripts = ScriptDirectory(str(MIGRATIONS))
         known = {script.revision for script in scripts.walk_revisions()}
@@ -260,7 +279,7 @@ class Database:
                 f"{self._folder} was made by a newer AVR Gym ({current}); this one knows {', '.join(sorted(known))}"
             )
         if current is None and not self._anew:
-            _refuse_if_lost(self._folder, FILE if self.is_sqlite else "the database of PostgreSQL")
+            _refuse_if_lost(self._folder, self._called)
         if current is not None and not self.read_only:
             self._back_up(connection, current)
         begins = not sa.inspect(connection).has_table(LEDGER.name)
@@ -294,9 +313,19 @@ def database_url(configured: str) -> str:
     return url
 
 
-def _refuse_if_lost(folder: Path, database: str) -> None:
-    """Raise ``StudyError`` rather than make a new database beside what one left."""
-    left = remains(folder)
+_SOMEBODY = sa.select(
+    sa.or_(
+        sa.exists(sa.select(PARTICIPANT.c.number)),
+        sa.exists(sa.select(TOMBSTONE.c.number)),
+        sa.exists(sa.select(EVENT.c.id).where(EVENT.c.name == REBUILT)),
+    )
+)
+"""Whether a database has or had participants, or was rebuilt and found none."""
+
+
+def _refuse_if_lost(folder: Path, database: str, but: Collection[str] = ()) -> None:
+    """Raise ``StudyError`` rather than make a new database beside what one left; ``but`` is no sign of one."""
+    left = [each for each in remains(folder) if each not in but]
     if left:
         raise StudyError(
             f"{folder}: {database} is lost or empty, but there are {' and '.join(left)}: put back a copy of it, or "

@@ -39,7 +39,7 @@ def decoded(path: Path) -> IdentityFile:
     """The file as it is, without a key; ``StudyError`` for one that is damaged."""
     try:
         file = msgspec.json.decode(path.read_bytes(), type=IdentityFile)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise StudyError(f"{path}: not an identity file: {error}") from None
     if file.format != FORMAT:
         raise StudyError(f"{path}: its format is {file.format!r}; this AVR Gym reads {FORMAT!r}")
@@ -107,7 +107,7 @@ def _encrypt(key: bytes, pseudonym: str, identity: Identity) -> str:
 def _decrypt(key: bytes, pseudonym: str, data: str) -> Identity:
     try:
         return msgspec.json.decode(_decrypt_bytes(key, pseudonym, data), type=Identity)
-    except (InvalidTag, msgspec.DecodeError):
+    except (InvalidTag, msgspec.DecodeError, UnicodeDecodeError):
         raise StudyError(f"the identity of {pseudonym} is damaged or was changed") from None
 
 

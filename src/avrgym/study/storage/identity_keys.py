@@ -8,6 +8,7 @@ import os
 from functools import cache
 from pathlib import Path
 from typing import Literal
+from unicodedata import normalize
 
 import msgspec
 from cryptography.hazmat.primitives.kdf.scrypt import Scrypt
@@ -77,7 +78,10 @@ def key_of(folder: Path, lock: Lock, *, make: bool = False) -> bytes:
         check_passphrase(passphrase)
     if not 1 < lock.cost <= _MOST_COST:
         raise StudyError(f"the identity file asks for a cost of {lock.cost}; allowed: up to {_MOST_COST}")
-    return _from_passphrase(passphrase, lock.salt, lock.cost)
+    try:
+        return _from_passphrase(passphrase, lock.salt, lock.cost)
+    except ValueError as error:
+        raise StudyError(f"the lock of the identity file is damaged: {error}; nothing was changed") from None
 
 
 def key_path(lock: Lock) -> Path:
@@ -108,4 +112,6 @@ def _from_file(folder: Path, path: Path, *, make: bool) -> bytes:
 
 @cache
 def _from_passphrase(passphrase: str, salt: str, cost: int) -> bytes:
-    return Scrypt(salt=bytes.fromhex(salt), length=_KEY_BYTES, n=cost, r=8, p=1).derive(passphrase.encode())
+    return Scrypt(salt=bytes.fromhex(salt), length=_KEY_BYTES, n=cost, r=8, p=1).derive(
+        normalize("NFC", passphrase).encode("utf-8", "surrogateescape")
+    )

@@ -130,7 +130,7 @@ def encrypt_names(folder: Path, lock: Lock, present: Mapping[str, Identity]) -> 
 def _read_plain(path: Path) -> dict[str, Identity]:
     try:
         return msgspec.json.decode(path.read_bytes(), type=dict[str, Identity])
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise StudyError(f"{path}: not a key file: {error}") from None
 
 
@@ -152,7 +152,8 @@ def unfinished(folder: Path) -> list[Path]:
     Only one process writes at a time, so while the database is locked there is nothing else.
     """
     names = (PLAIN, FILE, _NEW)
-    return sorted(path for name in names for path in (folder / FOLDER).glob(f".{name}.*.part"))
+    parts = (path for name in names for path in (folder / FOLDER).glob(f".{name}.*.part"))
+    return sorted([*parts, *(folder / FOLDER).glob(_NEW)])
 
 
 def remove_unfinished(folder: Path) -> None:

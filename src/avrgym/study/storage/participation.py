@@ -68,6 +68,11 @@ class Participation:
         return [each.content for each in self.entries if each.participant is None and each.content]
 
     @property
+    def ledgers(self) -> set[str | None]:
+        """The first digests in the ledgers of the databases that the list has belonged to."""
+        return {each.get("ledger") for each in self.without_participant}
+
+    @property
     def ledger(self) -> str | None:
         """The first digest in the ledger of the database that the list belongs to."""
         return next((each["ledger"] for each in reversed(self.without_participant) if "ledger" in each), None)
@@ -140,11 +145,15 @@ class ParticipationList:
         for participant, content in contents:
             entries.append(_entry_after(entries[-1] if entries else None, participant, content))
         data = b"".join(map(_line, entries[len(before.entries) :]))
+        self._remove_unfinished()
         self._cut_unfinished_line()
-        with open(self.path, "ab", opener=private_opener) as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
+        try:
+            with open(self.path, "ab", opener=private_opener) as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self.path)) from None
         after = Participation(tuple(entries), before.fault)
         self._known = self._version(), after
         signing.remember_end(self._folder, after.list_digest, entries[-1].digest)
@@ -160,6 +169,7 @@ class ParticipationList:
     def erase(self, participant: int) -> None:
         """Erase the content of all entries about a participant but the last; the chain stays."""
         known = self.read()
+        self._remove_unfinished()
         for path in self.set_aside_before():
             path.unlink()
         if known is None or known.fault:
@@ -185,6 +195,11 @@ class ParticipationList:
     def _version(self) -> object:
         found = self.path.stat()
         return found.st_size, found.st_mtime_ns, found.st_ino
+
+    def _remove_unfinished(self) -> None:
+        """Remove copies of the list that were left where a process was killed that wrote one."""
+        for path in self._folder.glob(f".{FILE}.*.part"):
+            path.unlink(missing_ok=True)
 
     def _cut_unfinished_line(self) -> None:
         """Remove an unfinished last line after a crash."""
@@ -237,7 +252,7 @@ def _parsed(data: bytes) -> Participation:
     for number, line in enumerate(data.split(b"\n")[:-1], start=1):
         try:
             entries.append(msgspec.json.decode(line, type=Entry))
-        except msgspec.DecodeError as error:
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
             return Participation(tuple(entries), f"is damaged in line {number}: {error}")
     if not entries:
         return Participation((), "is empty")

@@ -135,10 +135,10 @@ def _rebuilds(connection: sa.Connection, keys: Collection[int] | None = None) ->
 
 
 def _without_participant(connection: sa.Connection, event: str, at: str, detail: str) -> Content:
-    return {"event": event, "at": at, "detail": detail, "ledger": _first_digest(connection)}
+    return {"event": event, "at": at, "detail": detail, "ledger": first_digest(connection)}
 
 
-def _first_digest(connection: sa.Connection) -> str | None:
+def first_digest(connection: sa.Connection) -> str | None:
     """The first digest in the ledger, which identifies a database."""
     return connection.execute(sa.select(LEDGER.c.digest).where(LEDGER.c.number == 1)).scalar()
 
@@ -185,7 +185,7 @@ def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
         return Differences(begin="" if contents else None)
     if before.fault:
         return Differences(begin=f"replaces a list that {before.fault}")
-    if _first_digest(connection) not in {each.get("ledger") for each in before.without_participant}:
+    if first_digest(connection) not in before.ledgers:
         return Differences(begin="replaces a list that is of another study")
     restored = {
         number: content

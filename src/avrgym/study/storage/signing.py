@@ -90,7 +90,7 @@ def remember_end(folder: Path, list_digest: str, digest: str) -> None:
 
 def known_end(folder: Path) -> LastEntry | None:
     """The last entry known of the study in a folder."""
-    with suppress(OSError, msgspec.DecodeError):
+    with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
         return _read(_path_of(folder))
     return None
 
@@ -98,7 +98,7 @@ def known_end(folder: Path) -> LastEntry | None:
 def moved_end(list_digest: str) -> LastEntry | None:
     """The last known entry of this list in a folder that no longer exists, because the study was moved or deleted."""
     for path in sorted((data_folder() / _STUDIES).glob("*.json")):
-        with suppress(OSError, msgspec.DecodeError):
+        with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
             known = _read(path)
             if known.list_digest == list_digest and not Path(known.folder).exists():
                 return known

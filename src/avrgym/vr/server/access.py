@@ -72,7 +72,7 @@ class Tokens:
             return tokens
         try:
             return msgspec.json.decode(path.read_bytes(), type=cls)
-        except msgspec.DecodeError as error:
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise ValueError(f"{path}: not tokens: {error}; without this file new ones are made") from None
 
     def caller(self, token: str) -> Caller | None:

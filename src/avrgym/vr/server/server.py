@@ -1,6 +1,7 @@
 """The VR server: serves the client's pages, the scenes, and the WebSockets of participant and watchers."""
 
 import gc
+import secrets
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -26,8 +27,6 @@ from avrgym.vr.server.web import STATIC, ServerError, WebThread, check_page, lis
 
 SWITCH_INTERVAL_S = 0.0001
 """How long a thread may keep the others waiting: Python's own 5 ms would be half of a tick."""
-SCENE_KEPT_S = 3600
-"""How long a browser may keep a scene: a session."""
 
 
 def create_app(
@@ -54,6 +53,7 @@ def create_app(
         study: what the experimenter's dashboard reads and does.
         links: those of a study's participants, for which codes are exchanged.
     """
+    start = secrets.token_hex(8)  # tokens outlast a restart, and scenes are numbered anew
     app = FastAPI(openapi_url=None)
     app.add_middleware(OwnPagesOnly)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
@@ -62,14 +62,17 @@ def create_app(
     async def scene(number: int, request: Request) -> Response:
         if tokens.bearer(request.headers) is None:
             raise HTTPException(401, "the address of this page lacks the session's token")
-        known = loop.session.scenes
+        known, version = loop.session.scenes, f'"{start}-{number}"'
         if not 0 <= number < len(known):
             raise HTTPException(404, f"no scene {number}; there are {len(known)}")
+        caching = {"etag": version, "cache-control": "private, no-cache", "vary": "authorization"}
+        if request.headers.get("if-none-match") == version:
+            return Response(status_code=304, headers=caching)
         try:
             glb = await renderer.glb(number, *known[number])
         except Exception as error:  # whatever happened in the other process
             raise HTTPException(500, f"scene {number} cannot be rendered: {error!r}") from error
-        return Response(glb, media_type="model/gltf-binary", headers=_KEPT_BY_BROWSERS)
+        return Response(glb, media_type="model/gltf-binary", headers=caching)
 
     @app.websocket("/ws")
     async def participant(socket: WebSocket) -> None:
@@ -95,9 +98,6 @@ def create_app(
 
     app.mount("/", StaticFiles(directory=STATIC, html=True))
     return app
-
-
-_KEPT_BY_BROWSERS = {"cache-control": f"private, max-age={SCENE_KEPT_S}", "vary": "authorization"}
 
 
 class LiveServer(Generic[S]):
