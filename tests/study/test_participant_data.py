@@ -15,9 +15,11 @@ from avrgym.cli import app
 from avrgym.recording.records import Answer
 from avrgym.study.export.one_person import FILE_CONTENTS, write_participant_data
 from avrgym.study.export.records import WITHOUT, event_rows
+from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people.adverse_events import record_adverse_event
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, set_identity
+from avrgym.study.storage import keyfile
 from avrgym.study.storage.answers import change_answer, record_answer
 from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import close_session, open_session
@@ -122,6 +124,22 @@ def test_an_archive_is_private_and_never_overwritten(store: Store, tmp_path: Pat
     with pytest.raises(StudyError, match="there is no sub-009"):
         write_participant_data(store, "sub-009", tmp_path / "nobody.zip")
     assert not (tmp_path / "nobody.zip").exists()
+
+
+def test_the_command_states_whether_the_name_is_there(store: Store, tmp_path: Path) -> None:
+    merge_studies([store.folder], tmp_path / "merged")
+    keyfile.remove_entry(store.folder, "sub-002")
+    for folder, pseudonym, words in (
+        (store.folder, "sub-001", "with name, contact and free text"),
+        (store.folder, "sub-002", "without name and contact: the identity file has none"),
+        (tmp_path / "merged", "sub-1001", "without name and contact: names are in the studies of the sites"),
+    ):
+        out = tmp_path / f"{pseudonym}.zip"
+        said = CliRunner().invoke(
+            app, ["study", "participant-data", str(folder), pseudonym, "--out", str(out)]
+        )
+        assert words in said.stdout.replace("\n", " "), said.output
+        assert ("identity.json" in ZipFile(out).namelist()) is ("without" not in words)
 
 
 def test_who_changed_an_answer_can_be_deleted_and_their_events_are_theirs(store: Store) -> None:

@@ -200,13 +200,19 @@ def participant_data(
     It is for the participant who asks for their data, with an index, recordings, notes and name.
     """
     from avrgym.study.export.one_person import write_participant_data
+    from avrgym.study.storage.keyfile import pseudonyms
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
         unlock(folder)
         number = write_participant_data(store, participant, out)
         log(store, "export", participant, detail="data of the participant")
-    say(f"{number} files in {out}, with name, contact and free text.")
+        is_named, sites = participant in pseudonyms(store.folder), store.sites()
+    if is_named:
+        say(f"{number} files in {out}, with name, contact and free text.")
+    else:
+        where = "names are in the studies of the sites" if sites else "the identity file has none"
+        say(f"{number} files in {out}, with free text and without name and contact: {where}.")
     say("Read notes and descriptions for names of other people before you hand it over.")
 
 
