@@ -320,7 +320,7 @@ def test_the_network_is_served_over_tls_and_needs_a_certificate(tmp_path: Path) 
 
 
 def test_a_browser_keeps_no_scene_of_an_earlier_start() -> None:
-    """Tokens outlast a restart, and scenes are numbered anew."""
+    """Tokens outlast a restart, and the numbers of scenes begin at 0 again."""
     tokens, rendered = Tokens.new(), list[bytes]()
 
     def started(glb: bytes) -> httpx.ASGITransport:

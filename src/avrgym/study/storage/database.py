@@ -255,9 +255,12 @@ class Database:
         """Refuse tables without anybody where others were lost, as a rebuilding that broke off leaves them."""
         if self._anew:
             return
-        with self.read() as connection:
-            is_filled = bool(connection.execute(_SOMEBODY).scalar())
-            begun_with = None if is_filled else first_digest(connection)
+        try:
+            with self.read() as connection:
+                is_filled = bool(connection.execute(_SOMEBODY).scalar())
+                begun_with = None if is_filled else first_digest(connection)
+        except StudyError:  # tables that cannot be read: a check names them
+            return
         if is_filled:
             return
         listed = self.participation.read()

@@ -53,7 +53,7 @@ def create_app(
         study: what the experimenter's dashboard reads and does.
         links: those of a study's participants, for which codes are exchanged.
     """
-    start = secrets.token_hex(8)  # tokens outlast a restart, and scenes are numbered anew
+    start = secrets.token_hex(8)  # tokens outlast a restart, and scenes begin at 0 again
     app = FastAPI(openapi_url=None)
     app.add_middleware(OwnPagesOnly)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
