@@ -31,7 +31,7 @@ from places import OLD_RECORDING, ROOT
 SMALLER = {"--episodes": "1", "--steps": "1", "--participants": "2", "--simulations": "4"}
 ENDLESS = ("serve", "view")
 SET_UP = {"make", ".", "mkdir", "cd", "pip", "python3"}
-ANSWERS = "y\ny\ny\nn\ny\nn\n"
+ANSWERS = "y\n" + "y\ny\ny\ny\ny\ny\nn\n"
 """To the consent of the paper's protocol and its inclusion questions."""
 RECORDING = OLD_RECORDING
 
