@@ -22,7 +22,7 @@ from avrgym.study.storage.identity_keys import KEY_FILE, PASSPHRASE, Locked
 from avrgym.study.storage.keyfile import Identity
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.files import data_folder
+from avrgym.system.data_folder import data_folder
 from places import DATA
 from studies import small_study
 

@@ -1,5 +1,6 @@
 """What stays out where it is not needed: `import avrgym` and `avrgym --help` wait for no heavy package."""
 
+import json
 import subprocess
 import sys
 
@@ -11,6 +12,7 @@ from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks import known
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+from requirements import modules_of_extras
 
 LIBRARIES = {
     "PIL", "alembic", "av", "cryptography", "fastapi", "h5py", "matplotlib", "mcap", "msgspec", "mujoco",
@@ -87,3 +89,41 @@ def test_people_are_at_hand_without_an_import_of_their_own() -> None:
     assert "avrgym.models.human" in imported(program)
     with pytest.raises(AttributeError, match="no attribute 'modles'"):
         avrgym.modles  # noqa: B018
+
+
+CORE = """
+import json
+import sys
+
+
+class WithoutExtras:
+    missing = set(json.loads(sys.argv[1]))
+
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in self.missing:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+
+sys.meta_path.insert(0, WithoutExtras())
+import gymnasium as gym
+
+import avrgym
+from avrgym.cli import app
+
+with gym.make("avrgym/FeedingJaco-v1", render_mode="rgb_array") as env:
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    env.render()
+gym.make_vec("avrgym/ScratchItchPR2-v1", num_envs=1, people="zoo/unseen").reset(seed=0)
+app(["evaluate", "avrgym/FeedingJaco-v1", "--policy", "adaptive", "--episodes", "1"], standalone_mode=False)
+app(["study", "new", "study"])
+"""
+
+
+def test_environments_and_policies_need_no_extra(tmp_path):
+    """``test_installed_wheel`` shows it in a virtual environment that has no package of an extra."""
+    missing = json.dumps(sorted(modules_of_extras()))
+    ran = subprocess.run([sys.executable, "-c", CORE, missing], cwd=tmp_path, capture_output=True, text=True)
+    assert ran.returncode == 1
+    assert ran.stderr == "avrgym: sqlalchemy is missing; run `pip install 'avrgym[study]'`\n"
+    assert "adaptive" in ran.stdout

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from packaging.requirements import Requirement
 from typer.main import get_command
 
 from avrgym.cli.main import app
 from limits import UNHURRIED, with_limits
 from places import OLD_RECORDING, ROOT
+from requirements import required
 
 pytestmark = pytest.mark.slow
 
@@ -58,7 +58,16 @@ ALONE = [
 ]
 OF_A_STUDY = [
     ["study", "freeze", "study", "--template"],
-    ["study", "enrol", "study", "--body", "man", "--age", "30"],
+    ["study", "enrol", "study", "--body", "man", "--age", "30", "--name", "Example Person"],
+    ["study", "names", "study"],
+    ["study", "encrypt-names", "study"],
+    ["study", "add-experimenter", "study", "ada"],
+    ["study", "experimenters", "study"],
+    ["study", "revoke-experimenter", "study", "ada"],
+    ["study", "participant-data", "study", "sub-001", "--out", "sub-001.zip"],
+    ["study", "data-protection", "study"],
+    ["study", "retention", "study"],
+    ["study", "adverse-events", "study"],
     ["study", "withdraw", "study", "sub-001"],
     ["study", "delete-participant", "study", "sub-001"],
     ["study", "simulate", "study", "--participants", "2", "--jobs", "1"],
@@ -71,8 +80,15 @@ OF_A_STUDY = [
     ["study", "power", "study", "--simulations", "2", "--participants", "4", "--jobs", "1"],
 ]
 REBUILD = ["study", "rebuild", "study"]
-ELSEWHERE = {("demo",), ("sweep",), ("study", "consent")}
-"""What takes minutes (``tests/soak/soak_install.py``), needs a cluster, or asks."""
+ELSEWHERE = {
+    ("demo",),
+    ("sweep",),
+    ("study", "consent"),
+    ("study", "functioning"),
+    ("study", "record-adverse-event"),
+    ("study", "confirm-participation"),
+}
+"""Commands that take minutes (``tests/soak/soak_install.py``), need a cluster, ask, or need people who took part."""
 SERVERS = (["serve", "--port", "0", "--env", FEEDING], ["view", FEEDING, "--port", "0"])
 
 
@@ -175,13 +191,6 @@ def test_servers_serve(words: list[str], lab: Path) -> None:
 
 
 # The core, without extras
-
-
-def required(name: str = "avrgym") -> set[str]:
-    """Distributions that one requires without extras, and those that they require."""
-    needed = (Requirement(each) for each in metadata.requires(name) or ())
-    own = {each.name for each in needed if each.marker is None or each.marker.evaluate({"extra": ""})}
-    return own.union(*map(required, own))
 
 
 @pytest.fixture(scope="module")

@@ -117,7 +117,7 @@ def serve(
 
     from avrgym.models.furniture.real import REAL_AS_VIRTUAL, real_furniture
     from avrgym.recording.streams import stream_choice
-    from avrgym.system.files import data_folder
+    from avrgym.system.data_folder import data_folder
     from avrgym.vr.server.certificate import certificate_for, lan_names
     from avrgym.vr.server.server import LiveServer
 

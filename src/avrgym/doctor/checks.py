@@ -7,7 +7,7 @@ from pathlib import Path
 from avrgym.doctor import connections, graphics, installation, machine
 from avrgym.doctor.finding import Check, Finding, fault
 from avrgym.doctor.installation import asked_for, offered_extras
-from avrgym.system.files import data_folder
+from avrgym.system.data_folder import data_folder
 from avrgym.vr.server.addresses import PORT
 from avrgym.vr.server.certificate import certificate_in, lan_names
 

@@ -6,18 +6,11 @@ import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import platformdirs
-
 from avrgym.system.processes import is_running
 
 PRIVATE_FILE, PRIVATE_FOLDER = 0o600, 0o700
 _OTHERS = 0o077
 _UNFINISHED = re.compile(r"\..+\.([0-9]+)\.part")
-
-
-def data_folder() -> Path:
-    """Where this user's programs keep data; on Linux ``$XDG_DATA_HOME`` or ``~/.local/share``."""
-    return platformdirs.user_data_path("avrgym", appauthor=False)
 
 
 def write_whole(path: Path, data: bytes, mode: int = 0o666) -> None:

@@ -8,7 +8,7 @@ from avrgym.study.storage.participation import DELETED, Content, Participation
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
-from avrgym.system.files import data_folder
+from avrgym.system.data_folder import data_folder
 
 _CLOCK = timedelta(minutes=1)
 """Allowed difference between the clocks of two computers."""

@@ -14,7 +14,8 @@ import msgspec
 from cryptography.hazmat.primitives.kdf.scrypt import Scrypt
 
 from avrgym.study.storage.states import StudyError
-from avrgym.system.files import data_folder, make_private_folder, write_new
+from avrgym.system.data_folder import data_folder
+from avrgym.system.files import make_private_folder, write_new
 
 PASSPHRASE, KEY_FILE = "AVRGYM_STUDY_PASSPHRASE", "AVRGYM_STUDY_KEY_FILE"
 """Variables of the environment."""

@@ -15,7 +15,8 @@ from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
-from avrgym.system.files import PRIVATE_FILE, data_folder, make_private_folder, private_opener, write_whole
+from avrgym.system.data_folder import data_folder
+from avrgym.system.files import PRIVATE_FILE, make_private_folder, private_opener, write_whole
 
 KEY = "signing-key.pem"
 _STUDIES = "studies"
