@@ -22,7 +22,7 @@ from avrgym.study.storage.participation import FILE as PARTICIPATION
 from avrgym.study.storage.participation import REBUILT, ParticipationList
 from avrgym.study.storage.reconciling import compare, first_digest, follow, reconcile
 from avrgym.study.storage.remains import remains
-from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, TOMBSTONE, now
+from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, SITE, TOMBSTONE, now
 from avrgym.study.storage.seal import HEAD, MISMATCH, Seal, SealError
 from avrgym.study.storage.states import StudyError
 from avrgym.system.files import make_private_folder, write_new
@@ -320,10 +320,11 @@ _SOMEBODY = sa.select(
     sa.or_(
         sa.exists(sa.select(PARTICIPANT.c.number)),
         sa.exists(sa.select(TOMBSTONE.c.number)),
+        sa.exists(sa.select(SITE.c.number)),
         sa.exists(sa.select(EVENT.c.id).where(EVENT.c.name == REBUILT)),
     )
 )
-"""Whether a database has or had participants, or was rebuilt and found none."""
+"""Whether a database has or had participants, is that of a merge, or was rebuilt and found none."""
 
 
 def _refuse_if_lost(folder: Path, database: str, but: Collection[str] = ()) -> None:
