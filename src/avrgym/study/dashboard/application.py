@@ -33,6 +33,7 @@ from avrgym.study.storage.store import Store
 from avrgym.study.storage.texts import MOST_IN_LINE, MOST_IN_NOTE
 from avrgym.vr.server.access import Caller, Tokens
 from avrgym.vr.server.links import SessionLinks
+from avrgym.vr.server.posted import posted_json
 
 MAX_BODY_BYTES = 1 << 16
 
@@ -344,13 +345,7 @@ B = TypeVar("B", bound=msgspec.Struct)
 
 async def _body(request: Request, kind: type[B]) -> B:
     """What was posted; refusals name fields and never repeat values, which may be names."""
-    if request.headers.get("content-type") != "application/json":
-        raise HTTPException(415, "send application/json")
-    data = bytearray()
-    async for chunk in request.stream():
-        data += chunk
-        if len(data) > MAX_BODY_BYTES:
-            raise HTTPException(413, f"that is too long; allowed: {MAX_BODY_BYTES} bytes")
+    data = await posted_json(request, MAX_BODY_BYTES)
     try:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:

@@ -6,6 +6,7 @@ import msgspec
 from fastapi import HTTPException, Request, Response
 
 from avrgym.vr.server.links import CodeError, SessionLinks, TooManyCodes
+from avrgym.vr.server.posted import posted_json
 
 MAX_BODY_BYTES = 1000
 
@@ -33,13 +34,7 @@ def code_exchange(links: SessionLinks) -> Callable[[Request], Awaitable[Response
 
 
 async def _read(request: Request) -> EnteredCode:
-    if request.headers.get("content-type") != "application/json":
-        raise HTTPException(415, "send application/json")
-    data = bytearray()
-    async for chunk in request.stream():
-        data += chunk
-        if len(data) > MAX_BODY_BYTES:
-            raise HTTPException(413, f"that is too long; allowed: {MAX_BODY_BYTES} bytes")
+    data = await posted_json(request, MAX_BODY_BYTES)
     try:
         return msgspec.json.decode(data, type=EnteredCode)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):

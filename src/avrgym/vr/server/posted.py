@@ -1,0 +1,19 @@
+"""The JSON body of a request, of limited size."""
+
+from fastapi import HTTPException, Request
+
+
+async def posted_json(request: Request, most_bytes: int) -> bytearray:
+    """The undecoded body of a request.
+
+    Raises:
+        HTTPException: 415 for another content type than JSON, 413 for more than ``most_bytes``.
+    """
+    if request.headers.get("content-type") != "application/json":
+        raise HTTPException(415, "send application/json")
+    data = bytearray()
+    async for chunk in request.stream():
+        data += chunk
+        if len(data) > most_bytes:
+            raise HTTPException(413, f"that is too long; allowed: {most_bytes} bytes")
+    return data
