@@ -120,7 +120,7 @@ CLAIMS = [
     for line in PAPER_PAGE.splitlines()
     if re.match(r"\| \d+ \|", line)
 ]
-FOLDERS = {"docs", "client", "examples", "tests", "scripts"}
+FOLDERS = {"docs", "research", "client", "examples", "tests", "scripts"}
 
 
 def test_every_claim_of_the_paper_is_numbered_and_judged():

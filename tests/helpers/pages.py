@@ -34,9 +34,9 @@ def commands(text: str) -> list[list[str]]:
 
 
 def missing_rows(page: str, script: str, table: str, *arguments: str) -> list[str]:
-    """The rows of a table that a script of ``scripts/figures`` makes and its page of ``docs`` does not have."""
+    """The rows of a table that a script of ``research`` makes and its page of ``docs`` does not have."""
     lines = (DOCS / page).read_text().splitlines()
-    rows = [*runpy.run_path(str(ROOT / "scripts" / "figures" / f"{script}.py"))[table](*arguments)]
+    rows = [*runpy.run_path(str(ROOT / "research" / f"{script}.py"))[table](*arguments)]
     assert len(rows) > 2
     return [row for row in rows if row not in lines]
 

@@ -10,7 +10,7 @@ from avrgym.tasks.known import WORLD_VERSION
 from avrgym.tasks.registry import ENVIRONMENTS
 from places import ROOT
 
-MEASURING = runpy.run_path(str(ROOT / "scripts" / "figures" / "measure_policies.py"))
+MEASURING = runpy.run_path(str(ROOT / "research" / "measure_policies.py"))
 PACKAGED = [(environment, kind) for environment in ENVIRONMENTS for kind in packaged_policies(environment)]
 
 

@@ -1,11 +1,11 @@
 """How packaged policies do with people of every kind: those like their own, participants, the zoo, and impaired ones.
 
-    python scripts/figures/partners.py measure [KIND ...]   measures what is not yet, of `adaptive` unless other
+    python research/partners.py measure [KIND ...]   measures what is not yet, of `adaptive` unless other
                                                             kinds of policies are named; goes on where it stopped
-    python scripts/figures/partners.py table [KIND ...]     prints the tables of docs/adaptive.md
-    python scripts/figures/partners.py guard                prints that of docs/policies.md: with the force guard
+    python research/partners.py table [KIND ...]     prints the tables of docs/adaptive.md
+    python research/partners.py guard                prints that of docs/policies.md: with the force guard
 
-Episodes are of the stream that no choice has seen, seed 0. Figures lie in `scripts/figures/partners.json`.
+Episodes are of the stream that no choice has seen, seed 0. Figures lie in `research/partners.json`.
 """
 
 import sys

@@ -1,8 +1,8 @@
 """Measures every packaged policy anew and writes what it reaches into its file.
 
-    python scripts/figures/measure_policies.py
+    python research/measure_policies.py
 
-Needed whenever the world changes; `scripts/figures/policy_tables.py` then prints the tables of docs/policies.md. Each
+Needed whenever the world changes; `research/policy_tables.py` then prints the tables of docs/policies.md. Each
 policy meets people like those it was trained on, 1 000 episodes of the stream that no choice has seen, seed 0.
 """
 

@@ -1,14 +1,13 @@
 """The paper's own recipe in all eight environments: PPO alone, ten million steps, on Original and on Revised people.
 
-    python scripts/figures/paper_recipe.py train STEPS [ENVIRONMENT ...]
+    python research/paper_recipe.py train STEPS [ENVIRONMENT ...]
                                                       trains for so many steps, the paper's are 10000000, what has had
                                                       fewer, in all environments unless some are named; goes on where
                                                       it stopped
-    python scripts/figures/paper_recipe.py measure    has each meet people like its own, and `participants`
-    python scripts/figures/paper_recipe.py table      prints the table of docs/policies.md
+    python research/paper_recipe.py measure    has each meet people like its own, and `participants`
+    python research/paper_recipe.py table      prints the table of the note of 2026-11-24
 
-Policies and figures lie in `scripts/figures/paper_recipe/`, what trainings under way need in `runs/`. Needs the extra
-`train`.
+Policies are in `runs/paper_recipe`, results in `research/paper_recipe.json`. Needs the extra `train`.
 """
 
 import sys
@@ -24,8 +23,7 @@ from papers_results import SIMULATION, VIRTUAL_REALITY, Reached, row, short
 
 PEOPLE = ("original", "revised")
 TRAINING_SEED, SHOWN_SEED, EPISODES = 1, 0, 100
-FOLDER, UNDER_WAY = Path(__file__).with_suffix(""), Path("runs/paper_recipe")
-FIGURES_FILE = FOLDER / "figures.json"
+UNDER_WAY, FIGURES_FILE = Path("runs/paper_recipe"), Path(__file__).with_suffix(".json")
 FIGURES = ("episodes", "stream", "success_rate", "success_ci95", "reward_mean", "force_mean_newton")
 """Of each policy with each people, as ``evaluate`` has them."""
 HEAD = (
@@ -48,16 +46,16 @@ class Run(NamedTuple):
     @property
     def policy(self) -> Path:
         """The file of what was trained."""
-        return FOLDER / f"{self.name}.safetensors"
+        return UNDER_WAY / self.name / "policy.safetensors"
 
     @property
     def steps(self) -> int:
         """How many steps of training it has had."""
         return Policy.load(self.policy).metadata.steps if self.policy.exists() else 0
 
-    def met(self, people: str) -> str:
-        """The name of its figures with people; after more steps they are others."""
-        return f"{self.name} {self.steps} {people}"
+    def name_with(self, people: str, steps: int) -> str:
+        """The key of its results with a population after a number of steps."""
+        return f"{self.name} {steps} {people}"
 
 
 RUNS = [Run(environment, people) for environment in ENVIRONMENTS for people in PEOPLE]
@@ -83,7 +81,6 @@ def train(arguments: Sequence[str]) -> None:
     if not arguments or not arguments[0].isdigit():
         sys.exit(__doc__)
     steps, environments = int(arguments[0]), arguments[1:] or [*ENVIRONMENTS]
-    FOLDER.mkdir(exist_ok=True)
     for run in RUNS:
         if run.environment not in environments or run.steps >= steps:
             continue
@@ -93,7 +90,6 @@ def train(arguments: Sequence[str]) -> None:
         else:
             asked = run.environment, run.people, steps, TRAINING_SEED
             policy = training.train(training.configuration_for(*asked, settings=PAPER_SETTINGS), out)
-        policy.save(run.policy, overwrite=True)
         print(run.name, policy.metadata.measured["success_rate"], flush=True)
 
 
@@ -101,9 +97,10 @@ def measure(_: Sequence[str]) -> None:
     """Measure what is not measured yet."""
     for run in RUNS:
         for people in (run.people, "participants"):
-            if run.policy.exists() and run.met(people) not in read(FIGURES_FILE):
+            name = run.name_with(people, run.steps)
+            if run.policy.exists() and name not in read(FIGURES_FILE):
                 found = evaluate(run.environment, str(run.policy), people, EPISODES, SHOWN_SEED)
-                add(FIGURES_FILE, run.met(people), chosen(found, FIGURES))
+                add(FIGURES_FILE, name, chosen(found, FIGURES))
 
 
 def print_table(_: Sequence[str]) -> None:
@@ -117,12 +114,14 @@ def table() -> Iterator[str]:
     yield row(*HEAD)
     yield row(*["---"] * len(HEAD))
     for run in RUNS:
-        own, met = (figures.get(run.met(people)) for people in (run.people, "participants"))
+        measured = [int(name.split()[1]) for name in figures if name.startswith(f"{run.name} ")]
+        steps = max(measured, default=0)
+        own, met = (figures.get(run.name_with(people, steps)) for people in (run.people, "participants"))
         if own is not None and met is not None:
             simulated = _paper(SIMULATION[run.environment]) if run.people == "original" else "–"
             with_people = _paper(VIRTUAL_REALITY[run.people][run.environment])
             cells = _cell(own), simulated, _cell(met), with_people
-            yield row(short(run.environment), run.people, f"{run.steps / 1e3:.0f} k", *cells)
+            yield row(short(run.environment), run.people, f"{steps / 1e3:.0f} k", *cells)
 
 
 def _cell(found: Mapping) -> str:

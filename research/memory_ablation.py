@@ -1,12 +1,12 @@
 """What an adaptive policy's memory is worth: the same trainings with it and without it.
 
-    python scripts/figures/memory_ablation.py train      trains what is not trained yet, and goes on where it stopped
-    python scripts/figures/memory_ablation.py measure    has each meet people it was trained with, and who tremble
-    python scripts/figures/memory_ablation.py table      prints the table of docs/adaptive.md
+    python research/memory_ablation.py train      trains what is not trained yet, and goes on where it stopped
+    python research/memory_ablation.py measure    has each meet people it was trained with, and who tremble
+    python research/memory_ablation.py table      prints the table of docs/adaptive.md
 
 Without it the same network remembers nothing, for the weights of its recurrent unit are zero and stay so; the critic,
 which no policy contains, keeps its own. Policies lie in `runs/memory_ablation`, figures in
-`scripts/figures/memory_ablation.json`. Needs the extra `train`.
+`research/memory_ablation.json`. Needs the extra `train`.
 """
 
 import sys

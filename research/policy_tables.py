@@ -1,8 +1,8 @@
 """What the packaged policies reach, as the tables of docs/policies.md and docs/adaptive.md.
 
-python scripts/figures/policy_tables.py                                   what their own files say
-python scripts/figures/policy_tables.py settings                          how each task is trained; needs avrgym[train]
-python scripts/figures/policy_tables.py original.json revised.json       Original against Revised on the same people, of
+python research/policy_tables.py                                   what their own files say
+python research/policy_tables.py settings                          how each task is trained; needs avrgym[train]
+python research/policy_tables.py original.json revised.json       Original against Revised on the same people, of
                                                                    what `avrgym evaluate --all --json` wrote of each
 """
 

@@ -1,4 +1,4 @@
-"""The tables of docs/zoo.md: python scripts/figures/zoo_tables.py"""
+"""The tables of docs/zoo.md: python research/zoo_tables.py"""
 
 from avrgym.people.zoo.partners import OF_ONE_STYLE, ZOOS
 from avrgym.people.zoo.styles import STYLES, Style

@@ -1,10 +1,10 @@
 """Original against Revised, like for like: same recipe, same steps, same seeds; only the people in training differ.
 
-    python scripts/figures/like_for_like.py train    trains what is not trained yet, and goes on where it was cut off
-    python scripts/figures/like_for_like.py meet     has each policy meet `participants`, whom neither kind met
-    python scripts/figures/like_for_like.py table    prints the table of docs/policies.md
+    python research/like_for_like.py train    trains what is not trained yet, and goes on where it was cut off
+    python research/like_for_like.py measure  evaluates each policy with `participants`, a held-out population
+    python research/like_for_like.py table    prints the table of the note of 2026-11-24
 
-The policies lie in `scripts/figures/like_for_like/`, what trainings under way need in `runs/`. Needs the extra `train`.
+Policies are in `runs/like_for_like`, results in `research/like_for_like.json`. Needs the extra `train`.
 """
 
 import sys
@@ -14,7 +14,6 @@ from statistics import mean
 from typing import NamedTuple
 
 from avrgym.learning.evaluation import evaluate
-from avrgym.policies.trained import Policy
 from avrgym.tasks.known import ENVIRONMENTS
 from avrgym.tasks.registry import find_environment
 from figures_file import add, chosen, read
@@ -25,10 +24,9 @@ PEOPLE = ("original", "revised")
 STEPS = {"Feeding": 256_000, "Drinking": 64_000, "ScratchItch": 256_000, "BedBathing": 256_000}
 """By task: a step of drinking takes ten times as long."""
 EPISODES, SHOWN_SEED = 100, 0
-FOLDER, UNDER_WAY = Path(__file__).with_suffix(""), Path("runs/like_for_like")
+UNDER_WAY, FIGURES_FILE = Path("runs/like_for_like"), Path(__file__).with_suffix(".json")
 FIGURES = ("episodes", "success_rate", "success_ci95", "reward_mean", "reward_std", "force_mean_newton")
 """Of each policy with `participants`, as ``evaluate`` has them."""
-MET_FILE = FOLDER / "participants.json"
 
 
 HEAD = (
@@ -57,7 +55,7 @@ class Run(NamedTuple):
     @property
     def policy(self) -> Path:
         """The file of what was trained."""
-        return FOLDER / f"{self.name}.safetensors"
+        return UNDER_WAY / self.name / "policy.safetensors"
 
 
 Figures = Mapping[Run, Mapping[str, object]]
@@ -67,7 +65,7 @@ RUNS = [Run(environment, people, seed) for seed in SEEDS for environment in ENVI
 
 def main() -> None:
     """Do one of the three."""
-    do: dict[str, Callable[[], None]] = {"train": train_all, "meet": meet_all, "table": print_table}
+    do: dict[str, Callable[[], None]] = {"train": train_all, "measure": measure_all, "table": print_table}
     if len(sys.argv) != 2 or sys.argv[1] not in do:
         sys.exit(__doc__)
     do[sys.argv[1]]()
@@ -77,9 +75,8 @@ def train_all() -> None:
     """Train what is not trained yet."""
     from avrgym.learning import training
 
-    FOLDER.mkdir(exist_ok=True)
     for run in RUNS:
-        if run.policy.exists():
+        if _name(run, run.people) in read(FIGURES_FILE):
             continue
         out = UNDER_WAY / run.name
         if (out / training.CONFIGURATION_FILE).exists():
@@ -89,16 +86,21 @@ def train_all() -> None:
             policy = training.train(
                 training.configuration_for(run.environment, run.people, steps, run.seed), out
             )
-        policy.save(run.policy)
-        print(run.name, policy.metadata.measured["success_rate"], flush=True)
+        measured = policy.metadata.measured
+        add(FIGURES_FILE, _name(run, run.people), {figure: measured.get(figure) for figure in FIGURES})
 
 
-def meet_all() -> None:
-    """Have every trained policy meet people whom neither kind met."""
+def measure_all() -> None:
+    """Evaluate each trained policy with `participants`."""
     for run in RUNS:
-        if run.policy.exists() and run.name not in read(MET_FILE):
+        name = _name(run, "participants")
+        if run.policy.exists() and name not in read(FIGURES_FILE):
             found = evaluate(run.environment, str(run.policy), "participants", EPISODES, SHOWN_SEED)
-            add(MET_FILE, run.name, chosen(found, FIGURES))
+            add(FIGURES_FILE, name, chosen(found, FIGURES))
+
+
+def _name(run: Run, people: str) -> str:
+    return f"{run.name} {people}"
 
 
 def print_table() -> None:
@@ -108,9 +110,9 @@ def print_table() -> None:
 
 def table() -> Iterator[str]:
     """Of the seeds the mean, in brackets the least and the most of them, and the mean reward."""
-    own: Figures = {run: Policy.load(run.policy).metadata.measured for run in RUNS}
-    by_name = read(MET_FILE)
-    met: Figures = {run: by_name[run.name] for run in RUNS}
+    by_name = read(FIGURES_FILE)
+    own: Figures = {run: by_name[_name(run, run.people)] for run in RUNS}
+    met: Figures = {run: by_name[_name(run, "participants")] for run in RUNS}
     columns = [(figures, people) for figures in (own, met) for people in PEOPLE]
     yield row(*HEAD)
     yield row(*["---"] * len(HEAD))

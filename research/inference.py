@@ -1,4 +1,4 @@
-"""How often a study's analysis is wrong: the tables of docs/analysis.md. `python scripts/figures/inference.py TABLE`.
+"""How often a study's analysis is wrong: the tables of docs/analysis.md. `python research/inference.py TABLE`.
 
 TABLE is one of stars, success, effects or mixed. Each takes a few minutes of one core.
 """
