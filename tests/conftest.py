@@ -15,7 +15,7 @@ import pytest
 
 import avrgym  # noqa: F401  before any test imports MuJoCo: it chooses how that draws
 
-pytest.register_assert_rewrite("killing")
+pytest.register_assert_rewrite("helpers")
 
 os.environ["XDG_DATA_HOME"] = tempfile.mkdtemp(prefix="avrgym-data-")
 atexit.register(shutil.rmtree, os.environ["XDG_DATA_HOME"], ignore_errors=True)
@@ -59,7 +59,7 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="module")
 def unhurried() -> Iterator[None]:
     """For tests in real time: no trial ends because a busy machine stands still or tracks late."""
-    from limits import UNHURRIED, set_limits
+    from helpers.vr.time_limits import UNHURRIED, set_limits
 
     with pytest.MonkeyPatch.context() as patch:
         set_limits(UNHURRIED, patch)
@@ -89,7 +89,7 @@ def feeding_scene() -> "SceneConfig":
 @pytest.fixture(scope="session")
 def postgresql() -> Iterator[Path]:
     """The folder of a running PostgreSQL's socket."""
-    from studies import postgresql_programs, postgresql_server
+    from helpers.studies.small_studies import postgresql_programs, postgresql_server
 
     programs = postgresql_programs()
     if programs is None:

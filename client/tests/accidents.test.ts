@@ -9,7 +9,7 @@ import { handJoints, placed } from "./hands";
 import KEPT from "./motions.json";
 
 /**
- * How simulated participants move at rest, while robots help them and after: `tests/helpers/motion_examples.py` writes
+ * How simulated participants move at rest, while robots help them and after: `tests/helpers/vr/motion_examples.py` writes
  * it. Of each frame head, left and right hand: positions in millimetres, quaternions in thousandths.
  */
 type Motion = (typeof KEPT)[number];

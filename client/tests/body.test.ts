@@ -7,7 +7,7 @@ import type { Skeleton } from "../src/messages";
 import { seededRandom } from "../src/random";
 import few from "./bodies.json";
 
-/** As Python solves it; see `tests/helpers/body_examples.py`. */
+/** As Python solves it; see `tests/helpers/vr/body_examples.py`. */
 interface Example {
   skeleton: Skeleton;
   pose: BodyPose;

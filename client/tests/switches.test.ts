@@ -6,7 +6,7 @@ import { Hands, SwitchingHand } from "../src/switches";
 import type { Poses } from "../src/tracking";
 import examples from "./switches.json";
 
-/** As Python follows them; see `tests/helpers/switch_examples.py`. */
+/** As Python follows them; see `tests/helpers/vr/device_switch_examples.py`. */
 interface Example {
   side: Side;
   frames: { ms: number; pose: XRPose; modality: Modality; grip: XRPose }[];

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from analysed import chance, read_table, record_trial, run_trials, take_part
 from avrgym.analysis import study
 from avrgym.analysis.reading import trained_people
 from avrgym.analysis.report.output import write_analysis
@@ -22,8 +21,9 @@ from avrgym.study.storage.attempts import sha256_of
 from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from html_page import Page
-from studies import make_study
+from helpers.browser.html_page import Page
+from helpers.studies.known_results import chance, read_table, record_trial, run_trials, take_part
+from helpers.studies.small_studies import make_study
 
 STORED = "reward and success are those that were stored with the trial"
 

@@ -7,15 +7,15 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from analysed import STEPS, read_table, run_trials, take_part
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from html_page import Page
-from studies import make_study
+from helpers.browser.html_page import Page
+from helpers.studies.known_results import STEPS, read_table, run_trials, take_part
+from helpers.studies.small_studies import make_study
 
 PLANNED = ["L1 against the middle, by participant", "policies, by participant"]
 

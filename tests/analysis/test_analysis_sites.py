@@ -7,14 +7,14 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from analysed import run_trials, take_part
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.export import export_study
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from html_page import Page
-from studies import small_study
+from helpers.browser.html_page import Page
+from helpers.studies.known_results import run_trials, take_part
+from helpers.studies.small_studies import small_study
 
 SITES = {"atlanta": 4, "berlin": 3}
 WITH_SITE = ("participants", "trials", "attempts", "answers", "reward_terms", "control_steps")

@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from analysed import ITEMS, break_off, latency_of, run_trials, take_part
 from avrgym.analysis.figures.study_figures import draw_study
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.statistics.families import PARTICIPANT, Compared, Question, corrected
@@ -23,8 +22,9 @@ from avrgym.analysis.study import Analysis, analyse
 from avrgym.recording.latency import STAGES, TOTAL
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage.store import Store
-from html_page import Page
-from studies import small_study
+from helpers.browser.html_page import Page
+from helpers.studies.known_results import ITEMS, break_off, latency_of, run_trials, take_part
+from helpers.studies.small_studies import small_study
 
 PEOPLE, SIMULATED = 3, 5
 Frame = Any  # a pandas data frame, whose types no checker follows

@@ -14,7 +14,6 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from analysed import ITEMS, record_trial, run_trials, take_part
 from avrgym.analysis.report.by_design import by_design
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
@@ -30,8 +29,9 @@ from avrgym.study.storage.rows import Participant, Trial
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
 from avrgym.study.storage.uses import designs_used
-from html_page import Page
-from studies import make_study
+from helpers.browser.html_page import Page
+from helpers.studies.known_results import ITEMS, record_trial, run_trials, take_part
+from helpers.studies.small_studies import make_study
 
 EDITS = {
     "The robot successfully assisted me with the task.": "The robot failed.",

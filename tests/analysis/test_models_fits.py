@@ -14,7 +14,7 @@ from avrgym.analysis.statistics.models.ordinal import (
     clustered_covariance,
     fit_ordinal,
 )
-from published_data import RESPIRATION, SLEEP, WINE
+from helpers.studies.published_data import RESPIRATION, SLEEP, WINE
 
 Array = NDArray[np.float64]
 DAYS = np.tile(np.arange(10.0), 18)

@@ -28,7 +28,7 @@ from avrgym.analysis.statistics.tests import holm
 from avrgym.study.design.allocation import plan_trials
 from avrgym.study.design.design import Design, default_text, parse_design
 from avrgym.tasks.registry import find_environment
-from imagined import answered, rewarded, succeeded, with_values
+from helpers.studies.simulated_results import answered, rewarded, succeeded, with_values
 
 DESIGN = parse_design(default_text())
 STUDIES = 60

@@ -13,7 +13,6 @@ import msgspec
 import pandas as pd
 import pytest
 
-from analysed import run_trials, take_part
 from avrgym.analysis.figures.drawing import Drawing
 from avrgym.analysis.figures.study_figures import draw_study
 from avrgym.analysis.reading.flow import Flow
@@ -33,7 +32,8 @@ from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.storage.store import Store
-from studies import fitting_answers, small_study
+from helpers.studies.known_results import run_trials, take_part
+from helpers.studies.small_studies import fitting_answers, small_study
 
 PEOPLE = 5
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from analysed import read_table, run_trials, take_part
 from avrgym.analysis.figures.drawing import name_marks
 from avrgym.analysis.figures.study_figures import draw_study
 from avrgym.analysis.model_rows import ModelRow
@@ -24,8 +23,9 @@ from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.design.design import default_text, parse_design
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from html_page import Page
-from studies import make_study
+from helpers.browser.html_page import Page
+from helpers.studies.known_results import read_table, run_trials, take_part
+from helpers.studies.small_studies import make_study
 
 DESIGN = parse_design(default_text())
 REMARK = "singular: random effect at zero: "

@@ -18,8 +18,8 @@ from typer.testing import CliRunner, Result
 from avrgym.cli.learning import NOT_SHOWN
 from avrgym.cli.main import app
 from avrgym.tasks.registry import ENVIRONMENTS
-from processes import AVRGYM, die_with_parent
-from visit import ENVIRONMENT, drive
+from helpers.system.processes import AVRGYM, die_with_parent
+from helpers.vr.visit import ENVIRONMENT, drive
 
 FIGURES = [
     "env", "policy", "people", "impairment", "stream", "episodes", "reward_mean", "reward_std", "success_rate",

@@ -24,9 +24,9 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.study.design.design import default_text, parse_design
-from little_training import train_little
-from pages import DOCS, DOCUMENTS, blocks, commands, name_of
-from places import OLD_RECORDING, ROOT
+from helpers.browser.documentation import DOCS, DOCUMENTS, blocks, commands, name_of
+from helpers.learning.small_training import train_little
+from helpers.system.places import OLD_RECORDING, ROOT
 
 SMALLER = {"--episodes": "1", "--steps": "1", "--participants": "2", "--simulations": "4"}
 ENDLESS = ("serve", "view")

@@ -13,9 +13,9 @@ from avrgym.policies.approach import effective_mass_kg
 from avrgym.policies.force_guard import GUARD_SHARE
 from avrgym.tasks.known import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-from pages import DOCUMENTS, anchors, missing_rows, name_of
-from places import ROOT
-from starts import begun
+from helpers.browser.documentation import DOCUMENTS, anchors, missing_rows, name_of
+from helpers.simulation.starts import begun
+from helpers.system.places import ROOT
 
 README = (ROOT / "README.md").read_text()
 ENVIRONMENT_PAGE = (ROOT / "docs" / "environments.md").read_text()

@@ -10,8 +10,8 @@ from pathlib import Path
 import matplotlib
 import pytest
 
-from little_training import train_little
-from places import OLD_RECORDING, ROOT
+from helpers.learning.small_training import train_little
+from helpers.system.places import OLD_RECORDING, ROOT
 
 EXAMPLES = ROOT / "examples"
 RECORDING = OLD_RECORDING

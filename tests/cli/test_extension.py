@@ -7,11 +7,11 @@ from pathlib import Path
 import httpx
 import pytest
 
-from extension import avrgym, environment_with, install, python, train_and_study
-from glb import GlbFile
-from limits import UNHURRIED
-from places import ROOT
-from processes import served
+from helpers.browser.glb import GlbFile
+from helpers.system.example_package import avrgym, environment_with, install, python, train_and_study
+from helpers.system.places import ROOT
+from helpers.system.processes import served
+from helpers.vr.time_limits import UNHURRIED
 
 TASK, ROBOT = "ArmManipulation", "Jaco"
 ENVIRONMENT = f"avrgym/{TASK}{ROBOT}-v1"

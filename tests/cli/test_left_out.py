@@ -17,7 +17,7 @@ from avrgym.cli.main import app
 from avrgym.learning import evaluation
 from avrgym.tasks import registry
 from avrgym.tasks.task import Expert
-from extension import environment_with
+from helpers.system.example_package import environment_with
 
 OURS, THEIRS = "avrgym/FeedingJaco-v1", "avrgym/StirJaco-v1"
 

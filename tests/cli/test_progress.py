@@ -11,7 +11,7 @@ import pytest
 from avrgym.cli import progress
 from avrgym.cli.progress import Pace, duration, progress_bar
 from avrgym.cli.terminal import print_table
-from processes import die_with_parent
+from helpers.system.processes import die_with_parent
 
 STOPPED = """
 import os, signal

@@ -11,8 +11,8 @@ from avrgym.cli.main import app
 from avrgym.learning import adaptive
 from avrgym.learning.configuration import PAPER_STEPS, stored_configuration
 from avrgym.policies.trained import Policy
-from little_training import train_little
-from visit import ENVIRONMENT
+from helpers.learning.small_training import train_little
+from helpers.vr.visit import ENVIRONMENT
 
 
 def train(*arguments: str | Path) -> Result:

@@ -12,10 +12,10 @@ from urllib.parse import unquote, urldefrag
 import pytest
 from playwright.sync_api import sync_playwright
 
-from accessibility import violations
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
-from pages import DOCS
-from places import ROOT
+from helpers.browser.accessibility import violations
+from helpers.browser.documentation import DOCS
+from helpers.system.places import ROOT
 
 SITE = ROOT / "build" / "site"
 LOADED = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}

@@ -15,7 +15,7 @@ from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import print_table, printable, say
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from studies import make_study, run_participant, take_in
+from helpers.studies.small_studies import make_study, run_participant, take_in
 
 HOSTILE = (
     "[red]", "[/]", "[/red]", "[bold", "bold]", "[link=https://example.org]here[/link]", "[@click=quit]", "\\[x]",

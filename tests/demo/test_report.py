@@ -8,7 +8,7 @@ from avrgym.demo.report import summarise, telling_moment_s, write_report
 from avrgym.recording.files import RecordingWriter, read_recording
 from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.recording.records import Answer, Control, Event, Latency, TrackingFrame
-from html_page import Page
+from helpers.browser.html_page import Page
 
 METADATA = {
     "environment": "avrgym/FeedingJaco-v1",

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from avrgym.simulation.state import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
-from engines import on_both, put_in_the_same_state, step_both
+from helpers.simulation.two_engines import on_both, put_in_the_same_state, step_both
 
 WORLDS, STEPS = 4, 40
 

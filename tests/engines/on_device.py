@@ -9,8 +9,8 @@ from avrgym.envs import benchmark
 from avrgym.simulation.engines.warp import libraries
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
-from copies import nothing_copied
-from engines import WARP
+from helpers.simulation.no_host_copies import nothing_copied
+from helpers.simulation.two_engines import WARP
 
 WORLDS = 3
 

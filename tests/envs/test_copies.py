@@ -9,7 +9,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from avrgym.tasks.registry import ENVIRONMENTS
-from vector_laws import assert_same_pair
+from helpers.simulation.vector_environments import assert_same_pair
 
 HOW = {"deep copy": copy.deepcopy, "pickle": lambda env: pickle.loads(pickle.dumps(env))}
 PEOPLE = ("revised", "participants", "zoo/train")

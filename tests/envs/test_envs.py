@@ -14,7 +14,7 @@ from avrgym.envs.single import AssistiveEnv
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.models.human import Person
 from avrgym.tasks.registry import ENVIRONMENTS
-from vector_laws import unusable
+from helpers.simulation.vector_environments import unusable
 
 FEEDING = "avrgym/FeedingJaco-v1"
 EPISODE_STEPS = 200

@@ -21,8 +21,8 @@ from avrgym.models.yielding import (
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import MAX_LEAD_RAD, Simulation
 from avrgym.tasks.registry import TASKS
-from forces import MOST_FORCE_N, pressed
-from starts import at_once, begun
+from helpers.simulation.pressing_robots import MOST_FORCE_N, pressed
+from helpers.simulation.starts import at_once, begun
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 STRIKE = """

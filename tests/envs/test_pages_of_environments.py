@@ -18,7 +18,7 @@ from avrgym.tasks.drinking import reward
 from avrgym.tasks.drinking.task import DRINKING
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import Task
-from pages import DOCS, blocks
+from helpers.browser.documentation import DOCS, blocks
 
 STEPS = 30
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.tasks.registry import ENVIRONMENTS
-from vector_laws import assert_same, assert_same_pair, compare, make_both, unusable
+from helpers.simulation.vector_environments import assert_same, assert_same_pair, compare, make_both, unusable
 
 FEEDING = "avrgym/FeedingJaco-v1"
 STILL = np.zeros((3, 7), np.float32)

@@ -16,8 +16,8 @@ from gymnasium.wrappers.transform_reward import ClipReward
 
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.learning.stable_baselines import SB3VectorEnv
-from pages import DOCS
-from vector_laws import EPISODE, WORLDS, assert_same, make_both
+from helpers.browser.documentation import DOCS
+from helpers.simulation.vector_environments import EPISODE, WORLDS, assert_same, make_both
 
 FEEDING = "avrgym/FeedingJaco-v1"
 ACTIONS = np.random.default_rng(0).uniform(-1.0, 1.0, (2 * EPISODE + 3, WORLDS, 7)).astype(np.float32)

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-import xacro
 from avrgym.geometry import kinematics, transforms
 from avrgym.models.robot import robot_spec
 from avrgym.models.scene import robot_with_tool
 from avrgym.models.tools import BODY as TOOL_BODY
 from avrgym.robots.jaco.robot import JACO
 from avrgym.tasks.places import arm_chain
+from helpers.robots import jaco_xacro
 
 COUNT = 1000
 
@@ -100,7 +100,7 @@ def test_a_straight_arm_reaches_as_far_as_can_be():
 def test_the_end_effector_is_where_the_public_description_has_it(rng, hand):
     angles = within_ranges(rng, hand)
     found_pos, found_q = kinematics.forward(hand, angles)
-    pos, q = xacro.forward(angles)
+    pos, q = jaco_xacro.forward(angles)
     assert_allclose(found_pos, pos, atol=1e-6)
     assert rotation_error(found_q, q).max() < 1e-6
 

@@ -17,7 +17,7 @@ from avrgym.learning import training
 from avrgym.learning.evaluation import evaluate_all
 from avrgym.learning.training import TrainingConfiguration, resume, train
 from avrgym.system.cluster import Cluster, connected
-from ray_nodes import assert_same_training, ray_nodes, refuse, where
+from helpers.learning.ray_nodes import assert_same_training, ray_nodes, refuse, where
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes and files end with its shutdown
 FEEDING = "avrgym/FeedingJaco-v1"

@@ -4,7 +4,7 @@ import pytest
 
 from avrgym.learning.cross_play import cross_play, matrix
 from avrgym.learning.evaluation import evaluate_all
-from visit import ENVIRONMENT
+from helpers.vr.visit import ENVIRONMENT
 
 POLICIES, PEOPLE = ["zero", "random"], ["original", "zoo/unseen/startled"]
 

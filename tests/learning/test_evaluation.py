@@ -11,7 +11,7 @@ from avrgym.learning.evaluation import Evaluation, evaluate, evaluate_all, wilso
 from avrgym.models.body_regions import BODY_REGIONS
 from avrgym.policies.trained import packaged_policies
 from avrgym.tasks.known import EPISODE_STEPS
-from visit import ENVIRONMENT, drive
+from helpers.vr.visit import ENVIRONMENT, drive
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 

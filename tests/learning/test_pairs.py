@@ -30,7 +30,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, sizes
-from networks import network, saved
+from helpers.learning.random_networks import network, saved
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

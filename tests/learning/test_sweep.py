@@ -13,7 +13,7 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 from avrgym.cli.main import app
 from avrgym.learning.configuration import configuration_for
 from avrgym.learning.sweep_file import planned, read_sweep
-from places import ROOT
+from helpers.system.places import ROOT
 
 LITTLE = """
 environments = ["avrgym/ScratchItchJaco-v1"]
@@ -90,7 +90,7 @@ def test_a_sweep_makes_what_train_makes_and_goes_on(tmp_path: Path, monkeypatch:
     from avrgym.learning import sweep, training
     from avrgym.policies.trained import Policy
     from avrgym.system.cluster import connected
-    from ray_nodes import assert_same_training
+    from helpers.learning.ray_nodes import assert_same_training
 
     out, heard = tmp_path / "out", dict[str, int]()
     sweep.begin(written(tmp_path, LITTLE), out)

@@ -25,8 +25,8 @@ from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS
-from places import ROOT
-from studies import METRICS, fitting_answers, make_study
+from helpers.studies.small_studies import METRICS, fitting_answers, make_study
+from helpers.system.places import ROOT
 
 TASK = "Feeding"
 REST_DEG = np.degrees(TASKS[TASK].pose.rest_rad)

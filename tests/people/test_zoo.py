@@ -17,7 +17,7 @@ from avrgym.people.zoo.styles import STYLES
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS
-from worlds import still_world
+from helpers.simulation.worlds import still_world
 
 FEEDING = "avrgym/FeedingJaco-v1"
 ALL = np.arange(len(PARTNERS))

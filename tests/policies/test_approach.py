@@ -17,8 +17,8 @@ from avrgym.simulation.region_forces import RegionWatch
 from avrgym.simulation.state import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import Controller
-from forces import towards
-from starts import begun
+from helpers.simulation.pressing_robots import towards
+from helpers.simulation.starts import begun
 
 FEEDING = "avrgym/FeedingPR2-v1"
 WORLDS = 8

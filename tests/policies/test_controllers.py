@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import bad_controllers
 from avrgym.cli.main import app
 from avrgym.learning import evaluation
 from avrgym.learning.evaluation import evaluate, evaluate_all
@@ -32,10 +31,11 @@ from avrgym.vr.session.plan import SessionPlan, load_policies
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking import driving
 from avrgym.vr.tracking.world import TICK_S
-from onnx_files import as_onnx
-from places import ROOT
-from studies import make_study
-from visit import ENVIRONMENT, Visit, drive, plan
+from helpers.learning import failing_controllers
+from helpers.learning.onnx_files import as_onnx
+from helpers.studies.small_studies import make_study
+from helpers.system.places import ROOT
+from helpers.vr.visit import ENVIRONMENT, Visit, drive, plan
 
 FAILURES = {
     "NotFinite": "not_finite",
@@ -52,9 +52,11 @@ STEPS = 6
 
 
 def driven_by(name: str, **changes) -> SessionPlan:
-    """One short trial with a controller of ``bad_controllers``."""
+    """One short trial with a controller of ``failing_controllers``."""
     planned = plan(trial_steps=STEPS, **changes)
-    trials = [replace(trial, policy=f"bad_controllers:{name}") for trial in planned.trials]
+    trials = [
+        replace(trial, policy=f"helpers.learning.failing_controllers:{name}") for trial in planned.trials
+    ]
     return replace(planned, trials=trials)
 
 
@@ -113,7 +115,7 @@ def check_held(recording: Recording, name: str, kind: str) -> None:
     """A recording of a trial in which a controller failed at its second and third step, and drove again."""
     steps = steps_of(recording)
     assert [step.idle for step in steps] == [False, True, True, False, False, False]
-    assert {step.driver for step in steps} == {f"bad_controllers:{name}"}
+    assert {step.driver for step in steps} == {f"helpers.learning.failing_controllers:{name}"}
     assert all(step.action[0] == (0.0 if step.idle else 0.5) for step in steps)
     failed, *_, drives = events_of(recording)
     assert failed[0] == "controller_failed"
@@ -192,15 +194,20 @@ def test_who_fails_to_begin_never_drives(tmp_path: Path) -> None:
 
 
 def test_controllers_are_let_go_with_their_session(tmp_path: Path) -> None:
-    before = bad_controllers.Steady.closed
+    before = failing_controllers.Steady.closed
     completed(Visit(tmp_path, driven_by("Steady"), load_policies(driven_by("Steady"))))
-    assert bad_controllers.Steady.closed == before + 2, "the one that was tried out, and the one that drove"
+    assert failing_controllers.Steady.closed == before + 2, (
+        "the one that was tried out, and the one that drove"
+    )
 
 
 @pytest.mark.slow
 def test_figures_follow_from_the_seed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever runs beside, in however many processes, and whether each is made or copied."""
-    noisy, ready = ("bad_controllers:Noisy", "bad_controllers:READY")
+    noisy, ready = (
+        "helpers.learning.failing_controllers:Noisy",
+        "helpers.learning.failing_controllers:READY",
+    )
     first = evaluate(ENVIRONMENT, noisy, "original", 3, 0)
     assert first == evaluate_all([ENVIRONMENT], noisy, "original", 3, 0, jobs=2)[0]
     assert first == replace(evaluate(ENVIRONMENT, ready, "original", 3, 0), policy=noisy)
@@ -211,9 +218,17 @@ def test_figures_follow_from_the_seed_alone(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_a_failure_ends_an_evaluation_in_one_line() -> None:
     with pytest.raises(ControllerError, match=r"^not_finite: "):
-        evaluate(ENVIRONMENT, "bad_controllers:NotFinite", "original", 1, 0)
+        evaluate(ENVIRONMENT, "helpers.learning.failing_controllers:NotFinite", "original", 1, 0)
     ended = CliRunner().invoke(
-        app, ["evaluate", ENVIRONMENT, "--policy", "bad_controllers:Raises", "--episodes", "1"]
+        app,
+        [
+            "evaluate",
+            ENVIRONMENT,
+            "--policy",
+            "helpers.learning.failing_controllers:Raises",
+            "--episodes",
+            "1",
+        ],
     )
     assert ended.exit_code == 1
     (line,) = ended.stderr.splitlines()
@@ -224,12 +239,15 @@ def test_a_failure_ends_an_evaluation_in_one_line() -> None:
     ("name", "words"),
     [
         ("no_such_module:Thing", "cannot be imported (ModuleNotFoundError: No module named 'no_such_module')"),
-        ("bad_controllers:Missing", "has no attribute 'Missing'"),
-        ("bad_controllers:", "has no attribute ''"),
+        ("helpers.learning.failing_controllers:Missing", "has no attribute 'Missing'"),
+        ("helpers.learning.failing_controllers:", "has no attribute ''"),
         (":Steady", "cannot be imported (ValueError: Empty module name)"),
-        ("bad_controllers:WithoutReset", "a WithoutReset without reset; a controller has reset(seed, environment)"),
-        ("bad_controllers:unmakeable", "cannot be made (FileNotFoundError: weights.bin)"),
-        ("bad_controllers:READY.chance.x", "has no attribute 'chance'"),
+        (
+            "helpers.learning.failing_controllers:WithoutReset",
+            "a WithoutReset without reset; a controller has reset(seed, environment)",
+        ),
+        ("helpers.learning.failing_controllers:unmakeable", "cannot be made (FileNotFoundError: weights.bin)"),
+        ("helpers.learning.failing_controllers:READY.chance.x", "has no attribute 'chance'"),
         ("operator", "nobody can drive the robot here"),
         ("nobody", "allowed: adaptive, original, revised, oracle, random, zero, "),
         ("nobody.onnx", "no policy 'nobody.onnx'"),
@@ -382,7 +400,7 @@ def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
         }
         return make_study(tmp_path / name, **choices, trial_steps="3", free_movement_s="0.0")
 
-    folder = study("study", '["bad_controllers:Raises", "zero", "ours"]')
+    folder = study("study", '["helpers.learning.failing_controllers:Raises", "zero", "ours"]')
     (folder / "ours").mkdir()
     as_onnx(drive(ENVIRONMENT), folder / "ours" / "FeedingJaco.onnx", 1, double=False)
     assert CliRunner().invoke(app, ["study", "check", str(folder)]).exit_code == 0
@@ -392,7 +410,7 @@ def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
         assert [event for event in store.events() if event.name == "controller failed"]
     recordings = [read_recording(path) for path in folder.rglob("*.mcap")]
     drivers = {step.driver for recording in recordings for step in steps_of(recording)}
-    assert drivers == {"bad_controllers:Raises", "zero", "ours"}
+    assert drivers == {"helpers.learning.failing_controllers:Raises", "zero", "ours"}
     assert all(verify(recording).identical for recording in recordings)
 
     with_operator = study("operated", '["operator"]')
@@ -404,7 +422,7 @@ def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
 def test_plug_ins_have_names_and_a_broken_one_is_in_nobodys_way(monkeypatch: pytest.MonkeyPatch) -> None:
     group = plugins.CONTROLLERS
     found = [
-        EntryPoint("calm", "bad_controllers:Steady", group),
+        EntryPoint("calm", "helpers.learning.failing_controllers:Steady", group),
         EntryPoint("broken", "no_such_module:Thing", group),
     ]
     monkeypatch.setattr(plugins, "entries", lambda group: found)

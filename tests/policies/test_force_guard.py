@@ -11,8 +11,8 @@ from avrgym.models.body_regions import QUASI_STATIC_LIMIT_N
 from avrgym.models.scene import SUBSTEPS
 from avrgym.policies.force_guard import GUARD_SHARE, RELEASE_SHARE, WAYPOINT_RAD, ForceGuard
 from avrgym.tasks.episodes import Episodes
-from forces import towards
-from starts import begun
+from helpers.simulation.pressing_robots import towards
+from helpers.simulation.starts import begun
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 WORLDS = 8

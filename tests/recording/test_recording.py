@@ -34,7 +34,7 @@ from avrgym.recording.records import (
     encode,
     json_schema,
 )
-from processes import die_with_parent
+from helpers.system.processes import die_with_parent
 
 METADATA = {
     "environment": "avrgym/FeedingJaco-v1",

@@ -20,8 +20,8 @@ from avrgym.replay.packing import STEP, pack_poses
 from avrgym.replay.page import PLACE, ReplayedTrial, write_page
 from avrgym.replay.timeline import aligned, timeline_of
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
-from journey import WATCH_SCENES
-from visit import Visit, plan
+from helpers.browser.journey import WATCH_SCENES
+from helpers.vr.visit import Visit, plan
 
 PATIENCE_MS = 180_000.0
 STEPS = 3

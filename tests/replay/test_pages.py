@@ -8,7 +8,6 @@ import pytest
 from playwright.sync_api import Browser, Page, Playwright, expect, sync_playwright
 from test_replay_shown import nothing, recording  # noqa: F401
 
-from accessibility import violations
 from avrgym.replay.server import ReplayServer
 from avrgym.replay.timeline import timeline_of
 from avrgym.study.dashboard.application import dashboard_app
@@ -16,8 +15,9 @@ from avrgym.study.storage.store import Store
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.session import Session
-from studies import make_study
-from visit import driving, plan
+from helpers.browser.accessibility import violations
+from helpers.studies.small_studies import make_study
+from helpers.vr.visit import driving, plan
 
 PATIENCE_MS = 90_000.0
 PLAN = plan()

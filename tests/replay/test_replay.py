@@ -22,8 +22,8 @@ from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.protocol.messages import Ready, Stop
 from avrgym.vr.protocol.received import Disconnected
-from studies import make_study, run_participant, take_in
-from visit import ENVIRONMENT, Visit, plan
+from helpers.studies.small_studies import make_study, run_participant, take_in
+from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
 STEPS = 4
 TICKS_INTO_STEP = 23

@@ -15,8 +15,8 @@ from avrgym.replay.verification import verify
 from avrgym.system import plugins
 from avrgym.system.used_plugins import stored
 from avrgym.tasks.registry import plugins_of
-from fake_plugins import change, register
-from visit import ENVIRONMENT, Visit, plan
+from helpers.system.fake_plugins import change, register
+from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
 
 @pytest.fixture(scope="module")

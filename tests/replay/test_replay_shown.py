@@ -26,7 +26,7 @@ from avrgym.replay.server import ReplayServer
 from avrgym.replay.timeline import FRAME_EVERY_STATES, timeline_of
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.tracking.world import poses
-from visit import Visit, plan
+from helpers.vr.visit import Visit, plan
 
 PATIENCE_S = 180.0
 STEPS = 3

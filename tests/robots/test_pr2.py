@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-import urdf
 from avrgym.geometry import kinematics, transforms
 from avrgym.models.robot import Side, robot_spec
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.pr2.robot import MESHES, PR2
+from helpers.robots import pr2_urdf
 
 SIDES: tuple[Side, ...] = ("right", "left")
 MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
@@ -21,8 +21,8 @@ COUNT = 1000
 
 
 @pytest.fixture(scope="module")
-def description() -> urdf.Description:
-    return urdf.read(MESHES.parent / "robots" / "pr2.urdf.xacro")
+def description() -> pr2_urdf.Description:
+    return pr2_urdf.read(MESHES.parent / "robots" / "pr2.urdf.xacro")
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def within_ranges(rng: np.random.Generator, chain: kinematics.Chain) -> np.ndarr
     return rng.uniform(chain.lower_rad, chain.upper_rad, (COUNT, 7))
 
 
-def raised(model: mujoco.MjModel, description: urdf.Description) -> float:
+def raised(model: mujoco.MjModel, description: pr2_urdf.Description) -> float:
     """How far the torso is raised, metres."""
     pos, _ = description.pose(PR2.torso, "base_footprint", {})
     return float((model.body(PR2.torso).pos - pos)[2])

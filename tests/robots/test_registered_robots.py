@@ -23,8 +23,8 @@ from avrgym.robots.registry import ROBOTS
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.task import Task
 from avrgym.vr.scene.scene_export import export_glb
-from glb import GlbFile
-from places import ROOT
+from helpers.browser.glb import GlbFile
+from helpers.system.places import ROOT
 
 sys.path.append(str(ROOT / "examples" / "extension" / "src"))
 

@@ -4,11 +4,11 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial import KDTree
 
-import xacro
 from avrgym.models.robot import robot_spec
 from avrgym.models.scene import robot_with_tool
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.registry import find_robot
+from helpers.robots import jaco_xacro
 
 ARM = JACO.arms["right"]
 SPOON_GRIP = JACO.grips["spoon"]
@@ -20,21 +20,21 @@ def jaco() -> mujoco.MjModel:
 
 
 def test_the_masses_are_those_of_the_public_description(jaco):
-    assert jaco.body_mass.sum() == pytest.approx(xacro.arm_mass(), rel=1e-12)
-    by_mesh = xacro.masses()
+    assert jaco.body_mass.sum() == pytest.approx(jaco_xacro.arm_mass(), rel=1e-12)
+    by_mesh = jaco_xacro.masses()
     for link in range(1, 8):
-        mesh = int(xacro.number(f"link_{link}_mesh_no"))
+        mesh = int(jaco_xacro.number(f"link_{link}_mesh_no"))
         assert jaco.body(f"link_{link}").mass[0] == by_mesh[mesh]
 
 
 @pytest.mark.parametrize("joint", ARM.joints)
 def test_ranges_and_limits_are_those_of_the_public_description(jaco, joint):
     index = ARM.joints.index(joint)
-    limits = [xacro.number(f"{joint}_lower_limit"), xacro.number(f"{joint}_upper_limit")]
+    limits = [jaco_xacro.number(f"{joint}_lower_limit"), jaco_xacro.number(f"{joint}_upper_limit")]
     assert_allclose(jaco.joint(joint).range, limits, rtol=1e-12)
     assert_allclose(jaco.actuator(joint).actrange, limits, rtol=1e-12)
-    assert ARM.speed_limit_rad_s[index] == pytest.approx(xacro.number(f"{joint}_velocity_limit"))
-    assert ARM.torque_limit_n_m[index] == xacro.number(f"{joint}_torque_limit")
+    assert ARM.speed_limit_rad_s[index] == pytest.approx(jaco_xacro.number(f"{joint}_velocity_limit"))
+    assert ARM.torque_limit_n_m[index] == jaco_xacro.number(f"{joint}_torque_limit")
     assert_allclose(jaco.actuator(joint).ctrlrange, np.array([-1, 1]) * ARM.speed_limit_rad_s[index])
     assert_allclose(jaco.actuator(joint).forcerange, np.array([-1, 1]) * ARM.torque_limit_n_m[index])
 

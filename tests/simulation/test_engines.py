@@ -13,7 +13,7 @@ from avrgym.simulation.engines import engine, warp
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import Controller
-from engines import on_both, put_in_the_same_state, step_both
+from helpers.simulation.two_engines import on_both, put_in_the_same_state, step_both
 
 ENVIRONMENT = "avrgym/ScratchItchJaco-v1"
 TO_THE_ITCH = 45
@@ -185,7 +185,7 @@ def test_steps_on_the_device_go_the_way_of_those_on_threads(there: Episodes) -> 
 
 @with_warp
 def test_a_step_on_the_device_copies_nothing_to_the_host(there: Episodes, both: list[Episodes]) -> None:
-    from copies import Copied, nothing_copied
+    from helpers.simulation.no_host_copies import Copied, nothing_copied
 
     begin(there)
     action = tensor(np.full((2, 7), 0.3))

@@ -17,8 +17,8 @@ from avrgym.models.scene import GEOM_CONTACTS, PHYSICS_STEP_S, SUBSTEPS
 from avrgym.simulation.region_forces import RegionLoads, RegionWatch
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
-from forces import towards
-from starts import begun
+from helpers.simulation.pressing_robots import towards
+from helpers.simulation.starts import begun
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 WORLDS = 12

@@ -14,7 +14,7 @@ from avrgym.simulation.worlds import PARKING_W, Simulation
 from avrgym.tasks import places
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.feeding.task import SPOON_Q_W
-from worlds import jerky_actions
+from helpers.simulation.worlds import jerky_actions
 
 FEEDING = "avrgym/FeedingJaco-v1"
 STILL = np.zeros((1, 7))

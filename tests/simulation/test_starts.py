@@ -13,7 +13,7 @@ from avrgym.simulation.room import NoRoomError
 from avrgym.tasks.episodes import MOST_DRAWS, Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.tracking.world import LiveWorld
-from starts import HAND_AT_THE_ROBOT_RAD, at_once, begun, deepest_overlap_m
+from helpers.simulation.starts import HAND_AT_THE_ROBOT_RAD, at_once, begun, deepest_overlap_m
 
 SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"
 KINDS = [("original", "limits"), ("revised", "limits"), ("participants", "tremor"), ("zoo/unseen", "tremor")]

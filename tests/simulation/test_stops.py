@@ -8,7 +8,7 @@ from avrgym.models import robot
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
-from stops import MOST_BACK_M, SLOW_M_S, stop_at_random
+from helpers.simulation.random_stops import MOST_BACK_M, SLOW_M_S, stop_at_random
 
 STOPS = 8
 

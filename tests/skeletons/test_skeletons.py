@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from avrgym.cli.main import app
 from avrgym.skeletons import writing
 from avrgym.skeletons.writing import TEMPLATES, distribution, module
-from extension import avrgym, environment_with, python
+from helpers.system.example_package import avrgym, environment_with, python
 
 SKELETONS = Path(writing.__file__).parent
 NAMES = {"task": "RollUpSleeve", "robot": "LongArm2", "controller": "LetGo"}

@@ -13,9 +13,9 @@ from avrgym.vr.emulation.in_process import InProcessClient
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session
-from killing import compare_with_killed
-from studies import make_study
-from visit import driving
+from helpers.studies.small_studies import make_study
+from helpers.system.killed_processes import compare_with_killed
+from helpers.vr.visit import driving
 
 WARM_TRIALS, TRIALS = 24, 240
 MOST_GROWTH_BYTES = 64 << 20

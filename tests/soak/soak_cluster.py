@@ -22,8 +22,8 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 from avrgym.learning import training
 from avrgym.learning.training import Progress, TrainingConfiguration, train
 from avrgym.system.cluster import Cluster, connected
-from processes import die_with_parent
-from ray_nodes import add_node, assert_same_training, kill_node, ray_nodes, where
+from helpers.learning.ray_nodes import add_node, assert_same_training, kill_node, ray_nodes, where
+from helpers.system.processes import die_with_parent
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes and files end with its shutdown
 WORKERS_KILLED, NODES_KILLED, COMMANDS_KILLED = (

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from extension import install, train_and_study
+from helpers.system.example_package import install, train_and_study
 
 STEPS = 20_000
 

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from avrgym.study.storage.store import Store
-from faulty_study import FaultyStudy
-from studies import make_study
+from helpers.studies.faulty_study import FaultyStudy
+from helpers.studies.small_studies import make_study
 
 PARTICIPANTS = 25
 PROTOCOL = {"free_movement_s": "0.4", "trial_steps": "25", "practice_policy": '""'}

@@ -6,7 +6,7 @@ from gymnasium.vector import AutoresetMode
 
 from avrgym.learning.evaluation import evaluate_all
 from avrgym.tasks.registry import ENVIRONMENTS
-from vector_laws import WORLDS, compare
+from helpers.simulation.vector_environments import WORLDS, compare
 
 STEPS = 100
 

@@ -21,9 +21,9 @@ from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation import headset
 from avrgym.vr.emulation.headset import BrowserAttendance
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
-from journey import Journey
+from helpers.browser.journey import Journey
 
-METER = (Path(__file__).parents[1] / "helpers/page_meter.js").read_text("utf-8")
+METER = (Path(__file__).parents[1] / "helpers/browser/page_meter.js").read_text("utf-8")
 pytestmark = pytest.mark.usefixtures("unhurried", "patient")
 MINUTES = float(os.environ.get("SOAK_MINUTES", "60"))
 SHARE_WARM = 0.25

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from places import ROOT
+from helpers.system.places import ROOT
 
 DESIGN = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "policies": '["revised"]', "practice_policy": '""'}
 ORDINARY_USER = 65534

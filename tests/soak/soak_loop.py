@@ -3,7 +3,7 @@
 import pytest
 
 from avrgym.tasks.registry import ENVIRONMENTS
-from stops import MOST_BACK_M, SLOW_M_S, stop_at_random
+from helpers.simulation.random_stops import MOST_BACK_M, SLOW_M_S, stop_at_random
 
 STOPS, MOMENTS = 25, 8
 

@@ -12,7 +12,7 @@ from avrgym.analysis.statistics.models.fitted import NoFit
 from avrgym.analysis.statistics.models.fitting import LOGISTIC, MIXED, ORDINAL, estimates, informative
 from avrgym.analysis.statistics.models.ordinal import MANCL_DEROUEN, UNCORRECTED, fit_ordinal
 from avrgym.study.design.design import Design, default_text, parse_design
-from imagined import answered, rewarded, succeeded
+from helpers.studies.simulated_results import answered, rewarded, succeeded
 
 DESIGN = parse_design(default_text())
 STUDIES = 1000

@@ -6,8 +6,8 @@ import pytest
 
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from damage import count_unnoticed
-from studies import run_participant, small_study, take_in
+from helpers.studies.damaged_recordings import count_unnoticed
+from helpers.studies.small_studies import run_participant, small_study, take_in
 
 PLACES = 5000
 

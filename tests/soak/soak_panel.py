@@ -11,7 +11,7 @@ from PIL import Image
 from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
-from journey import WATCH_SCENES, Journey, draw_triangles
+from helpers.browser.journey import WATCH_SCENES, Journey, draw_triangles
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 

@@ -13,9 +13,9 @@ from avrgym.simulation.room import NoRoomError
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-from forces import HOW, MOST_FORCE_N, pressed
-from starts import at_once, deepest_overlap_m
-from worlds import assert_sane
+from helpers.simulation.pressing_robots import HOW, MOST_FORCE_N, pressed
+from helpers.simulation.starts import at_once, deepest_overlap_m
+from helpers.simulation.worlds import assert_sane
 
 STARTS_OF_A_KIND = 524
 PERSONS = 200

@@ -24,7 +24,7 @@ from avrgym.vr.server import loop
 from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.world import TICK_S
-from journey import Journey, await_that, draw_triangles
+from helpers.browser.journey import Journey, await_that, draw_triangles
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 COLUMNS, CAPTION_HEIGHT = 3, 14

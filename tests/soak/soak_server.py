@@ -43,10 +43,10 @@ from avrgym.vr.server.certificate import certificate_for
 from avrgym.vr.server.connection import MESSAGES_PER_S
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.session import Session
-from hostile import PATIENCE_S, ask, is_closed, request, status
-from processes import die_with_parent
-from receipts import understand
-from visit import driving, plan
+from helpers.system.processes import die_with_parent
+from helpers.vr.raw_clients import PATIENCE_S, ask, is_closed, request, status
+from helpers.vr.received_states import understand
+from helpers.vr.visit import driving, plan
 
 CONNECTIONS, HANDSHAKES, MESSAGES = 2_000, 300, 200_000
 OWN_MESSAGES = 2_000

@@ -20,9 +20,9 @@ from avrgym.study.people.participants import enrol, record_consent, record_inclu
 from avrgym.study.storage import database, ledger
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.store import Store
-from flips import flip_bit, noticed
-from sites import contents, make_site, merge_killed, tree, wrong
-from studies import (
+from helpers.studies.flipped_bits import flip_bit, noticed
+from helpers.studies.sites import contents, make_site, merge_killed, tree, wrong
+from helpers.studies.small_studies import (
     fitting_answers,
     new_postgresql_database,
     run_participant,
@@ -92,7 +92,7 @@ def kept(folder: Path) -> set[Fact]:
 def kill(folder: Path, after_s: float) -> list[Fact]:
     """Kill a process in the midst of its work; what had been acknowledged before."""
     context = get_context("forkserver")
-    context.set_forkserver_preload(["studies"])
+    context.set_forkserver_preload(["helpers.studies.small_studies"])
     here, there = context.Pipe(duplex=False)
     process = context.Process(target=live, args=(folder, os.environ.get(database.URL_VARIABLE, ""), there))
     process.start()

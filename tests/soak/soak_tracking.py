@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from avrgym.tasks.registry import ENVIRONMENTS
-from hostility import ATTACKS, IMPACT_N, peak_force_n
+from helpers.vr.teleporting_hands import ATTACKS, IMPACT_N, peak_force_n
 
 SEEDS = 5
 

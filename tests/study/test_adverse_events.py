@@ -30,7 +30,7 @@ from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import open_session, tell
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from studies import run_participant, small_study, take_in
+from helpers.studies.small_studies import run_participant, small_study, take_in
 
 SECRET = "Grace-Unverwechselbar"
 DIZZY = Report(

@@ -12,8 +12,8 @@ from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.server import LiveServer
-from journey import PATIENCE_S
-from studies import make_study, take_in
+from helpers.browser.journey import PATIENCE_S
+from helpers.studies.small_studies import make_study, take_in
 
 ASKED = """
 [[questionnaires]]

@@ -12,7 +12,6 @@ import sqlalchemy as sa
 from playwright.sync_api import expect, sync_playwright
 from typer.testing import CliRunner, Result
 
-import studies
 from avrgym.analysis.reading.flow import flows
 from avrgym.analysis.reading.observations import Observations
 from avrgym.cli.main import app
@@ -43,8 +42,16 @@ from avrgym.study.storage.store import Store
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.session import Session
-from studies import fitting_answers, make_study, plugins_in, run_participant, small_study, take_in
-from visit import Visit, driving, plan
+from helpers.studies import small_studies
+from helpers.studies.small_studies import (
+    fitting_answers,
+    make_study,
+    plugins_in,
+    run_participant,
+    small_study,
+    take_in,
+)
+from helpers.vr.visit import Visit, driving, plan
 
 PATIENCE_MS = 120_000
 GERMAN = "Ich bin einverstanden."
@@ -378,7 +385,7 @@ def test_a_rebuilt_study_has_the_consents_that_recordings_store(
         before = store.consents(pseudonym)
         if recorded:
             stored = {"consent": latest_consent(before)}
-            monkeypatch.setattr(studies, "plugins_in", lambda trial: plugins_in(trial) | stored)
+            monkeypatch.setattr(small_studies, "plugins_in", lambda trial: plugins_in(trial) | stored)
         run_participant(store, pseudonym, trials=4)
     for name in ("study.db", "study.db.sha256", "participation.jsonl"):
         (folder / name).unlink()

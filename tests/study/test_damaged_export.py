@@ -17,8 +17,8 @@ from avrgym.study.export.trials import completed_attempts, verified
 from avrgym.study.storage import database, schema
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from damage import BROKEN, count_unnoticed
-from studies import STEPS, run_participant, small_study, take_in
+from helpers.studies.damaged_recordings import BROKEN, count_unnoticed
+from helpers.studies.small_studies import STEPS, run_participant, small_study, take_in
 
 TRIALS = 5
 

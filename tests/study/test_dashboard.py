@@ -21,8 +21,8 @@ from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.access import Caller, Tokens
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.session import Session
-from studies import METRICS, fitting_answers, make_study, run_participant, take_in
-from visit import driving, plan
+from helpers.studies.small_studies import METRICS, fitting_answers, make_study, run_participant, take_in
+from helpers.vr.visit import driving, plan
 
 PATIENCE_S = 400.0
 HOSTILE = "<script>window.hacked = 1</script><img src=x onerror='window.hacked = 2'>"

@@ -9,7 +9,7 @@ from avrgym.cli import app
 from avrgym.study.plan.data_protection import FOLDER, write_data_protection
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from studies import small_study
+from helpers.studies.small_studies import small_study
 
 
 def written(folder: Path) -> dict[str, str]:

@@ -13,7 +13,7 @@ from avrgym.study.people.doubles import PossibleDouble
 from avrgym.study.people.participants import enrol, set_identity, withdraw
 from avrgym.study.storage.keyfile import read_key
 from avrgym.study.storage.store import Store
-from studies import small_study
+from helpers.studies.small_studies import small_study
 
 NAME, CONTACT = "Zoë  Straßer", "zoe@example.org"
 SAME = (

@@ -8,7 +8,6 @@ import msgspec
 import pytest
 from typer.testing import CliRunner
 
-from analysed import record_trial
 from avrgym.cli.main import app
 from avrgym.cli.plan import plan_of
 from avrgym.policies.trained import packaged_policies
@@ -25,7 +24,8 @@ from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from edited import DESIGN, EDITS, edit, make_edited_study, participate
+from helpers.studies.design_edits import DESIGN, EDITS, edit, make_edited_study, participate
+from helpers.studies.known_results import record_trial
 
 POLICY = "mine/FeedingJaco.safetensors"
 FIXED = {

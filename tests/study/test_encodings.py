@@ -25,7 +25,7 @@ from avrgym.study.plan.origin import read_frozen
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.texts.texts import read_texts
-from studies import make_study, run_participant, small_study, take_in
+from helpers.studies.small_studies import make_study, run_participant, small_study, take_in
 
 UMLAUTS = "Ärger über Füße, «naïve» 姓名"
 

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from avrgym.study.storage.store import Store
-from faulty_study import AT_ONCE, Expected, Fault, FaultyStudy
-from studies import make_study
+from helpers.studies.faulty_study import AT_ONCE, Expected, Fault, FaultyStudy
+from helpers.studies.small_studies import make_study
 
 
 def test_the_right_attempts_count(tmp_path: Path) -> None:

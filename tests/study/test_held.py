@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from analysed import STEPS, run_trials, take_part
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.recording.files import Recording
@@ -13,7 +12,8 @@ from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.held import held_share
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.storage.store import Store
-from studies import make_study
+from helpers.studies.known_results import STEPS, run_trials, take_part
+from helpers.studies.small_studies import make_study
 
 RATE_HZ = 100
 DRIVEN_S = 20.0

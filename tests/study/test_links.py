@@ -38,8 +38,8 @@ from avrgym.vr.server.links import (
     new_link,
 )
 from avrgym.vr.server.server import LiveServer
-from receipts import understand
-from studies import fitting_answers, make_study, take_in
+from helpers.studies.small_studies import fitting_answers, make_study, take_in
+from helpers.vr.received_states import understand
 
 PATIENCE_S = 120.0
 GERMAN = read_texts("de").page

@@ -17,8 +17,8 @@ from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Command, Phase, Stop
-from studies import make_study, new_postgresql_database, take_in
-from visit import Visit
+from helpers.studies.small_studies import make_study, new_postgresql_database, take_in
+from helpers.vr.visit import Visit
 
 PATIENCE_S = 60.0
 Lock = Callable[[], AbstractContextManager[None]]

@@ -19,8 +19,8 @@ from avrgym.study.storage.answers import change_answer, open_attempts, reconcile
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Back, Command, Entered, Ready
 from avrgym.vr.protocol.received import Disconnected
-from days import GIVEN, Day, killed_in
-from studies import make_study, take_in
+from helpers.studies.server_days import GIVEN, Day, killed_in
+from helpers.studies.small_studies import make_study, take_in
 
 
 @pytest.fixture

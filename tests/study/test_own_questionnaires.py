@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 import sqlalchemy as sa
 
-from analysed import record_trial, take_part
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.statistics.tests import holm
 from avrgym.analysis.study import analyse
@@ -25,7 +24,8 @@ from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from studies import make_study
+from helpers.studies.known_results import record_trial, take_part
+from helpers.studies.small_studies import make_study
 
 LOAD = """
 [[questionnaires]]

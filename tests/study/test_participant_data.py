@@ -25,7 +25,7 @@ from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from studies import record, run_participant, small_study, take_in
+from helpers.studies.small_studies import record, run_participant, small_study, take_in
 
 OTHERS = ("Zora", "zora-note", "zora-event", "sub-002")
 

@@ -21,7 +21,7 @@ from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, parse_plan
 from avrgym.study.plan.template import template
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from studies import fitting_answers, make_study, run_participant, small_study, take_in
+from helpers.studies.small_studies import fitting_answers, make_study, run_participant, small_study, take_in
 
 DESIGN = parse_design(default_text())
 OFFERED = offered_tests(DESIGN)

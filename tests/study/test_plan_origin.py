@@ -9,7 +9,6 @@ import pytest
 from cryptography import x509
 from typer.testing import CliRunner, Result
 
-from analysed import run_trials, take_part
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
@@ -21,9 +20,10 @@ from avrgym.study.plan.origin import Frozen, read_frozen
 from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from html_page import Page
-from studies import make_study, run_participant, take_in
-from time_stamps import Authority
+from helpers.browser.html_page import Page
+from helpers.studies.known_results import run_trials, take_part
+from helpers.studies.small_studies import make_study, run_participant, take_in
+from helpers.studies.time_stamp_authority import Authority
 
 DATABASE_FILES = ("study.db", "study.db.sha256", "study.head")
 needs_openssl = pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed")

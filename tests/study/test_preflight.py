@@ -13,7 +13,7 @@ from avrgym.study.checking.preflight import policies_needed, policy_faults
 from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from studies import make_study, take_in
+from helpers.studies.small_studies import make_study, take_in
 
 JACO = "avrgym/FeedingJaco-v1"
 

@@ -41,9 +41,9 @@ from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Command, CommandName
 from avrgym.vr.protocol.received import Disconnected
-from html_page import Page
-from studies import make_study, record, take_in
-from visit import Visit
+from helpers.browser.html_page import Page
+from helpers.studies.small_studies import make_study, record, take_in
+from helpers.vr.visit import Visit
 
 ADA = Actor("ada", OWN_TOKEN)
 STEPS = 3

@@ -18,7 +18,7 @@ from avrgym.study.storage import keyfile
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from studies import run_participant, small_study, take_in
+from helpers.studies.small_studies import run_participant, small_study, take_in
 
 END = date(2126, 6, 30)
 PERIODS = 'ended_on = "2126-06-30"\nidentities_months = 6\nrecordings_years = 2\ndata_years = 10\n'

@@ -16,9 +16,9 @@ from websockets.sync.client import ClientConnection, connect
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
-from limits import with_limits
-from processes import AVRGYM, die_with_parent, served
-from studies import make_study, take_in
+from helpers.studies.small_studies import make_study, take_in
+from helpers.system.processes import AVRGYM, die_with_parent, served
+from helpers.vr.time_limits import with_limits
 
 IMPATIENT = ("avrgym.study.storage.sqlite:WAIT_S=4", "avrgym.study.sessions.live:PATIENCE_S=2")
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

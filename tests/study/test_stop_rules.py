@@ -18,8 +18,8 @@ from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Answer, Command, Phase, Problem, Ready, Sent, Status
 from avrgym.vr.tracking.world import TICK_S
-from studies import make_study, take_in
-from visit import Visit
+from helpers.studies.small_studies import make_study, take_in
+from helpers.vr.visit import Visit
 
 NAUSEA = '{ id = "nausea", text = "How sick do you feel?", points = 4, low = "not at all", high = "very" }'
 TABLES = f"""

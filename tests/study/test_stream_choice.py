@@ -7,8 +7,8 @@ import pytest
 from avrgym.recording.streams import StreamChoice, stream_choice
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.storage.store import Store
-from pages import DOCS, blocks
-from studies import make_study
+from helpers.browser.documentation import DOCS, blocks
+from helpers.studies.small_studies import make_study
 
 DEFAULT = "[streams]\nsend = false\nreceive = {}\n"
 

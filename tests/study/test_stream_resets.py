@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-import studies
 from avrgym.analysis.reading.observations import observe
 from avrgym.analysis.stream_rows import StreamRow
 from avrgym.recording.records import StreamSamples
 from avrgym.study.checking.checks import check_study
 from avrgym.study.export import export_study
 from avrgym.study.storage.store import Store
-from studies import HEARTBEATS, SAMPLES, run_participant, small_study, take_in
+from helpers.studies import small_studies
+from helpers.studies.small_studies import HEARTBEATS, SAMPLES, run_participant, small_study, take_in
 
 JUMP_S = -1.0
 JUMPED = StreamSamples(
@@ -28,7 +28,7 @@ JUMPED = StreamSamples(
 
 @pytest.fixture
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
-    monkeypatch.setattr(studies, "SAMPLES", (JUMPED, *SAMPLES[1:]))
+    monkeypatch.setattr(small_studies, "SAMPLES", (JUMPED, *SAMPLES[1:]))
     with Store(small_study(tmp_path / "study")) as opened:
         run_participant(opened, take_in(opened), trials=2)
         yield opened

@@ -20,8 +20,8 @@ from avrgym.study.storage.answers import record_answer
 from avrgym.study.storage.attempts import begin_attempt
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.store import Store
-from places import ROOT
-from studies import make_study, run_participant, small_study, take_in
+from helpers.studies.small_studies import make_study, run_participant, small_study, take_in
+from helpers.system.places import ROOT
 
 FIRST = "recordings/sub-001/ses-01/trial-01_attempt-1.mcap"
 SECOND = "recordings/sub-001/ses-01/trial-02_attempt-1.mcap"

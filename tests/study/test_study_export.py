@@ -25,7 +25,15 @@ from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS
-from studies import OBSERVATION, STEPS, TORSO_HEIGHT_M, record, run_participant, small_study, take_in
+from helpers.studies.small_studies import (
+    OBSERVATION,
+    STEPS,
+    TORSO_HEIGHT_M,
+    record,
+    run_participant,
+    small_study,
+    take_in,
+)
 
 NAME = "Ada Unverwechselbar"
 SCENES = ("FeedingJaco", "FeedingPR2")

@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from analysed import take_part
 from avrgym.cli.main import app
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.sessions.live import plan_session
 from avrgym.study.storage.store import Store
-from studies import make_study
+from helpers.studies.known_results import take_part
+from helpers.studies.small_studies import make_study
 
 LINE = "force_guard = true\n"
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from analysed import take_part
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.recording.headset_check import HeadsetCheck, TrackedPart
@@ -16,7 +15,8 @@ from avrgym.study.sessions.live import StudyVisit, plan_session
 from avrgym.study.storage.sessions import store_headset_check
 from avrgym.study.storage.store import Store
 from avrgym.vr.session import events
-from studies import make_study
+from helpers.studies.known_results import take_part
+from helpers.studies.small_studies import make_study
 
 LINE = "headset_check = true\n"
 CHECK = HeadsetCheck(

@@ -9,7 +9,6 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from analysed import record_trial, take_part
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.recording.instruments.registry import INSTRUMENTS
@@ -23,7 +22,8 @@ from avrgym.study.storage.answers import record_answer, record_session_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
-from studies import make_study
+from helpers.studies.known_results import record_trial, take_part
+from helpers.studies.small_studies import make_study
 
 USED = """
 [[questionnaires]]

@@ -18,10 +18,8 @@ from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from flips import flip_bit, noticed
-from places import DATA
-from processes import die_with_parent
-from studies import (
+from helpers.studies.flipped_bits import flip_bit, noticed
+from helpers.studies.small_studies import (
     METRICS,
     TORSO_HEIGHT_M,
     new_postgresql_database,
@@ -30,6 +28,8 @@ from studies import (
     small_study,
     take_in,
 )
+from helpers.system.places import DATA
+from helpers.system.processes import die_with_parent
 
 OLD = DATA / "study-of-0.2.0"
 

@@ -15,11 +15,11 @@ from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation.headset import DONE, EmulatedHeadset
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
-from journey import PATIENCE_S, SEATING, await_buttons, await_phase, draw_little, go_on
-from limits import UNHURRIED
-from processes import served
-from studies import make_study
-from visit import drive
+from helpers.browser.journey import PATIENCE_S, SEATING, await_buttons, await_phase, draw_little, go_on
+from helpers.studies.small_studies import make_study
+from helpers.system.processes import served
+from helpers.vr.time_limits import UNHURRIED
+from helpers.vr.visit import drive
 
 TASKS = ("Feeding", "ScratchItch")
 ANSWERS = {"L1": 7, "L2": 6, "L3": 5, "L4": 4}

@@ -20,8 +20,8 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.texts import Said, TextsError, normal, read_texts
 from avrgym.vr.protocol.messages import Back, Language, Phase, Question, Ready
-from studies import fitting_answers, make_study
-from visit import Visit
+from helpers.studies.small_studies import fitting_answers, make_study
+from helpers.vr.visit import Visit
 
 GERMAN = read_texts("de")
 BOTH = '["en", "de"]'

@@ -21,8 +21,8 @@ from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Command, CommandName, Entered, Ready
-from studies import make_study, take_in
-from visit import Visit
+from helpers.studies.small_studies import make_study, take_in
+from helpers.vr.visit import Visit
 
 PATIENCE_S = 60.0
 ITEMS = ("L1", "L2", "L3", "L4")

@@ -58,11 +58,11 @@ from avrgym.vr.protocol.messages import Command, Hello, Problem, Welcome
 from avrgym.vr.server.links import SessionLinks
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.session import Session
-from html_page import Page
-from receipts import understand
-from sites import make_site
-from studies import make_study, run_participant, small_study, take_in
-from visit import driving, plan
+from helpers.browser.html_page import Page
+from helpers.studies.sites import make_site
+from helpers.studies.small_studies import make_study, run_participant, small_study, take_in
+from helpers.vr.received_states import understand
+from helpers.vr.visit import driving, plan
 
 ADA, PATIENCE_S = Actor("ada", OWN_TOKEN), 60.0
 NAME, NOTE, REASON = "Grace Participant", "she laughed aloud", "felt unwell today"

@@ -23,14 +23,22 @@ from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from places import DATA
-from sites import add_participant, contents, make_site, merge_killed, set_in_design, tree, wrong
-from studies import (
+from helpers.studies.sites import (
+    add_participant,
+    contents,
+    make_site,
+    merge_killed,
+    set_in_design,
+    tree,
+    wrong,
+)
+from helpers.studies.small_studies import (
     fitting_answers,
     new_postgresql_database,
     record,
     small_study,
 )
+from helpers.system.places import DATA
 
 
 @pytest.fixture(autouse=True)

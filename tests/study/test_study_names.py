@@ -23,8 +23,8 @@ from avrgym.study.storage.keyfile import Identity
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.data_folder import data_folder
-from places import DATA
-from studies import small_study
+from helpers.studies.small_studies import small_study
+from helpers.system.places import DATA
 
 NAME, CONTACT, SECRET = "Zora Unmistakable", "zora@example.org", "a long passphrase"
 

@@ -32,7 +32,7 @@ from avrgym.study.storage.losses import loss_words
 from avrgym.study.storage.participation import FILE, ParticipationList
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from studies import fitting_answers, run_participant, small_study, take_in
+from helpers.studies.small_studies import fitting_answers, run_participant, small_study, take_in
 
 DATABASE_FILES = ("study.db", "study.db.sha256", "study.head")
 STATES = {

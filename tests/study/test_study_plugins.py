@@ -9,7 +9,6 @@ import msgspec
 import pytest
 from typer.testing import CliRunner
 
-import studies
 from avrgym.analysis.reading.observations import observe
 from avrgym.analysis.report.pack.methods import _plugins
 from avrgym.cli.main import app
@@ -24,8 +23,9 @@ from avrgym.study.storage.store import Store
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin
 from avrgym.tasks.registry import plugins_of
-from fake_plugins import change, register
-from studies import make_study, run_participant, take_in
+from helpers.studies import small_studies
+from helpers.studies.small_studies import make_study, run_participant, take_in
+from helpers.system.fake_plugins import change, register
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 
@@ -87,7 +87,7 @@ def test_a_dry_run_before_a_change_says_nothing_about_people(robot: Path, folder
 def test_what_earlier_versions_did_not_store_is_said_so(
     robot: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(studies, "plugins_in", lambda trial: {})
+    monkeypatch.setattr(small_studies, "plugins_in", lambda trial: {})
     with Store(folder) as store:
         run_participant(store, take_in(store), 1)
         (note,) = findings(store)

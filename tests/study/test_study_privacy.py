@@ -18,7 +18,7 @@ from avrgym.study.storage.sessions import close_session, open_session, tell
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import exposed
-from studies import run_participant, small_study, take_in
+from helpers.studies.small_studies import run_participant, small_study, take_in
 
 NAME, CONTACT = "Grace Unverwechselbar", "grace.unverwechselbar@example.org"
 TRACES = (

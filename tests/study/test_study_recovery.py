@@ -21,8 +21,8 @@ from avrgym.study.storage import database, keyfile, store
 from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from places import DATA
-from studies import run_participant, small_study, take_in
+from helpers.studies.small_studies import run_participant, small_study, take_in
+from helpers.system.places import DATA
 
 OLD = DATA / "study-of-0.2.0"
 

@@ -33,7 +33,7 @@ from avrgym.vr.protocol.messages import (
     Welcome,
 )
 from avrgym.vr.tracking.world import TICK_S
-from studies import make_study, run_trial, take_in
+from helpers.studies.small_studies import make_study, run_trial, take_in
 
 NO_PROCESS = 2**22 + 1
 """No process of Linux has this number."""

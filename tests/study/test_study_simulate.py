@@ -27,10 +27,10 @@ from avrgym.study.sessions.simulation import (
 from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from killing import SEED, assert_same, compare_with_killed
-from networks import network, saved
-from processes import AVRGYM, die_with_parent
-from studies import make_study, take_in
+from helpers.learning.random_networks import network, saved
+from helpers.studies.small_studies import make_study, take_in
+from helpers.system.killed_processes import SEED, assert_same, compare_with_killed
+from helpers.system.processes import AVRGYM, die_with_parent
 
 FITS = "y\ny\ny\ny\ny\ny\nn\n"
 """Answers to the inclusion questions of a participant who can take part."""

@@ -30,9 +30,7 @@ from avrgym.study.storage.sessions import close_session, open_session, skip_tria
 from avrgym.study.storage.states import TRANSITIONS, StudyError, check_transition
 from avrgym.study.storage.store import Store
 from avrgym.system.processes import is_running
-from places import HELPERS
-from processes import die_with_parent
-from studies import (
+from helpers.studies.small_studies import (
     METRICS,
     fitting_answers,
     make_study,
@@ -43,6 +41,8 @@ from studies import (
     small_study,
     take_in,
 )
+from helpers.system.places import TESTS
+from helpers.system.processes import die_with_parent
 
 ITEMS = ("L1", "L2", "L3", "L4")
 
@@ -404,7 +404,7 @@ import sys
 import time
 from pathlib import Path
 from avrgym.study.storage.store import Store
-from studies import run_participant
+from helpers.studies.small_studies import run_participant
 with Store(Path(sys.argv[1])) as store:
     print("ready", flush=True)
     run_participant(store, "sub-001")
@@ -447,7 +447,7 @@ def test_kill_9_at_any_moment_changes_neither_order_nor_seeds_nor_loses_a_trial(
 def _run_and_kill(folder: Path, after_s: float) -> None:
     """Start a session in a process of its own and end it, at some moment of its work, as a crash would."""
     command = [sys.executable, "-c", WORKER, folder]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=HELPERS, preexec_fn=die_with_parent) as worker:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=TESTS, preexec_fn=die_with_parent) as worker:
         assert worker.stdout is not None
         assert worker.stdout.readline() == b"ready\n"
         time.sleep(after_s)
@@ -482,7 +482,7 @@ STATION = """
 import json, sys
 from pathlib import Path
 from avrgym.study.storage.store import Store
-from studies import take_in
+from helpers.studies.small_studies import take_in
 with Store(Path(sys.argv[1])) as store:
     print(json.dumps([take_in(store) for _ in range(int(sys.argv[2]))]))
 """
@@ -494,7 +494,7 @@ def test_stations_at_the_same_time_never_share_an_allocation(kind: str, tmp_path
     each, stations = 4, 3
     command = [sys.executable, "-c", STATION, folder, str(each)]
     running = [
-        subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=HELPERS) for _ in range(stations)
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=TESTS) for _ in range(stations)
     ]
     given = [json.loads(process.communicate(timeout=120)[0]) for process in running]
     assert {process.returncode for process in running} == {0}

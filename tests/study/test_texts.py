@@ -11,7 +11,7 @@ from avrgym.study.people.participants import add_note, enrol, set_identity, with
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.study.storage.texts import MOST_IN_LINE, MOST_IN_NOTE
-from studies import make_study
+from helpers.studies.small_studies import make_study
 
 ENTRANCES: dict[str, tuple[int, Callable[[Store, str], object]]] = {
     "name": (MOST_IN_LINE, lambda store, text: enrol(store, "man", name=text)),

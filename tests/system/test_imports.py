@@ -12,7 +12,7 @@ from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks import known
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-from requirements import modules_of_extras
+from helpers.system.requirements import modules_of_extras
 
 LIBRARIES = {
     "PIL", "alembic", "av", "cryptography", "fastapi", "h5py", "matplotlib", "mcap", "msgspec", "mujoco",

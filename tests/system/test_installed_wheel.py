@@ -18,9 +18,9 @@ import pytest
 from typer.main import get_command
 
 from avrgym.cli.main import app
-from limits import UNHURRIED, with_limits
-from places import OLD_RECORDING, ROOT
-from requirements import required
+from helpers.system.places import OLD_RECORDING, ROOT
+from helpers.system.requirements import required
+from helpers.vr.time_limits import UNHURRIED, with_limits
 
 pytestmark = pytest.mark.slow
 

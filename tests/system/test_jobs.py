@@ -16,8 +16,8 @@ from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.storage import database
 from avrgym.system.jobs import cores, report, run_all
 from avrgym.tasks.known import EPISODE_STEPS
-from killing import SEED, assert_same
-from studies import make_study
+from helpers.studies.small_studies import make_study
+from helpers.system.killed_processes import SEED, assert_same
 
 SLEEPING = """
 import os, time

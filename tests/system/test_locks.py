@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.system.locks import locked
-from places import DATA
-from processes import die_with_parent
+from helpers.system.places import DATA
+from helpers.system.processes import die_with_parent
 
 TRAINING = DATA / "training-of-0.2.0"
 HOLD = """

@@ -16,9 +16,9 @@ from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system import plugins, used_plugins
 from avrgym.system.used_plugins import UsedPlugin, content_sha256, differences, own_version, stored
 from avrgym.tasks.registry import plugins_of
-from fake_plugins import change, register
-from networks import network, saved
-from visit import ENVIRONMENT
+from helpers.learning.random_networks import network, saved
+from helpers.system.fake_plugins import change, register
+from helpers.vr.visit import ENVIRONMENT
 
 FILES = {
     "arm/__init__.py": "",

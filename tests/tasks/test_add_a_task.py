@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from avrgym.skeletons.writing import write_skeleton
-from extension import environment_with, train_and_study
-from places import ROOT
+from helpers.system.example_package import environment_with, train_and_study
+from helpers.system.places import ROOT
 
 PAGE = (ROOT / "docs" / "add_a_task.md").read_text()
 RECORD, _PARTICLES, CHECK = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)

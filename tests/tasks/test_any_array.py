@@ -24,7 +24,7 @@ from avrgym.robots.registry import find_robot
 from avrgym.simulation.state import State
 from avrgym.tasks.minds import Minds
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-from tensors import assert_alike, single, tensors
+from helpers.simulation.tensors import assert_alike, single, tensors
 
 WORLDS = 32
 

@@ -21,7 +21,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.person import LIMBS
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.task import StepResult
-from worlds import still_world
+from helpers.simulation.worlds import still_world
 
 TASK = TASKS["BedBathing"]
 MAN = Person("man", 0.60)

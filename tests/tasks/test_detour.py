@@ -10,7 +10,7 @@ from avrgym.tasks.scratch_itch.detour import HAND_M, around_arm_m, around_limb_m
 from avrgym.tasks.scratch_itch.expert import ROD
 from avrgym.tasks.scratch_itch.reactive import turn_rad
 from avrgym.tasks.scratch_itch.reward import ScratchItchState
-from worlds import still_world
+from helpers.simulation.worlds import still_world
 
 RADIUS_M = 0.04
 LIMB_POS_W = np.array([-0.3, 0.1, 0.9])

@@ -16,7 +16,7 @@ from avrgym.tasks.drinking.task import CUP_Q_W
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.task import StepResult
-from worlds import still_world
+from helpers.simulation.worlds import still_world
 
 DRINKING = TASKS["Drinking"]
 LEFT, BACK, UP = np.eye(3)

@@ -11,7 +11,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.places import FURNITURE_EDGE_M
 from avrgym.tasks.registry import ENVIRONMENTS
-from worlds import assert_sane, jerky_actions
+from helpers.simulation.worlds import assert_sane, jerky_actions
 
 CARRYING = [name for name in ENVIRONMENTS if "Feeding" in name or "Drinking" in name]
 ALLOWED_DEPTH_M = 0.03

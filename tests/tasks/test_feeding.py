@@ -16,7 +16,7 @@ from avrgym.tasks.feeding.reward import FeedingState
 from avrgym.tasks.feeding.task import SPOON_Q_W
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.task import StepResult
-from worlds import still_world
+from helpers.simulation.worlds import still_world
 
 FEEDING = TASKS["Feeding"]
 LEFT, _, UP = np.eye(3)

@@ -10,8 +10,8 @@ from avrgym.simulation.region_forces import RegionWatch
 from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.feeding.patient import KEPT_OFF_M, RESTING_M_S, PatientExpert, kept_off_m
 from avrgym.tasks.task import Expert
-from experts import assert_acts_reactively
-from starts import begun
+from helpers.learning.experts import assert_acts_reactively
+from helpers.simulation.starts import begun
 
 WORLDS = 4
 FEEDING = "avrgym/FeedingPR2-v1"

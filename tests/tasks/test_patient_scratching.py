@@ -9,8 +9,8 @@ from avrgym.tasks.scratch_itch.expert import surface
 from avrgym.tasks.scratch_itch.patient import SWINGS, SwingsInFront, patient_expert
 from avrgym.tasks.scratch_itch.reactive import faces_in
 from avrgym.tasks.scratch_itch.reward import limb_frame
-from experts import assert_acts_reactively
-from itches import forearm_itch
+from helpers.learning.experts import assert_acts_reactively
+from helpers.simulation.itches import forearm_itch
 
 INNER_RAD, OUTER_RAD = np.radians(np.linspace([-165.0, -60.0], [-135.0, 60.0], 8)).T
 """Places on the forearm that face the other arm, and the others, from its outer side."""

@@ -13,7 +13,7 @@ from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.scratch_itch import expert, reactive
 from avrgym.tasks.scratch_itch.expert import surface
 from avrgym.tasks.scratch_itch.reward import ScratchItchState, limb_frame
-from itches import around_axis, forearm_itch
+from helpers.simulation.itches import around_axis, forearm_itch
 
 OUTSIDE_RAD = np.radians(120.0)
 

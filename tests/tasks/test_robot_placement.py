@@ -25,9 +25,9 @@ from avrgym.tasks import checking, episodes, registry, starts
 from avrgym.tasks.known import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.starts import DRAWS_LIMIT, check_starts, draws_by_body, has_room
-from placements import place
-from places import ROOT
-from studies import make_study
+from helpers.simulation.placements import place
+from helpers.studies.small_studies import make_study
+from helpers.system.places import ROOT
 
 sys.path.append(str(ROOT / "examples" / "extension" / "src"))
 sys.path.append(str(ROOT / "src" / "avrgym" / "skeletons" / "templates" / "robot" / "src"))

@@ -20,7 +20,7 @@ from avrgym.tasks.person import LIMBS
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.scratch_itch.reward import ALONG, AROUND_RAD, ScratchItchState
 from avrgym.tasks.task import StepResult
-from worlds import still_world
+from helpers.simulation.worlds import still_world
 
 SCRATCHING = TASKS["ScratchItch"]
 LEFT, _, UP = np.eye(3)

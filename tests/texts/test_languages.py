@@ -21,7 +21,7 @@ from avrgym.texts.texts import (
 )
 from avrgym.vr.protocol.messages import Language, Phase, Problem, Ready, Stop
 from avrgym.vr.server.access import Tokens
-from visit import Visit, plan
+from helpers.vr.visit import Visit, plan
 
 GERMAN = read_texts("de")
 ALIKE = {"anchor", "one_after_another", "seconds"}

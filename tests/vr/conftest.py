@@ -9,7 +9,7 @@ import pytest
 
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
-from visit import Visit, plan
+from helpers.vr.visit import Visit, plan
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -38,8 +38,8 @@ from avrgym.vr.server.certificate import Certificate, certificate_for, lan_names
 from avrgym.vr.server.server import LiveServer, create_app
 from avrgym.vr.server.web import ServerError
 from avrgym.vr.session.session import Session
-from receipts import understand
-from visit import driving, plan
+from helpers.vr.received_states import understand
+from helpers.vr.visit import driving, plan
 
 PATIENCE_S = 180.0
 SOCKETS = {"/ws": ("participant",), "/watch": ("experimenter", "spectator")}

@@ -25,7 +25,7 @@ from avrgym.vr.protocol.messages import Tracking
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
-from journey import Journey, await_that, draw_triangles
+from helpers.browser.journey import Journey, await_that, draw_triangles
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 

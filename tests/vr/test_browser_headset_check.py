@@ -11,8 +11,8 @@ from avrgym.texts.texts import ENGLISH
 from avrgym.vr.session import events
 from avrgym.vr.session.phases.checking import FAULTS_SHOWN
 from avrgym.vr.session.plan import HeadsetCheckPlan
-from journey import Journey, await_that
-from visit import driving, plan
+from helpers.browser.journey import Journey, await_that
+from helpers.vr.visit import driving, plan
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 

@@ -17,8 +17,8 @@ from avrgym.vr.emulation.headset import AGAIN, BACK, DONE, GO_ON
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
-from journey import Journey, await_that
-from visit import driving
+from helpers.browser.journey import Journey, await_that
+from helpers.vr.visit import driving
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 

@@ -15,8 +15,8 @@ from avrgym.recording.questionnaire import LIKERT_ITEMS
 from avrgym.vr.emulation.headset import BrowserAttendance
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
-from journey import PATIENCE_S, Journey, await_that
-from visit import driving
+from helpers.browser.journey import PATIENCE_S, Journey, await_that
+from helpers.vr.visit import driving
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 

@@ -9,8 +9,8 @@ from playwright.sync_api import Page
 
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.session import Session
-from journey import SEATING, Journey, await_that
-from visit import driving, plan
+from helpers.browser.journey import SEATING, Journey, await_that
+from helpers.vr.visit import driving, plan
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 

@@ -25,9 +25,9 @@ from avrgym.vr.session import session
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.frames import LONGEST_GAP_FRAMES, RESTART_FRAMES, Numbering
 from avrgym.vr.tracking.world import TICK_S
-from processes import Served, served
-from studies import make_study, take_in
-from visit import Visit, events, result
+from helpers.studies.small_studies import make_study, take_in
+from helpers.system.processes import Served, served
+from helpers.vr.visit import Visit, events, result
 
 FROZEN_TICKS = 1001
 LARGEST = 2**53 - 1

@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from accessibility import violations
 from avrgym.recording.questionnaire import LIKERT_ITEMS, Item
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session
-from journey import PATIENCE_S, SEATING, await_that
-from visit import ENVIRONMENT, driving
+from helpers.browser.accessibility import violations
+from helpers.browser.journey import PATIENCE_S, SEATING, await_that
+from helpers.vr.visit import ENVIRONMENT, driving
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 

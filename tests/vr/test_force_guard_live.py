@@ -18,7 +18,7 @@ from avrgym.replay.region_loads import region_loads
 from avrgym.replay.verification import verify
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.protocol.messages import Status
-from visit import Visit, drive, plan
+from helpers.vr.visit import Visit, drive, plan
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 TOWARDS_THE_HAND = np.array([1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 0.0])

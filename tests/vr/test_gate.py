@@ -21,9 +21,9 @@ from avrgym.vr.server.access import Tokens
 from avrgym.vr.server.certificate import certificate_for
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.session import Session
-from hostile import PATIENCE_S, ask, dial, idle, is_closed, is_open, request, status
-from receipts import understand
-from visit import driving, plan
+from helpers.vr.raw_clients import PATIENCE_S, ask, dial, idle, is_closed, is_open, request, status
+from helpers.vr.received_states import understand
+from helpers.vr.visit import driving, plan
 
 PLAN = plan(free_movement_s=0.2, trial_steps=200)
 

@@ -8,7 +8,7 @@ from avrgym.recording.files import Recording
 from avrgym.vr.protocol.messages import Back, Command, Left, Question, Ready
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.session.events import AnswerChanged, Answered
-from visit import Visit, plan
+from helpers.vr.visit import Visit, plan
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ from avrgym.vr.session import events
 from avrgym.vr.session.headset_measuring import HeadsetMeasurement, dropped_share, jitter_mm
 from avrgym.vr.session.phases import where
 from avrgym.vr.session.plan import HeadsetCheckPlan
-from visit import Visit, plan
+from helpers.vr.visit import Visit, plan
 
 CHECKED = replace(plan(), headset_check=HeadsetCheckPlan(at_rest_s=1.2, stretched_s=0.3, moving_s=0.4))
 FRAMES = HeadsetFrames("a browser", True, ["a-controller"], 90.0, [1000.0 / 90.0] * 90)

@@ -17,7 +17,7 @@ from avrgym.vr.tracking.driving import Driver, Operator
 from avrgym.vr.tracking.held_back import HELD_M, HeldBack
 from avrgym.vr.tracking.jumps import PARTS
 from avrgym.vr.tracking.world import TICK_S, LiveWorld
-from visit import ENVIRONMENT, Visit, plan
+from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
 NEAR_M = 0.01
 

@@ -23,10 +23,10 @@ from avrgym.vr.server.protocols import MOST_FRAGMENTS
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.server.web import WebThread, listen
 from avrgym.vr.session.session import Session
-from hostile import CLOSE, UPGRADE, ask, dial, head, request, status
-from places import ROOT
-from studies import make_study
-from visit import driving, plan
+from helpers.studies.small_studies import make_study
+from helpers.system.places import ROOT
+from helpers.vr.raw_clients import CLOSE, UPGRADE, ask, dial, head, request, status
+from helpers.vr.visit import driving, plan
 
 PLAN = plan()
 HTTP_ROUTES = {

@@ -15,8 +15,8 @@ from avrgym.vr.protocol.webxr import is_valid
 from avrgym.vr.tracking.frames import TrackingFeed
 from avrgym.vr.tracking.jumps import PARTS, RETURN_SHARE, SETTLED_S, Limb, least_s
 from avrgym.vr.tracking.world import TICK_S
-from hostility import ATTACKS, IMPACT_N, peak_force_n, somewhere
-from visit import Visit, plan
+from helpers.vr.teleporting_hands import ATTACKS, IMPACT_N, peak_force_n, somewhere
+from helpers.vr.visit import Visit, plan
 
 REST = XRPose((0.0, 1.2, 0.0), (0.0, 0.0, 0.0, 1.0))
 FASTEST_FRAME_S = 1.0 / 120.0

@@ -12,7 +12,7 @@ from avrgym.recording.records import Stream
 from avrgym.recording.streams import StreamChoice, stream_figures, times_of
 from avrgym.vr.protocol.messages import Entered, Ready, Status
 from avrgym.vr.session.events import StreamFound, StreamLost
-from lab import POSED, RATE_HZ, Device, LiveVisit, lab_streams, pylsl
+from helpers.vr.lab_streams import POSED, RATE_HZ, Device, LiveVisit, lab_streams, pylsl
 
 LOOPBACK_S = 0.002
 MARKERS = "AVR Gym events"

@@ -11,7 +11,7 @@ from avrgym.recording.records import LONGEST_MS, MOST_FRAMES, Latency
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import State, Status
 from avrgym.vr.server.connection import FRAMES_REMEMBERED, Passage
-from visit import Visit, plan
+from helpers.vr.visit import Visit, plan
 
 
 def told(frames: int, **stages: float) -> messages.Latency:

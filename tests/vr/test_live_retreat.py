@@ -13,7 +13,7 @@ from avrgym.vr.protocol.messages import ClientMessage, Command, ExperimenterMess
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.tracking.world import BRAKED_TICKS
-from visit import ENVIRONMENT, Visit, plan
+from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
 STEPS = 110
 """By then the spoon is in the mouth."""

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from analysed import take_part
 from avrgym.policies.force_guard import ACTS
 from avrgym.policies.names import OPERATOR
 from avrgym.recording.files import Recording
@@ -18,8 +17,9 @@ from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Status
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.tracking.world import LiveWorld
-from studies import make_study
-from visit import ENVIRONMENT, Visit, plan
+from helpers.studies.known_results import take_part
+from helpers.studies.small_studies import make_study
+from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
 STEPS = 100
 LINE = "withdraw_after_success = true\n"

@@ -14,7 +14,7 @@ from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import BodyPose
 from avrgym.vr.tracking.driving import driver_of
 from avrgym.vr.tracking.world import LiveWorld
-from visit import drive
+from helpers.vr.visit import drive
 
 SETTLED_TICKS = 100
 

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from avrgym.models.contacts import VISUAL_GROUP
 from avrgym.vr.scene.meshes import DETAILED_TRIANGLES, geom_mesh, pose_matrix
-from example_robots import EVERY, robot_model
+from helpers.robots.example_robots import EVERY, robot_model
 
 LEAST_AREA, MOST_AREA = 0.97, 1.03
 MOST_OFF_M = 0.003

@@ -37,8 +37,8 @@ from avrgym.vr.session.feedback import ArmTouch
 from avrgym.vr.session.plan import SessionPlan, practised_trials
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.world import LiveWorld
-from starts import HAND_AT_THE_ROBOT_RAD
-from visit import Visit, driving, plan
+from helpers.simulation.starts import HAND_AT_THE_ROBOT_RAD
+from helpers.vr.visit import Visit, driving, plan
 
 FEEDING, SCRATCHING = "avrgym/FeedingJaco-v1", "avrgym/ScratchItchPR2-v1"
 

@@ -21,7 +21,7 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.session import events
-from visit import Visit, plan
+from helpers.vr.visit import Visit, plan
 
 ITEMS = ["L1", "L2", "L3", "L4"]
 

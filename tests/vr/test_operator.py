@@ -26,8 +26,8 @@ from avrgym.vr.session.plan import SessionPlan, load_policies
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.driving import OPERATOR_HEARD_S
 from avrgym.vr.tracking.world import TICK_S, LiveWorld
-from studies import make_study
-from visit import Visit, plan
+from helpers.studies.small_studies import make_study
+from helpers.vr.visit import Visit, plan
 
 STILL = (0.0, 0.0, 0.0)
 UP = (0.0, 0.0, 1.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import body_examples
+from helpers.vr import body_examples
 
 CLIENT = Path(__file__).parents[2] / "client"
 VITEST = CLIENT / "node_modules/vitest/vitest.mjs"

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
-from accessibility import violations
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.protocol.messages import (
     PROTOCOL,
@@ -22,9 +21,10 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.protocol.state_changes import StateEncoder
 from avrgym.vr.scene.rendering import render_scene
-from journey import DRAW_LITTLE
-from staged_page import StagedPage
-from visit import Visit, plan
+from helpers.browser.accessibility import violations
+from helpers.browser.journey import DRAW_LITTLE
+from helpers.browser.staged_page import StagedPage
+from helpers.vr.visit import Visit, plan
 
 pytestmark = pytest.mark.slow
 

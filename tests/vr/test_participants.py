@@ -31,8 +31,8 @@ from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.calibration import measure_torso_height
 from avrgym.vr.tracking.world import LiveWorld, scene_message
 from avrgym.vr.tracking.world import poses as world_poses
-from networks import network
-from visit import driving, plan
+from helpers.learning.random_networks import network
+from helpers.vr.visit import driving, plan
 
 Array = NDArray[np.float64]
 

@@ -35,7 +35,7 @@ from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.phases.preparing import Reaching
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from avrgym.vr.session.session import Session
-from visit import Visit, driving, plan
+from helpers.vr.visit import Visit, driving, plan
 
 SEEDS = (2, 3, 5, 6)
 """Their walks see every phase."""

@@ -26,7 +26,7 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.session import Session
-from visit import Visit, driving, plan
+from helpers.vr.visit import Visit, driving, plan
 
 WAITING = "waiting"
 BY_EXPERIMENTER = (

@@ -18,7 +18,7 @@ from avrgym.vr.protocol.messages import Phase, Ready
 from avrgym.vr.session import events
 from avrgym.vr.tracking.arm import ArmLengths
 from avrgym.vr.tracking.calibration import measure_arm_scale
-from visit import Visit, plan
+from helpers.vr.visit import Visit, plan
 
 STRAIGHT = {"right_elbow_x": 0.0, "left_elbow_x": 0.0}
 AHEAD_RAD = human.joint_angles(right_shoulder_x=-85.0, left_shoulder_x=-85.0, **STRAIGHT)

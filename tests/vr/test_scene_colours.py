@@ -12,8 +12,8 @@ from avrgym.vr.scene.meshes import geom_mesh
 from avrgym.vr.scene.scene_export import export_glb, geoms_by_carrier
 from avrgym.vr.scene.skins import skins_of
 from avrgym.vr.scene.surfaces import body_surfaces
-from example_robots import EVERY, scene_of, scenes_of
-from glb import GlbFile
+from helpers.browser.glb import GlbFile
+from helpers.robots.example_robots import EVERY, scene_of, scenes_of
 
 RED, BLUE, HALF_GREEN = (0.9, 0.1, 0.1, 1.0), (0.1, 0.2, 0.8, 1.0), (0.1, 0.7, 0.2, 0.5)
 MADE = """

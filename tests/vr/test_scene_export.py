@@ -15,7 +15,7 @@ from avrgym.robots.registry import find_robot
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment, task_and_scene
 from avrgym.vr.scene.scene_export import export_glb
 from avrgym.vr.scene.skins import Skin, closed, skins_of
-from glb import GlbFile
+from helpers.browser.glb import GlbFile
 
 MOST_CALLS, MOST_TRIANGLES, MOST_BYTES = 100, 300_000, 2_500_000
 MOST_GPU_BYTES = 8 << 20

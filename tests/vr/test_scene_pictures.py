@@ -6,9 +6,9 @@ import pytest
 from playwright.sync_api import Browser
 
 from avrgym.vr.scene.scene_export import export_glb
-from example_robots import EVERY, robot_model, scenes_of
-from glb import GlbFile
-from glb_pictures import by_mujoco, by_three, camera_at, open_page
+from helpers.browser.glb import GlbFile
+from helpers.browser.glb_pictures import by_mujoco, by_three, camera_at, open_page
+from helpers.robots.example_robots import EVERY, robot_model, scenes_of
 
 LEAST_OVERLAP = 0.99
 """Of the two silhouettes: what both cover, of what one covers."""

@@ -58,9 +58,9 @@ from avrgym.vr.server import broadcast, connection, web
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.server.web import ServerError
 from avrgym.vr.session.session import Session
-from processes import die_with_parent
-from receipts import understand
-from visit import driving, plan
+from helpers.system.processes import die_with_parent
+from helpers.vr.received_states import understand
+from helpers.vr.visit import driving, plan
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 

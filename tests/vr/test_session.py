@@ -49,8 +49,8 @@ from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.protocol.webxr import hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.tracking.world import TICK_S
-from starts import begun
-from visit import ENVIRONMENT, Visit, events, plan
+from helpers.simulation.starts import begun
+from helpers.vr.visit import ENVIRONMENT, Visit, events, plan
 
 Array = NDArray[np.float64]
 PhysicsState = Sequence[float] | Array

@@ -14,7 +14,7 @@ from avrgym.vr.protocol.webxr import Registration, head_pose
 from avrgym.vr.session import events
 from avrgym.vr.tracking.sliding import GLIDE_M_S, Sliding
 from avrgym.vr.tracking.world import TICK_S
-from visit import Visit, plan
+from helpers.vr.visit import Visit, plan
 
 SLIDES = ((0.3, 0.0), (-0.3, 0.0), (0.0, -0.3), (0.15, 0.2))
 

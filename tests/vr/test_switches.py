@@ -10,15 +10,15 @@ import msgspec
 import numpy as np
 import pytest
 
-import switch_examples
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.vr.protocol.messages import Modality, State, Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_wrist, hand_pose, hand_pose_from_wrist
 from avrgym.vr.tracking.jumps import FASTEST_M_S, least_s
 from avrgym.vr.tracking.switches import FADES, GAP_S, SAME_M, STILL_M, Hand
-from switch_examples import EXACT, SIDES, Error, Side, measured, misjudged, moved, somewhere
-from visit import Visit, plan
+from helpers.vr import device_switch_examples
+from helpers.vr.device_switch_examples import EXACT, SIDES, Error, Side, measured, misjudged, moved, somewhere
+from helpers.vr.visit import Visit, plan
 
 MOST_M, MOST_DEG = 0.02, 5.0
 GAPS_S = (0.0, 0.1, 0.3, 1.0)
@@ -145,7 +145,8 @@ def test_no_switch_makes_a_hand_faster_than_the_fastest(rng: np.random.Generator
 
 
 def test_the_clients_examples_are_what_the_server_follows() -> None:
-    stored, followed = json.loads(switch_examples.FILE.read_text("utf-8")), list(switch_examples.examples())
+    stored = json.loads(device_switch_examples.FILE.read_text("utf-8"))
+    followed = list(device_switch_examples.examples())
     assert len(stored) == len(followed)
     for one, other in zip(stored, followed, strict=True):
         assert [frame["modality"] for frame in one["frames"]] == [

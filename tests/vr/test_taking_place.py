@@ -10,7 +10,7 @@ from avrgym.models.human import PROPORTIONS, SKIN_TONES
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
 from avrgym.vr.protocol.messages import Body, ChooseBody, Ready, Scene
 from avrgym.vr.session import events as session_events
-from visit import Visit, plan
+from helpers.vr.visit import Visit, plan
 
 
 @pytest.fixture

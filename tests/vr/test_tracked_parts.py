@@ -22,7 +22,7 @@ from avrgym.vr.protocol.messages import Modality, Phase, Ready, State, Status, T
 from avrgym.vr.session import events as session_events
 from avrgym.vr.tracking.freshness import STALE_S, Freshness
 from avrgym.vr.tracking.world import TICK_S
-from visit import FRAME_EVERY_TICKS, Visit, plan
+from helpers.vr.visit import FRAME_EVERY_TICKS, Visit, plan
 
 ROBOT = "Jaco"
 NAMES = ("Feeding", "Drinking", "ScratchItch", "BedBathing")

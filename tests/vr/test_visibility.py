@@ -23,7 +23,7 @@ from avrgym.vr.server.inbox import MESSAGES_PER_TICK, Inbox
 from avrgym.vr.session import events as session_events
 from avrgym.vr.tracking.frames import STALE_S
 from avrgym.vr.tracking.world import BRAKED_TICKS, TICK_S
-from visit import ENVIRONMENT, FRAME_EVERY_TICKS, Visit, events, result
+from helpers.vr.visit import ENVIRONMENT, FRAME_EVERY_TICKS, Visit, events, result
 
 UNSEEN = [visibility for visibility in get_args(Visibility) if visibility != "visible"]
 VISIBLE = VisibilityChanged("visible")

@@ -9,7 +9,7 @@ import numpy as np
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.tracking.jumps import FASTEST_M_S, RETURN_SHARE
-from visit import Visit
+from helpers.vr.visit import Visit
 
 SPREAD_M = 0.6
 IMPACT_KG, CONTACT_S = 10.0, 0.02

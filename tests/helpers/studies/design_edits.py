@@ -9,7 +9,7 @@ from avrgym.recording.instruments.workload import NASA_TLX
 from avrgym.study.design.design import default_text
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
 from avrgym.study.storage.store import Store
-from studies import fitting_answers, run_participant
+from helpers.studies.small_studies import fitting_answers, run_participant
 
 QUESTIONNAIRES = """\
 [[questionnaires]]

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from helpers.system.places import TESTS
+
 os.environ["RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO"] = "0"
 os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
 os.environ["RAY_worker_niceness"] = "0"  # noqa: SIM112  as Ray spells it
@@ -31,7 +33,7 @@ def ray_nodes(*cores: int) -> Iterator[Any]:
     """A cluster whose head node has no cores, with a node of so many each beside it."""
     from ray.cluster_utils import Cluster  # pyright: ignore[reportMissingImports]
 
-    os.environ["PYTHONPATH"] = str(Path(__file__).parent)  # where workers find what tests have them do
+    os.environ["PYTHONPATH"] = str(TESTS)  # where workers find what tests have them do
     nodes = Cluster()
     try:
         add_node(nodes, 0)

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from avrgym.study.storage.store import create_study
-from places import ROOT
+from helpers.system.places import ROOT
 
 LITTLE = "from avrgym.learning import training; training.MEASURED_EPISODES = 2; "
 COMMANDS = """

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from limits import with_limits
+from helpers.vr.time_limits import with_limits
 
 AVRGYM = Path(sys.executable).with_name("avrgym")
 _PR_SET_PDEATHSIG = 1

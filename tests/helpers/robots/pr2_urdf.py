@@ -13,9 +13,9 @@ from xml.etree.ElementTree import Element, parse
 
 import numpy as np
 
-import xacro
 from avrgym.geometry import transforms
-from xacro import PREFIX
+from helpers.robots import jaco_xacro
+from helpers.robots.jaco_xacro import PREFIX
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ class _Source:
             return text
         names = re.findall(r"[A-Za-z_]\w*", formula)
         known = {name: float(self._text(self._known(name, scope), scope)) for name in names}
-        return repr(xacro.evaluate(formula.strip(), known))
+        return repr(jaco_xacro.evaluate(formula.strip(), known))
 
     def _known(self, name: str, scope: Mapping[str, str | Element]) -> str:
         text = scope.get(name, self._properties.get(name))
@@ -163,7 +163,7 @@ def _joint(element: Element) -> Joint:
         parent=_child(element, "parent").attrib["link"],
         child=_child(element, "child").attrib["link"],
         pos=_vector(origin, "xyz"),
-        q=xacro.from_fixed_angles(_vector(origin, "rpy")),
+        q=jaco_xacro.from_fixed_angles(_vector(origin, "rpy")),
         axis=_vector(axis, "xyz"),
         limits={} if limit is None else {key: float(value) for key, value in limit.attrib.items()},
     )

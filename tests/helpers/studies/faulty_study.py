@@ -30,8 +30,8 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.tracking.world import TICK_S
-from studies import take_in
-from switch_examples import SIDES, measured, misjudged
+from helpers.studies.small_studies import take_in
+from helpers.vr.device_switch_examples import SIDES, measured, misjudged
 
 RUNNING = ("free_before", "countdown", "trial")
 HELPED = ("retreat", "free_after", "questionnaire", "confirm")

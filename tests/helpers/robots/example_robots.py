@@ -13,7 +13,7 @@ from avrgym.models.urdf import add_mesh, colour_of, read_mesh
 from avrgym.robots.public import public_folder
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks.registry import TASKS
-from places import ROOT
+from helpers.system.places import ROOT
 
 sys.path.append(str(ROOT / "examples" / "extension" / "src"))
 

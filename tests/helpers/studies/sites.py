@@ -11,7 +11,7 @@ from avrgym.study.checking.checks import check_study
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.storage import ledger
 from avrgym.study.storage.store import Store
-from studies import run_participant, small_study, take_in
+from helpers.studies.small_studies import run_participant, small_study, take_in
 
 Tree = dict[str, bytes]
 
@@ -78,7 +78,7 @@ def contents(folder: Path) -> dict[str, list[Any]]:
 def merge_killed(folders: Sequence[Path], out: Path, after: int | float) -> bool:
     """Merge in a process that is killed: before so many steps, or after so many seconds; whether it was."""
     context = get_context("forkserver")
-    context.set_forkserver_preload(["sites"])
+    context.set_forkserver_preload(["helpers.studies.sites"])
     process = context.Process(target=_merge, args=(folders, out, after if isinstance(after, int) else None))
     process.start()
     process.join(None if isinstance(after, int) else after)

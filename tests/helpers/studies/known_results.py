@@ -21,7 +21,7 @@ from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS, find_environment
-from studies import fitting_answers
+from helpers.studies.small_studies import fitting_answers
 
 STEPS = 5
 ITEMS = ("L1", "L2", "L3", "L4")

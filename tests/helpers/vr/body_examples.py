@@ -1,6 +1,6 @@
 """Poses of head and hands and the angles that bring a body there: what the client's solver is held to.
 
-``python tests/helpers/body_examples.py`` writes the few that the client's own tests read.
+``python -m helpers.vr.body_examples`` writes the few that the client's own tests read.
 """
 
 import json
@@ -20,7 +20,7 @@ from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking import arm
 from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 
-FILE = Path(__file__).parents[2] / "client/tests/bodies.json"
+FILE = Path(__file__).parents[3] / "client/tests/bodies.json"
 FEW, SEED = 60, 7
 BODIES = (
     (Person("woman", 0.54), SEATED),

@@ -13,7 +13,7 @@ from PIL import Image
 from playwright.sync_api import Page, Route
 
 from avrgym.models.contacts import VISUAL_GROUP
-from places import ROOT
+from helpers.system.places import ROOT
 
 WIDTH, HEIGHT = 480, 360
 THREE = ROOT / "client" / "node_modules" / "three"

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from avrgym.geometry import kinematics, transforms
 from avrgym.tasks import places
 from avrgym.tasks.episodes import Episodes
-from starts import begun
+from helpers.simulation.starts import begun
 
 Array = NDArray[np.float64]
 

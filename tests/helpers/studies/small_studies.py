@@ -36,7 +36,7 @@ from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import plugins_of
-from processes import die_with_parent
+from helpers.system.processes import die_with_parent
 
 STEPS = 3
 METRICS = Metrics(STEPS, reward=-1.5, success=True, seconds=4.0)

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-HELPERS = Path(__file__).parent
-ROOT = HELPERS.parents[1]
-DATA = ROOT / "tests" / "data"
+ROOT = Path(__file__).parents[3]
+TESTS = ROOT / "tests"
+DATA = TESTS / "data"
 OLD_RECORDING = DATA / "study-of-0.2.0" / "recordings" / "sub-001" / "ses-01" / "trial-01_attempt-1.mcap"
 """A trial of ScratchItchJaco that an earlier version recorded."""

@@ -10,7 +10,7 @@ import pytest
 
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.world import TICK_S
-from visit import Visit, driving, plan
+from helpers.vr.visit import Visit, driving, plan
 
 pylsl = pytest.importorskip("pylsl", reason="`pip install avrgym[lsl]` brings Lab Streaming Layer")
 
