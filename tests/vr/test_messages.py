@@ -6,10 +6,10 @@ import sys
 import msgspec
 import pytest
 
-from avrgym.vr import typescript
+import write_typescript
 from avrgym.vr.protocol import messages
 
-EXAMPLES = typescript.example_messages()
+EXAMPLES = write_typescript.example_messages()
 FROM_CLIENT, FROM_SERVER = EXAMPLES["ClientMessage"], EXAMPLES["ServerMessage"]
 FROM_EXPERIMENTER = EXAMPLES["ExperimenterMessage"]
 """The first is the hello, which every client says."""
@@ -79,31 +79,31 @@ def test_whole_numbers_stand_for_floats_as_javascript_writes_them():
 
 
 def test_the_typescript_is_current():
-    if not typescript.CLIENT.is_dir():
+    if not write_typescript.CLIENT.is_dir():
         pytest.skip("not in a checkout")
-    assert list(typescript.stale()) == [], "run python -m avrgym.vr.typescript"
+    assert list(write_typescript.stale()) == [], "run python scripts/write_typescript.py"
 
 
 def test_check_fails_when_stale(tmp_path, monkeypatch):
     (tmp_path / "src").mkdir()
-    monkeypatch.setattr(typescript, "CLIENT", tmp_path)
-    monkeypatch.setattr(sys, "argv", ["typescript", "--check"])
+    monkeypatch.setattr(write_typescript, "CLIENT", tmp_path)
+    monkeypatch.setattr(sys, "argv", ["write_typescript", "--check"])
     with pytest.raises(SystemExit, match="stale"):
-        typescript.main()
-    monkeypatch.setattr(sys, "argv", ["typescript"])
-    typescript.main()
-    assert typescript.stale() == {}
+        write_typescript.main()
+    monkeypatch.setattr(sys, "argv", ["write_typescript"])
+    write_typescript.main()
+    assert write_typescript.stale() == {}
 
 
-def test_check_runs_as_a_module():
-    if not typescript.CLIENT.is_dir():
+def test_check_runs_as_a_script():
+    if not write_typescript.CLIENT.is_dir():
         pytest.skip("not in a checkout")
     done = subprocess.run(
-        [sys.executable, "-m", "avrgym.vr.typescript", "--check"], capture_output=True, text=True
+        [sys.executable, write_typescript.__file__, "--check"], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
 
 
 def test_unknown_types_are_named():
     with pytest.raises(TypeError, match="not SetType"):
-        typescript.type_text(msgspec.inspect.type_info(set[int]))
+        write_typescript.type_text(msgspec.inspect.type_info(set[int]))

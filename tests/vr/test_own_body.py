@@ -35,7 +35,7 @@ def test_the_client_finds_the_same_angles_for_ten_thousand_poses(tmp_path: Path)
     path = tmp_path / "bodies.json"
     body_examples.write(path, 0, COUNT)
     run = subprocess.run(
-        [node, str(VITEST), "run", "--test-timeout=0", "tests/body.test.ts"],
+        [node, str(VITEST), "run", "--test-timeout=0", "tests/body/body-solver.test.ts"],
         cwd=CLIENT,
         env=os.environ | {"VITE_BODIES": str(path)},
         capture_output=True,

@@ -8,19 +8,19 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from avrgym.vr.benchmark import measuring
+from avrgym.vr.benchmark import live_latency
 from avrgym.vr.benchmark.cpu_steal import PRIORITY, CpuSteal, Span, merged, outside, within_s
-from avrgym.vr.benchmark.measuring import PERCENTILES, measure_vr
+from avrgym.vr.benchmark.live_latency import PERCENTILES, measure_vr
 from avrgym.vr.server.loop import LateTick
 
 
 def test_percentiles_rise_and_are_milliseconds() -> None:
-    spread = measuring._spread(np.arange(101) / 1000.0)
+    spread = live_latency._spread(np.arange(101) / 1000.0)
     assert spread == pytest.approx({"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0})
 
 
 def test_stages_add_up_to_the_round_trip() -> None:
-    times = measuring._Times()
+    times = live_latency._Times()
     trips = {}
     for number in range(10):
         sent = 0.011 * number
@@ -32,7 +32,7 @@ def test_stages_add_up_to_the_round_trip() -> None:
     times.late = [LateTick(-0.5, -0.45, 3), LateTick(0.0, 0.012, 0), LateTick(0.01, 0.023, 1)]
     times.stood_still = [(0.004, 0.0065), (0.0235, 0.0236)]
     trips[99] = (1.0, 2.0)
-    speed = measuring._sum_up("avrgym/FeedingJaco-v1", times, trips)
+    speed = live_latency._sum_up("avrgym/FeedingJaco-v1", times, trips)
     assert speed.round_trip_ms == pytest.approx(dict.fromkeys(PERCENTILES, 7.0))
     stages = {name: spread["p50"] for name, spread in speed.stages_ms.items()}
     assert stages == pytest.approx({"to_server": 1.0, "queue": 3.0, "tick": 2.0, "return": 1.0})
@@ -65,7 +65,7 @@ def test_a_tick_is_late_by_itself_if_it_is_later_than_processors_stood_still() -
     late = [LateTick(0.0, 0.014, 0), LateTick(0.01, 0.021, 0), LateTick(1.0, 1.015, 0)]
 
     def by_themselves(*stood_still: Span) -> list[LateTick]:
-        return measuring._late_running(late, list(stood_still))
+        return live_latency._late_running(late, list(stood_still))
 
     assert by_themselves() == late
     assert by_themselves((0.002, 0.0061), (1.002, 1.0071)) == []
@@ -118,6 +118,6 @@ def _leave_at_once(*_: object) -> None:
 
 @pytest.mark.slow
 def test_a_client_that_ends_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(measuring, "run_client", _leave_at_once)
+    monkeypatch.setattr(live_latency, "run_client", _leave_at_once)
     with pytest.raises(RuntimeError, match="the client ended in phase waiting"):
         measure_vr("avrgym/FeedingJaco-v1", 60.0)

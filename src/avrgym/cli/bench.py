@@ -64,7 +64,7 @@ def bench_vr(
 
     Over loopback, with recording. Best on an idle machine.
     """
-    from avrgym.vr.benchmark.measuring import measure_vr
+    from avrgym.vr.benchmark.live_latency import measure_vr
 
     def row(environment: str) -> Row:
         say(f"measuring {environment} for {duration(seconds)}")

@@ -20,7 +20,7 @@ from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking import arm
 from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 
-FILE = Path(__file__).parents[3] / "client/tests/bodies.json"
+FILE = Path(__file__).parents[3] / "client/tests/data/bodies.json"
 FEW, SEED = 60, 7
 BODIES = (
     (Person("woman", 0.54), SEATED),

@@ -23,7 +23,7 @@ Side = Literal["left", "right"]
 Error = tuple[Array, Array]
 """How a device misjudges a hand, in the axes of its pose: position (3,), quaternion (4,)."""
 
-FILE = Path(__file__).parents[3] / "client/tests/switches.json"
+FILE = Path(__file__).parents[3] / "client/tests/data/switches.json"
 COUNT, FRAMES, SEED = 16, 40, 11
 FRAME_S = 1.0 / 72.0
 SIDES: tuple[Side, ...] = ("left", "right")

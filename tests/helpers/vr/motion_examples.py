@@ -15,7 +15,7 @@ from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.vr.visit import FRAME_EVERY_TICKS, Visit
 
-FILE = Path(__file__).parents[3] / "client/tests/motions.json"
+FILE = Path(__file__).parents[3] / "client/tests/data/motions.json"
 EVERY = 5
 """Of the frames that a participant sends, one in so many is written: five a second."""
 

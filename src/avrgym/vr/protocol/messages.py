@@ -1,7 +1,7 @@
 """The wire protocol between the VR client and the server, defined once.
 
 Every WebSocket message is one MessagePack map with a ``type`` tag. The TypeScript side is generated from this
-module (``python -m avrgym.vr.typescript``). Poses of the headset and the controllers travel exactly as WebXR
+module (``scripts/write_typescript.py``). Poses of the headset and the controllers travel exactly as WebXR
 gives them: reference space ``local-floor``, metres, y up, quaternions x, y, z, w. The server converts them.
 """
 

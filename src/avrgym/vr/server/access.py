@@ -43,7 +43,7 @@ EARLIER_START = Refusal(
 )
 LINK_ENDED = Refusal(4410, "this link has ended with its session; each session has a new one")
 ENTER_CODE = Refusal(4411, "this page opens with the link of a session, or with the code on the dashboard")
-"""``client/src/display.ts`` has the words for these codes in the participant's language."""
+"""``client/src/session/display-state.ts`` has the words for these codes in the participant's language."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ Two devices estimate the same hand some centimetres and tens of degrees apart. A
 every hand is followed as a grip pose, and at a switch the new device's poses are corrected by what lies between the
 two estimates. The correction fades while the hand moves, by so little of the way that nobody feels it.
 
-``client/src/switches.ts`` has the same law, since the client draws the participant's arms from its own poses.
+``client/src/tracking/modality-switch.ts`` implements the same rule for the arms that the client draws.
 """
 
 from dataclasses import dataclass

@@ -1,0 +1,99 @@
+import { PERSON, TRUNK } from "../generated/body-model";
+import { solveArm, type ArmAngles, type ArmLengths, type Hand } from "./arm-solver";
+import { ofQuaternion, ofXyz, plus, seenFrom, times, turned, turnedBack, xyzOf, type Axes, type Vector } from "./linear-algebra";
+import type { Quaternion, Skeleton } from "../generated/messages";
+
+/** A pose in the simulated world; the quaternion is w, x, y, z. */
+export interface Pose {
+  position: Vector;
+  q: Quaternion;
+}
+
+export type Side = "left" | "right";
+
+/** Where the participant's head and hands are; a hand that is not tracked is null. */
+export type BodyPose = Record<"head", Pose> & Record<Side, Pose | null>;
+
+/** The driven joints' angles, in the server's order. */
+export type JointAngles = Float64Array;
+
+/** Where a part of the body is: its origin and its axes as columns. */
+interface Frame {
+  origin: Vector;
+  axes: Axes;
+}
+
+/** Signs of a left arm's angles and coordinates as those of the mirrored person's right one. */
+const ANGLE_SIGNS: Record<Side, ArmAngles> = {
+  right: [1, 1, 1, 1, 1, 1, 1],
+  left: [-1, 1, -1, 1, -1, 1, -1],
+};
+const SIGN: Record<Side, number> = { right: 1, left: -1 };
+
+/** The inverse kinematics of one person: the server's own way, see `vr/tracking/body.py`, which says why. */
+export class BodySolver {
+  private readonly hips: Frame;
+  private readonly lengths: ArmLengths;
+
+  constructor(private readonly skeleton: Skeleton) {
+    this.hips = { origin: skeleton.hips_pos_w, axes: ofQuaternion(skeleton.hips_q_w) };
+    this.lengths = { upper: skeleton.upper_arm_m, fore: skeleton.forearm_m, hand: skeleton.hand_m };
+  }
+
+  /** Angles that bring head and hands to a pose. No joint of an arm turns by more than `turn` from `start`. */
+  solve(pose: BodyPose, start: JointAngles, turn: number): JointAngles {
+    const angles = start.slice();
+    angles.set(this.trunkAngles(pose.head));
+    const torso = this.torso(angles);
+    for (const side of ["right", "left"] as const) {
+      const hand = pose[side];
+      if (hand) this.bringHand(side, hand, torso, angles, turn);
+    }
+    return angles;
+  }
+
+  /** Waist x, y, z and head x, y, z: the waist tilts towards the head's joints, both share the yaw. */
+  private trunkAngles(head: Pose): number[] {
+    const { hips, skeleton } = this;
+    const headAxes = seenFrom(hips.axes, ofQuaternion(head.q));
+    const centre = turnedBack(hips.axes, plus(head.position, hips.origin, -1));
+    const [x, y, z] = plus(centre, [headAxes[2]!, headAxes[5]!, headAxes[8]!], -skeleton.head_centre_m);
+    const rise = z - skeleton.waist[2];
+    const forward = -Math.atan2(y, rise);
+    const sideways = Math.atan2(x * Math.cos(forward), rise);
+    const [a, b] = limited(TRUNK.waist_ranges_rad, [forward, sideways, 0]);
+    const yaw = TRUNK.waist_yaw_share * xyzOf(seenFrom(ofXyz(a, b, 0), headAxes))[2];
+    const waist = limited(TRUNK.waist_ranges_rad, [a, b, yaw]);
+    return [...waist, ...limited(TRUNK.head_ranges_rad, xyzOf(seenFrom(ofXyz(...waist), headAxes)))];
+  }
+
+  private torso(angles: JointAngles): Frame {
+    const [x, y, z] = PERSON.joints.waist.map((joint) => angles[joint]!) as Vector;
+    const { origin, axes } = this.hips;
+    return { origin: plus(origin, turned(axes, this.skeleton.waist)), axes: times(axes, ofXyz(x, y, z)) };
+  }
+
+  private bringHand(side: Side, hand: Pose, torso: Frame, angles: JointAngles, turn: number): void {
+    const joints = PERSON.joints[side];
+    const signs = ANGLE_SIGNS[side];
+    const start = joints.map((joint, index) => signs[index]! * angles[joint]!);
+    const solved = solveArm(this.lengths, this.seenFromShoulder(side, hand, torso), start, turn);
+    joints.forEach((joint, index) => (angles[joint] = signs[index]! * solved[index]!));
+  }
+
+  /** A left hand is seen as the right one of the mirrored person. */
+  private seenFromShoulder(side: Side, hand: Pose, torso: Frame): Hand {
+    const sign = SIGN[side];
+    const [x, y, z] = turnedBack(torso.axes, plus(hand.position, torso.origin, -1));
+    const axes = seenFrom(torso.axes, ofQuaternion(hand.q));
+    const mirrored = axes.map((entry, index) => (MIXED.has(index) ? sign * entry : entry));
+    return { position: plus([sign * x, y, z], this.skeleton.right_shoulder, -1), axes: mirrored };
+  }
+}
+
+/** The entries of a matrix that a reflection of x changes the sign of. */
+const MIXED = new Set([1, 2, 3, 6]);
+
+function limited(ranges: readonly (readonly [number, number])[], angles: Vector): Vector {
+  return angles.map((angle, n) => Math.min(Math.max(angle, ranges[n]![0]), ranges[n]![1])) as Vector;
+}

@@ -1,0 +1,76 @@
+import { Quaternion, Vector3 } from "three";
+import { ARM } from "../generated/body-model";
+import { BodySolver, type BodyPose, type JointAngles } from "./body-solver";
+import { chainsOf, drawChain, type Chain, type Place } from "./kinematic-chain";
+import { TICK_S, type Part, type Scene } from "../generated/messages";
+import type { State } from "../session/state-decoder";
+
+/** Within this time a part that is held back goes over to where it is simulated, and comes back. */
+export const CROSSING_MS = 100;
+/** The share of the way to the server's angles at which each frame's solution begins: elbows do not part for long. */
+const PULL = 0.2;
+const LONGEST_LAG_MS = 1000;
+
+/**
+ * The participant's own trunk and arms, drawn where headset and controllers are in the very frame.
+ *
+ * The server simulates them later. What it calls held back is drawn where it is simulated, touching what it touches.
+ */
+export class OwnBody {
+  private readonly solver: BodySolver;
+  private readonly hips: Place;
+  private readonly chains: [trunk: Chain, ...arms: Chain[]];
+  private targets: JointAngles | null = null;
+  private angles: JointAngles | null = null;
+  private held: ReadonlySet<Part> = new Set();
+  private lastMs: number | null = null;
+
+  constructor({ skeleton, bodies }: Scene) {
+    const [w, x, y, z] = skeleton.hips_q_w;
+    this.solver = new BodySolver(skeleton);
+    this.hips = { origin: new Vector3(...skeleton.hips_pos_w), turn: new Quaternion(x, y, z, w) };
+    this.chains = chainsOf(skeleton, bodies);
+  }
+
+  /** What the newest state says of the participant's body. */
+  take({ joint_targets: targets, held }: State): void {
+    this.targets = targets.length ? targets : null;
+    this.held = new Set(held);
+  }
+
+  /** Nobody is tracked: whoever is next appears where they are simulated, and goes over from there. */
+  rest(): void {
+    this.angles = this.lastMs = null;
+    for (const chain of this.chains) chain.held = 1;
+  }
+
+  /**
+   * Puts the poses of the body, which are the simulated ones, where it is tracked.
+   *
+   * `lagMs` is how long ago the pose was tracked that the newest state follows: so far its joints may have turned since.
+   */
+  draw(poses: Float32Array, pose: BodyPose, nowMs: number, lagMs: number): void {
+    if (!this.targets) return;
+    this.angles = this.solve(pose, this.targets, lagMs);
+    const share = Math.min(Math.max(nowMs - (this.lastMs ?? nowMs), 0) / CROSSING_MS, 1);
+    this.lastMs = nowMs;
+    for (const chain of this.chains) {
+      const way = (this.held.has(chain.part) ? 1 : 0) - chain.held;
+      chain.held += Math.min(Math.max(way, -share), share);
+    }
+    const [trunk, ...arms] = this.chains;
+    const torso = drawChain(trunk, poses, this.angles, this.hips);
+    for (const arm of arms) drawChain(arm, poses, this.angles, torso);
+  }
+
+  private solve(pose: BodyPose, targets: JointAngles, lagMs: number): JointAngles {
+    const ticks = 1 + Math.ceil(Math.min(Math.max(lagMs, 0), LONGEST_LAG_MS) / (1000 * TICK_S));
+    const turn = ticks * ARM.most_turn_rad;
+    const before = this.angles ?? targets;
+    const start = targets.map((target, joint) => {
+      const pulled = before[joint]! + PULL * (target - before[joint]!);
+      return Math.min(Math.max(pulled, target - turn), target + turn);
+    });
+    return this.solver.solve(pose, start, turn);
+  }
+}

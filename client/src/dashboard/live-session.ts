@@ -1,0 +1,183 @@
+import { mayChooseBody } from "../panel/body-choice";
+import { Connection, type Link } from "../session/connection";
+import { isRunning, linkWords } from "../session/display-state";
+import { Driving } from "../input/operator-control";
+import { element } from "../page/dom";
+import type { Body, ChooseBody, CommandName, Phase, ServerMessage, Status } from "../generated/messages";
+import { PHASE_WORDS, skipWords, statusWords, timingWords } from "../session/session-status";
+import { ENGLISH } from "../page/texts";
+
+const COMMAND_KEYS: Record<string, CommandName> = { r: "repeat", k: "skip", m: "recalibrate" };
+
+export interface LiveEvents {
+  /** The session went on, so that the study has changed. */
+  changed(): void;
+  problem(words: string): void;
+}
+
+/** The session that runs: its picture, how it stands, and the commands, by button and by key. */
+export class Live {
+  private readonly connection: Connection;
+  private readonly driving: Driving;
+  private readonly buttons = [...document.querySelectorAll<HTMLButtonElement>("[data-command]")];
+  private readonly sex = element<HTMLSelectElement>("sex");
+  private readonly tone = element<HTMLSelectElement>("skin-tone");
+  private phase: Phase | null = null;
+  private body: Body | null = null;
+  private paused = false;
+  private isWelcome = false;
+
+  constructor(
+    private readonly token: string,
+    private readonly events: LiveEvents,
+  ) {
+    const address = new URL("watch", location.origin + location.pathname);
+    address.protocol = location.protocol.replace("http", "ws");
+    this.connection = new Connection(address.href, token, false, {
+      message: (message) => this.receive(message),
+      link: (link, code) => this.linked(link, code),
+    });
+    for (const button of this.buttons)
+      button.addEventListener("click", () => this.command(button.dataset["command"] as CommandName));
+    for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
+    this.driving = new Driving(element("drive"), (message) => this.connection.send(message));
+    window.addEventListener("keydown", (event) => this.key(event));
+    element("picture").addEventListener("toggle", () => this.showPicture());
+  }
+
+  start(): void {
+    this.connection.open();
+    this.show();
+  }
+
+  private receive(message: ServerMessage): void {
+    if (message.type === "welcome") this.welcomed();
+    if (message.type === "phase") this.phaseCame(message);
+    if (message.type === "status") this.statusCame(message);
+    if (message.type === "body") this.bodyCame(message);
+    if (message.type === "timing") element("watch-ticks").textContent = timingWords(message);
+    if (message.type === "problem") this.events.problem(message.message);
+  }
+
+  private welcomed(): void {
+    this.isWelcome = true;
+    this.showPicture();
+  }
+
+  /** Draws nothing while the picture is folded away: a slow machine has time for the session then. */
+  private showPicture(): void {
+    const picture = element<HTMLDetailsElement>("picture");
+    const drawn = picture.querySelector("iframe");
+    if (!picture.open) drawn?.remove();
+    else if (this.isWelcome && !drawn) picture.append(this.picture());
+  }
+
+  /** The page for those who watch, in which the keys of this one work as well; Esc it knows itself. */
+  private picture(): HTMLIFrameElement {
+    const frame = document.createElement("iframe");
+    const asked = new URLSearchParams(location.search);
+    asked.set("embedded", "1");
+    frame.title = "What happens in the simulation";
+    frame.src = `spectator?${asked}#token=${this.token}`;
+    frame.addEventListener("load", () => {
+      const inside = frame.contentWindow;
+      if (!inside) return;
+      this.driving.listen(inside);
+      inside.addEventListener("keydown", (event) => event.key !== "Escape" && this.key(event));
+    });
+    return frame;
+  }
+
+  private bodyCame(body: Body): void {
+    this.body = body;
+    if (this.tone.options.length === 0) this.tone.append(...body.skin_tones.map((tone) => new Option(tone, tone)));
+    this.sex.value = body.sex;
+    this.tone.value = body.skin_tone;
+    this.show();
+  }
+
+  private chooseBody(): void {
+    const sex = this.sex.value as ChooseBody["sex"];
+    this.connection.send({ type: "choose_body", sex, skin_tone: this.tone.value });
+  }
+
+  private phaseCame(phase: Phase): void {
+    this.phase = phase;
+    this.show();
+    this.events.changed();
+  }
+
+  private statusCame(status: Status): void {
+    this.paused = status.paused;
+    this.driving.statusCame(status);
+    for (const [id, words] of Object.entries(statusWords(status))) element(id).textContent = words;
+    element("skip-word").textContent = skipWords(status.phase);
+    element("pause").dataset["command"] = this.paused ? "continue" : "pause";
+    element("pause-word").textContent = this.paused ? "Continue" : "Pause";
+  }
+
+  private linked(link: Link, code: number): void {
+    element("server").textContent = linkWords({ words: ENGLISH, link, code });
+    element("server").dataset["link"] = link;
+    if (link !== "connected") this.phase = null;
+    this.show();
+  }
+
+  private show(): void {
+    const runs = isSession(this.phase) && this.phase.name !== "finished";
+    for (const button of this.buttons) button.disabled = !runs;
+    element("body").hidden = !runs || !this.body;
+    element<HTMLFieldSetElement>("body").disabled = !mayChooseBody(this.phase);
+    element("live").hidden = !isSession(this.phase) || this.phase.trials === 0;
+    element("session-words").textContent = sessionWords(this.phase);
+  }
+
+  private command(name: CommandName): void {
+    this.connection.send({ type: "command", name });
+  }
+
+  private key(event: KeyboardEvent): void {
+    if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.key === "Escape") return this.stop(event);
+    if (this.driving.takes(event)) return;
+    if (isTyping(event.target) || !element<HTMLInputElement>("letters").checked) return;
+    this.letter(event.key.toLowerCase(), event);
+  }
+
+  private stop(event: KeyboardEvent): void {
+    if (!isRunning(this.phase)) return;
+    event.preventDefault();
+    this.command("stop");
+  }
+
+  private letter(letter: string, event: KeyboardEvent): void {
+    const command = letter === "p" ? (this.paused ? "continue" : "pause") : COMMAND_KEYS[letter];
+    if (letter === "n") element("note-text").focus();
+    else if (letter === "v") this.changeView();
+    else if (command && isSession(this.phase)) this.command(command);
+    else return;
+    event.preventDefault();
+  }
+
+  private changeView(): void {
+    document.querySelector("iframe")?.contentDocument?.getElementById("from-inside")?.click();
+  }
+}
+
+/** Whether a key press belongs to a text or a choice. */
+function isTyping(target: EventTarget | null): boolean {
+  const control = target instanceof HTMLElement ? target.closest("input, textarea, select") : null;
+  return control !== null && !(control instanceof HTMLInputElement && control.type === "checkbox");
+}
+
+/** Between sessions the server waits with no trials; questions about a session have none either. */
+function isSession(phase: Phase | null): phase is Phase {
+  return phase !== null && (phase.trials > 0 || phase.name === "questionnaire" || phase.name === "confirm");
+}
+
+/** Where the session stands, in one sentence; the list below it has the trial's number. */
+export function sessionWords(phase: Phase | null): string {
+  if (!isSession(phase)) return "No session runs here.";
+  const words = `${phase.practice ? "practice: " : ""}${PHASE_WORDS[phase.name]}.`;
+  return words.charAt(0).toUpperCase() + words.slice(1);
+}

@@ -1,0 +1,314 @@
+import { Matrix4, Quaternion, Vector3 } from "three";
+import { P_SPACE, XRDevice } from "iwer";
+import type { App } from "../page/app";
+import { confirmsAnswers, mayRecalibrate } from "../session/display-state";
+import type { BodyPose } from "../body/body-solver";
+import { DEVICES, type EmulatedDevice } from "./emulated-devices";
+import { raisePalm } from "./emulated-hand";
+import { EmulatedPointer, turnTo } from "./emulated-pointer";
+import type { Phase, Question, XRPose } from "../generated/messages";
+import { poseOf, type Poses } from "../tracking/pose-reader";
+import tickerUrl from "./timer-worker?worker&url";
+
+type Hand = "left" | "right";
+type Triple = [x: number, y: number, z: number];
+
+/** A pose in `local-floor`; the orientation is x, y, z, w. */
+export interface EmulatedPose {
+  position: Triple;
+  orientation: [x: number, y: number, z: number, w: number];
+}
+
+export interface EmulatedButton {
+  item: string;
+  value: number;
+  centre: Triple;
+}
+
+/** What automated tests drive the page with. It exists only with `?emulate=1`. */
+export interface EmulatorControls {
+  /** The emulated device itself, for what the functions below leave out. */
+  device: XRDevice;
+  /** Places the headset and the grips of the controllers; null: not tracked; left out: as before. */
+  setPoses(poses: { head?: EmulatedPose; left?: EmulatedPose | null; right?: EmulatedPose | null }): void;
+  setTrigger(hand: Hand, pressed: boolean): void;
+  /** Holds the menu button of a hand (X or A) down. */
+  holdMenu(hand: Hand, pressed: boolean): void;
+  /** Holds the grip of a hand's controller. */
+  setSqueeze(hand: Hand, pressed: boolean): void;
+  /** Turns a controller about its target ray's origin until the ray meets a point. */
+  aimAt(hand: Hand, point: Triple): void;
+  /** Points with what this headset points with: the right controller or hand, the only button, or the eyes. */
+  pointAt(point: Triple): void;
+  /** Presses what selects where `pointAt` points, or lets go. */
+  select(pressed: boolean): void;
+  /** Turns the head to look at a point. */
+  lookAt(point: Triple): void;
+  /** Raises an open bare hand before the face, its palm away from it. */
+  raisePalm(hand: Hand): void;
+  /** The way to stop that the page shows, the progress of the stop, and the place of a sign in the room. */
+  stop(): { way: string; progress: number; sign: Triple | null };
+  /** The buttons on the panel, those of a question or of the bodies to choose; empty while none is to be seen. */
+  buttons(): EmulatedButton[];
+  phase(): Phase | null;
+  question(): Question | null;
+  /** Both, in one call. */
+  standing(): [Phase | null, Question | null];
+  statesReceived(): number;
+  lastState(): {
+    sequence: number;
+    simulation_time_s: number;
+    tracking_sequence: number;
+    poses: number[];
+  } | null;
+  /** In the frame drawn last: where the participant is, and the poses of all bodies as drawn and as simulated. */
+  ownBody(): { tracked: BodyPose | null; drawn: number[]; simulated: number[] };
+  presenting(): boolean;
+  trackingSent(): number;
+  framesDrawn(): number;
+}
+
+declare global {
+  interface Window {
+    avrgymEmulator?: EmulatorControls;
+  }
+}
+
+/** An emulated headset, and what its wearer points with where that is neither a controller nor a hand. */
+export interface Emulator extends EmulatedDevice {
+  device: XRDevice;
+  pointer: EmulatedPointer | null;
+}
+
+/** Puts an emulated headset in the place of `navigator.xr`; must come before anything asks for it. */
+export function installEmulator(name: string): Emulator {
+  const emulated = DEVICES[name];
+  if (!emulated) throw new Error(`no headset ${name} is emulated; choose one of ${Object.keys(DEVICES).join(", ")}`);
+  const canvasContainer = document.createElement("div");
+  const device = new XRDevice(emulated.config, { stereoEnabled: true, visibilityMask: null, canvasContainer });
+  canvasContainer.style.zIndex = "0";
+  for (const controller of Object.values(device.controllers)) claimTracked(controller!.inputSource);
+  device.installRuntime({ forceInstall: true });
+  return { ...emulated, device, pointer: pointerOf(device, emulated.input) };
+}
+
+function pointerOf(device: XRDevice, input: EmulatedDevice["input"]): EmulatedPointer | null {
+  if (input !== "controllers") device.primaryInputMode = "hand";
+  if (input === "controllers" || input === "hands") return null;
+  for (const hand of Object.values(device.hands)) hand!.connected = false;
+  return new EmulatedPointer(device, input === "gaze" ? "gaze" : "transient-pointer");
+}
+
+/** The emulator calls every position guessed; those of tracked controllers are not. */
+function claimTracked(source: { gripSpace?: unknown }): void {
+  if (source.gripSpace) (source.gripSpace as { [P_SPACE]: { emulated: boolean } })[P_SPACE].emulated = false;
+}
+
+export function exposeEmulator(app: App, emulator: Emulator): void {
+  const { device } = emulator;
+  cacheClearValues(app.view.renderer.getContext() as WebGL2RenderingContext);
+  window.avrgymEmulator = {
+    device,
+    setPoses: ({ head, left, right }) => {
+      if (head) move(device, new Vector3(...head.position), new Quaternion(...head.orientation));
+      if (left !== undefined) setGrip(emulator, "left", left);
+      if (right !== undefined) setGrip(emulator, "right", right);
+    },
+    setTrigger: (hand, pressed) => setTrigger(emulator, hand, pressed),
+    setSqueeze: (hand, pressed) => controllerOf(device, hand).updateButtonValue("squeeze", pressed ? 1 : 0),
+    holdMenu: (hand, pressed) =>
+      controllerOf(device, hand).updateButtonValue(hand === "left" ? "x-button" : "a-button", pressed ? 1 : 0),
+    aimAt: (hand, point) => turnTo(controllerOf(device, hand), new Vector3(...point)),
+    pointAt: (point) => pointAt(emulator, new Vector3(...point)),
+    select: (pressed) => select(emulator, pressed),
+    lookAt: (point) => turnTo(device, new Vector3(...point)),
+    raisePalm: (hand) => raisePalm(device, hand),
+    stop: () => {
+      const { way, progress, sign } = app.stopControl;
+      return { way, progress, sign: sign.middle?.toArray() ?? null };
+    },
+    buttons: () => shownButtons(app),
+    phase: () => app.phase,
+    question: () => app.questionnaire.question,
+    standing: () => [app.phase, app.questionnaire.question],
+    statesReceived: () => app.statesReceived,
+    lastState: () => plainState(app),
+    ownBody: () => plainBody(app),
+    presenting: () => app.presenting,
+    trackingSent: () => app.immersive.numbering.count,
+    framesDrawn: () => app.immersive.frames,
+  };
+  trackByTimer(app, emulator);
+}
+
+function pointAt({ device, pointer, input }: Emulator, point: Vector3): void {
+  if (pointer) pointer.lookAt(point);
+  else turnTo(input === "hands" ? device.hands["right"]! : pointingController(device), point);
+}
+
+function select(emulator: Emulator, pressed: boolean): void {
+  const { device, pointer, input } = emulator;
+  if (pointer) pointer.press(pressed);
+  else if (input === "hands") setTrigger(emulator, "right", pressed);
+  else pointingController(device).updateButtonValue("trigger", pressed ? 1 : 0);
+}
+
+function setTrigger({ device, input }: Emulator, hand: Hand, pressed: boolean): void {
+  if (input === "hands") device.hands[hand]!.updatePinchValue(pressed ? 1 : 0);
+  else controllerOf(device, hand).updateButtonValue("trigger", pressed ? 1 : 0);
+}
+
+/** The right one, or the only one. */
+function pointingController({ controllers }: XRDevice): Controller {
+  return controllers["right"] ?? controllers["none"]!;
+}
+
+interface TrustedTypes {
+  createPolicy(name: string, rules: { createScriptURL(url: string): string }): { createScriptURL(url: string): string };
+}
+
+/** The address of a built script, as browsers want it that enforce trusted types; the server allows this policy alone. */
+function ours(url: string): string {
+  const { trustedTypes } = window as unknown as { trustedTypes?: TrustedTypes };
+  return trustedTypes?.createPolicy("avrgym", { createScriptURL: (same) => same }).createScriptURL(url) ?? url;
+}
+
+/** A real headset tracks however long a page takes to draw; so does the emulated one. */
+function trackByTimer(app: App, emulator: Emulator): void {
+  app.immersive.trackedElsewhere = true;
+  const ticker = new Worker(ours(tickerUrl), { type: "module" });
+  ticker.onmessage = () => {
+    if (app.presenting) app.immersive.track(measured(posesOf(emulator)), performance.now());
+  };
+}
+
+const SENSOR_NOISE_M = 1e-6;
+let noise = 0;
+
+/** Poses as trackers measure them: never twice the same. */
+function measured(poses: Poses): Poses {
+  noise = SENSOR_NOISE_M - noise;
+  for (const pose of [poses.head, poses.left, poses.right]) if (pose) pose[0][0] += noise;
+  return poses;
+}
+
+function posesOf(emulator: Emulator): Poses {
+  const { device, input } = emulator;
+  const [left, right] = [heldPose(emulator, "left"), heldPose(emulator, "right")];
+  const modality = input === "hands" ? "hand" : "controller";
+  return {
+    head: poseOf(device.position, device.quaternion),
+    left,
+    right,
+    left_modality: left ? modality : "none",
+    right_modality: right ? modality : "none",
+  };
+}
+
+/** Where the grip of a controller or the wrist of a bare hand is. */
+function heldPose(emulator: Emulator, hand: Hand): XRPose | null {
+  const held = heldBy(emulator, hand);
+  if (!held?.connected) return null;
+  const { position, quaternion } = held;
+  const ray = new Matrix4().compose(
+    new Vector3(position.x, position.y, position.z),
+    new Quaternion(quaternion.x, quaternion.y, quaternion.z, quaternion.w),
+    new Vector3(1, 1, 1),
+  );
+  const [heldPosition, heldQuaternion] = [new Vector3(), new Quaternion()];
+  ray.multiply(fromRay(held)).decompose(heldPosition, heldQuaternion, new Vector3());
+  return poseOf(heldPosition, heldQuaternion);
+}
+
+/** A controller or a bare hand; null of headsets that track neither. */
+function heldBy({ device, input }: Emulator, hand: Hand): Held | null {
+  if (input === "controllers") return device.controllers[hand] ?? null;
+  return input === "hands" ? device.hands[hand]! : null;
+}
+
+/** A grip is fixed to the target ray of its controller by the device's own matrix, and a wrist to that of its hand. */
+function fromRay({ inputSource: { hand, gripSpace } }: Held): Matrix4 {
+  return offsetOf(hand?.get("wrist" as never) ?? gripSpace!);
+}
+
+function offsetOf(space: { [P_SPACE]: { offsetMatrix: ArrayLike<number> } }): Matrix4 {
+  return new Matrix4().fromArray(Array.from(space[P_SPACE].offsetMatrix));
+}
+
+type Movable = Pick<XRDevice, "position" | "quaternion">;
+
+type Controller = NonNullable<XRDevice["controllers"]["left"]>;
+type Held = Pick<Controller, "connected" | "position" | "quaternion" | "inputSource">;
+
+function controllerOf(device: XRDevice, hand: Hand) {
+  return device.controllers[hand]!;
+}
+
+function move(target: Movable, position: Vector3, orientation: Quaternion): void {
+  target.position.set(position.x, position.y, position.z);
+  target.quaternion.set(orientation.x, orientation.y, orientation.z, orientation.w);
+}
+
+/** A controller stands where its target ray begins; of a bare hand the wrist is placed. */
+function setGrip(emulator: Emulator, hand: Hand, grip: EmulatedPose | null): void {
+  const held = heldBy(emulator, hand);
+  if (!held) return;
+  held.connected = grip !== null;
+  if (!grip) return;
+  const localFromGrip = new Matrix4().compose(
+    new Vector3(...grip.position),
+    new Quaternion(...grip.orientation).normalize(),
+    new Vector3(1, 1, 1),
+  );
+  const [position, orientation] = [new Vector3(), new Quaternion()];
+  localFromGrip.multiply(fromRay(held).invert()).decompose(position, orientation, new Vector3());
+  move(held, position, orientation);
+}
+
+function shownButtons(app: App): EmulatedButton[] {
+  if (!app.panel.mesh.visible) return [];
+  return app.panel.buttons.map((button) => ({
+    item: app.questionnaire.question?.item ?? askedBeside(app.phase),
+    value: button.value,
+    centre: app.panel.centreOf(button).toArray(),
+  }));
+}
+
+/** What buttons are there for without a question. */
+function askedBeside(phase: Phase | null): string {
+  if (confirmsAnswers(phase)) return "confirm";
+  return mayRecalibrate(phase) ? "check" : "body";
+}
+
+function plainState({ lastState }: App): ReturnType<EmulatorControls["lastState"]> {
+  if (!lastState) return null;
+  const { sequence, simulation_time_s, tracking_sequence } = lastState;
+  const poses = [...lastState.poses];
+  return { sequence, simulation_time_s, tracking_sequence, poses };
+}
+
+function plainBody({ world }: App): ReturnType<EmulatorControls["ownBody"]> {
+  return { tracked: world.tracked, drawn: [...world.drawn], simulated: [...world.simulated] };
+}
+
+/** The emulator asks for the clear values in every frame, which stalls a software renderer: answer from a copy. */
+function cacheClearValues(gl: WebGL2RenderingContext): void {
+  const { clearColor, clearDepth, clearStencil, getParameter } = gl;
+  const values = new Map<number, unknown>();
+  for (const name of [gl.COLOR_CLEAR_VALUE, gl.DEPTH_CLEAR_VALUE, gl.STENCIL_CLEAR_VALUE]) {
+    values.set(name, gl.getParameter(name));
+  }
+  gl.getParameter = (name: number) => (values.has(name) ? values.get(name) : getParameter.call(gl, name));
+  gl.clearColor = (red, green, blue, alpha) => {
+    values.set(gl.COLOR_CLEAR_VALUE, new Float32Array([red, green, blue, alpha]));
+    clearColor.call(gl, red, green, blue, alpha);
+  };
+  gl.clearDepth = (depth) => {
+    values.set(gl.DEPTH_CLEAR_VALUE, depth);
+    clearDepth.call(gl, depth);
+  };
+  gl.clearStencil = (stencil) => {
+    values.set(gl.STENCIL_CLEAR_VALUE, stencil);
+    clearStencil.call(gl, stencil);
+  };
+}

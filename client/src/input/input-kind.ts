@@ -1,0 +1,27 @@
+import { HAND_PROFILE } from "./stop-gestures";
+
+/** How a participant selects, in the order in which words for it are chosen. */
+export const INPUTS = ["trigger", "button", "touchpad", "pinch", "tap", "gaze"] as const;
+export type Input = (typeof INPUTS)[number];
+
+/** How an input source selects: with the part that its profile names. */
+export function inputOf({ hand, profiles, gamepad, targetRayMode }: XRInputSource): Input {
+  const has = (part: string) => profiles.some((profile) => profile.startsWith(`generic-${part}`));
+  if (targetRayMode === "screen" || has("touchscreen")) return "tap";
+  if (hand || targetRayMode === "transient-pointer" || profiles.includes(HAND_PROFILE)) return "pinch";
+  if (targetRayMode === "gaze") return "gaze";
+  if (has("trigger")) return "trigger";
+  if (has("touchpad")) return "touchpad";
+  return has("button") || !gamepad ? "button" : "trigger";
+}
+
+/** How somebody with these input sources selects; null where there is none, as between two pinches. */
+export function inputOfAll(sources: Iterable<XRInputSource>): Input | null {
+  const found = Array.from(sources, inputOf);
+  return INPUTS.find((input) => found.includes(input)) ?? null;
+}
+
+/** The words for a kind of input, or those for a trigger. */
+export function wordsFor(input: Input, text: string, byInput: Readonly<Record<string, string>>): string {
+  return byInput[input] ?? text;
+}

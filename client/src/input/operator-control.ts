@@ -1,0 +1,143 @@
+import type { Drive, Status } from "../generated/messages";
+
+const EVERY_MS = 50;
+const DEAD_ZONE = 0.15;
+
+type Axis = [vector: "linear" | "angular", index: 0 | 1 | 2, sign: 1 | -1];
+
+/** Which key moves the hand along or about which axis, by its place on the keyboard. */
+const KEYS: Record<string, Axis> = {
+  KeyW: ["linear", 0, 1],
+  KeyS: ["linear", 0, -1],
+  KeyA: ["linear", 1, 1],
+  KeyD: ["linear", 1, -1],
+  KeyE: ["linear", 2, 1],
+  KeyQ: ["linear", 2, -1],
+  KeyX: ["angular", 0, 1],
+  KeyZ: ["angular", 0, -1],
+  ArrowDown: ["angular", 1, 1],
+  ArrowUp: ["angular", 1, -1],
+  ArrowLeft: ["angular", 2, 1],
+  ArrowRight: ["angular", 2, -1],
+};
+const DEAD_MANS_KEY = "Space";
+
+const STICKS: [axis: number, ...Axis][] = [
+  [1, "linear", 0, -1],
+  [0, "linear", 1, -1],
+  [3, "linear", 2, -1],
+  [2, "angular", 2, -1],
+];
+const BUTTONS: [button: number, ...Axis][] = [
+  [7, "angular", 0, 1],
+  [6, "angular", 0, -1],
+  [13, "angular", 1, 1],
+  [12, "angular", 1, -1],
+];
+const SHOULDERS = [4, 5];
+
+const RELEASED: Drive = { type: "drive", engaged: false, linear: [0, 0, 0], angular: [0, 0, 0] };
+
+/** What held keys ask for. */
+export function keysWish(held: ReadonlySet<string>): Drive {
+  const wish = structuredClone(RELEASED);
+  for (const key of held) add(wish, KEYS[key], 1);
+  return { ...wish, engaged: held.has(DEAD_MANS_KEY) };
+}
+
+/** What a gamepad asks for: sticks and triggers, while a shoulder button is held. */
+export function gamepadWish({ axes, buttons }: Pick<Gamepad, "axes" | "buttons">): Drive {
+  const wish = structuredClone(RELEASED);
+  for (const [stick, ...axis] of STICKS) add(wish, axis, beyondDeadZone(axes[stick] ?? 0));
+  for (const [button, ...axis] of BUTTONS) add(wish, axis, buttons[button]?.value ?? 0);
+  return { ...wish, engaged: SHOULDERS.some((button) => buttons[button]?.pressed) };
+}
+
+function add(wish: Drive, axis: Axis | undefined, amount: number): void {
+  if (!axis) return;
+  const [vector, index, sign] = axis;
+  wish[vector][index] = Math.max(-1, Math.min(1, wish[vector][index] + sign * amount));
+}
+
+function beyondDeadZone(value: number): number {
+  return (Math.sign(value) * Math.max(0, Math.abs(value) - DEAD_ZONE)) / (1 - DEAD_ZONE);
+}
+
+const DRIVEN_IN: Status["phase"][] = ["trial", "viewing"];
+
+export function drivingWords(status: Status): string {
+  if (!DRIVEN_IN.includes(status.phase)) return "You drive in this trial. The robot holds still until it begins.";
+  return status.idle ? "The robot holds still." : "You drive the robot.";
+}
+
+/** The experimenter as the robot's operator: keys and gamepad move its hand, as long as the dead-man's key is held. */
+export class Driving {
+  private readonly held = new Set<string>();
+  private operated = false;
+  private engaged = false;
+
+  /** `panel` is shown in trials that the experimenter drives; its first child says how that stands. */
+  constructor(
+    private readonly panel: HTMLElement,
+    private readonly send: (message: Drive) => void,
+  ) {
+    this.listen(window);
+    setInterval(() => this.tell(), EVERY_MS);
+  }
+
+  /** Takes the keys of this window too. */
+  listen(window: Window): void {
+    window.addEventListener("keydown", (event) => this.pressed(event));
+    window.addEventListener("keyup", (event) => this.released(event));
+    window.addEventListener("blur", () => this.letGo());
+  }
+
+  statusCame(status: Status): void {
+    this.operated = status.operated;
+    this.panel.hidden = !status.operated;
+    this.panel.firstElementChild!.textContent = drivingWords(status);
+    if (!status.operated) this.letGo();
+  }
+
+  /** Whether a key drives now, and means nothing else. */
+  takes(event: KeyboardEvent): boolean {
+    if (!this.operated || isWriting(event.target)) return false;
+    return event.code === DEAD_MANS_KEY || this.held.has(DEAD_MANS_KEY);
+  }
+
+  private pressed(event: KeyboardEvent): void {
+    if (!this.operated || isWriting(event.target)) return;
+    this.held.add(event.code);
+    if (this.takes(event) && event.key !== "Escape") event.preventDefault();
+    if (event.code === DEAD_MANS_KEY && !event.repeat) this.tell();
+  }
+
+  private released(event: KeyboardEvent): void {
+    if (this.takes(event)) event.preventDefault();
+    this.held.delete(event.code);
+    if (event.code === DEAD_MANS_KEY) this.letGo();
+  }
+
+  private letGo(): void {
+    this.held.clear();
+    this.tell();
+  }
+
+  private tell(): void {
+    if (!this.operated && !this.engaged) return;
+    const wish = this.operated ? this.wish() : RELEASED;
+    if (wish.engaged || this.engaged) this.send(wish);
+    this.engaged = wish.engaged;
+  }
+
+  private wish(): Drive {
+    const pads = navigator.getGamepads?.() ?? [];
+    const wishes = pads.filter((pad) => pad !== null).map(gamepadWish);
+    return [keysWish(this.held), ...wishes].find((wish) => wish.engaged) ?? RELEASED;
+  }
+}
+
+function isWriting(target: EventTarget | null): boolean {
+  const control = target instanceof HTMLElement ? target.closest("input, textarea, select") : null;
+  return control !== null && !(control instanceof HTMLInputElement && control.type === "checkbox");
+}

@@ -1,0 +1,119 @@
+import { CylinderGeometry, Group, Mesh, MeshBasicMaterial, SphereGeometry, Vector3 } from "three";
+import { OVERLAY_ORDER } from "../panel/canvas-plane";
+import type { Panel, PanelHit } from "../panel/panel";
+
+/** The rays of input sources: each source that points has its own, whatever its hand and the kind of its ray. */
+export class Pointers {
+  readonly group = new Group();
+  private readonly pointers = new Map<XRInputSource, Pointer>();
+  private readonly spare: Pointer[] = [];
+  private latest: Pointer | null = null;
+
+  /** Aims all sources that point; returns the button that one of them came to last, or null. */
+  point(frame: XRFrame, space: XRReferenceSpace, panel: Panel): number | null {
+    const sources = Array.from(frame.session.inputSources);
+    for (const source of this.pointers.keys()) if (!sources.includes(source)) this.release(source);
+    for (const source of sources) if (pointsAlways(source)) this.aim(source, frame, space, panel);
+    if (this.latest && this.latest.value !== null) return this.latest.value;
+    return [...this.pointers.values()].find(({ value }) => value !== null)?.value ?? null;
+  }
+
+  /** The button that a source points at while it is being selected, or null. */
+  pointedAt(source: XRInputSource, frame: XRFrame, space: XRReferenceSpace, panel: Panel): number | null {
+    const value = this.aim(source, frame, space, panel);
+    if (!pointsAlways(source)) this.of(source).value = null;
+    return value;
+  }
+
+  hide(): void {
+    for (const source of [...this.pointers.keys()]) this.release(source);
+  }
+
+  private aim(source: XRInputSource, frame: XRFrame, space: XRReferenceSpace, panel: Panel): number | null {
+    const pointer = this.of(source);
+    const before = pointer.value;
+    const pose = frame.getPose(source.targetRaySpace, space);
+    if (pose) pointer.aim(pose.transform, panel, beginsAtHand(source));
+    else pointer.hide();
+    if (pointer.value !== null && pointer.value !== before) this.latest = pointer;
+    return pointer.value;
+  }
+
+  private of(source: XRInputSource): Pointer {
+    const had = this.pointers.get(source);
+    if (had) return had;
+    const pointer = this.spare.pop() ?? new Pointer();
+    this.group.add(pointer.group);
+    this.pointers.set(source, pointer);
+    return pointer;
+  }
+
+  private release(source: XRInputSource): void {
+    const pointer = this.pointers.get(source)!;
+    this.pointers.delete(source);
+    pointer.hide();
+    this.spare.push(pointer);
+  }
+}
+
+/** A transient pointer follows the hand once it is selected, and a touch its finger: both point as they begin. */
+function pointsAlways({ targetRayMode }: XRInputSource): boolean {
+  return targetRayMode !== "transient-pointer" && targetRayMode !== "screen";
+}
+
+/** All other rays begin at the eyes: of these only the end is drawn. */
+function beginsAtHand({ targetRayMode }: XRInputSource): boolean {
+  return targetRayMode === "tracked-pointer";
+}
+
+const FREE_LENGTH_M = 1.2;
+
+/** A ray of one input source, with a dot where it meets the panel. */
+class Pointer {
+  readonly group = new Group();
+  /** The button that the ray meets, or null. */
+  value: number | null = null;
+  private readonly ray: Mesh;
+  private readonly dot: Mesh;
+  private readonly direction = new Vector3();
+  private readonly hit: PanelHit = { distance: 0, value: null };
+
+  constructor() {
+    const geometry = new CylinderGeometry(0.0012, 0.0022, 1, 8).rotateX(-Math.PI / 2).translate(0, 0, -0.5);
+    this.ray = new Mesh(geometry, overlayMaterial(0.65));
+    this.dot = new Mesh(new SphereGeometry(0.006, 16, 12), overlayMaterial(1));
+    this.ray.renderOrder = this.dot.renderOrder = OVERLAY_ORDER + 1;
+    this.group.add(this.ray, this.dot);
+    this.hide();
+  }
+
+  hide(): void {
+    this.group.visible = false;
+    this.value = null;
+  }
+
+  /** Points along a target ray, which is drawn or only its end. */
+  aim(pose: XRRigidTransform, panel: Panel, drawsRay: boolean): void {
+    const { position, orientation } = pose;
+    this.group.visible = true;
+    this.group.position.set(position.x, position.y, position.z);
+    this.group.quaternion.set(orientation.x, orientation.y, orientation.z, orientation.w);
+    this.direction.set(0, 0, -1).applyQuaternion(this.group.quaternion);
+    const met = panel.hit(this.group.position, this.direction, this.hit);
+    this.dot.visible = met;
+    this.dot.position.z = -this.hit.distance;
+    this.ray.visible = drawsRay;
+    this.ray.scale.z = met ? this.hit.distance : FREE_LENGTH_M;
+    this.value = met ? this.hit.value : null;
+  }
+}
+
+function overlayMaterial(opacity: number): MeshBasicMaterial {
+  return new MeshBasicMaterial({
+    color: 0xbfe9f0,
+    opacity,
+    transparent: true,
+    depthWrite: false,
+    toneMapped: false,
+  });
+}

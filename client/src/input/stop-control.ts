@@ -1,0 +1,68 @@
+import { Quaternion, Vector3 } from "three";
+import type { BareHandsTracked } from "../body/bare-hands";
+import { Stopping, type WayInVR } from "./stop-gestures";
+import { StopSign } from "./stop-sign";
+import type { Words } from "../page/texts";
+
+const FORWARD = new Vector3(0, 0, -1);
+
+/** The stop of a participant in VR: what they do for it, and the sign that shows it. */
+export class StopControl {
+  readonly sign = new StopSign();
+  private readonly stopping = new Stopping();
+  private readonly eyes = new Vector3();
+  private readonly turn = new Quaternion();
+  private readonly gaze = new Vector3();
+
+  /** How they stop the robot with what they have. */
+  get way(): WayInVR {
+    return this.stopping.way;
+  }
+
+  /** How much of that is done, 0 to 1. */
+  get progress(): number {
+    return this.stopping.progress;
+  }
+
+  listen(session: XRSession): void {
+    this.stopping.listen(session);
+  }
+
+  /** The way in which the participant has just stopped the robot, or null; `possible`: it can be stopped now. */
+  watch(
+    frame: XRFrame,
+    space: XRReferenceSpace,
+    timeMs: number,
+    hands: BareHandsTracked,
+    possible: boolean,
+    words: Words,
+  ): WayInVR | null {
+    const { sign, stopping, eyes } = this;
+    const sources = frame.session.inputSources;
+    const seen = this.look(frame, space, sources);
+    const stopped = stopping.watch(
+      { sources, eyes: seen ? eyes : null, gaze: this.gaze, hands, sign: sign.middle },
+      possible,
+      timeMs,
+    );
+    if (!possible) sign.hide();
+    else if (seen) {
+      sign.show(stopping.way, stopping.progress, words);
+      sign.place(stopping.way, eyes, this.turn);
+    }
+    return stopped;
+  }
+
+  /** Whether eyes are tracked, and where they look: along a source's gaze, or straight ahead of the head. */
+  private look(frame: XRFrame, space: XRReferenceSpace, sources: XRInputSourceArray): boolean {
+    const viewer = frame.getViewerPose(space);
+    if (!viewer) return false;
+    const { position, orientation } = viewer.transform;
+    this.eyes.set(position.x, position.y, position.z);
+    this.turn.set(orientation.x, orientation.y, orientation.z, orientation.w);
+    const gazing = Array.from(sources).find(({ targetRayMode }) => targetRayMode === "gaze");
+    const ray = (gazing && frame.getPose(gazing.targetRaySpace, space)?.transform.orientation) ?? orientation;
+    this.gaze.copy(FORWARD).applyQuaternion(new Quaternion(ray.x, ray.y, ray.z, ray.w));
+    return true;
+  }
+}

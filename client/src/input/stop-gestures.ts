@@ -1,0 +1,185 @@
+import { Vector3 } from "three";
+import type { BareHandsTracked } from "../body/bare-hands";
+import type { StopWay } from "../generated/messages";
+import { palmIsRaised } from "./palm-gesture";
+import type { Key } from "../page/texts";
+
+/** How a participant in VR stops the robot. */
+export type WayInVR = Exclude<StopWay, "page" | "key">;
+type HeldWay = Exclude<WayInVR, "button">;
+
+/** How each kind of input stops the robot: what is said of it, and how long it is held. */
+export const WAYS: Readonly<Record<WayInVR, { words: Key; heldMs: number }>> = {
+  button: { words: "stop_by_button", heldMs: 0 },
+  triggers: { words: "stop_by_triggers", heldMs: 700 },
+  squeeze: { words: "stop_by_triggers", heldMs: 700 },
+  select: { words: "stop_by_select", heldMs: 700 },
+  palm: { words: "stop_by_palm", heldMs: 700 },
+  gaze: { words: "stop_by_gaze", heldMs: 1000 },
+};
+
+/** A, B, X and Y of common controllers, or the menu button of others, in the WebXR gamepad mapping. */
+const MENU_BUTTONS = [4, 5];
+/** The profile that all hands have, those too of which browsers tell no joints: button 4 is then their fist. */
+export const HAND_PROFILE = "generic-hand-select";
+/** Tracking of hands and eyes flickers for so long. */
+const FLICKER_MS = 150;
+/** After so long without any input source a participant has only their eyes. */
+const ALONE_MS = 1000;
+/** Who looks at the stop sign looks no farther past its middle. */
+export const SIGN_RADIUS_RAD = (6 * Math.PI) / 180;
+
+type Kind = "button" | "trigger" | "hand" | "gaze";
+
+/** What an input source can stop with, by what it has. */
+export function kindOf({ hand, profiles, gamepad, targetRayMode }: XRInputSource): Kind {
+  if (hand) return "hand";
+  if (targetRayMode !== "tracked-pointer" || profiles.includes(HAND_PROFILE)) return "gaze";
+  return MENU_BUTTONS.some((index) => gamepad?.buttons[index]) ? "button" : "trigger";
+}
+
+/** The way to stop that participants are shown; null where there is no input source. */
+export function wayOf(sources: Iterable<XRInputSource>): WayInVR | null {
+  const kinds = Array.from(sources, kindOf);
+  if (kinds.includes("button")) return "button";
+  const triggers = kinds.filter((kind) => kind === "trigger").length;
+  if (triggers > 0) return triggers > 1 ? "triggers" : "select";
+  if (kinds.includes("hand")) return "palm";
+  return kinds.length > 0 ? "gaze" : null;
+}
+
+/** Whether a menu button is down. */
+export function menuIsDown(sources: Iterable<XRInputSource>): boolean {
+  for (const source of sources) {
+    if (kindOf(source) !== "button") continue;
+    for (const index of MENU_BUTTONS) if (source.gamepad?.buttons[index]?.pressed) return true;
+  }
+  return false;
+}
+
+/** Which press, gesture or look it is that is held; null: none. */
+type Press = number | null;
+
+/** Something that stops the robot once it has been held for long enough. */
+class Hold {
+  private press: Press = null;
+  private sinceMs: number | null = null;
+  private seenMs = -Infinity;
+  private used = false;
+
+  constructor(
+    private readonly heldMs: number,
+    private readonly flickerMs: number,
+    /** Whether a press counts only if it began while the robot could be stopped. */
+    private readonly pressed: boolean,
+  ) {}
+
+  /** How much of its time it has been held, 0 to 1; at 1 once, until it is let go. */
+  share(press: Press, possible: boolean, nowMs: number): number {
+    const held = press !== null;
+    if (held && press !== this.press) this.letGo();
+    this.press = press ?? this.press;
+    if (held) this.seenMs = nowMs;
+    else if (nowMs - this.seenMs > this.flickerMs || this.flickerMs === 0) this.letGo();
+    if (!possible) {
+      this.sinceMs = null;
+      this.used ||= this.pressed && held;
+    }
+    if (!possible || this.used) return 0;
+    if (held) this.sinceMs ??= nowMs;
+    if (this.sinceMs === null) return 0;
+    const share = Math.min(1, (nowMs - this.sinceMs) / this.heldMs);
+    if (share < 1 || !held) return Math.min(share, 0.99);
+    this.used = true;
+    return 1;
+  }
+
+  private letGo(): void {
+    this.sinceMs = null;
+    this.used = false;
+  }
+}
+
+/** What one frame says of the participant. */
+export interface Seen {
+  sources: Iterable<XRInputSource>;
+  eyes: Vector3 | null;
+  /** Where they look, if that is known better than where their head points. */
+  gaze: Vector3;
+  hands: BareHandsTracked;
+  /** The middle of the stop sign. */
+  sign: Vector3 | null;
+}
+
+/** Looks for all that stops the robot and is held for a while. */
+export class Stopping {
+  /** How the participant stops the robot with what they have. */
+  way: WayInVR = "gaze";
+  /** How much of its time what is held longest has been held, 0 to 1. */
+  progress = 0;
+  /** The presses of sources that are held down, numbered as they began. */
+  private readonly selecting = new Map<XRInputSource, number>();
+  private readonly squeezing = new Map<XRInputSource, number>();
+  private presses = 0;
+  private readonly holds: Readonly<Record<HeldWay, Hold>> = {
+    triggers: new Hold(WAYS.triggers.heldMs, 0, true),
+    squeeze: new Hold(WAYS.squeeze.heldMs, 0, true),
+    select: new Hold(WAYS.select.heldMs, 0, true),
+    palm: new Hold(WAYS.palm.heldMs, FLICKER_MS, false),
+    gaze: new Hold(WAYS.gaze.heldMs, FLICKER_MS, false),
+  };
+  private sourcesMs = -Infinity;
+
+  /** Hears of presses; call it when a session begins. */
+  listen(session: XRSession): void {
+    this.selecting.clear();
+    this.squeezing.clear();
+    session.addEventListener("selectstart", ({ inputSource }) => this.selecting.set(inputSource, this.presses++));
+    session.addEventListener("selectend", ({ inputSource }) => this.selecting.delete(inputSource));
+    session.addEventListener("squeezestart", ({ inputSource }) => this.squeezing.set(inputSource, this.presses++));
+    session.addEventListener("squeezeend", ({ inputSource }) => this.squeezing.delete(inputSource));
+  }
+
+  /** The way in which the participant has just stopped the robot, or null; `possible`: it can be stopped now. */
+  watch(seen: Seen, possible: boolean, nowMs: number): HeldWay | null {
+    const sources = Array.from(seen.sources);
+    this.chooseWay(sources, nowMs);
+    const held = this.held(seen, sources);
+    const ways = Object.entries(this.holds) as [HeldWay, Hold][];
+    const shares = ways.map(([way, hold]) => hold.share(held[way], possible, nowMs));
+    this.progress = Math.max(...shares);
+    return ways[shares.indexOf(1)]?.[0] ?? null;
+  }
+
+  private chooseWay(sources: XRInputSource[], nowMs: number): void {
+    const way = wayOf(sources);
+    if (way) this.sourcesMs = nowMs;
+    if (way) this.way = way;
+    else if (nowMs - this.sourcesMs > ALONE_MS) this.way = "gaze";
+  }
+
+  private held({ eyes, gaze, hands, sign }: Seen, sources: XRInputSource[]): Record<HeldWay, Press> {
+    const triggers = sources.filter((source) => kindOf(source) === "trigger");
+    const selects = pressesOf(triggers, this.selecting);
+    const squeezes = pressesOf(triggers, this.squeezing);
+    const all = triggers.length > 0 && selects.length === triggers.length ? Math.max(...selects) : null;
+    const raised = (side: "left" | "right") => hands[side] !== null && palmIsRaised(side, hands[side].matrices, eyes!);
+    return {
+      triggers: triggers.length > 1 ? all : null,
+      squeeze: squeezes.length > 0 ? Math.min(...squeezes) : null,
+      select: triggers.length === 1 ? all : null,
+      palm: eyes !== null && (raised("left") || raised("right")) ? 0 : null,
+      gaze: this.way === "gaze" && looksAt(eyes, gaze, sign) ? 0 : null,
+    };
+  }
+}
+
+function pressesOf(sources: readonly XRInputSource[], pressed: ReadonlyMap<XRInputSource, number>): number[] {
+  return sources.flatMap((source) => pressed.get(source) ?? []);
+}
+
+const towards = new Vector3();
+
+function looksAt(eyes: Vector3 | null, gaze: Vector3, sign: Vector3 | null): boolean {
+  return eyes !== null && sign !== null && towards.copy(sign).sub(eyes).angleTo(gaze) < SIGN_RADIUS_RAD;
+}

@@ -1,0 +1,77 @@
+import { element } from "./dom";
+import type { Question } from "../generated/messages";
+import { isLine, labelOf, saysItsEnds } from "../panel/questionnaire";
+import type { Words } from "./texts";
+
+/** The answers to a question on the page: a button for each, or a line to slide on where there are many. */
+export class Scale {
+  /** Whether the latest answer came from the keyboard, which then stays at the answers. */
+  byKeyboard = false;
+  private readonly points = element("points");
+  private shown: Question | null = null;
+
+  constructor(private readonly answer: (value: number) => void) {}
+
+  /** Shows a question, and which answer was given now or before. */
+  show(question: Question | null, answered: number | null, words: Words): void {
+    if (question && question !== this.shown) this.fill(question, words);
+    this.shown = question;
+    for (const button of this.points.querySelectorAll("button")) {
+      button.disabled = answered !== null;
+      button.setAttribute("aria-pressed", String(Number(button.value) === (answered ?? question?.given)));
+    }
+  }
+
+  private fill(question: Question, words: Words): void {
+    const { points, labels, low, high } = question;
+    const ends = { low: [1, low], high: [points, high] } as const;
+    for (const [id, [value, meaning]] of Object.entries(ends))
+      element(id).textContent = isLine(question) ? meaning : words.say("anchor", { value: labelOf(question, value), meaning });
+    element("anchors").hidden = saysItsEnds(question) && !isLine(question);
+    this.points.classList.toggle("words", labels.some((label) => label.length > 3));
+    this.points.classList.toggle("line", isLine(question));
+    if (isLine(question)) this.points.replaceChildren(...this.line(question, words));
+    else this.points.replaceChildren(...Array.from({ length: points }, (_, at) => this.button(at + 1, question)));
+    if (this.byKeyboard) this.points.querySelector<HTMLElement>("button, input")?.focus();
+  }
+
+  private button(value: number, question: Question): HTMLButtonElement {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.value = String(value);
+    button.textContent = labelOf(question, value);
+    button.addEventListener("click", (event) => {
+      this.byKeyboard = event.detail === 0;
+      this.answer(value);
+    });
+    return button;
+  }
+
+  /** A line that shows no answer before one is chosen, so that none is suggested. */
+  private line(question: Question, words: Words): HTMLElement[] {
+    const { points, given } = question;
+    const line = document.createElement("input");
+    const value = String(given ?? Math.ceil(points / 2));
+    Object.assign(line, { type: "range", min: "1", max: String(points), step: "1", value });
+    line.setAttribute("aria-label", words.say("slide"));
+    line.setAttribute("aria-describedby", "statement anchors");
+    const take = document.createElement("button");
+    take.type = "button";
+    take.textContent = words.say("take_answer");
+    const choose = () => {
+      line.classList.remove("untouched");
+      take.value = line.value;
+      take.hidden = false;
+      line.setAttribute("aria-valuetext", labelOf(question, Number(line.value)));
+    };
+    line.classList.add("untouched");
+    take.hidden = true;
+    if (given !== null) choose();
+    for (const event of ["input", "pointerdown", "change"]) line.addEventListener(event, choose);
+    take.addEventListener("click", (event) => {
+      this.byKeyboard = event.detail === 0;
+      this.answer(Number(take.value));
+    });
+    return [line, take];
+  }
+}

@@ -1,0 +1,35 @@
+import { element } from "./dom";
+import type { Key, Words } from "./texts";
+
+const TOO_MANY = 429;
+
+/** The form in which the code of a session is entered: a right code opens the session's link on this page. */
+export function exchangeCodes(words: () => Words): void {
+  const form = element<HTMLFormElement>("entrance");
+  const input = element<HTMLInputElement>("code");
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    void open(input.value).then((wrong) => {
+      element("code-wrong").hidden = wrong === null;
+      element("code-wrong").textContent = wrong && words().say(wrong);
+      input.select();
+    });
+  });
+}
+
+/** Goes to the session that a code leads to, or returns why it cannot. */
+async function open(code: string): Promise<Key | null> {
+  try {
+    const answer = await fetch("./link", {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify({ code }),
+    });
+    if (!answer.ok) return answer.status === TOO_MANY ? "too_many_codes" : "wrong_code";
+    const { token } = (await answer.json()) as { token: string };
+    location.hash = `token=${token}`;
+    return null;
+  } catch {
+    return "lost";
+  }
+}

@@ -1,0 +1,35 @@
+import "./page.css";
+import { App } from "./app";
+import { element } from "./dom";
+import { CannotDrawError, FULL_DETAIL, LIGHT_DETAIL } from "../scene/view";
+import { ENGLISH, firstWords } from "./texts";
+
+const asked = new URLSearchParams(location.search);
+const emulated = asked.get("emulate") === "1";
+const wanted = asked.get("detail") ?? (emulated ? "light" : "full");
+const detail = wanted === "light" ? LIGHT_DETAIL : FULL_DETAIL;
+const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
+const emulator = emulated ? await import("../emulator/emulator") : null;
+const device = emulator?.installEmulator(asked.get("headset") ?? "quest-3");
+
+const watches = location.pathname.endsWith("/spectator");
+
+function sayWhyNothingIsDrawn(error: unknown): void {
+  if (!(error instanceof CannotDrawError)) throw error;
+  const words = watches ? ENGLISH : firstWords(navigator.languages);
+  words.fill(document);
+  for (const id of ["loading", "status", "take-part", "help"]) element(id).hidden = true;
+  element("problem").hidden = false;
+  element("problem").textContent = words.say("no_drawing");
+}
+
+document.body.classList.toggle("embedded", asked.get("embedded") === "1");
+
+try {
+  const app = new App(token, emulated, detail, watches);
+  if (emulator && device) emulator.exposeEmulator(app, device);
+  app.start();
+} catch (error) {
+  sayWhyNothingIsDrawn(error);
+}
+window.addEventListener("hashchange", () => location.reload());

@@ -1,0 +1,218 @@
+import { mayChooseBody } from "../panel/body-choice";
+import {
+  awaitsReady,
+  canBeStopped,
+  confirmsAnswers,
+  linkWords,
+  mayGoBack,
+  mayRecalibrate,
+  phaseLabel,
+  type Display,
+} from "../session/display-state";
+import { element } from "./dom";
+import { exchangeCodes } from "./code-form";
+import type { Body, ChooseBody, Phase, Question } from "../generated/messages";
+import { Scale } from "./answer-scale";
+import type { Allowed } from "../session/haptics-and-sounds";
+import { ENGLISH, type Key, type Words } from "./texts";
+
+const SENSES = ["haptics", "sounds"] as const;
+
+export interface PageEvents {
+  enterOrLeave(): void;
+  playOrEnd(): void;
+  ready(): void;
+  recalibrate(): void;
+  stop(): void;
+  back(): void;
+  answer(value: number): void;
+  chooseBody(choice: ChooseBody): void;
+}
+
+/** The words and buttons over the flat view. */
+export class Page {
+  readonly view = element("view");
+  readonly card = element("card");
+  readonly handButtons = element("hand").querySelectorAll("button");
+  private readonly enter = element<HTMLButtonElement>("enter");
+  private readonly play = element<HTMLButtonElement>("play");
+  private readonly sex = element<HTMLSelectElement>("sex");
+  private readonly tone = element<HTMLSelectElement>("skin-tone");
+  private readonly scale: Scale;
+  private readonly texts = new Map<string, string>();
+  private words = ENGLISH;
+  private presenting = false;
+  private playing = false;
+  /** Whether the experimenter is here, who may always stop the robot. */
+  commands = false;
+
+  constructor(
+    private readonly watches: boolean,
+    private readonly events: PageEvents,
+  ) {
+    this.scale = new Scale((value) => events.answer(value));
+    this.enter.addEventListener("click", () => events.enterOrLeave());
+    this.play.addEventListener("click", () => events.playOrEnd());
+    element("ready").addEventListener("click", () => events.ready());
+    element("stop").addEventListener("pointerdown", () => events.stop());
+    element("stop").addEventListener("click", ({ detail }) => detail === 0 && events.stop());
+    element("again").addEventListener("click", () => events.recalibrate());
+    element("back").addEventListener("click", () => events.back());
+    for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
+    for (const sense of SENSES) remember(element<HTMLInputElement>(sense));
+    element<HTMLDetailsElement>("help").open = window.innerHeight > 620 && window.innerWidth > 720;
+    exchangeCodes(() => this.words);
+    this.speak(ENGLISH);
+  }
+
+  /** Says everything in these words from now on. */
+  speak(words: Words): void {
+    this.words = words;
+    words.fill(document);
+    for (const option of this.tone.options) option.text = words.say(option.value as Key);
+    this.sayActions();
+  }
+
+  /** What those who watch read of a participant is in the participant's language. */
+  markAsParticipants(words: Words): void {
+    Object.assign(element("phase-text"), { lang: words.language, dir: words.direction });
+  }
+
+  /** Empty: VR can be entered. */
+  setReason(reason: string): void {
+    this.enter.disabled = reason !== "";
+    this.text("reason", reason);
+  }
+
+  setPresenting(presenting: boolean): void {
+    document.body.classList.toggle("presenting", presenting);
+    this.presenting = presenting;
+    this.sayActions();
+    this.enter.blur();
+  }
+
+  /** An environment is on show, outside of any session. */
+  setOnShow(onShow: boolean): void {
+    document.body.classList.toggle("on-show", onShow);
+  }
+
+  /** What the participant wants to feel and hear. */
+  get senses(): Allowed {
+    const [haptics, sounds] = SENSES.map((sense) => element<HTMLInputElement>(sense).checked);
+    return { haptics: haptics!, sounds: sounds! };
+  }
+
+  /** A scene is shown: there is more to see than an empty room. */
+  setFurnished(): void {
+    document.body.classList.remove("sceneless");
+    element("loading").hidden = true;
+  }
+
+  setPlaying(playing: boolean): void {
+    this.playing = playing;
+    document.body.classList.toggle("playing", playing);
+    this.sayActions();
+    element("play-help").hidden = element("hand").hidden = !playing;
+    element("help").hidden = playing;
+    this.enter.hidden = element("reason").hidden = playing;
+    this.play.blur();
+  }
+
+  private sayActions(): void {
+    this.enter.textContent = this.words.say(this.presenting ? "leave" : "enter");
+    this.play.textContent = this.words.say(this.playing ? "end_play" : "play");
+  }
+
+  /** Only a link or a code leads on. */
+  showEntrance(): void {
+    for (const id of ["take-part", "help", "loading", "body"]) element(id).hidden = true;
+    element("entrance").hidden = false;
+  }
+
+  /** Whoever only watches takes no part. */
+  hideTakingPart(): void {
+    element("take-part").hidden = element("help").hidden = true;
+  }
+
+  /** The latest answer came from the keyboard, which then stays at the answers. */
+  answersByKeyboard(): void {
+    this.scale.byKeyboard = true;
+  }
+
+  show(display: Display): void {
+    const { words, phase, question, problem, secondsLeft } = display;
+    const confirms = confirmsAnswers(phase) && !question;
+    const hadFocus = this.card.contains(document.activeElement);
+    element("status").dataset["link"] = display.link;
+    this.text("status-words", linkWords(display));
+    this.text("problem", problem ?? "");
+    this.text("phase-label", this.watches ? "" : phaseLabel(phase, words));
+    this.text("phase-text", (this.watches ? phase?.text : phase?.page_text || phase?.text) ?? "");
+    this.text("countdown", secondsLeft === null ? "" : words.say("seconds", { seconds: secondsLeft }));
+    this.text("ready", words.say(confirms ? "done" : "go_on"));
+    element("problem").hidden = !problem;
+    element("emergency").hidden = !this.commands && !(display.takesPart && canBeStopped(phase));
+    element("ready").hidden = this.watches || (!confirms && !(display.takesPart && awaitsReady(phase)));
+    element("again").hidden = !display.takesPart || !mayRecalibrate(phase);
+    element("back").hidden = this.watches || !mayGoBack(display);
+    element("phase").hidden = !phase?.text || question !== null;
+    this.showBody(display.body, phase);
+    this.showQuestion(question, display.answered);
+    if (hadFocus && !this.card.contains(shownFocus())) this.keepFocus();
+  }
+
+  /** The focus goes on to what comes next, where the element that had it is gone. */
+  private keepFocus(): void {
+    const next = [element("points").querySelector("button"), element("ready"), element("phase-text")];
+    next.find((each) => each && each.getClientRects().length > 0)?.focus();
+  }
+
+  private showBody(body: Body | null, phase: Phase | null): void {
+    element("body").hidden = body === null;
+    element<HTMLFieldSetElement>("body").disabled = !mayChooseBody(phase);
+    if (!body) return;
+    if (this.tone.options.length === 0)
+      this.tone.append(...body.skin_tones.map((tone) => new Option(this.words.say(tone as Key), tone)));
+    this.sex.value = body.sex;
+    this.tone.value = body.skin_tone;
+  }
+
+  private chooseBody(): void {
+    const sex = this.sex.value as ChooseBody["sex"];
+    this.events.chooseBody({ type: "choose_body", sex, skin_tone: this.tone.value });
+  }
+
+  private showQuestion(question: Question | null, answered: number | null): void {
+    element("question").hidden = question === null;
+    if (question)
+      this.text("question-label", this.words.say("question", { number: question.number, count: question.count }));
+    this.text("statement", question?.text ?? "");
+    this.scale.show(question, answered, this.words);
+  }
+
+  /** Sets a text only when it changes: screen readers announce every change. */
+  private text(id: string, text: string): void {
+    if (this.texts.get(id) === text) return;
+    this.texts.set(id, text);
+    element(id).textContent = text;
+  }
+}
+
+/** What has the focus and is shown. */
+function shownFocus(): Element | null {
+  const focused = document.activeElement;
+  return focused && focused.getClientRects().length > 0 ? focused : null;
+}
+
+/** Keeps a check box as it was set, on this device. */
+function remember(box: HTMLInputElement): void {
+  box.checked = localStorage.getItem(box.id) !== "off";
+  box.addEventListener("change", () => localStorage.setItem(box.id, box.checked ? "on" : "off"));
+}
+
+/** Whether a key press asks the robot to stop: Escape anywhere, Space unless it presses a button. */
+export function isStopKey(event: KeyboardEvent): boolean {
+  if (event.repeat) return false;
+  const onControl = event.target instanceof Element && event.target.closest("button, summary, a, input, select, label") !== null;
+  return event.key === "Escape" || (event.key === " " && !onControl);
+}

@@ -1,0 +1,60 @@
+import { PHASES_WHERE, type Body, type ChooseBody, type Phase } from "../generated/messages";
+import { layoutButtons, type Box, type Button } from "./questionnaire";
+import type { Words } from "../page/texts";
+
+export const SEXES = ["woman", "man"] as const;
+
+/** A body to choose: what its button shows, whether it is the present one, and what to tell the server. */
+interface Choice {
+  label: string;
+  colour: string | null;
+  chosen: boolean;
+  message: ChooseBody;
+}
+
+/** A button that chooses a body. */
+export interface BodyButton extends Button, Choice {}
+
+/** Whether the participant's body may be chosen: no trial runs. */
+export function mayChooseBody(phase: Phase | null): boolean {
+  return phase !== null && PHASES_WHERE.can_choose_body.includes(phase.name);
+}
+
+/** Both bodies side by side in the upper half of an area, all tones of skin in the lower; their values count on. */
+export function bodyButtons(body: Body, area: Box, words: Words): BodyButton[] {
+  const height = area.height * 0.46;
+  const tones = { ...area, y: area.y + area.height - height, height };
+  const rows = [row(sexChoices(body, words), { ...area, height }, 3), row(toneChoices(body), tones, 1)].flat();
+  return rows.map((button, at) => ({ ...button, value: at + 1 }));
+}
+
+export function cssColour(rgb: readonly number[]): string {
+  return `rgb(${rgb.map((share) => Math.round(255 * share)).join(" ")})`;
+}
+
+function sexChoices(body: Body, words: Words): Choice[] {
+  return SEXES.map((sex) => ({
+    label: words.say(sex),
+    colour: null,
+    chosen: sex === body.sex,
+    message: { type: "choose_body", sex, skin_tone: body.skin_tone },
+  }));
+}
+
+function toneChoices(body: Body): Choice[] {
+  return body.skin_tones.map((tone, at) => ({
+    label: "",
+    colour: cssColour(body.skin_tones_rgb[at]!),
+    chosen: tone === body.skin_tone,
+    message: { type: "choose_body", sex: body.sex, skin_tone: tone },
+  }));
+}
+
+/** A row of buttons that are so many times as wide as high. */
+function row(choices: Choice[], area: Box, wide: number): BodyButton[] {
+  const squares = layoutButtons(choices.length * wide, area);
+  return choices.map((choice, at) => {
+    const [first, last] = [squares[at * wide]!, squares[(at + 1) * wide - 1]!];
+    return { ...first, ...choice, width: last.x + last.width - first.x };
+  });
+}

@@ -1,0 +1,358 @@
+import { bodyButtons, type BodyButton } from "./body-choice";
+import type { PanelContent } from "../session/display-state";
+import type { Body, Question } from "../generated/messages";
+import {
+  isLine,
+  labelOf,
+  layoutButtons,
+  layoutLine,
+  layoutWords,
+  mirrored,
+  saysItsEnds,
+  type Box,
+  type Button,
+} from "./questionnaire";
+import type { Key, Words } from "../page/texts";
+
+/** The values of the buttons that answer nothing: to the question before, all answers stay, measure again, go on. */
+export const BACK = -1;
+export const DONE = -2;
+export const AGAIN = -3;
+export const GO_ON = -4;
+const ACTION_WORDS: Readonly<Record<number, Key>> = { [BACK]: "back", [DONE]: "done", [AGAIN]: "again", [GO_ON]: "go_on" };
+
+/** Pixels of the panel's canvas. */
+export const WIDTH = 1536;
+export const HEIGHT = 960;
+
+const MARGIN = 76;
+/** Pixels of words, where there is room for them; `docs/vr.md` says what angles they are. */
+const LABEL = 64;
+const NOTICE = 52;
+const STATEMENT = 72;
+const INSTRUCTION = 84;
+/** Pixels of the smallest words that are still read. */
+const SMALLEST = 24;
+const FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
+const TEXT_BOX: Box = { x: MARGIN, y: 150, width: WIDTH - 2 * MARGIN, height: 620 };
+const STATEMENT_BOX: Box = { x: MARGIN, y: 140, width: WIDTH - 2 * MARGIN, height: 300 };
+const BUTTON_BOX: Box = { x: MARGIN, y: 470, width: WIDTH - 2 * MARGIN, height: 250 };
+const WORDS_BOX: Box = { x: MARGIN, y: 130, width: WIDTH - 2 * MARGIN, height: 290 };
+const LINE_BOX: Box = { ...BUTTON_BOX, y: 520, height: 130 };
+const ANCHORS_HEIGHT = 170;
+const PANEL_BOX: Box = { x: 0, y: 0, width: WIDTH, height: HEIGHT };
+const BACK_BOX: Box = { x: 48, y: 36, width: 320, height: 100 };
+const CONFIRM_BOX: Box = { x: MARGIN + 150, y: 560, width: WIDTH - 2 * MARGIN - 300, height: 140 };
+const BODY_BOX: Box = { x: MARGIN + 150, y: 450, width: WIDTH - 2 * MARGIN - 300, height: 350 };
+/** The greatest height of a button with words, and the share of it that they take. */
+const WORDS_HEIGHT = 150;
+const WORDS_SHARE = 0.92;
+/** Nearer to each other the ticks of a line would not be told apart. */
+const TICKS_APART = 30;
+/** How high a notice may be, which grows upwards; the first that its words fit in. */
+const NOTICE_HEIGHTS = [128, 190, 250, 310];
+const NOTICE_PADDING = 30;
+
+const COLOUR = {
+  background: "#0f2a31",
+  edge: "#4f7f89",
+  text: "#f5f8f7",
+  quiet: "#a9c9cf",
+  button: "#1d4853",
+  hovered: "#bfe9f0",
+  answered: "#ffd36b",
+  onLight: "#0f2a31",
+};
+
+type Context = CanvasRenderingContext2D;
+type Asking = PanelContent & { question: Question };
+type Choosing = PanelContent & { body: Body };
+
+export function buttonsOf(content: PanelContent | null): Button[] {
+  if (!content || !(content.question || content.confirms || content.again)) return bodiesOf(content);
+  const buttons = content.question ? questionButtons(content.question) : actionButtons(content.confirms);
+  return isRightToLeft(content.words) ? mirrored(buttons, PANEL_BOX) : buttons;
+}
+
+function questionButtons(question: Question): Button[] {
+  const back = question.number > 1 ? [{ ...BACK_BOX, value: BACK }] : [];
+  return [...scaleButtons(question), ...back];
+}
+
+function scaleButtons(question: Question): Button[] {
+  const { points, labels } = question;
+  if (isLine(question)) return layoutLine(points, LINE_BOX);
+  return labels.length > 0 ? layoutWords(points, BUTTON_BOX, WORDS_HEIGHT) : layoutButtons(points, BUTTON_BOX);
+}
+
+/** Two actions side by side: to change answers or keep them, to be measured again or go on. */
+function actionButtons(confirms: boolean): Button[] {
+  const [left, right] = layoutWords(2, CONFIRM_BOX, CONFIRM_BOX.height);
+  return [
+    { ...left!, value: confirms ? BACK : AGAIN },
+    { ...right!, value: confirms ? DONE : GO_ON },
+  ];
+}
+
+function isRightToLeft({ direction }: Words): boolean {
+  return direction === "rtl";
+}
+
+export function bodiesOf(content: PanelContent | null): BodyButton[] {
+  return content?.body && !content.question ? bodyButtons(content.body, BODY_BOX, content.words) : [];
+}
+
+/** Paints the whole panel; what has no content stays transparent. */
+export function paint(
+  context: Context,
+  content: PanelContent,
+  buttons: Button[],
+  hovered: number | null,
+): void {
+  context.clearRect(0, 0, WIDTH, HEIGHT);
+  if (content.text) paintBackground(context);
+  context.direction = isRightToLeft(content.words) ? "rtl" : "ltr";
+  if (asks(content)) paintQuestion(context, content, buttons, hovered);
+  else if (content.confirms || content.again) paintChoice(context, content, buttons, hovered);
+  else if (letsChoose(content)) paintBodies(context, content, hovered);
+  else if (content.text) paintText(context, content);
+  if (content.notice) paintNotice(context, content.notice);
+}
+
+function asks(content: PanelContent): content is Asking {
+  return content.question !== null;
+}
+
+function letsChoose(content: PanelContent): content is Choosing {
+  return content.body !== null;
+}
+
+function paintBackground(context: Context): void {
+  roundedBox(context, { x: 4, y: 4, width: WIDTH - 8, height: HEIGHT - 8 }, 56);
+  context.fillStyle = COLOUR.background;
+  context.fill();
+  context.lineWidth = 4;
+  context.strokeStyle = COLOUR.edge;
+  context.stroke();
+}
+
+function paintText(context: Context, { label, text, secondsLeft }: PanelContent): void {
+  paintLabel(context, label);
+  const counting = secondsLeft !== null;
+  const box = counting ? { ...TEXT_BOX, height: TEXT_BOX.height - 240 } : TEXT_BOX;
+  paintLines(context, text, box, INSTRUCTION);
+  if (counting)
+    paintLine(context, String(secondsLeft), WIDTH / 2, 650, `600 220px ${FONT}`, COLOUR.hovered, "center");
+}
+
+function paintQuestion(context: Context, content: Asking, buttons: Button[], hovered: number | null): void {
+  const { question, words } = content;
+  const answered = content.answered ?? question.given;
+  const scale = buttons.filter(({ value }) => value > 0);
+  paintLabel(context, content.label);
+  paintLines(context, content.text, STATEMENT_BOX, STATEMENT);
+  paintActions(context, words, buttons, hovered);
+  if (isLine(question)) paintLineOf(context, scale, hovered, answered);
+  else {
+    const size = labelSize(context, question, scale);
+    for (const button of scale) {
+      const colours = buttonColours(button.value, hovered, answered);
+      paintButton(context, button, labelOf(question, button.value), size, colours);
+    }
+  }
+  if (!saysItsEnds(question) || isLine(question)) paintAnchors(context, question, scale, isRightToLeft(words));
+}
+
+function paintChoice(context: Context, content: PanelContent, buttons: Button[], hovered: number | null): void {
+  paintLabel(context, content.confirms ? content.words.say("answers_given") : content.label);
+  paintLines(context, content.text, WORDS_BOX, STATEMENT);
+  paintActions(context, content.words, buttons, hovered);
+}
+
+/** The buttons that answer nothing. */
+function paintActions(context: Context, words: Words, buttons: Button[], hovered: number | null): void {
+  for (const button of buttons.filter(({ value }) => value < 0)) {
+    const label = words.say(ACTION_WORDS[button.value]!);
+    const size = fittingSize(context, label, inside(button), LABEL, 600);
+    paintButton(context, button, label, size, buttonColours(button.value, hovered, null));
+  }
+}
+
+/** A scale of many points: a bar with a tick at each, where there is room, and a mark where one points or has answered. */
+function paintLineOf(context: Context, places: Button[], hovered: number | null, answered: number | null): void {
+  const left = Math.min(...places.map(({ x }) => x));
+  const { y, height, width } = places[0]!;
+  roundedBox(context, { x: left, y, width: width * places.length, height }, 24);
+  context.fillStyle = COLOUR.button;
+  context.fill();
+  context.lineWidth = 4;
+  context.strokeStyle = context.fillStyle = COLOUR.edge;
+  context.stroke();
+  if (width > TICKS_APART)
+    for (const { x } of places) context.fillRect(x + width / 2 - 2, y + height / 4, 4, height / 2);
+  for (const [value, colour] of [[hovered, COLOUR.hovered], [answered, COLOUR.answered]] as const) {
+    const place = places.find((each) => each.value === value);
+    if (!place) continue;
+    context.fillStyle = colour;
+    context.fillRect(place.x + place.width / 2 - 8, y - 14, 16, height + 28);
+  }
+}
+
+/** The size that the words on every button fit in. */
+function labelSize(context: Context, question: Question, buttons: Button[]): number {
+  const sizes = buttons.map((button) =>
+    fittingSize(context, labelOf(question, button.value), inside(button), Math.round(button.height * 0.5), 600),
+  );
+  return Math.min(...sizes);
+}
+
+/** The part of a button that words may take. */
+function inside({ x, y, width, height }: Box): Box {
+  const margin = (1 - WORDS_SHARE) / 2;
+  return {
+    x: x + width * margin,
+    y: y + height * margin,
+    width: width * WORDS_SHARE,
+    height: height * WORDS_SHARE,
+  };
+}
+
+function paintBodies(context: Context, content: Choosing, hovered: number | null): void {
+  paintLabel(context, content.label);
+  paintLines(context, content.text, WORDS_BOX, STATEMENT);
+  for (const button of bodiesOf(content)) paintBody(context, button, button.value === hovered);
+}
+
+function paintBody(context: Context, button: BodyButton, hovered: boolean): void {
+  const [fill, ink] = hovered ? [COLOUR.hovered, COLOUR.onLight] : [COLOUR.button, COLOUR.text];
+  roundedBox(context, button, button.height * 0.16);
+  context.fillStyle = button.colour ?? fill;
+  context.fill();
+  context.lineWidth = button.chosen ? 14 : hovered ? 8 : 4;
+  context.strokeStyle = button.chosen ? COLOUR.answered : hovered ? COLOUR.hovered : COLOUR.edge;
+  context.stroke();
+  const [x, y] = [button.x + button.width / 2, button.y + button.height / 2];
+  paintLine(context, button.label, x, y, `600 ${Math.round(button.height * 0.4)}px ${FONT}`, ink, "center");
+}
+
+/** What both ends mean, each below its own end. */
+function paintAnchors(context: Context, { low, high }: Question, buttons: Button[], fromRight: boolean): void {
+  const left = Math.min(...buttons.map(({ x }) => x));
+  const right = Math.max(...buttons.map(({ x, width }) => x + width));
+  const y = Math.max(...buttons.map(({ y, height }) => y + height)) + 56;
+  const half = { x: left, y, width: (right - left) / 2 - 20, height: ANCHORS_HEIGHT };
+  const [atLeft, atRight] = fromRight ? [high, low] : [low, high];
+  for (const [text, x, align] of [[atLeft, left, "left"], [atRight, right, "right"]] as const) {
+    const size = fittingSize(context, text, half, LABEL, 400);
+    const font = `${size}px ${FONT}`;
+    context.font = font;
+    const lines = wrap(text, half.width, (line) => context.measureText(line).width);
+    lines.forEach((line, at) => paintLine(context, line, x, y + at * size * 1.3, font, COLOUR.quiet, align));
+  }
+}
+
+function buttonColours(value: number, hovered: number | null, answered: number | null): [string, string] {
+  if (value === answered) return [COLOUR.answered, COLOUR.onLight];
+  if (value === hovered && answered === null) return [COLOUR.hovered, COLOUR.onLight];
+  return [COLOUR.button, COLOUR.text];
+}
+
+function paintButton(
+  context: Context,
+  button: Button,
+  label: string,
+  size: number,
+  [fill, ink]: [string, string],
+): void {
+  roundedBox(context, button, button.height * 0.16);
+  context.fillStyle = fill;
+  context.fill();
+  context.lineWidth = 4;
+  context.strokeStyle = COLOUR.edge;
+  context.stroke();
+  paintLines(context, label, inside(button), size, ink, 600);
+}
+
+function paintLabel(context: Context, label: string): void {
+  paintLine(context, label, WIDTH / 2, 86, `${LABEL}px ${FONT}`, COLOUR.quiet, "center");
+}
+
+function paintNotice(context: Context, notice: string): void {
+  const boxes = NOTICE_HEIGHTS.map((height) => ({ x: 24, y: HEIGHT - 24 - height, width: WIDTH - 48, height }));
+  const fits = (box: Box) => fittingSize(context, notice, padded(box), NOTICE, 600) === NOTICE;
+  const box = boxes.find(fits) ?? boxes.at(-1)!;
+  roundedBox(context, box, 36);
+  context.fillStyle = COLOUR.answered;
+  context.fill();
+  paintLines(context, notice, padded(box), NOTICE, COLOUR.onLight, 600);
+}
+
+function padded({ x, width, ...rest }: Box): Box {
+  return { ...rest, x: x + NOTICE_PADDING, width: width - 2 * NOTICE_PADDING };
+}
+
+function roundedBox(context: Context, { x, y, width, height }: Box, radius: number): void {
+  context.beginPath();
+  context.roundRect(x, y, width, height, radius);
+}
+
+function paintLine(
+  context: Context,
+  text: string,
+  x: number,
+  y: number,
+  font: string,
+  colour: string,
+  align: CanvasTextAlign,
+): void {
+  context.font = font;
+  context.fillStyle = colour;
+  context.textAlign = align;
+  context.textBaseline = "middle";
+  context.fillText(text, x, y);
+}
+
+/** Paints wrapped text centred in a box, as large as it fits but not above `size`. */
+function paintLines(
+  context: Context,
+  text: string,
+  box: Box,
+  size: number,
+  colour = COLOUR.text,
+  weight = 400,
+): void {
+  const fitting = fittingSize(context, text, box, size, weight);
+  const font = `${weight} ${fitting}px ${FONT}`;
+  context.font = font;
+  const lines = wrap(text, box.width, (line) => context.measureText(line).width);
+  const pitch = fitting * 1.3;
+  const first = box.y + box.height / 2 - ((lines.length - 1) * pitch) / 2;
+  lines.forEach((line, at) =>
+    paintLine(context, line, box.x + box.width / 2, first + at * pitch, font, colour, "center"),
+  );
+}
+
+function fittingSize(context: Context, text: string, box: Box, size: number, weight: number): number {
+  const measure = (line: string): number => context.measureText(line).width;
+  for (let smaller = size; smaller > SMALLEST; smaller -= 4) {
+    context.font = `${weight} ${smaller}px ${FONT}`;
+    const lines = wrap(text, box.width, measure);
+    if (lines.length * smaller * 1.3 <= box.height && lines.every((line) => measure(line) <= box.width))
+      return smaller;
+  }
+  return Math.min(size, SMALLEST);
+}
+
+/** Breaks text at its line ends and between words so that no line is wider than `width`. */
+export function wrap(text: string, width: number, measure: (line: string) => number): string[] {
+  return text.split("\n").flatMap((paragraph) => {
+    const lines: string[] = [];
+    let line = "";
+    for (const word of paragraph.split(" ")) {
+      const longer = line ? `${line} ${word}` : word;
+      if (line && measure(longer) > width) lines.push(line);
+      line = line && measure(longer) > width ? word : longer;
+    }
+    return [...lines, line];
+  });
+}

@@ -1,0 +1,111 @@
+import { Vector3 } from "three";
+import { CanvasPlane } from "./canvas-plane";
+import type { PanelContent } from "../session/display-state";
+import { freePlace, isFree } from "./panel-placement";
+import type { ChooseBody } from "../generated/messages";
+import { HEIGHT, WIDTH, bodiesOf, buttonsOf, paint } from "./paint-panel";
+import { hitButton, type Button } from "./questionnaire";
+
+const PANEL_WIDTH_M = 0.7;
+const PANEL_HEIGHT_M = (PANEL_WIDTH_M * HEIGHT) / WIDTH;
+const PIXELS_PER_M = WIDTH / PANEL_WIDTH_M;
+export const PANEL_HALF_M = { x: PANEL_WIDTH_M / 2, y: PANEL_HEIGHT_M / 2 };
+
+/** Where a ray meets the panel: metres along the ray and the button that is there. */
+export interface PanelHit {
+  distance: number;
+  value: number | null;
+}
+
+/** The panel of words in VR. It is placed before the participant when it appears and then stays. */
+export class Panel {
+  readonly mesh: CanvasPlane["mesh"];
+  buttons: Button[] = [];
+  hovered: number | null = null;
+  private readonly plane: CanvasPlane;
+  private content: PanelContent | null = null;
+  private placed = false;
+  private reviewed = false;
+  private readonly origin = new Vector3();
+  private readonly direction = new Vector3();
+
+  constructor(anisotropy: number) {
+    this.plane = new CanvasPlane(WIDTH, HEIGHT, PANEL_WIDTH_M);
+    this.plane.texture.anisotropy = anisotropy;
+    this.mesh = this.plane.mesh;
+  }
+
+  get visible(): boolean {
+    return this.content !== null;
+  }
+
+  show(content: PanelContent | null): void {
+    if (JSON.stringify(content) === JSON.stringify(this.content)) return;
+    this.content = content;
+    this.buttons = buttonsOf(content);
+    this.hovered = null;
+    if (!content) this.placed = false;
+    this.mesh.visible = content !== null && this.placed;
+    this.repaint();
+  }
+
+  /** The body that the button of a value chooses, if it does. */
+  choice(value: number | null): ChooseBody | null {
+    return bodiesOf(this.content).find((button) => button.value === value)?.message ?? null;
+  }
+
+  hover(value: number | null): void {
+    if (value === this.hovered) return;
+    this.hovered = value;
+    this.repaint();
+  }
+
+  /** To be placed anew at the next `place`. */
+  unplace(): void {
+    this.placed = false;
+  }
+
+  /** To be placed anew at the next `place`, should something have come before it. */
+  review(): void {
+    this.reviewed = false;
+  }
+
+  /** Puts a panel that has just appeared where there is room for it, as near as that is to where the head looks. */
+  place(head: Vector3, forward: Vector3, around: (eyes: Vector3) => Float32Array): void {
+    if (!this.content || (this.placed && this.reviewed)) return;
+    const points = around(head);
+    const stays = this.placed && isFree(head, this.mesh.position, points, PANEL_HALF_M);
+    this.placed = this.reviewed = true;
+    this.mesh.visible = true;
+    if (stays) return;
+    this.mesh.position.copy(freePlace(head, forward, points, PANEL_HALF_M));
+    this.mesh.lookAt(head);
+    this.mesh.updateMatrixWorld();
+  }
+
+  /** Where a ray in `local-floor` meets the panel; false when it does not. */
+  hit(origin: Vector3, direction: Vector3, into: PanelHit): boolean {
+    if (!this.mesh.visible) return false;
+    const from = this.mesh.worldToLocal(this.origin.copy(origin));
+    const to = this.mesh.worldToLocal(this.direction.copy(origin).add(direction)).sub(from);
+    const distance = -from.z / to.z;
+    const x = from.x + to.x * distance;
+    const y = from.y + to.y * distance;
+    if (!(distance > 0) || Math.abs(x) > PANEL_WIDTH_M / 2 || Math.abs(y) > PANEL_HEIGHT_M / 2) return false;
+    into.distance = distance;
+    into.value = hitButton(this.buttons, x * PIXELS_PER_M + WIDTH / 2, HEIGHT / 2 - y * PIXELS_PER_M);
+    return true;
+  }
+
+  /** The middle of a button in `local-floor`. */
+  centreOf(button: Button): Vector3 {
+    const x = (button.x + button.width / 2 - WIDTH / 2) / PIXELS_PER_M;
+    const y = (HEIGHT / 2 - button.y - button.height / 2) / PIXELS_PER_M;
+    return this.mesh.localToWorld(new Vector3(x, y, 0));
+  }
+
+  private repaint(): void {
+    const { content } = this;
+    if (content) this.plane.paint((context) => paint(context, content, this.buttons, this.hovered));
+  }
+}

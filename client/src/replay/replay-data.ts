@@ -1,0 +1,88 @@
+import { element, fetchBytes } from "../page/dom";
+import type { Scene } from "../generated/messages";
+import type { Span } from "./replay-clock";
+import { unpack, type Packed } from "./packed-trials";
+
+/** The control steps, one entry each: when they ended, the reward so far, and what they gave. */
+export interface Steps {
+  time_s: number[];
+  reward: number[];
+  force_n: number[];
+  distance_m: number[];
+  success: boolean[];
+}
+
+/** A phase that begins, an event or an answer, in words. */
+export interface Happening {
+  time_s: number;
+  kind: string;
+  words: string;
+}
+
+/** A recorded trial in figures and words; times count from its beginning. */
+export interface Timeline {
+  title: string;
+  simulated: boolean;
+  complete: boolean;
+  result: string | null;
+  seconds: number;
+  /** What else there is to know of it, by headings. */
+  facts: Record<string, string>;
+  scene: Scene;
+  frames_s: number[];
+  steps: Steps;
+  happenings: Happening[];
+}
+
+/** A trial with the poses of its frames, one after another, and the file of its scene. */
+export interface Replayed {
+  timeline: Timeline;
+  poses: Float32Array;
+  glb: Promise<ArrayBuffer>;
+}
+
+/** What was written into the page: one trial, or two to be compared; else the trial that its server tells of. */
+export async function loadReplays(token: string): Promise<Replayed[]> {
+  const written = element("recorded").textContent;
+  return written ? unpack(JSON.parse(written) as Packed) : [await fetchReplay(token)];
+}
+
+async function fetchReplay(token: string): Promise<Replayed> {
+  const [told, poses] = await Promise.all(["timeline", "poses"].map((path) => fetchBytes(path, token)));
+  const timeline = JSON.parse(new TextDecoder().decode(told)) as Timeline;
+  return { timeline, poses: new Float32Array(poses!), glb: fetchBytes(timeline.scene.url, token) };
+}
+
+/** The index of the last of ascending times that is not after `timeS`; -1 before the first. */
+export function latest(times: readonly number[], timeS: number): number {
+  let low = 0;
+  let high = times.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (times[middle]! <= timeS) low = middle + 1;
+    else high = middle;
+  }
+  return low - 1;
+}
+
+/** The names of the phases with the times that each begins and ends at. */
+export function phasesOf({ happenings, seconds }: Timeline): (Span & { name: string })[] {
+  const entered = happenings.filter(({ kind }) => kind !== "event" && kind !== "answer");
+  return entered.map(({ words, time_s }, at) => ({
+    name: words,
+    from: time_s,
+    to: entered[at + 1]?.time_s ?? seconds,
+  }));
+}
+
+/** When the robot helped. */
+export function helpOf(timeline: Timeline): Span[] {
+  return phasesOf(timeline).filter(({ name }) => name === "trial");
+}
+
+/** From the beginning of the robot's help in any of these trials to its end in all; nothing where it never helped. */
+export function robotsPart(timelines: readonly Timeline[]): Span | null {
+  const helped = timelines.flatMap(helpOf);
+  if (helped.length === 0) return null;
+  return { from: Math.min(...helped.map(({ from }) => from)), to: Math.max(...helped.map(({ to }) => to)) };
+}

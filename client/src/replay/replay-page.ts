@@ -1,0 +1,183 @@
+import { createElement, element } from "../page/dom";
+import { drawCharts } from "./chart";
+import { SPEEDS, type Clock, type Span } from "./replay-clock";
+import { latest, robotsPart, type Timeline } from "./replay-data";
+import {
+  description,
+  entriesOf,
+  figures,
+  labels,
+  whoWasSimulated,
+  type Entry,
+} from "./replay-texts";
+
+const STEP_S = 1;
+const FRAME_S = 0.02;
+
+/** The words, the time line and the keys of a replay. */
+export class ReplayPage {
+  readonly card = element("card");
+  /** Where each trial is to be drawn. */
+  readonly holders: HTMLElement[];
+  private readonly slider = element<HTMLInputElement>("time");
+  private readonly speed = element<HTMLSelectElement>("speed");
+  private readonly inside = element<HTMLInputElement>("from-inside");
+  private readonly robotOnly = element<HTMLInputElement>("robot-only");
+  private readonly whole: Span;
+  private readonly robotsPart: Span | null;
+  private charts: Element[] = [];
+  private readonly labels: string[];
+  private readonly happened: Entry[];
+  private readonly entries: HTMLElement[];
+  private readonly cells: Map<string, HTMLElement>[];
+  private current = -1;
+
+  constructor(
+    private readonly timelines: readonly Timeline[],
+    private readonly clock: Clock,
+    private readonly viewChanged: (fromInside: boolean) => void,
+  ) {
+    this.labels = labels(timelines.length);
+    this.whole = clock.part;
+    this.robotsPart = robotsPart(timelines);
+    this.holders = timelines.map((_, at) => this.holder(at));
+    this.describe();
+    this.cells = timelines.map((timeline) => addColumn(figures(timeline, 0)));
+    this.happened = entriesOf(timelines);
+    this.entries = this.happened.map((entry) => this.entry(entry));
+    element("happenings").append(...this.entries);
+    this.speed.append(...SPEEDS.map((speed) => new Option(`${speed} ×`, String(speed))));
+    element("robot-choice").hidden = this.robotsPart === null;
+    this.showPart(this.whole);
+    this.listen();
+  }
+
+  /** Shows where the clock stands. */
+  show(): void {
+    const { timeS, playing, speed, part } = this.clock;
+    const passedS = timeS - part.from;
+    const lastsS = part.to - part.from;
+    this.slider.value = String(timeS);
+    this.slider.setAttribute("aria-valuetext", `${passedS.toFixed(1)} seconds`);
+    this.speed.value = String(speed);
+    element("play").textContent = playing ? "Pause" : "Play";
+    element("clock").textContent = `${passedS.toFixed(1)} / ${lastsS.toFixed(1)} s`;
+    element("now").style.left = `${(100 * passedS) / lastsS}%`;
+    this.timelines.forEach((timeline, at) => {
+      for (const [row, words] of Object.entries(figures(timeline, timeS))) {
+        this.cells[at]!.get(row)!.textContent = words;
+      }
+    });
+    this.markEntry(latest(this.happened.map(({ time_s }) => time_s), timeS));
+  }
+
+  private describe(): void {
+    const { timelines, labels } = this;
+    document.title = `${timelines.map(({ title }) => title).join(" | ")} – AVR Gym`;
+    document.body.classList.toggle("comparing", timelines.length > 1);
+    element("title").append(...timelines.flatMap((timeline, at) => description(timeline, labels[at]!)));
+    const simulated = whoWasSimulated(timelines);
+    element("simulated").textContent = simulated;
+    element("simulated").hidden = !simulated;
+    for (const label of labels) element("columns").append(headingCell(label));
+    element("columns").hidden = timelines.length < 2;
+  }
+
+  /** The time line is that of this part alone, and counts from its beginning. */
+  private showPart(part: Span): void {
+    this.clock.confine(part);
+    for (const chart of this.charts) chart.remove();
+    this.charts = drawCharts(this.timelines, part);
+    element("charts").prepend(...this.charts);
+    Object.assign(this.slider, { min: part.from, max: part.to });
+    this.happened.forEach(({ time_s }, at) => {
+      const entry = this.entries[at]!;
+      entry.hidden = time_s < part.from || time_s > part.to;
+      entry.querySelector("span")!.textContent = `${(time_s - part.from).toFixed(1)} s`;
+    });
+  }
+
+  private holder(at: number): HTMLElement {
+    const holder = createElement("div");
+    holder.role = "img";
+    holder.dataset["label"] = this.labels[at]!;
+    element("view").append(holder);
+    return holder;
+  }
+
+  /** The latest of what has happened is marked and kept in sight. */
+  private markEntry(at: number): void {
+    if (at === this.current) return;
+    this.entries[this.current]?.removeAttribute("aria-current");
+    this.entries[at]?.setAttribute("aria-current", "true");
+    const list = element("happenings");
+    list.scrollTop = (this.entries[at]?.offsetTop ?? 0) - list.clientHeight / 2;
+    this.current = at;
+  }
+
+  private entry({ time_s, kind, words, label }: Entry): HTMLElement {
+    const button = createElement("button");
+    button.type = "button";
+    button.dataset["kind"] = kind === "event" || kind === "answer" ? kind : "phase";
+    button.append(createElement("span"), label ? `${label}: ${words}` : words);
+    button.addEventListener("click", () => this.clock.seek(time_s));
+    const item = createElement("li");
+    item.append(button);
+    return item;
+  }
+
+  private listen(): void {
+    element("play").addEventListener("click", () => this.clock.toggle());
+    this.slider.addEventListener("input", () => this.clock.seek(this.slider.valueAsNumber));
+    this.speed.addEventListener("change", () => (this.clock.speed = Number(this.speed.value)));
+    this.inside.addEventListener("change", () => this.viewChanged(this.inside.checked));
+    this.robotOnly.addEventListener("change", () =>
+      this.showPart(this.robotOnly.checked && this.robotsPart ? this.robotsPart : this.whole),
+    );
+    document.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  /** Keys that move through time go no further: the view would move with them. Shift and arrows turn it. */
+  private key(event: KeyboardEvent): void {
+    if (event.ctrlKey || event.altKey || event.metaKey || event.target === this.speed) return;
+    if (event.shiftKey && event.key.startsWith("Arrow")) return;
+    if (event.key === " " && isPressed(event.target)) return;
+    const action = this.actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (!action) return;
+    event.preventDefault();
+    event.stopPropagation();
+    action();
+  }
+
+  private readonly actions: Record<string, () => void> = {
+    " ": () => this.clock.toggle(),
+    ArrowLeft: () => this.clock.seek(this.clock.timeS - STEP_S),
+    ArrowRight: () => this.clock.seek(this.clock.timeS + STEP_S),
+    ",": () => this.clock.seek(this.clock.timeS - FRAME_S),
+    ".": () => this.clock.seek(this.clock.timeS + FRAME_S),
+    Home: () => this.clock.seek(this.clock.part.from),
+    End: () => this.clock.seek(this.clock.part.to),
+    "+": () => this.clock.change(1),
+    "-": () => this.clock.change(-1),
+    v: () => this.inside.click(),
+    r: () => this.robotOnly.click(),
+  };
+}
+
+/** Whether Space presses what has the focus. */
+function isPressed(target: EventTarget | null): boolean {
+  return target instanceof Element && target.closest("button, summary, input[type=checkbox]") !== null;
+}
+
+/** Adds a cell to each row of the table of figures. */
+function addColumn(values: Record<string, string>): Map<string, HTMLElement> {
+  const cells = new Map(Object.keys(values).map((row) => [row, createElement("td")]));
+  for (const [row, cell] of cells) element(row).append(cell);
+  return cells;
+}
+
+function headingCell(label: string): HTMLElement {
+  const cell = createElement("th", label);
+  cell.scope = "col";
+  return cell;
+}

@@ -1,0 +1,30 @@
+import { PerspectiveCamera, Quaternion, Vector3, type Object3D } from "three";
+import { POSE } from "./state-interpolation";
+import type { Scene } from "../generated/messages";
+
+/** A camera where the simulated person's eyes are. */
+export class Eyes {
+  /** Looks ahead along -z, as cameras do; the head's own axes are x left, -y ahead, z up. */
+  readonly camera = new PerspectiveCamera(undefined, 1, 0.03, 30);
+  private headAt = -1;
+  private readonly inHead = new Vector3();
+
+  sceneCame({ bodies, head_bodies, eyes }: Scene): void {
+    this.headAt = bodies.indexOf(head_bodies[0]!) * POSE;
+    this.inHead.set(...eyes);
+  }
+
+  /** Puts the camera where the eyes are in these poses. */
+  follow(poses: Float32Array, root: Object3D): void {
+    if (this.headAt < 0) return;
+    const at = (index: number) => poses[this.headAt + index]!;
+    const head = new Quaternion(at(4), at(5), at(6), at(3));
+    const { position, quaternion } = this.camera;
+    position.copy(this.inHead).applyQuaternion(head).add(new Vector3(at(0), at(1), at(2)));
+    root.localToWorld(position);
+    quaternion.copy(root.quaternion).multiply(head).multiply(CAMERA_IN_HEAD);
+  }
+}
+
+/** From a camera's axes (x right, y up, -z ahead) to the head's (x left, -y ahead, z up). */
+const CAMERA_IN_HEAD = new Quaternion(0, Math.SQRT1_2, Math.SQRT1_2, 0);

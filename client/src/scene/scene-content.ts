@@ -1,0 +1,217 @@
+import {
+  Group,
+  InstancedMesh,
+  Material,
+  Matrix4,
+  Mesh,
+  MeshStandardMaterial,
+  type Object3D,
+  Quaternion,
+  SkinnedMesh,
+  SphereGeometry,
+  SRGBColorSpace,
+  type Texture,
+  Vector3,
+} from "three";
+import { POSE } from "./state-interpolation";
+import type { Scene } from "../generated/messages";
+import { fadeNearEyes } from "./near-fade";
+import { Surfaces } from "./surface-points";
+
+/** Poses as the server streams them: x, y, z, then w, x, y, z for each body, then for each mark. */
+type Poses = Float32Array;
+
+interface Follower {
+  node: Object3D;
+  at: number;
+}
+
+/** A bone that follows a limb but not its twist; `parentAt` is the pose of the body that carries the limb. */
+interface Swing extends Follower {
+  parentAt: number;
+}
+
+/** One mesh drawn at many poses. */
+interface Copies {
+  mesh: InstancedMesh;
+  at: number[];
+}
+
+/** Not 0: a matrix that cannot be inverted has no normals. */
+const FOLDED = 1e-3;
+/** How the names of the robot's bodies begin, its tool's among them. */
+const ROBOT = "robot/";
+
+/** What a scene shows. `extras` of the GLB's nodes say which poses move them; see the server's `scene_export`. */
+export class Content {
+  private readonly followers: Follower[] = [];
+  private readonly swings: Swing[] = [];
+  private readonly copies: Copies[] = [];
+  private readonly heads: Material[] = [];
+  private readonly faded = new Map<Material, Material>();
+  readonly surfaces: Surfaces;
+
+  constructor(
+    readonly group: Group,
+    private readonly scene: Scene,
+  ) {
+    for (const node of [...group.children]) this.take(node);
+    this.surfaces = new Surfaces(group);
+    this.addMarks();
+    group.traverse(prepare);
+  }
+
+  place(poses: Poses): void {
+    for (const { node, at } of this.followers) {
+      readPosition(node.position, poses, at);
+      readQuaternion(node.quaternion, poses, at);
+    }
+    for (const swing of this.swings) {
+      readPosition(swing.node.position, poses, swing.at);
+      placeSwing(swing, poses);
+    }
+    for (const copies of this.copies) placeCopies(copies, poses);
+  }
+
+  /** From inside, the participant's own head is not drawn, but it still casts its shadow. */
+  seeFromInside(inside: boolean): void {
+    for (const material of this.heads) material.colorWrite = material.depthWrite = !inside;
+  }
+
+  /** Folds a body's skin into the joint that carries it, or unfolds it. */
+  fold(body: string, folded: boolean): void {
+    const at = this.poseOf(body);
+    for (const follower of this.followers)
+      if (follower.at === at) follower.node.scale.setScalar(folded ? FOLDED : 1);
+  }
+
+  dispose(): void {
+    this.group.removeFromParent();
+    this.group.traverse((node) => {
+      if (!(node instanceof Mesh)) return;
+      node.geometry.dispose();
+      if (node instanceof InstancedMesh) node.dispose();
+      if (node instanceof SkinnedMesh) node.skeleton.dispose();
+      materialsOf(node).forEach(disposeMaterial);
+    });
+  }
+
+  /** GLTFLoader renames nodes, so that only their `extras` tell what they are. */
+  private take(node: Object3D): void {
+    const { body, swing, parent, bodies, skin_of: skinOf } = node.userData as Record<string, unknown>;
+    if (String(body).startsWith(ROBOT) || Array.isArray(bodies)) fadeAll(node, this.faded);
+    if (typeof body === "string") this.follow(node, body);
+    if (typeof swing === "string") this.swing(node, swing, String(parent));
+    if (Array.isArray(bodies) && node instanceof Mesh) this.copy(node, bodies.map(String));
+    if (this.scene.head_bodies.includes(String(skinOf)) && node instanceof Mesh)
+      this.heads.push(ownMaterial(node));
+  }
+
+  private follow(node: Object3D, body: string): void {
+    const at = this.poseOf(body);
+    if (at !== null) this.followers.push({ node, at });
+  }
+
+  private swing(node: Object3D, body: string, parent: string): void {
+    const at = this.poseOf(body);
+    const parentAt = this.poseOf(parent);
+    if (at !== null && parentAt !== null) this.swings.push({ node, at, parentAt });
+  }
+
+  private copy(model: Mesh, bodies: string[]): void {
+    const at = bodies.map((body) => this.poseOf(body)).filter((found) => found !== null);
+    const mesh = new InstancedMesh(model.geometry, model.material, at.length);
+    model.removeFromParent();
+    this.group.add(mesh);
+    this.copies.push({ mesh, at });
+  }
+
+  /** All spots that the task draws on the person; their poses follow those of the bodies. */
+  private addMarks(): void {
+    const { bodies, marks, mark_radius_m: radius, mark_rgb: rgb } = this.scene;
+    if (!marks) return;
+    const material = new MeshStandardMaterial({ roughness: 0.8 });
+    material.color.setRGB(...rgb, SRGBColorSpace);
+    const mesh = new InstancedMesh(new SphereGeometry(radius, 12, 8), material, marks);
+    this.group.add(mesh);
+    this.copies.push({ mesh, at: Array.from({ length: marks }, (_, mark) => (bodies.length + mark) * POSE) });
+  }
+
+  private poseOf(body: string): number | null {
+    const index = this.scene.bodies.indexOf(body);
+    return index < 0 ? null : index * POSE;
+  }
+}
+
+const position = new Vector3();
+const quaternion = new Quaternion();
+const twist = new Quaternion();
+const unscaled = new Vector3(1, 1, 1);
+const matrix = new Matrix4();
+
+/** Nearer to a half turn than this the twist of a limb is not defined: it stays as it was. */
+const LEAST_TWIST = 1e-3;
+
+function placeSwing({ node, at, parentAt }: Swing, poses: Poses): void {
+  readQuaternion(twist, poses, parentAt).conjugate().multiply(readQuaternion(quaternion, poses, at));
+  const length = Math.hypot(twist.w, twist.z);
+  if (length < LEAST_TWIST) return;
+  twist.set(0, 0, -twist.z / length, twist.w / length);
+  node.quaternion.copy(quaternion).multiply(twist);
+}
+
+function placeCopies({ mesh, at }: Copies, poses: Poses): void {
+  at.forEach((start, index) => {
+    readPosition(position, poses, start);
+    readQuaternion(quaternion, poses, start);
+    mesh.setMatrixAt(index, matrix.compose(position, quaternion, unscaled));
+  });
+  mesh.instanceMatrix.needsUpdate = true;
+}
+
+function readPosition(into: Vector3, poses: Poses, at: number): Vector3 {
+  return into.set(poses[at]!, poses[at + 1]!, poses[at + 2]!);
+}
+
+function readQuaternion(into: Quaternion, poses: Poses, at: number): Quaternion {
+  return into.set(poses[at + 4]!, poses[at + 5]!, poses[at + 6]!, poses[at + 3]!);
+}
+
+/** What moves with the poses has no bounds that could be known beforehand. */
+function prepare(node: Object3D): void {
+  node.castShadow = node.receiveShadow = true;
+  if (node instanceof SkinnedMesh || node instanceof InstancedMesh) node.frustumCulled = false;
+}
+
+function materialsOf(mesh: Mesh): Material[] {
+  return Array.isArray(mesh.material) ? mesh.material : [mesh.material];
+}
+
+/** Lets all below a node fade near the eyes; `faded` are the materials that do, by those without. */
+function fadeAll(node: Object3D, faded: Map<Material, Material>): void {
+  node.traverse((part) => {
+    if (!(part instanceof Mesh)) return;
+    const [plain] = materialsOf(part);
+    const known = faded.get(plain!);
+    if (known) part.material = known;
+    else {
+      const own = ownMaterial(part);
+      fadeNearEyes(own);
+      faded.set(plain!, own);
+    }
+  });
+}
+
+/** Gives a mesh a material of its own: GLB files share them. */
+function ownMaterial(mesh: Mesh): Material {
+  const own = materialsOf(mesh)[0]!.clone();
+  mesh.material = own;
+  return own;
+}
+
+function disposeMaterial(material: Material): void {
+  for (const value of Object.values(material)) {
+    if ((value as Texture | null)?.isTexture) (value as Texture).dispose();
+  }
+  material.dispose();
+}

@@ -1,0 +1,60 @@
+import type { Feedback } from "../generated/messages";
+
+export type Hand = "left" | "right";
+
+const PULSE = { strength: 0.5, ms: 40 };
+/** Two soft partials a fifth apart that die away: heard, but not startling. */
+const CHIME = { frequenciesHz: [660, 990], gain: 0.05, seconds: 0.35 };
+
+/** What the plan and the participant allow. */
+export interface Allowed {
+  haptics: boolean;
+  sounds: boolean;
+}
+
+/** Lets the participant feel when a touch begins, and hear when the robot succeeds. */
+export class Senses {
+  private readonly touched = { left: false, right: false };
+  private audio: AudioContext | null = null;
+
+  constructor(
+    private readonly pulse: (hand: Hand, strength: number, ms: number) => void,
+    private readonly allowed: () => Allowed,
+  ) {}
+
+  /** Browsers let a page sound only after a press: call it in its handler. */
+  wake(): void {
+    if (!("AudioContext" in globalThis)) return;
+    this.audio ??= new AudioContext();
+    void this.audio.resume().catch(() => undefined);
+  }
+
+  take(feedback: Feedback): void {
+    const { haptics, sounds } = this.allowed();
+    this.feel("left", feedback.left_touched, haptics);
+    this.feel("right", feedback.right_touched, haptics);
+    if (sounds && feedback.events > 0) this.chime();
+  }
+
+  private feel(hand: Hand, touched: boolean, haptics: boolean): void {
+    const begins = touched && !this.touched[hand];
+    this.touched[hand] = touched;
+    if (begins && haptics) this.pulse(hand, PULSE.strength, PULSE.ms);
+  }
+
+  private chime(): void {
+    const { audio } = this;
+    if (audio?.state !== "running") return;
+    const ends = audio.currentTime + CHIME.seconds;
+    const volume = audio.createGain();
+    volume.gain.setValueAtTime(CHIME.gain, audio.currentTime);
+    volume.gain.exponentialRampToValueAtTime(1e-4, ends);
+    volume.connect(audio.destination);
+    for (const hertz of CHIME.frequenciesHz) {
+      const tone = new OscillatorNode(audio, { frequency: hertz });
+      tone.connect(volume);
+      tone.start();
+      tone.stop(ends);
+    }
+  }
+}

@@ -1,0 +1,90 @@
+import type { Latency, Passed } from "../generated/messages";
+import type { State } from "./state-decoder";
+import type { FrameTimes } from "../tracking/pose-reader";
+
+const TOLD_EVERY_MS = 1000;
+/** By so many of the latest frames the clocks are aligned: ten seconds of 90 a second. */
+const ALIGNED_BY = 900;
+/** What one message holds; a page that draws nothing has no more to tell. */
+const MOST_FRAMES = 256;
+
+/** The ways of one frame: by the client's clock, and while it is with the server by the server's; milliseconds. */
+interface Journey extends FrameTimes {
+  sequence: number;
+  receivedMs: number;
+  simulatedMs: number;
+  leftMs: number;
+  cameMs: number;
+  simulationTimeS: number;
+  drawnMs: number;
+}
+
+/** Measures how long frames take from pose to picture, stage by stage. */
+export class LatencyMeter {
+  private passed: Passed | null = null;
+  private waiting: Journey[] = [];
+  private drawn: Journey[] = [];
+  private toldMs = 0;
+  private readonly ways: { upMs: number; downMs: number }[] = [];
+
+  /** `times` says when a frame was read and sent. */
+  constructor(private readonly times: (sequence: number) => FrameTimes | null) {}
+
+  /** The state that comes next is the first to follow a frame. */
+  announce(passed: Passed): void {
+    this.passed = passed;
+  }
+
+  stateCame({ tracking_sequence, simulation_time_s }: State, cameMs: number): void {
+    const { passed } = this;
+    this.passed = null;
+    const times = passed?.tracking_sequence === tracking_sequence ? this.times(tracking_sequence) : null;
+    if (!passed || !times) return;
+    const [receivedMs, simulatedMs, leftMs] = [passed.received_s, passed.simulated_s, passed.sent_s].map(
+      (seconds) => 1000 * seconds,
+    ) as [number, number, number];
+    this.ways.push({ upMs: receivedMs - times.sentMs, downMs: cameMs - leftMs });
+    if (this.ways.length > ALIGNED_BY) this.ways.shift();
+    this.waiting.push({
+      ...{ ...times, sequence: tracking_sequence, receivedMs, simulatedMs, leftMs, cameMs },
+      ...{ simulationTimeS: simulation_time_s, drawnMs: NaN },
+    });
+    if (this.waiting.length > MOST_FRAMES) this.waiting.shift();
+  }
+
+  /** A picture of a simulation time has been drawn. */
+  pictureDrawn(simulationTimeS: number, nowMs: number): void {
+    const isShown = (journey: Journey) => journey.simulationTimeS <= simulationTimeS;
+    for (const journey of this.waiting) if (isShown(journey)) this.drawn.push({ ...journey, drawnMs: nowMs });
+    this.waiting = this.waiting.filter((journey) => !isShown(journey));
+  }
+
+  /** What to tell the server, once a second. */
+  take(nowMs: number): Latency | null {
+    if (nowMs < this.toldMs + TOLD_EVERY_MS || this.drawn.length === 0) return null;
+    const journeys = this.drawn.slice(-MOST_FRAMES);
+    this.toldMs = nowMs;
+    this.drawn = [];
+    return latencyOf(journeys, this.serverAheadMs());
+  }
+
+  /** By how much the server's clock is ahead, if the fastest messages take as long either way. */
+  private serverAheadMs(): number {
+    const least = (way: "upMs" | "downMs") => Math.min(...this.ways.map((each) => each[way]));
+    return (least("upMs") - least("downMs")) / 2;
+  }
+}
+
+function latencyOf(journeys: Journey[], aheadMs: number): Latency {
+  const stage = (took: (journey: Journey) => number) => journeys.map((journey) => Math.max(took(journey), 0));
+  return {
+    type: "latency",
+    sequence: journeys.map(({ sequence }) => sequence),
+    sample_ms: stage(({ readMs, sentMs }) => sentMs - readMs),
+    up_ms: stage(({ sentMs, receivedMs }) => receivedMs - aheadMs - sentMs),
+    simulate_ms: stage(({ receivedMs, simulatedMs }) => simulatedMs - receivedMs),
+    send_ms: stage(({ simulatedMs, leftMs }) => leftMs - simulatedMs),
+    down_ms: stage(({ leftMs, cameMs }) => cameMs - (leftMs - aheadMs)),
+    draw_ms: stage(({ cameMs, drawnMs }) => drawnMs - cameMs),
+  };
+}

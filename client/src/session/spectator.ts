@@ -1,0 +1,79 @@
+import type { Object3D } from "three";
+import { Driving } from "../input/operator-control";
+import { Eyes } from "../scene/participant-camera";
+import type {
+  CommandName,
+  ExperimenterMessage,
+  Scene,
+  Status,
+  Timing,
+  Welcome,
+} from "../generated/messages";
+import type { State } from "./state-decoder";
+import { skipWords, statusWords, timingWords } from "./session-status";
+
+function element<T extends HTMLElement>(id: string): T {
+  return document.getElementById(id) as T;
+}
+
+/** The page of those who watch: the participant's own view on demand, how things stand, and the experimenter's commands. */
+export class Watching {
+  fromInside = false;
+  private readonly participant = new Eyes();
+  private driving: Driving | null = null;
+
+  constructor(
+    private readonly send: (message: ExperimenterMessage) => void,
+    private readonly viewChanged: (fromInside: boolean) => void,
+  ) {
+    element("watch").hidden = false;
+    element<HTMLInputElement>("from-inside").addEventListener("change", (event) => {
+      this.fromInside = (event.target as HTMLInputElement).checked;
+      this.viewChanged(this.fromInside);
+    });
+    for (const button of document.querySelectorAll<HTMLButtonElement>("[data-command]"))
+      button.addEventListener("click", () =>
+        this.send({ type: "command", name: button.dataset["command"] as CommandName }),
+      );
+    element<HTMLFormElement>("height-form").addEventListener("submit", (event) => this.correctHeight(event));
+  }
+
+  welcomed({ role }: Welcome): void {
+    element("commands").hidden = role !== "experimenter";
+    const drives = role === "experimenter" && !document.body.classList.contains("embedded");
+    if (drives) this.driving ??= new Driving(element("drive"), this.send);
+  }
+
+  /** What the participant sees. */
+  get eyes() {
+    return this.participant.camera;
+  }
+
+  sceneCame(scene: Scene): void {
+    this.participant.sceneCame(scene);
+  }
+
+  statusCame(status: Status): void {
+    this.driving?.statusCame(status);
+    for (const [id, text] of Object.entries(statusWords(status))) element(id).textContent = text;
+    element("skip-word").textContent = skipWords(status.phase);
+    element<HTMLButtonElement>("pause").dataset["command"] = status.paused ? "continue" : "pause";
+    element("pause").textContent = status.paused ? "Continue" : "Pause";
+  }
+
+  timingCame(timing: Timing): void {
+    element("watch-ticks").textContent = timingWords(timing);
+  }
+
+  /** Puts the camera where the participant's eyes are in the newest state. */
+  follow(state: State | null, root: Object3D): void {
+    if (state) this.participant.follow(state.poses, root);
+  }
+
+  private correctHeight(event: SubmitEvent): void {
+    event.preventDefault();
+    const centimetres = element<HTMLInputElement>("height").valueAsNumber;
+    if (Number.isFinite(centimetres))
+      this.send({ type: "correct_torso_height", torso_height_m: centimetres / 100 });
+  }
+}
