@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrgym.analysis.power.answers import Answers, Assumptions, ImaginedStudies
 from avrgym.analysis.rows import AnswerRow, TestedRow, TrialRow
@@ -21,6 +20,7 @@ from avrgym.analysis.statistics.objective_tests import objective_families
 from avrgym.analysis.statistics.primary import judged
 from avrgym.analysis.statistics.subjective import answer_families
 from avrgym.analysis.statistics.tests import clustered_interval, mark, signed_rank
+from avrgym.array_types import FloatArray
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.study.design.design import Design, default_text, parse_design
 from avrgym.study.plan.plan import Exclusion, Hypothesis, Plan
@@ -28,7 +28,6 @@ from papers_results import row
 
 DESIGN = parse_design(default_text())
 STUDIES = 1000
-Array = NDArray[np.float64]
 
 
 # Studies
@@ -83,7 +82,7 @@ def _trials(design: Design, people: int, number: int) -> Iterator[TrialRow]:
         )  # fmt: skip
 
 
-def _latent(design: Design, people: int, rng: np.random.Generator, measures: int) -> Array:
+def _latent(design: Design, people: int, rng: np.random.Generator, measures: int) -> FloatArray:
     """(measures, people, tasks, robots, policies)."""
     shape = (measures, people, len(design.tasks), len(design.robots), len(design.policies))
     values = rng.standard_normal(shape) + rng.standard_normal((measures, 1, shape[2], 1, 1))
@@ -174,7 +173,7 @@ def success() -> Iterator[str]:
         yield row(f"{spread:g}", *(f"{100.0 * _covers(ends, 0.5):.1f}" for ends in (clustered, plain)))
 
 
-def _covers(ends: Array, value: float) -> float:
+def _covers(ends: FloatArray, value: float) -> float:
     return float(((ends[:, 0] <= value + 1e-12) & (ends[:, 1] >= value - 1e-12)).mean())
 
 
@@ -197,7 +196,7 @@ def effect_sizes() -> Iterator[str]:
         yield row(people, *cells)
 
 
-def _differences(rng: np.random.Generator, shift: float, shape: tuple[int, int]) -> Array:
+def _differences(rng: np.random.Generator, shift: float, shape: tuple[int, int]) -> FloatArray:
     return np.round(8.0 * (shift + rng.standard_normal(shape))) / 8.0
 
 

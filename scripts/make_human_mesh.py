@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, SEXES, Sex
@@ -44,7 +45,7 @@ def main() -> None:
         texture.save(FOLDER / f"{sex}.jpg", quality=88, optimize=True)
 
 
-def _in_head(vertices: NDArray[np.float64], sex: Sex) -> NDArray[np.float64]:
+def _in_head(vertices: FloatArray, sex: Sex) -> FloatArray:
     pos, q = human.bind_frames(sex, PROPORTIONS[sex].torso_height)
     return transforms.rotate(transforms.conjugate(q["head"]), vertices - pos["head"])
 
@@ -64,7 +65,7 @@ def _stored(surface: Surface) -> dict[str, NDArray]:
     }
 
 
-def _shares(values: NDArray[np.float64], largest: float, kind: type) -> NDArray:
+def _shares(values: FloatArray, largest: float, kind: type) -> NDArray:
     assert np.abs(values).max() < 1.0001 * largest
     return np.round(values / largest * np.iinfo(kind).max).astype(kind)
 

@@ -12,22 +12,21 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.human import PROPORTIONS, SEATED, SEXES, Person
 from avrgym.vr.protocol import axes
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import hips_frame, torso_angles
 
-Array = NDArray[np.float64]
 POSES = 3000
 HEIGHTS_M = (0.44, 0.70)
 WAIST_DEG, HEAD_DEG = 25.0, 25.0
 """Each joint lies within ± this: poses that no way of sharing the yaw brings to the end of a joint's range."""
 
 
-def literally(person: Person, head: Pose) -> Array:
+def literally(person: Person, head: Pose) -> FloatArray:
     """Angles (6,) of waist and head x, y, z as the paper's section III has them.
 
     The joints' conventions are the reference's, without which the person would bend backwards to reach forwards: the
@@ -43,21 +42,21 @@ def literally(person: Person, head: Pose) -> Array:
     return np.array([-roll, pitch, 0.3 * turn, head_roll, head_pitch, 0.7 * turn])
 
 
-def subtracted(person: Person, head: Pose) -> Array:
+def subtracted(person: Person, head: Pose) -> FloatArray:
     """The same, less what the waist has turned, angle by angle, as the reference's code has it."""
     angles = literally(person, head)
     angles[3:5] -= angles[:2]
     return angles
 
 
-WAYS: Mapping[str, Callable[[Person, Pose], Array]] = {
+WAYS: Mapping[str, Callable[[Person, Pose], FloatArray]] = {
     "the paper's equations": literally,
     "with the reference's subtraction": subtracted,
     "ours": torso_angles,
 }
 
 
-def head_of(person: Person, angles_rad: Array) -> Pose:
+def head_of(person: Person, angles_rad: FloatArray) -> Pose:
     """Where the head's centre is with these angles (6,) of waist and head."""
     rise_m = PROPORTIONS[person.sex].head_centre_rise * _scale(person)
     torso = axes.of_xyz(*angles_rad[:3])
@@ -70,7 +69,7 @@ def _scale(person: Person) -> float:
     return person.torso_height_m / PROPORTIONS[person.sex].torso_height
 
 
-def _waist_w(person: Person) -> Array:
+def _waist_w(person: Person) -> FloatArray:
     hips_w, _ = hips_frame(person, SEATED)
     return np.add(hips_w, [0.0, 0.0, PROPORTIONS[person.sex].waist_rise * _scale(person)])
 
@@ -82,7 +81,9 @@ def people_in_poses(rng: np.random.Generator, count: int = POSES) -> list[tuple[
     return [(person, head_of(person, rng.uniform(-spread, spread))) for person in people]
 
 
-def errors(way: Callable[[Person, Pose], Array], heads: list[tuple[Person, Pose]]) -> tuple[Array, Array]:
+def errors(
+    way: Callable[[Person, Pose], FloatArray], heads: list[tuple[Person, Pose]]
+) -> tuple[FloatArray, FloatArray]:
     """How far the head's centre comes from where it shall be, metres, and how far it is turned, radians; (n,) each."""
     reached = [head_of(person, way(person, head)) for person, head in heads]
     away = [np.linalg.norm(got.pos_w - head.pos_w) for got, (_, head) in zip(reached, heads, strict=True)]
@@ -113,7 +114,7 @@ def draw(path: Path) -> None:
     figure.savefig(path, metadata={"Date": None})
 
 
-def _draw_shares(panel: Axes, values: Array, name: str, style: tuple[str, str]) -> None:
+def _draw_shares(panel: Axes, values: FloatArray, name: str, style: tuple[str, str]) -> None:
     colour, line = style
     shares = np.linspace(0.0, 100.0, 201)
     panel.plot(np.percentile(values, shares), shares, color=colour, linestyle=line, label=name)

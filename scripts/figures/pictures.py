@@ -11,9 +11,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from playwright.sync_api import Page, sync_playwright
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.scene import TOOL
 from avrgym.tasks.episodes import Episodes
@@ -138,7 +138,7 @@ class Moment:
         return scene_message(0, self._episodes, Registration(np.zeros(3), 0.0))
 
 
-def _numbers(vector: NDArray[np.float64]) -> list[float]:
+def _numbers(vector: FloatArray) -> list[float]:
     return np.asarray(vector).tolist()
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import BODIES, PROPORTIONS, Sex
@@ -13,7 +14,6 @@ from avrgym.models.human import BODIES, PROPORTIONS, Sex
 from .source import Source
 from .surface import Surface, clip, hem, join, normals_of, shift, smooth, take
 
-Array = NDArray[np.float64]
 PLAIN_UV = (0.01, 0.01)
 """A place of the texture without any colour of its own."""
 
@@ -37,7 +37,7 @@ IRIS_RAD, PUPIL_RAD = 0.50, 0.21
 class Wardrobe:
     """What one body wears; ``local`` gives places in the frames of the skeleton's bodies."""
 
-    def __init__(self, source: Source, weights: Array, sex: Sex) -> None:
+    def __init__(self, source: Source, weights: FloatArray, sex: Sex) -> None:
         """``source`` is fitted; ``weights`` (V, 16) are those of its vertices."""
         self._source, self._weights, self._sex = source, weights, sex
         self._pos, self._q = human.bind_frames(sex, PROPORTIONS[sex].torso_height)
@@ -88,16 +88,16 @@ class Wardrobe:
 
     # Places on the body
 
-    def _local(self, surface: Surface, body: str) -> Array:
+    def _local(self, surface: Surface, body: str) -> FloatArray:
         """The vertices in a body's frame, (V, 3)."""
         inverse = transforms.conjugate(self._q[body])
         return transforms.rotate(inverse, surface.vertices - self._pos[body])
 
-    def _weight(self, surface: Surface, *parts: str) -> Array:
+    def _weight(self, surface: Surface, *parts: str) -> FloatArray:
         columns = [i for i, body in enumerate(BODIES) if body.endswith(parts)]
         return surface.weights[:, columns].sum(axis=1)
 
-    def _beyond_sleeve(self, surface: Surface) -> Array:
+    def _beyond_sleeve(self, surface: Surface) -> FloatArray:
         """Metres along the upper arm past the sleeve's end; very negative away from the arms."""
         beyond = np.full(len(surface.vertices), -1.0)
         for side in ("right", "left"):
@@ -106,7 +106,7 @@ class Wardrobe:
             beyond = np.where(on_arm, along, beyond)
         return beyond
 
-    def _above_neckline(self, surface: Surface) -> Array:
+    def _above_neckline(self, surface: Surface) -> FloatArray:
         """Metres above the shirt's round collar, which lies lower in front; large for the head."""
         x, y, z = self._local(surface, "torso").T
         p = PROPORTIONS[self._sex]
@@ -117,7 +117,7 @@ class Wardrobe:
         above = np.where(self._weight(surface, "arm", "hand") > 0.3, -1.0, above)
         return np.where(self._weight(surface, "head") > 0.35, 1.0, above)
 
-    def _above_ankle(self, surface: Surface) -> Array:
+    def _above_ankle(self, surface: Surface) -> FloatArray:
         """Metres above the ankle along the shin; large away from shins and feet."""
         above = np.full(len(surface.vertices), 1.0)
         for side in ("right", "left"):
@@ -177,7 +177,7 @@ class Wardrobe:
         head = _welded(clip(skin, self._weight(skin, "head") - 0.3))
         return clip(head, np.minimum(self._above_hairline(head), self._beside_ear(head)))
 
-    def _above_hairline(self, surface: Surface) -> Array:
+    def _above_hairline(self, surface: Surface) -> FloatArray:
         """Metres above a plane from the top of the forehead to the nape."""
         _, y, z = self._local(surface, "head").T
         back, low = NAPE_M[self._sex]
@@ -185,13 +185,13 @@ class Wardrobe:
         raised = 0.018 * self._parting(surface, 0.024)
         return z - FOREHEAD_M[1] - share * (low - FOREHEAD_M[1]) - raised
 
-    def _parting(self, surface: Surface, half_width_m: float) -> Array:
+    def _parting(self, surface: Surface, half_width_m: float) -> FloatArray:
         """How near the parting of a woman's hair is, from 0 to 1."""
         x, y, _ = self._local(surface, "head").T
         before = np.clip((0.05 - y) / 0.04, 0.0, 1.0) if self._sex == "woman" else 0.0
         return before * np.exp(-(((x - PARTING_M) / half_width_m) ** 2))
 
-    def _beside_ear(self, surface: Surface) -> Array:
+    def _beside_ear(self, surface: Surface) -> FloatArray:
         """Metres outside of the ears where the hair leaves them free."""
         if self._sex == "woman":
             return np.ones(len(surface.vertices))
@@ -199,7 +199,7 @@ class Wardrobe:
         beside = np.hypot((y - EAR_M[0]) / 0.8, z - EAR_M[1]) - EAR_M[2]
         return np.where(np.abs(x) > 0.05, beside, 1.0)
 
-    def _without_ears(self, scalp: Surface, thickness_m: Array) -> Surface:
+    def _without_ears(self, scalp: Surface, thickness_m: FloatArray) -> Surface:
         """Shifted outwards; what stands off the head, as ears do, is smoothed away below."""
         middle = self._pos["head"] + [0.0, 0.0, PROPORTIONS[self._sex].head_centre_rise]
         outward = scalp.vertices - middle

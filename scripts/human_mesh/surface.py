@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from avrgym.array_types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -13,11 +13,11 @@ class Surface:
     """Per vertex: place (V, 3) in metres, normal (V, 3), texture place (V, 2), weight of each body (V, B) and how
     the place changes when the mouth opens (V, 3). ``faces`` (F, 3) are counter-clockwise seen from outside."""
 
-    vertices: Array
-    normals: Array
-    uv: Array
-    weights: Array
-    opening: Array
+    vertices: FloatArray
+    normals: FloatArray
+    uv: FloatArray
+    weights: FloatArray
+    opening: FloatArray
     faces: NDArray[np.int64]
 
 
@@ -38,7 +38,7 @@ def take(surface: Surface, faces: NDArray[np.int64]) -> Surface:
     return Surface(faces=renumbered.reshape(-1, 3), **kept)
 
 
-def clip(surface: Surface, field: Array) -> Surface:
+def clip(surface: Surface, field: FloatArray) -> Surface:
     """The part where ``field`` (V,) is positive; crossing triangles are cut along its zero line."""
     inside = field > 0.0
     count = inside[surface.faces].sum(axis=1)
@@ -52,11 +52,11 @@ def clip(surface: Surface, field: Array) -> Surface:
 class _Cutter:
     """Makes one new vertex on each edge that the field's zero line crosses."""
 
-    def __init__(self, surface: Surface, field: Array) -> None:
+    def __init__(self, surface: Surface, field: FloatArray) -> None:
         self._surface, self._field = surface, field
         self._edges: dict[tuple[int, int], int] = {}
 
-    def cut(self, face: Array, inside: Array) -> list[tuple[int, int, int]]:
+    def cut(self, face: FloatArray, inside: FloatArray) -> list[tuple[int, int, int]]:
         lone = int(np.argmax(inside) if inside.sum() == 1 else np.argmin(inside))
         a, b, c = (int(face[(lone + k) % 3]) for k in range(3))
         ab, ac = self._on_edge(a, b), self._on_edge(a, c)
@@ -99,7 +99,7 @@ def smooth(surface: Surface, rounds: int, share: float = 0.5) -> Surface:
     return replace(surface, vertices=vertices, normals=normals_of(vertices, surface.faces))
 
 
-def shift(surface: Surface, distance_m: Array | float) -> Surface:
+def shift(surface: Surface, distance_m: FloatArray | float) -> Surface:
     """Moved along the normals."""
     moved = surface.vertices + np.reshape(distance_m, (-1, 1)) * surface.normals
     return replace(surface, vertices=moved, normals=normals_of(moved, surface.faces))
@@ -121,7 +121,7 @@ def hem(surface: Surface, depth_m: float) -> Surface:
     return Surface(faces=np.concatenate([surface.faces, np.array(walls, int).reshape(-1, 3)]), **grown)
 
 
-def normals_of(vertices: Array, faces: NDArray[np.int64]) -> Array:
+def normals_of(vertices: FloatArray, faces: NDArray[np.int64]) -> FloatArray:
     """Normals (V, 3) of a surface: the mean of its triangles', weighted by their areas."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     areas = np.cross(b - a, c - a)

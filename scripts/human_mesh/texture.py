@@ -3,20 +3,19 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
+from avrgym.array_types import FloatArray
 from avrgym.models.human import Sex
 
 from .source import Source
 
-Array = NDArray[np.float64]
 PIXELS, HAIR_PIXELS = 1024, 256
 PLAIN, LIPS, MOUTH, NAIL = (0.96, 0.96, 0.96), (0.89, 0.70, 0.68), (0.50, 0.22, 0.20), (1.0, 0.97, 0.95)
 FLUSH, BROW, LASH, BEARD = (0.98, 0.86, 0.83), (0.30, 0.24, 0.21), (0.28, 0.22, 0.20), (0.90, 0.89, 0.89)
 
 
-def paint(source: Source, head: Array, sex: Sex, masks: Mapping[str, Array]) -> Image.Image:
+def paint(source: Source, head: FloatArray, sex: Sex, masks: Mapping[str, FloatArray]) -> Image.Image:
     """The texture of one fitted body.
 
     Args:
@@ -43,7 +42,7 @@ def strands(seed: int) -> Image.Image:
     return image.convert("RGB")
 
 
-def _layers(place: Array, eye: Array, sex: Sex, masks: Mapping[str, Array]):
+def _layers(place: FloatArray, eye: FloatArray, sex: Sex, masks: Mapping[str, FloatArray]):
     """Shares (PIXELS, PIXELS) of paint and its colour, from below to above."""
     x, y, z = np.abs(place[..., 0]), place[..., 1], place[..., 2]
     front = _soft(-0.045 - y, 0.02)
@@ -60,7 +59,7 @@ def _layers(place: Array, eye: Array, sex: Sex, masks: Mapping[str, Array]):
     yield _lashes(x, z, eye) * front, LASH
 
 
-def _brow(x: Array, z: Array, eye: Array, thickness: float) -> Array:
+def _brow(x: FloatArray, z: FloatArray, eye: FloatArray, thickness: float) -> FloatArray:
     """An arc above the eye from near the nose outwards, thinner at its end."""
     along = (x - (eye[0] - 0.016)) / 0.040
     middle = eye[2] + 0.0165 + 0.013 * along - 0.012 * np.clip(along, 0.0, 1.0) ** 2.2
@@ -69,35 +68,35 @@ def _brow(x: Array, z: Array, eye: Array, thickness: float) -> Array:
     return 0.85 * within * np.exp(-(((z - middle) / half) ** 2))
 
 
-def _lashes(x: Array, z: Array, eye: Array) -> Array:
+def _lashes(x: FloatArray, z: FloatArray, eye: FloatArray) -> FloatArray:
     """A thin dark line around the opening of the eye, stronger above."""
     radius = np.hypot((x - eye[0]) / 0.0150, (z - eye[2]) / 0.0068)
     line = np.exp(-(((radius - 1.0) / 0.16) ** 2))
     return line * np.where(z > eye[2], 0.75, 0.35)
 
 
-def _eye(source: Source, head: Array) -> Array:
+def _eye(source: Source, head: FloatArray) -> FloatArray:
     ball = head[np.unique(source.groups["helper-l-eye"])]
     return 0.5 * (ball.min(axis=0) + ball.max(axis=0))
 
 
-def _spot(distance: Array, width: float) -> Array:
+def _spot(distance: FloatArray, width: float) -> FloatArray:
     return np.exp(-((distance / width) ** 2))
 
 
-def _soft(distance: Array, width: float) -> Array:
+def _soft(distance: FloatArray, width: float) -> FloatArray:
     """0 below −width/2, 1 above width/2."""
     return np.clip(distance / width + 0.5, 0.0, 1.0)
 
 
-def _mask(mask: Array, blur: float) -> Array:
+def _mask(mask: FloatArray, blur: float) -> FloatArray:
     image = Image.fromarray(np.round(255.0 * mask).astype(np.uint8)).resize(
         (PIXELS, PIXELS), Image.Resampling.BOX
     )
     return np.asarray(image.filter(ImageFilter.GaussianBlur(blur)), float) / 255.0
 
 
-def _places(source: Source, head: Array) -> Array:
+def _places(source: Source, head: FloatArray) -> FloatArray:
     """Each texel's place in the head's frame, (PIXELS, PIXELS, 3); far away where no skin is."""
     places = np.full((PIXELS, PIXELS, 3), 9.0)
     pixel = source.uv * [PIXELS, -PIXELS] + [0.0, PIXELS] - 0.5
@@ -109,7 +108,7 @@ def _places(source: Source, head: Array) -> Array:
     return places
 
 
-def _fill(places: Array, corners: Array, values: Array) -> None:
+def _fill(places: FloatArray, corners: FloatArray, values: FloatArray) -> None:
     """Interpolate ``values`` (3, 3) over the texels of a triangle (3, 2), and a little beyond its edges."""
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
     high = np.minimum(np.ceil(corners.max(axis=0)).astype(int), PIXELS - 1)

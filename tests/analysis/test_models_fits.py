@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import stats
 
 from avrgym.analysis.statistics.models.fitted import Estimate, NoFit
@@ -16,7 +15,6 @@ from avrgym.analysis.statistics.models.ordinal import (
 )
 from helpers.studies.published_data import RESPIRATION, SLEEP, WINE
 
-Array = NDArray[np.float64]
 DAYS = np.tile(np.arange(10.0), 18)
 SLEEPER = np.repeat(np.arange(18), 10)
 

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.learning.evaluation import watched_step
 from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N, REGION_OF_GEOM, blow_speed_m_s
 from avrgym.models.human import GEOMS
@@ -24,7 +24,6 @@ FEEDING = "avrgym/FeedingPR2-v1"
 WORLDS = 8
 LEANING_STEPS = 40
 """People who are fed lean to the spoon within four seconds."""
-Array = NDArray[np.float64]
 Asked = Callable[[Episodes], Controller]
 
 
@@ -45,13 +44,13 @@ def test_an_arm_strikes_with_half_its_mass_and_with_its_tool(robot: str, least_k
     assert least_kg < effective_mass_kg(begun(f"avrgym/Feeding{robot}-v1", 1).simulation) < most_kg
 
 
-def from_axis_m(point: Array, ends: Array) -> float:
+def from_axis_m(point: FloatArray, ends: FloatArray) -> float:
     """How far a point is from an axis, tried along it."""
     along = np.linspace(0.0, 1.0, 4001)[:, None]
     return float(np.linalg.norm(ends[0] + along * (ends[1] - ends[0]) - point, axis=-1).min())
 
 
-def shares(before: State, now: State, world: int, allowed_m_s: Array) -> tuple[float, float]:
+def shares(before: State, now: State, world: int, allowed_m_s: FloatArray) -> tuple[float, float]:
     """How fast somebody came to the tool, and both together, as shares of what is allowed; of the fastest near one."""
     found = [[0.0, 0.0]]
     for index, name in enumerate(GEOMS):
@@ -106,9 +105,9 @@ def test_who_rests_before_an_arm_that_rests_is_left_alone():
     assert not guard.interventions.any()
 
 
-def largest_shares(environment: str, whom: str, asked: Asked) -> tuple[Array, Array]:
+def largest_shares(environment: str, whom: str, asked: Asked) -> tuple[FloatArray, FloatArray]:
     """What people bear without a guard and with one, the largest share (N,) of a region's limit."""
-    found: list[Array] = []
+    found: list[FloatArray] = []
     for guarded in (False, True):
         episodes = begun(environment, WORLDS, whom, by_region=True)
         guard, watch = ForceGuard(episodes.simulation) if guarded else None, RegionWatch(WORLDS)

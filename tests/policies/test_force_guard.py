@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.models.body_regions import QUASI_STATIC_LIMIT_N
 from avrgym.models.scene import SUBSTEPS
 from avrgym.policies.force_guard import GUARD_SHARE, RELEASE_SHARE, WAYPOINT_RAD, ForceGuard
@@ -16,21 +16,20 @@ from helpers.simulation.starts import begun
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 WORLDS = 8
-Array = NDArray[np.float64]
-Asked = Callable[[Episodes], Array]
+Asked = Callable[[Episodes], FloatArray]
 
 
 class Driven(NamedTuple):
     """Physics step by physics step: the largest force as a share of its limit, before and after the guard looked."""
 
-    before: Array
-    after: Array
-    yielding: NDArray[np.bool_]
-    angles_rad: Array
-    given: Array
+    before: FloatArray
+    after: FloatArray
+    yielding: BoolArray
+    angles_rad: FloatArray
+    given: FloatArray
 
 
-def at_the_person(episodes: Episodes) -> Array:
+def at_the_person(episodes: Episodes) -> FloatArray:
     return towards(episodes, np.arange(episodes.simulation.num_worlds) % 4)
 
 
@@ -38,7 +37,7 @@ def drive(asked: Asked, *, guarded: bool, steps: int = 40, worlds: int = WORLDS)
     episodes = begun(SCRATCHING, worlds, by_region=True)
     simulation = episodes.simulation
     guard = ForceGuard(simulation)
-    ticks: list[tuple[Array, ...]] = []
+    ticks: list[tuple[FloatArray, ...]] = []
     for _ in range(steps):
         action = asked(episodes)
         for tick in range(SUBSTEPS):
@@ -55,7 +54,7 @@ def drive(asked: Asked, *, guarded: bool, steps: int = 40, worlds: int = WORLDS)
     return Driven(*(np.stack(each) for each in zip(*ticks, strict=True)))
 
 
-def share(force_n: Array) -> Array:
+def share(force_n: FloatArray) -> FloatArray:
     return (force_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
 
 

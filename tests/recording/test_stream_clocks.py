@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.recording.records import Stream, StreamSamples
 from avrgym.recording.stream_clocks import AHEAD_S, GAP_INTERVALS, sample_times
 from avrgym.recording.streams import stream_figures
@@ -21,10 +21,9 @@ JUMPS_S = st.one_of(st.floats(0.6, 2.0), st.floats(2.0, 400_000.0)).flatmap(
 PIECE = 60
 """Samples between two things that happen to a stream."""
 DELAY_S = 0.02
-Array = NDArray[np.float64]
 
 
-def chunked(clock_s: Array, taken_s: Array, size: int, late: Sequence[float] = (0.0,)) -> list[Any]:
+def chunked(clock_s: FloatArray, taken_s: FloatArray, size: int, late: Sequence[float] = (0.0,)) -> list[Any]:
     """Samples as they are recorded: a chunk arrives after its last sample, some later than others."""
     return [
         (
@@ -47,7 +46,7 @@ def figures(chunks: list[Any], rate_hz: float) -> Any:
 
 
 @st.composite
-def streams(draw: st.DrawFn) -> tuple[float, Array, Array, list[str], list[Any]]:
+def streams(draw: st.DrawFn) -> tuple[float, FloatArray, FloatArray, list[str], list[Any]]:
     """The rate, true times and those of the device's clock; what happened between pieces; chunks."""
     rate_hz = draw(RATES_HZ)
     pieces = draw(st.lists(st.sampled_from(["gap", "jump"]), max_size=4))
@@ -73,7 +72,7 @@ def streams(draw: st.DrawFn) -> tuple[float, Array, Array, list[str], list[Any]]
 @settings(max_examples=150, deadline=None)
 @given(streams())
 def test_jumps_are_told_apart_from_gaps_and_times_are_those_of_the_samples(
-    drawn: tuple[float, Array, Array, list[str], list[Any]],
+    drawn: tuple[float, FloatArray, FloatArray, list[str], list[Any]],
 ) -> None:
     rate_hz, taken_s, clock_s, happened, chunks = drawn
     found = sample_times(chunks, rate_hz)

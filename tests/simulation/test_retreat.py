@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from avrgym.models.scene import CONTROL_STEP_S, SUBSTEPS
 from avrgym.policies.trained import load_policy
@@ -12,8 +11,6 @@ from avrgym.simulation.retreat import LONGEST_S, Retreat
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
-
-Array = NDArray[np.float64]
 
 HELPED_STEPS = 120
 """By then policies are at mouth or arm."""

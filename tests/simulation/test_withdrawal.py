@@ -6,15 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray
 from avrgym.policies import registry
 from avrgym.simulation.retreat import SPEED_M_S
 from avrgym.simulation.withdrawal import FROM_MOUTH_M, SETTLED_STEPS
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
-
-Array = NDArray[np.float64]
 
 SEEDS = (0, 3)
 STEPS = 190
@@ -49,7 +47,7 @@ class Course:
     """Whole episodes: each step, and in which worlds (N,) the withdrawal drove it."""
 
     steps: list[Step]
-    driven: list[NDArray[np.bool_]]
+    driven: list[BoolArray]
 
 
 def course(environment: str, policy: str, *, withdraws: bool, steps: int = STEPS) -> Course:

@@ -7,8 +7,8 @@ from typing import get_args
 import numpy as np
 import pytest
 from msgspec.structs import replace as replace_frame
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.recording.latency import STAGES
 from avrgym.vr.protocol.messages import (
     Answer,
@@ -41,7 +41,7 @@ def head(frame: Tracking) -> XRPose | None:
     return frame.head
 
 
-def tracked(positions: NDArray[np.float64], rate_hz: float = 90.0) -> list[Tracking]:
+def tracked(positions: FloatArray, rate_hz: float = 90.0) -> list[Tracking]:
     """Frames of a head at these places (N, 3)."""
     return [
         Tracking(i, 1000.0 * i / rate_hz, XRPose((x, y, z), (0.0, 0.0, 0.0, 1.0)), None, None, "none", "none")

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from avrgym.array_types import FloatArray
 from avrgym.models import human
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import JOINT_INDEX, RECLINED, SEATED, SEXES, Person, Sex
@@ -33,8 +33,6 @@ from avrgym.vr.tracking.world import LiveWorld, scene_message
 from avrgym.vr.tracking.world import poses as world_poses
 from helpers.learning.random_networks import network
 from helpers.vr.visit import driving, plan
-
-Array = NDArray[np.float64]
 
 FEEDING, BATHING = "avrgym/FeedingJaco-v1", "avrgym/BedBathingJaco-v1"
 
@@ -95,7 +93,7 @@ def test_who_lies_is_measured_as_tall_as_who_sits(sex: Sex) -> None:
         someone.take_place("avrgym/Flying-v1")
 
 
-def arm_after_watching(cooperation: float, environment: str) -> Array:
+def arm_after_watching(cooperation: float, environment: str) -> FloatArray:
     """The right hand of somebody who watched the tool near their elbow for two seconds, in their own room."""
     traits = replace(draw_traits("woman", 2), cooperation=cooperation, sway_deg=0.0)
     someone = SimulatedParticipant(traits, 2)

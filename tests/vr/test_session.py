@@ -10,8 +10,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import transforms
 from avrgym.models import human, robot
 from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N, blow_speed_m_s
@@ -52,8 +52,7 @@ from avrgym.vr.tracking.world import TICK_S
 from helpers.simulation.starts import begun
 from helpers.vr.visit import ENVIRONMENT, Visit, events, plan
 
-Array = NDArray[np.float64]
-PhysicsState = Sequence[float] | Array
+PhysicsState = Sequence[float] | FloatArray
 
 PHASES: tuple[PhaseName, ...] = (
     "waiting", "calibration", "loading", "check", "free_before", "countdown", "trial", "retreat", "free_after",
@@ -95,7 +94,7 @@ class Replica:
         mujoco.mj_setState(self.model, self.data, np.array(state, float), mujoco.mjtState.mjSTATE_INTEGRATION)
         return self.data
 
-    def step(self, state: PhysicsState, after: PhysicsState, *, helping: bool) -> Array:
+    def step(self, state: PhysicsState, after: PhysicsState, *, helping: bool) -> FloatArray:
         """The state one physics step later, with the controls of ``after``.
 
         A new command to the arm bounds how far its targets lead; the command to halt puts them on the joints and the
@@ -115,20 +114,20 @@ class Replica:
         mujoco.mj_getState(self.model, data, again, mujoco.mjtState.mjSTATE_INTEGRATION)
         return again
 
-    def ctrl(self, state: PhysicsState) -> Array:
+    def ctrl(self, state: PhysicsState) -> FloatArray:
         return self.put(state).ctrl.copy()
 
-    def arm_ctrl(self, state: PhysicsState) -> Array:
+    def arm_ctrl(self, state: PhysicsState) -> FloatArray:
         return self.ctrl(state)[self._arm.ctrl]
 
-    def person_ctrl(self, state: PhysicsState) -> Array:
+    def person_ctrl(self, state: PhysicsState) -> FloatArray:
         return self.ctrl(state)[self._person]
 
-    def tool_pos_w(self, state: PhysicsState) -> Array:
+    def tool_pos_w(self, state: PhysicsState) -> FloatArray:
         mujoco.mj_kinematics(self.model, self.put(state))
         return self.data.body(TOOL).xpos.copy()
 
-    def food_entries(self, size: int) -> NDArray[np.intp]:
+    def food_entries(self, size: int) -> IntArray:
         """Which numbers of a state are positions, speeds and loads of the food."""
         place = self.put(range(size))
         joints = [self.model.joint(name) for name in self._food]
@@ -146,7 +145,7 @@ class Arm:
     act: list[int]
     ctrl: list[int]
     dof: list[int]
-    brake_n_m: Array
+    brake_n_m: FloatArray
 
 
 def records(recording: Recording, topic: str) -> list:
@@ -332,11 +331,11 @@ def test_a_robot_at_full_speed_stands_still_100_ms_after_a_stop(visit: Callable[
     assert away_m.max() - away_m[-1] < 0.005
 
 
-def newest_pos_w(visit: Visit, body: str) -> Array:
+def newest_pos_w(visit: Visit, body: str) -> FloatArray:
     return newest_pose_w(visit, body)[:3]
 
 
-def newest_pose_w(visit: Visit, body: str) -> Array:
+def newest_pose_w(visit: Visit, body: str) -> FloatArray:
     """A body's pose (7,) as the client was last told."""
     poses = np.frombuffer(visit.said(State)[-1].poses, "<f4").reshape(-1, 7)
     return poses[visit.session.bodies.index(body)].astype(float)

@@ -17,8 +17,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import tomlkit
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
 from avrgym.people.files import PeopleFile, Range, Source, TorsoHeights
 from avrgym.recording.files import Recording
@@ -28,8 +28,6 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import write_whole
 from avrgym.tasks.registry import TASKS
-
-Array = NDArray[np.float64]
 
 FITTED_JOINTS = tuple(name for name in JOINTS if not name.startswith("left_"))
 """Waist, head and right arm: what tasks vary. The left arm keeps the task's own pose."""
@@ -58,8 +56,8 @@ class SeenTrial:
     sex: Sex
     task: str
     torso_height_m: float
-    beginning_deg: Array
-    mean_deg: Array
+    beginning_deg: FloatArray
+    mean_deg: FloatArray
     moved_deg: float
 
 
@@ -170,7 +168,7 @@ def _seen(attempt: ExportedAttempt, recording: Recording) -> SeenTrial:
     )
 
 
-def _targets(recording: Recording) -> tuple[Array, Array]:
+def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
     """The joint targets (n, 20) while the robot drove, degrees, and when each came, s, (n + 1,) with the end."""
     events, control = recording.topics["/events"], recording.topics["/control"]
     begins = [time_ns for time_ns, event in events if (event.name, event.detail) == ("phase", "trial")]
@@ -184,7 +182,7 @@ def _targets(recording: Recording) -> tuple[Array, Array]:
     return times_s, np.degrees([record.joint_targets for _, record in targets[first:last]])
 
 
-def _mean(times_s: Array, values: Array, until_s: float) -> Array:
+def _mean(times_s: FloatArray, values: FloatArray, until_s: float) -> FloatArray:
     """The mean over time, (20,), of values (n, 20) that each last until the next of times (n + 1,)."""
     lasted_s = np.diff(np.minimum(times_s, until_s))
     return lasted_s @ values / lasted_s.sum()

@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import brought
 from avrgym.models.scene import SUBSTEPS
 from avrgym.simulation.engines.engine import Engine
 from avrgym.system.engines import THREADS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import EPISODE_STEPS
-
-Array = NDArray[np.float64]
 
 RUNS = 5
 
@@ -96,7 +94,7 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     reset_s = perf_counter() - began
     apart = _bare(engine.batch) if engine.name == THREADS else None
     began = perf_counter()
-    commands: list[Array] = []
+    commands: list[FloatArray] = []
     for action in actions:
         episodes.step(action)
         commands.append(episodes.simulation.controls())
@@ -115,7 +113,7 @@ def _begin(episodes: Episodes, seed: int) -> None:
     episodes.begin(worlds, [np.random.default_rng([seed, world]) for world in worlds.tolist()])
 
 
-def _physics_s(engine: Engine, ctrl: Any, step: Callable[[int], None], commands: list[Array]) -> float:
+def _physics_s(engine: Engine, ctrl: Any, step: Callable[[int], None], commands: list[FloatArray]) -> float:
     """How long control steps under these commands take, without anything that reads what comes of them."""
     began = perf_counter()
     for command in commands:

@@ -14,8 +14,8 @@ import gym
 import gymnasium
 import numpy as np
 from gym.envs.registration import register
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray, NumpyArray
 from avrgym.tasks.registry import ENVIRONMENTS
 
 
@@ -40,13 +40,13 @@ class OldEnvironment(gym.Env):
         self._seed = seed
         return [seed]
 
-    def reset(self) -> NDArray[np.float64]:
+    def reset(self) -> FloatArray:
         """Begin an episode."""
         observation, _ = self._env.reset(seed=self._seed)
         self._seed, self._success = None, False
         return observation
 
-    def step(self, action: NDArray[Any]) -> tuple[NDArray[np.float64], float, bool, dict[str, Any]]:
+    def step(self, action: NumpyArray) -> tuple[FloatArray, float, bool, dict[str, Any]]:
         """Do an action; the third value says that the episode is over."""
         observation, reward, terminated, truncated, info = self._env.step(np.asarray(action, np.float32))
         self._success = bool(info["success"])

@@ -10,9 +10,9 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
-from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
+from avrgym.array_types import Float32Array, FloatArray
 from avrgym.envs.rendering import Drawn
 from avrgym.envs.single import METADATA, check_render_mode, info_of, spaces_of
 from avrgym.envs.vector_conventions import plain_seed
@@ -20,13 +20,12 @@ from avrgym.models.human import Person, as_person
 from avrgym.tasks.episodes import Episodes, Step, checked_actions
 from avrgym.tasks.known import EPISODE_STEPS
 
-Array = NDArray[np.float64]
-Action = NDArray[np.float32]
+Action = Float32Array
 
 ROBOT, HUMAN = "robot", "human"
 
 
-class AssistiveParallelEnv(Drawn, ParallelEnv[str, Array, Action]):
+class AssistiveParallelEnv(Drawn, ParallelEnv[str, FloatArray, Action]):
     """One world in which both act. Observations, rewards and infos are those of ``gym.make`` for the robot.
 
     The human's action (K,) says how fast each joint goes that the task has people offer, -1 to 1 of the speeds of
@@ -76,7 +75,7 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, Array, Action]):
         self._random: np.random.Generator | None = None
         self._steps_left = 0
 
-    def observation_space(self, agent: str) -> gym.Space[Array]:
+    def observation_space(self, agent: str) -> gym.Space[FloatArray]:
         """The space of an agent's observations."""
         return self.observation_spaces[agent]
 
@@ -86,7 +85,7 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, Array, Action]):
 
     def reset(
         self, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
+    ) -> tuple[dict[str, FloatArray], dict[str, dict[str, Any]]]:
         """Begin an episode, for a seed the one of ``gym.make``; without one the random stream goes on."""
         if seed is not None or self._random is None:
             self._random, _ = seeding.np_random(plain_seed(seed))
@@ -99,7 +98,7 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, Array, Action]):
     def step(
         self, actions: dict[str, Action]
     ) -> tuple[
-        dict[str, Array],
+        dict[str, FloatArray],
         dict[str, float],
         dict[str, bool],
         dict[str, bool],
@@ -129,17 +128,17 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, Array, Action]):
             {agent: info_of(step) for agent in agents},
         )
 
-    def _observations(self, step: Step) -> dict[str, Array]:
+    def _observations(self, step: Step) -> dict[str, FloatArray]:
         return {ROBOT: step.observation[0], HUMAN: self.episodes.observe_as_human()[0]}
 
-    def _checked(self, actions: Mapping[str, Action]) -> list[Array]:
+    def _checked(self, actions: Mapping[str, Action]) -> list[FloatArray]:
         """The actions of robot and human, as numbers."""
         if set(actions) != set(self.possible_agents):
             found = ", ".join(actions) or "nobody"
             raise ValueError(f"actions of {found}; allowed: one of each of {', '.join(self.possible_agents)}")
         return [self._checked_of(agent, actions[agent]) for agent in self.possible_agents]
 
-    def _checked_of(self, agent: str, action: Action) -> Array:
+    def _checked_of(self, agent: str, action: Action) -> FloatArray:
         shape = self.action_spaces[agent].shape
         assert shape is not None
         try:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from avrgym.array_types import FloatArray
 from avrgym.models import yielding
 from avrgym.models.colours import skin_colours, texture_mean
 from avrgym.models.contacts import VISUAL_GROUP
@@ -122,7 +123,7 @@ def _embed_meshes(spec: mujoco.MjSpec) -> None:
             mesh.uservert, mesh.userface = vertices.ravel(), faces.ravel()
 
 
-def _as_read(model: mujoco.MjModel, mesh: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+def _as_read(model: mujoco.MjModel, mesh: int) -> tuple[FloatArray, NDArray[np.int32]]:
     """Vertices and faces of a mesh in its file's frame: MuJoCo moves them into that of the mesh's inertia."""
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, model.mesh_quat[mesh])

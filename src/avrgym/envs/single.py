@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
-from numpy.typing import NDArray
 
+from avrgym.array_types import Float32Array, FloatArray
 from avrgym.envs.rendering import Drawn
 from avrgym.envs.specs import PlainSpec
 from avrgym.envs.vector_conventions import NO_END, check_length, plain_seed
@@ -18,12 +18,10 @@ from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.tasks.episodes import Episodes, Step, checked_actions
 from avrgym.tasks.known import EPISODE_STEPS
 
-Array = NDArray[np.float64]
-
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_STEP_S)}
 
 
-def spaces_of(episodes: Episodes) -> tuple[gym.Space[Array], gym.Space[NDArray[np.float32]]]:
+def spaces_of(episodes: Episodes) -> tuple[gym.Space[FloatArray], gym.Space[Float32Array]]:
     """The spaces of observations (O,) and actions (J,), a number for each joint of the arm."""
     bound = episodes.observation.bound
     observation = gym.spaces.Box(-bound, bound, dtype=np.float64)
@@ -31,7 +29,7 @@ def spaces_of(episodes: Episodes) -> tuple[gym.Space[Array], gym.Space[NDArray[n
 
 
 class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
-    PlainSpec, Drawn, gym.Env[Array, NDArray[np.float32]]
+    PlainSpec, Drawn, gym.Env[FloatArray, Float32Array]
 ):
     """One world. ``info``: ``success`` (so far), ``reward_terms`` (unweighted), ``force_on_person`` (N)."""
 
@@ -73,7 +71,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def reset(
         self, *, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Array, dict[str, Any]]:
+    ) -> tuple[FloatArray, dict[str, Any]]:
         """Begin an episode; without a seed the random stream goes on. The info is that of the start."""
         super().reset(seed=plain_seed(seed))
         self._steps_left = self.max_episode_steps
@@ -82,7 +80,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         start = self.episodes.assess()
         return start.observation[0], info_of(start)
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Float32Array) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """One control step of 0.1 s; the episode is truncated after ``max_episode_steps`` and never ends before.
 
         Raises:

@@ -10,11 +10,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, Float32Array, FloatArray, NumpyArray
 from avrgym.envs.rendering import Camera
 from avrgym.envs.single import METADATA, check_render_mode, spaces_of
 from avrgym.envs.specs import PlainSpec
 from avrgym.envs.vector_conventions import (
-    Bools,
     RandomStreams,
     Seeds,
     World,
@@ -31,11 +31,9 @@ from avrgym.system.plain_values import is_array
 from avrgym.tasks.episodes import Episodes, Step, checked_actions
 from avrgym.tasks.known import EPISODE_STEPS
 
-Array = NDArray[np.float64]
-
 
 class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
-    PlainSpec, VectorEnv[Array, NDArray[np.float32], NDArray[Any]]
+    PlainSpec, VectorEnv[FloatArray, Float32Array, NumpyArray]
 ):
     """N worlds stepped together; they behave as ``gymnasium.vector.SyncVectorEnv`` of N single environments does.
 
@@ -95,7 +93,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._now: Step | None = None
         self._steps = np.zeros(num_envs, dtype=int)
-        self._ended: Bools = np.zeros(num_envs, dtype=bool)
+        self._ended: BoolArray = np.zeros(num_envs, dtype=bool)
         self._random = RandomStreams(num_envs)
         self._worlds = [World(self, index, METADATA) for index in range(num_envs)]
 
@@ -115,7 +113,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def reset(
         self, *, seed: Seeds = None, options: dict[str, Any] | None = None
-    ) -> tuple[Array, dict[str, Any]]:
+    ) -> tuple[FloatArray, dict[str, Any]]:
         """Begin episodes in all worlds, or in those of ``options["reset_mask"]``, boolean (N,).
 
         World i with seed s is the single environment with seed s + i; a list has a seed for each world, or None where
@@ -133,7 +131,9 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         start = self._begin(which)
         return start.observation.copy(), infos(start, which)
 
-    def step(self, actions: NDArray[np.float32]) -> tuple[Array, Array, Bools, Bools, dict[str, Any]]:
+    def step(
+        self, actions: Float32Array
+    ) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """One control step of all worlds.
 
         Raises:
@@ -164,7 +164,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
                 'reset(options={"reset_mask": mask}) begins new ones'
             )
 
-    def _begin(self, which: Bools) -> Step:
+    def _begin(self, which: BoolArray) -> Step:
         """Begin episodes in some worlds (N,); what all worlds show then."""
         ids = np.nonzero(which)[0]
         if not len(ids) and self._now is not None:

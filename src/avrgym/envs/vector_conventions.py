@@ -9,12 +9,12 @@ import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, NumpyArray
 from avrgym.tasks.episodes import Step
 
 if TYPE_CHECKING:
     from avrgym.envs.vector import AssistiveVectorEnv
 
-Bools = NDArray[np.bool_]
 Seeds = int | np.integer | Sequence[int | None] | NDArray[np.integer] | None
 
 
@@ -26,7 +26,7 @@ class RandomStreams:
         self.generators = [generator for generator, _ in made]
         self.seeds: list[int] = [seed for _, seed in made]
 
-    def reseed(self, seed: Seeds, which: Bools) -> None:
+    def reseed(self, seed: Seeds, which: BoolArray) -> None:
         """Begin the streams of some worlds (N,) anew: world i with seed + i, or the i-th seed unless that is None.
 
         Raises:
@@ -71,7 +71,7 @@ def plain_seed(seed: int | np.integer | None) -> int | None:
     return int(seed) if isinstance(seed, np.integer) else seed
 
 
-def reset_mask(options: Mapping[str, Any] | None, count: int) -> Bools:
+def reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
     """Which worlds (N,) a reset is for: those of ``options["reset_mask"]``, without it all.
 
     Raises:
@@ -88,7 +88,7 @@ def reset_mask(options: Mapping[str, Any] | None, count: int) -> Bools:
     return mask
 
 
-def chosen(which: Bools, some: Step, others: Step) -> Step:
+def chosen(which: BoolArray, some: Step, others: Step) -> Step:
     """What two steps gave: of the worlds ``which`` (N,) the first, of the others the second."""
     parts = {field.name: (getattr(some, field.name), getattr(others, field.name)) for field in fields(Step)}
     terms = parts.pop("reward_terms")
@@ -98,11 +98,11 @@ def chosen(which: Bools, some: Step, others: Step) -> Step:
     )
 
 
-def _where(which: Bools, some: NDArray[Any], others: NDArray[Any]) -> NDArray[Any]:
+def _where(which: BoolArray, some: NumpyArray, others: NumpyArray) -> NumpyArray:
     return np.where(which.reshape(-1, *[1] * (some.ndim - 1)), some, others)
 
 
-def infos(step: Step, of: Bools) -> dict[str, Any]:
+def infos(step: Step, of: BoolArray) -> dict[str, Any]:
     """What a step told of some worlds (N,), of the others zero: every key beside a mask of the worlds it is of."""
     terms = {name: np.where(of, term, 0.0) for name, term in step.reward_terms.items()}
     told = {
@@ -113,7 +113,7 @@ def infos(step: Step, of: Bools) -> dict[str, Any]:
     return _masked(told, of)
 
 
-def final_infos(step: Step, ended: Bools) -> dict[str, Any]:
+def final_infos(step: Step, ended: BoolArray) -> dict[str, Any]:
     """With what the episodes ended that did (N,), where others have begun within the same step."""
     observations = np.full(len(ended), None, dtype=object)
     for world in np.nonzero(ended)[0]:
@@ -121,7 +121,7 @@ def final_infos(step: Step, ended: Bools) -> dict[str, Any]:
     return _masked({"final_obs": observations, "final_info": infos(step, ended)}, ended)
 
 
-def _masked(values: Mapping[str, Any], of: Bools) -> dict[str, Any]:
+def _masked(values: Mapping[str, Any], of: BoolArray) -> dict[str, Any]:
     return dict(values) | {f"_{name}": of.copy() for name in values}
 
 

@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace, to_device
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from avrgym.array_types import NumpyArray
 
 RAD_PER_DEGREE = float(np.radians(1.0))
 
@@ -71,7 +73,7 @@ def brought(values: Any, beside: Any) -> Any:
     return namespace(beside).asarray(numbers.copy(), dtype=dtype, device=beside.device)
 
 
-def on_host(array: Any) -> NDArray[Any]:
+def on_host(array: Any) -> NumpyArray:
     """NumPy's array of the same numbers: the same one, or a copy that waits for the device."""
     return np.asarray(array if isinstance(array, _NUMPYS) else to_device(array, "cpu"))
 

@@ -7,15 +7,13 @@ Arrays may be NumPy's or another library's, see ``arrays``.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import floats, namespace
 
-Array = NDArray[np.float64]
 
-
-def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
+def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:
     """The distance (...) in metres between segments a and b, given by their ends (..., 3).
 
     The closest point of line a to line b, clamped to a; the point of b closest to it; the point of a closest to
@@ -32,7 +30,7 @@ def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
     return _length(offset + s * along_a - t * along_b)
 
 
-def point_distance(point: Array, s0: Array, s1: Array) -> Array:
+def point_distance(point: FloatArray, s0: FloatArray, s1: FloatArray) -> FloatArray:
     """The distance (...) of points (..., 3) from segments that begin and end at (..., 3)."""
     point, s0, s1 = _axis_first(point, s0, s1)
     along, offset = s1 - s0, point - s0
@@ -40,8 +38,8 @@ def point_distance(point: Array, s0: Array, s1: Array) -> Array:
 
 
 def segment_box_distance(
-    box_pos_w: Array, box_q_w: Array, half_size_m: Array, s0_w: Array, s1_w: Array
-) -> Array:
+    box_pos_w: FloatArray, box_q_w: FloatArray, half_size_m: FloatArray, s0_w: FloatArray, s1_w: FloatArray
+) -> FloatArray:
     """The distance (...) in metres of segments from oriented boxes; 0 where they intersect.
 
     Args:
@@ -59,7 +57,7 @@ def segment_box_distance(
     return _length(nearest - _clamp(nearest, -half, half))
 
 
-def _closest_share(start: Array, along: Array, half: Array) -> Array:
+def _closest_share(start: FloatArray, along: FloatArray, half: FloatArray) -> FloatArray:
     """Where along segments, 0 to 1, boxes at the origin are closest: shape (...); arguments (3, ...).
 
     The squared distance is convex in the share. Along each axis its slope is zero between the shares at which
@@ -82,25 +80,25 @@ def _closest_share(start: Array, along: Array, half: Array) -> Array:
     return _clamp(between - step, 0.0, 1.0)
 
 
-def _share(numerator: Array, denominator: Array) -> Array:
+def _share(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
     """Their ratio clamped to 0 … 1; 0 where the denominator vanishes."""
     xp = namespace(numerator)
     usable = xp.abs(denominator) > _vanishing(denominator)
     return _clamp(numerator / xp.where(usable, denominator, np.inf), 0.0, 1.0)
 
 
-def _vanishing(x: Array) -> float:
+def _vanishing(x: FloatArray) -> float:
     """What counts as zero: its inverse is still a number of that precision."""
     return 1e-100 if x.dtype == namespace(x).float64 else 1e-30
 
 
-def _clamp(x: Array, low: Array | float, high: Array | float) -> Array:
+def _clamp(x: FloatArray, low: FloatArray | float, high: FloatArray | float) -> FloatArray:
     """``numpy.clip``, which takes several times as long."""
     xp = namespace(x)
     return xp.minimum(xp.maximum(x, low), high)
 
 
-def _axis_first(*vectors: Array) -> list[Array]:
+def _axis_first(*vectors: FloatArray) -> list[FloatArray]:
     """Vectors (..., n), as many leading axes as they have, as (n, ...) with equally many axes."""
     xp, *arrays = floats(*vectors)
     axes = max(v.ndim for v in arrays)
@@ -109,10 +107,10 @@ def _axis_first(*vectors: Array) -> list[Array]:
     return [v.copy() for v in turned] if xp is np else turned
 
 
-def _dot(a: Array, b: Array) -> Array:
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     """The sum over the first axis of both, of vectors (3, ...) or of matrices (3, 3, ...) with vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _length(v: Array) -> Array:
+def _length(v: FloatArray) -> FloatArray:
     return namespace(v).sqrt(_dot(v, v))

@@ -17,11 +17,11 @@ from functools import cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from avrgym.array_types import NumpyArray
 from avrgym.geometry.arrays import namespace
 
-Array = NDArray[Any]
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -42,7 +42,7 @@ def _or_by_library(name: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
     return decorate
 
 
-def sine_and_cosine(x: ArrayLike) -> tuple[Array, Array]:
+def sine_and_cosine(x: ArrayLike) -> tuple[NumpyArray, NumpyArray]:
     """sin x and cos x of radians; more precise than 10⁻¹⁵ (float32: 10⁻⁶) for up to 10⁵ turns (float32: 100).
 
     Series for a quarter of the angle, which is doubled twice.
@@ -64,25 +64,25 @@ def sine_and_cosine(x: ArrayLike) -> tuple[Array, Array]:
     return sine, cosine
 
 
-def sin(x: ArrayLike) -> Array:
+def sin(x: ArrayLike) -> NumpyArray:
     """The sine of radians."""
     return sine_and_cosine(x)[0]
 
 
-def cos(x: ArrayLike) -> Array:
+def cos(x: ArrayLike) -> NumpyArray:
     """The cosine of radians."""
     return sine_and_cosine(x)[1]
 
 
 @_or_by_library("tan")
-def tan(x: ArrayLike) -> Array:
+def tan(x: ArrayLike) -> NumpyArray:
     """The tangent of radians."""
     sine, cosine = sine_and_cosine(x)
     return sine / cosine
 
 
 @_or_by_library("atan2")
-def arctan2(y: ArrayLike, x: ArrayLike) -> Array:
+def arctan2(y: ArrayLike, x: ArrayLike) -> NumpyArray:
     """The angle of the point (x, y), −π..π, 0 at the origin.
 
     With t the smaller coordinate by the larger, arctan t = arctan c + arctan (t − c)/(1 + c t), c the nearest quarter.
@@ -101,21 +101,21 @@ def arctan2(y: ArrayLike, x: ArrayLike) -> Array:
 
 
 @_or_by_library("asin")
-def arcsin(x: ArrayLike) -> Array:
+def arcsin(x: ArrayLike) -> NumpyArray:
     """The angle −π/2..π/2 whose sine is x, −1..1."""
     x = _floating(x)
     return arctan2(x, np.sqrt((1.0 - x) * (1.0 + x)))
 
 
 @_or_by_library("acos")
-def arccos(x: ArrayLike) -> Array:
+def arccos(x: ArrayLike) -> NumpyArray:
     """The angle 0..π whose cosine is x, −1..1."""
     x = _floating(x)
     return arctan2(np.sqrt((1.0 - x) * (1.0 + x)), x)
 
 
 @_or_by_library("tanh")
-def tanh(x: ArrayLike) -> Array:
+def tanh(x: ArrayLike) -> NumpyArray:
     """The hyperbolic tangent, (e²ˣ − 1) / (e²ˣ + 1)."""
     x = _floating(x)
     scale, more = _exponential(np.minimum(2.0 * np.abs(x), 40.0))
@@ -123,7 +123,7 @@ def tanh(x: ArrayLike) -> Array:
     return np.copysign(grown / (grown + 2.0), x)
 
 
-def _exponential(x: Array) -> tuple[Array, Array]:
+def _exponential(x: NumpyArray) -> tuple[NumpyArray, NumpyArray]:
     """2ᵏ and eʳ − 1, where x = k ln 2 + r and so eˣ = 2ᵏ eʳ."""
     doublings = np.rint(x * (1.0 / math.log(2.0)))
     rest = (x - doublings * _LN_2[0]) - doublings * _LN_2[1]
@@ -131,7 +131,7 @@ def _exponential(x: Array) -> tuple[Array, Array]:
 
 
 @_or_by_library("pow")
-def power(base: ArrayLike, exponent: ArrayLike) -> Array:
+def power(base: ArrayLike, exponent: ArrayLike) -> NumpyArray:
     """base^exponent for a base of 0 or above and an exponent such that the result is of ordinary size."""
     base, exponent = _floating(base), _floating(exponent)
     mantissa, doublings = np.frexp(np.where(base > 0.0, base, 1.0))
@@ -146,16 +146,16 @@ def power(base: ArrayLike, exponent: ArrayLike) -> Array:
 _FLOATING = (np.dtype(np.float32), np.dtype(np.float64))
 
 
-def _floating(x: ArrayLike) -> Array:
+def _floating(x: ArrayLike) -> NumpyArray:
     x = np.asarray(x)
     return x if x.dtype in _FLOATING else x.astype(np.float64)
 
 
-def _number(x: Array, value: float) -> Any:
+def _number(x: NumpyArray, value: float) -> Any:
     return x.dtype.type(value)
 
 
-def _series(x: Array, coefficients: Sequence[float]) -> Array:
+def _series(x: NumpyArray, coefficients: Sequence[float]) -> NumpyArray:
     """The polynomial of these coefficients, the highest power's first, by Horner's rule."""
     total = x * _number(x, coefficients[0])
     for coefficient in coefficients[1:-1]:

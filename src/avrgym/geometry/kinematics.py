@@ -12,8 +12,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.small_matrices import (
     TINY,
@@ -29,8 +30,6 @@ from avrgym.geometry.small_matrices import (
     weighted_square,
 )
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Chain:
@@ -41,13 +40,13 @@ class Chain:
     body. ``lower_rad``, ``upper_rad`` (J,) are the ranges, infinite for a hinge that turns freely.
     """
 
-    pos: Array
-    q: Array
-    axis: Array
-    tip_pos: Array
-    tip_q: Array
-    lower_rad: Array
-    upper_rad: Array
+    pos: FloatArray
+    q: FloatArray
+    axis: FloatArray
+    tip_pos: FloatArray
+    tip_q: FloatArray
+    lower_rad: FloatArray
+    upper_rad: FloatArray
 
     @cached_property
     def links(self) -> tuple[tuple[list[float], list[list[float]]], ...]:
@@ -64,19 +63,19 @@ class Chain:
         )
 
 
-def _frame_with_z(axis: Array) -> Array:
+def _frame_with_z(axis: FloatArray) -> FloatArray:
     """A rotation (3, 3) whose third column is the unit vector ``axis``; a permutation where that can be."""
     helper = np.eye(3)[np.argmin(np.abs(axis))]
     x = transforms.normalize(helper - axis * (axis * helper).sum())
     return np.stack([x, np.cross(axis, x), axis], axis=-1)
 
 
-def _product(a: Array, b: Array) -> Array:
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
     """The product of matrices (3, 3), or of a matrix and a vector (3,), summed in the order of the columns."""
     return reduce(np.add, (np.multiply.outer(column, row) for column, row in zip(a.T, b, strict=True)))
 
 
-def _snapped(values: Array) -> list[Any]:
+def _snapped(values: FloatArray) -> list[Any]:
     """Numbers within rounding of 0 and ±1 become these, which cost nothing to multiply by."""
     whole = np.round(values)
     return np.where(np.abs(values - whole) < 1e-12, whole, values).tolist()
@@ -93,7 +92,7 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
     hinge_of_body = {int(model.joint(name).bodyid[0]): name for name in joints}
     base_id, body = model.body(base).id, model.body(tip).id
     pos, q = np.zeros(3), transforms.IDENTITY_QUATERNION
-    segments: list[tuple[str, Array, Array]] = []
+    segments: list[tuple[str, FloatArray, FloatArray]] = []
     while body != base_id:
         if body == 0:
             raise ValueError(f"body {tip!r} is not carried by {base!r}")
@@ -119,18 +118,18 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
     )
 
 
-def _range_rad(model: mujoco.MjModel, joint: str) -> Array:
+def _range_rad(model: mujoco.MjModel, joint: str) -> FloatArray:
     limited = model.jnt_limited[model.joint(joint).id]
     return model.joint(joint).range if limited else np.array([-np.inf, np.inf])
 
 
-def forward(chain: Chain, angles_rad: Array) -> tuple[Array, Array]:
+def forward(chain: Chain, angles_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The tip's pose in the base frame for angles (N, J): positions (N, 3) and quaternions (N, 4), w ≥ 0."""
     poses = _poses(chain, rows_last(angles_rad))
     return rows_first(poses.tip), transforms.from_matrix(rows_first(poses.columns))
 
 
-def jacobian(chain: Chain, angles_rad: Array) -> tuple[Array, Array, Array]:
+def jacobian(chain: Chain, angles_rad: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The tip's pose and its geometric Jacobian in the base frame.
 
     Returns:
@@ -146,7 +145,7 @@ def reach_m(chain: Chain) -> float:
     return float(sum(transforms.norm(offset) for offset, _ in chain.links[1:]))
 
 
-def wrapped(chain: Chain, angles_rad: Array) -> Array:
+def wrapped(chain: Chain, angles_rad: FloatArray) -> FloatArray:
     """Angles (..., J) with those of freely turning hinges put within ±π."""
     free = ~np.isfinite(chain.upper_rad)
     return np.where(free, np.mod(angles_rad + np.pi, 2.0 * np.pi) - np.pi, angles_rad)
@@ -156,7 +155,7 @@ LIMIT_MARGIN = 0.05
 WEIGHT_FLOOR = 0.001
 
 
-def limit_weights(chain: Chain, angles_rad: Array) -> Array:
+def limit_weights(chain: Chain, angles_rad: FloatArray) -> FloatArray:
     """How free each joint is to turn, (N, J) for angles (N, J).
 
     Half at an end of its range, 1 away from both, 1 for a hinge that turns freely; at least 0.001, which is
@@ -172,7 +171,7 @@ def limit_weights(chain: Chain, angles_rad: Array) -> Array:
     return np.where(limited, np.maximum(1.0 - elementary.power(0.5, bounded + 1.0), WEIGHT_FLOOR), 1.0)
 
 
-def isotropy(chain: Chain, angles_rad: Array) -> Array:
+def isotropy(chain: Chain, angles_rad: FloatArray) -> FloatArray:
     """Joint-limit-weighted kinematic isotropy (N,) of angles (N, J): 0 where singular, at most 1.
 
     The geometric mean over the arithmetic mean of the eigenvalues of J W Jᵀ, with metres and radians as they
@@ -191,9 +190,9 @@ def isotropy(chain: Chain, angles_rad: Array) -> Array:
 class Solution:
     """Angles (N, J) and what is left of the error: metres (N,) and radians (N,), 0 where none was asked."""
 
-    angles_rad: Array
-    position_error_m: Array
-    rotation_error_rad: Array
+    angles_rad: FloatArray
+    position_error_m: FloatArray
+    rotation_error_rad: FloatArray
 
 
 ENOUGH_STEPS = 50
@@ -206,9 +205,9 @@ ROWS_AT_ONCE = 4096
 
 def solve(
     chain: Chain,
-    target_pos: Array,
-    target_q: Array | None,
-    start_rad: Array,
+    target_pos: FloatArray,
+    target_q: FloatArray | None,
+    start_rad: FloatArray,
     *,
     iterations: int = ENOUGH_STEPS,
     tolerance: float = 1e-4,
@@ -261,8 +260,8 @@ def restart_uniforms(joints: int) -> int:
 
 
 def solve_with_restarts(
-    chain: Chain, target_pos: Array, target_q: Array, seed_rad: Array, uniforms: Array
-) -> Array:
+    chain: Chain, target_pos: FloatArray, target_q: FloatArray, seed_rad: FloatArray, uniforms: FloatArray
+) -> FloatArray:
     """Angles (N, J) for targets (N, 3), (N, 4): from one seed pose (J,), then from poses up to 1 rad around
     it.
 
@@ -280,12 +279,12 @@ def solve_with_restarts(
     return wrapped(chain, best.angles_rad)
 
 
-def accurate(solution: Solution) -> NDArray[np.bool_]:
+def accurate(solution: Solution) -> BoolArray:
     """Which rows (N,) are within 5 mm and 0.05 rad."""
     return (solution.position_error_m < ACCURACY_M) & (solution.rotation_error_rad < ACCURACY_RAD)
 
 
-def better(old: Solution, new: Solution, rows: NDArray[np.intp]) -> Solution:
+def better(old: Solution, new: Solution, rows: IntArray) -> Solution:
     """``old`` (N,), its ``rows`` replaced by ``new`` (rows,) where that leaves less of the error."""
     cost = new.position_error_m + METRES_PER_RADIAN * new.rotation_error_rad
     old_cost = old.position_error_m[rows] + METRES_PER_RADIAN * old.rotation_error_rad[rows]
@@ -303,16 +302,16 @@ def better(old: Solution, new: Solution, rows: NDArray[np.intp]) -> Solution:
 class _Poses:
     """In the base frame: the hinges' origins and axes (J, 3, N), the tip's place (3, N) and columns (3, 3, N)."""
 
-    origins: Array
-    axes: Array
-    tip: Array
-    columns: Array
+    origins: FloatArray
+    axes: FloatArray
+    tip: FloatArray
+    columns: FloatArray
 
 
-def _poses(chain: Chain, angles: Array) -> _Poses:
+def _poses(chain: Chain, angles: FloatArray) -> _Poses:
     sine, cosine = elementary.sine_and_cosine(angles)
     pos = np.zeros((3, angles.shape[-1]), angles.dtype)
-    columns: Sequence[Array] | Array = np.repeat(
+    columns: Sequence[FloatArray] | FloatArray = np.repeat(
         np.eye(3, dtype=angles.dtype)[..., None], angles.shape[-1], axis=-1
     )
     origins, axes = np.empty((2, len(angles), *pos.shape), angles.dtype)
@@ -325,7 +324,7 @@ def _poses(chain: Chain, angles: Array) -> _Poses:
     return _Poses(origins, axes, tip, np.stack([combined(columns, column) for column in rotation]))
 
 
-def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> Array:
+def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
     """J (J, 6, N), a column after the other, its rows 3–5 in so many metres per radian."""
     j = np.empty((len(poses.axes), 6, poses.tip.shape[-1]), poses.tip.dtype)
     j[:, :3] = cross(poses.axes, poses.tip - poses.origins)
@@ -333,7 +332,7 @@ def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> Array:
     return j
 
 
-def _target(pos: Array, q: Array | None) -> tuple[Array, float]:
+def _target(pos: FloatArray, q: FloatArray | None) -> tuple[FloatArray, float]:
     """A place and the columns of a rotation, (4, 3, N), and the weight of the rotation."""
     place = rows_last(pos)[None]
     if q is None:
@@ -341,7 +340,7 @@ def _target(pos: Array, q: Array | None) -> tuple[Array, float]:
     return np.concatenate([place, rows_last(transforms.to_matrix(q))]), METRES_PER_RADIAN
 
 
-def _error(poses: _Poses, target: Array, metres_per_radian: float) -> Array:
+def _error(poses: _Poses, target: FloatArray, metres_per_radian: float) -> FloatArray:
     turn = metres_per_radian * rotation_between(poses.columns, target[1:])
     return np.concatenate([target[0] - poses.tip, turn])
 
@@ -350,7 +349,7 @@ DAMPING_PER_SQUARED_ERROR = 0.3
 LEAST_DAMPING_M2 = 1e-5
 
 
-def _moved(angles: Array, limits: Array, j: Array, error: Array) -> Array:
+def _moved(angles: FloatArray, limits: FloatArray, j: FloatArray, error: FloatArray) -> FloatArray:
     """The angles (J, N) after the step W Jᵀ (J W Jᵀ + damping)⁻¹ error; W is 0 for joints that must stay."""
     free = _free(angles, limits, _times_error(j, error))
     system = np.concatenate([weighted_square(j, free), error[:, None]], axis=1)
@@ -360,13 +359,13 @@ def _moved(angles: Array, limits: Array, j: Array, error: Array) -> Array:
     return np.clip(angles + step, *limits)
 
 
-def _free(angles: Array, limits: Array, pull: Array) -> Array:
+def _free(angles: FloatArray, limits: FloatArray, pull: FloatArray) -> FloatArray:
     """1 for joints (J, N) that may turn the way the error pulls them, 0 for others."""
     lower, upper = limits
     stuck = ((angles <= lower) & (pull < 0.0)) | ((angles >= upper) & (pull > 0.0))
     return (~stuck).astype(pull.dtype)
 
 
-def _times_error(j: Array, error: Array) -> Array:
+def _times_error(j: FloatArray, error: FloatArray) -> FloatArray:
     """Jᵀ error, (J, N)."""
     return reduce(np.add, (j[:, i] * error[i] for i in range(6)))

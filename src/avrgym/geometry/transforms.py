@@ -8,12 +8,11 @@ Arrays may be NumPy's or another library's, see ``arrays``.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary
 from avrgym.geometry.arrays import floats, like, namespace
 
-Array = NDArray[np.float64]
 Numbers = Any
 """An array of any library, or what NumPy makes one of."""
 
@@ -21,7 +20,7 @@ IDENTITY_QUATERNION = np.array([1.0, 0.0, 0.0, 0.0])
 _CONJUGATED = np.array([1.0, -1.0, -1.0, -1.0])
 
 
-def multiply(a: Numbers, b: Numbers) -> Array:
+def multiply(a: Numbers, b: Numbers) -> FloatArray:
     """The product a ⊗ b: the rotation b followed by a. Shapes (..., 4)."""
     _, a, b = floats(a, b)
     aw, ax, ay, az = _components(a)
@@ -34,25 +33,25 @@ def multiply(a: Numbers, b: Numbers) -> Array:
     )
 
 
-def conjugate(q: Numbers) -> Array:
+def conjugate(q: Numbers) -> FloatArray:
     """The inverse rotation of a unit quaternion (..., 4)."""
     _, q = floats(q)
     return q * like(_CONJUGATED, q)
 
 
-def normalize(q: Numbers) -> Array:
+def normalize(q: Numbers) -> FloatArray:
     """Scale quaternions or vectors (..., n) to unit length; zero length gives non-finite values."""
     xp, q = floats(q)
     return q / xp.sqrt((q * q).sum(axis=-1, keepdims=True))
 
 
-def norm(v: Numbers) -> Array:
+def norm(v: Numbers) -> FloatArray:
     """The length (...) of vectors (..., n)."""
     xp, v = floats(v)
     return xp.sqrt((v * v).sum(axis=-1))
 
 
-def rotate(q: Numbers, v: Numbers) -> Array:
+def rotate(q: Numbers, v: Numbers) -> FloatArray:
     """Rotate vectors v (..., 3) by unit quaternions q (..., 4)."""
     _, q, v = floats(q, v)
     w, u = q[..., :1], q[..., 1:]
@@ -60,7 +59,7 @@ def rotate(q: Numbers, v: Numbers) -> Array:
     return v + w * t + cross(u, t)
 
 
-def cross(a: Numbers, b: Numbers) -> Array:
+def cross(a: Numbers, b: Numbers) -> FloatArray:
     """The cross product of vectors (..., 3); ``numpy.cross`` takes several times as long on a few vectors."""
     _, a, b = floats(a, b)
     ax, ay, az = _components(a)
@@ -68,13 +67,13 @@ def cross(a: Numbers, b: Numbers) -> Array:
     return _joined(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
 
 
-def from_axis_angle(axis: Numbers, angle_rad: Numbers) -> Array:
+def from_axis_angle(axis: Numbers, angle_rad: Numbers) -> FloatArray:
     """The rotation by ``angle_rad`` (...) about the unit vector ``axis`` (..., 3), as (..., 4)."""
     _, axis, angle_rad = floats(axis, angle_rad)
     return from_rotation_vector(axis * angle_rad[..., None])
 
 
-def from_rotation_vector(v: Numbers) -> Array:
+def from_rotation_vector(v: Numbers) -> FloatArray:
     """The exponential map: rotation vectors (..., 3) in radians to quaternions (..., 4)."""
     xp, v = floats(v)
     angle = xp.sqrt((v * v).sum(axis=-1, keepdims=True))
@@ -83,7 +82,7 @@ def from_rotation_vector(v: Numbers) -> Array:
     return xp.concat([cosine, 0.5 * v * (sine / half)], axis=-1)
 
 
-def to_rotation_vector(q: Numbers) -> Array:
+def to_rotation_vector(q: Numbers) -> FloatArray:
     """The logarithm of unit quaternions (..., 4): rotation vectors (..., 3) of length at most π."""
     xp, q = floats(q)
     q = xp.where(q[..., :1] < 0.0, -q, q)
@@ -93,7 +92,7 @@ def to_rotation_vector(q: Numbers) -> Array:
     return scale * q[..., 1:]
 
 
-def to_matrix(q: Numbers) -> Array:
+def to_matrix(q: Numbers) -> FloatArray:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     _, q = floats(q)
     w, x, y, z = _components(q)
@@ -109,7 +108,7 @@ def to_matrix(q: Numbers) -> Array:
     return entries.reshape(*entries.shape[:-1], 3, 3)
 
 
-def from_matrix(matrix: Numbers) -> Array:
+def from_matrix(matrix: Numbers) -> FloatArray:
     """Unit quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
 
     Shepperd's choice: the largest of the four squared components is the pivot, so no division is
@@ -131,24 +130,24 @@ def from_matrix(matrix: Numbers) -> Array:
     return xp.where(q[..., :1] < 0.0, -q, q)
 
 
-def angle_between(a: Numbers, b: Numbers) -> Array:
+def angle_between(a: Numbers, b: Numbers) -> FloatArray:
     """The angle in radians (...) of the rotation that takes a to b; both (..., 4)."""
     return norm(to_rotation_vector(multiply(conjugate(a), b)))
 
 
-def compose(pos_ab: Numbers, q_ab: Numbers, pos_bc: Numbers, q_bc: Numbers) -> tuple[Array, Array]:
+def compose(pos_ab: Numbers, q_ab: Numbers, pos_bc: Numbers, q_bc: Numbers) -> tuple[FloatArray, FloatArray]:
     """Chain two poses: T_ac = T_ab · T_bc, as (position, quaternion)."""
     _, pos_ab, turned = floats(pos_ab, rotate(q_ab, pos_bc))
     return pos_ab + turned, multiply(q_ab, q_bc)
 
 
-def invert(pos_ab: Numbers, q_ab: Numbers) -> tuple[Array, Array]:
+def invert(pos_ab: Numbers, q_ab: Numbers) -> tuple[FloatArray, FloatArray]:
     """The inverse pose T_ba of T_ab."""
     q_ba = conjugate(q_ab)
     return -rotate(q_ba, pos_ab), q_ba
 
 
-def euler_xyz(q: Numbers) -> Array:
+def euler_xyz(q: Numbers) -> FloatArray:
     """Angles (..., 3) a, b, c with q = Rx(a) Ry(b) Rz(c): hinges about x, y, z, the first outermost.
 
     b lies in −π/2..π/2; at its ends only a ± c is determined and c is chosen as 0.
@@ -165,11 +164,11 @@ def euler_xyz(q: Numbers) -> Array:
     return xp.stack([a, b, xp.where(locked, 0.0, elementary.arctan2(row[..., 0], row[..., 1]))], axis=-1)
 
 
-def _components(v: Array) -> tuple[Array, ...]:
+def _components(v: FloatArray) -> tuple[FloatArray, ...]:
     return tuple([v[..., i] for i in range(v.shape[-1])])
 
 
-def _joined(*components: Array) -> Array:
+def _joined(*components: FloatArray) -> FloatArray:
     """The inverse of ``_components``; ``numpy.stack`` takes several times as long on a few vectors."""
     xp = namespace(*components)
     if xp is not np:

@@ -31,6 +31,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, Float32Array
 from avrgym.learning.checkpoint import moments, set_moments
 from avrgym.learning.configuration import ADAPTIVE_FILE
 from avrgym.learning.course import CHECKPOINT_FILE, POLICY_FILE, CurvePoint, Progress, Tell
@@ -90,7 +91,7 @@ TEACHER_FILE, INITIAL_FILE = "teacher.safetensors", "initial.safetensors"
 class ShownWithArm(Shown):
     """What an expert showed, (T, N, ...), and where the arm's joints were then, (T, N, J)."""
 
-    arm_angles_rad: NDArray[np.float32]
+    arm_angles_rad: Float32Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,7 +320,7 @@ class _Learner:
         best.save(path, overwrite=True)
         return best
 
-    def _imitate(self, number: int) -> tuple[Rollout, NDArray[np.bool_]]:
+    def _imitate(self, number: int) -> tuple[Rollout, BoolArray]:
         """A round's episodes, and which of them (N,) the policy drove."""
         configuration = self._configuration
         random = np.random.default_rng([configuration.seed, 2, number])
@@ -345,7 +346,7 @@ class _Learner:
         self._fit(random, last=number == configuration.imitation_rounds - 1)
         return rollout, ~by_expert
 
-    def _improve(self, number: int) -> tuple[Rollout, NDArray[np.bool_]]:
+    def _improve(self, number: int) -> tuple[Rollout, BoolArray]:
         """A round's episodes, with chance, all of the policy's own."""
         configuration = self._configuration
         share = configuration.ppo_share(number)
@@ -412,7 +413,7 @@ class _Learner:
             fit(self._network, optimizer, observations[:, columns], tool_error, targets, GRADIENT_NORM)
             rate.step()
 
-    def _hear(self, rollout: Rollout, own: NDArray[np.bool_]) -> None:
+    def _hear(self, rollout: Rollout, own: BoolArray) -> None:
         finished = rollout.finished(own)
         if finished:
             reward, success = (sum(column) / len(column) for column in zip(*finished, strict=True))

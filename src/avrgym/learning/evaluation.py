@@ -7,8 +7,8 @@ from statistics import NormalDist
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.learning.seed_streams import SHOWING, Stream, episode_generators
 from avrgym.models.scene import SUBSTEPS
 from avrgym.people.kinds import carried_people
@@ -26,7 +26,6 @@ from avrgym.tasks.registry import find_environment
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
-Array = NDArray[np.float64]
 Progress = Callable[[int], None]
 
 MAX_WORLDS = 64
@@ -39,12 +38,12 @@ QUANTILE = NormalDist().inv_cdf(0.975)
 class Results(NamedTuple):
     """Of n episodes: summed reward, success, mean force, what regions bore, interventions, draws of the start; (n,)."""
 
-    reward: Array
-    success: NDArray[np.bool_]
-    force_n: Array
+    reward: FloatArray
+    success: BoolArray
+    force_n: FloatArray
     loads: RegionLoads
-    interventions: NDArray[np.intp]
-    draws: NDArray[np.intp]
+    interventions: IntArray
+    draws: IntArray
     device: str
 
 
@@ -308,7 +307,9 @@ def _run(
     return Results(reward, success, force, watch.loads(), interventions, draws, device)
 
 
-def watched_step(world: Episodes, asked: Array, watch: RegionWatch, guard: ForceGuard | None = None) -> Step:
+def watched_step(
+    world: Episodes, asked: FloatArray, watch: RegionWatch, guard: ForceGuard | None = None
+) -> Step:
     """One control step, watched in each physics step; what it was worth is judged by the last action, as live."""
     simulation = world.simulation
     asked = world.led(asked)

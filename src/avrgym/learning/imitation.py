@@ -15,14 +15,12 @@ from zipfile import BadZipFile
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from torch import Tensor
 
+from avrgym.array_types import BoolArray, Float32Array
 from avrgym.learning.stable_baselines import Normaliser
 from avrgym.tasks.known import EPISODE_STEPS
-
-Array = NDArray[np.float64]
 
 EXPERT_SHARE = 0.8
 """The expert drives all worlds in the first round, and in each later one this share of those of the round before."""
@@ -83,12 +81,12 @@ def imitate(
 class Shown:
     """What an expert showed: observations (S, O) and its actions (S, J), or (T, N, ...), single precision."""
 
-    observations: NDArray[np.float32]
-    actions: NDArray[np.float32]
+    observations: Float32Array
+    actions: Float32Array
 
 
 AnyShown = TypeVar("AnyShown", bound=Shown)
-Gather = Callable[[NDArray[np.bool_]], tuple[Shown, Finished]]
+Gather = Callable[[BoolArray], tuple[Shown, Finished]]
 """From which worlds (N,) the expert drives to what it showed in an episode of each."""
 
 

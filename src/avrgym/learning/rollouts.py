@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, Float32Array, FloatArray
 from avrgym.geometry.arrays import brought, namespace, on_host
 from avrgym.learning.evaluation import watched_step
 from avrgym.models.body_regions import TRANSIENT_LIMIT_N
@@ -24,10 +25,6 @@ from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.task import Controller
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Bools = NDArray[np.bool_]
 
 NOISE_STREAMS = 4, 5
 """Of the robots' actions and of the humans', of the streams that are drawn from a training's seed; the others choose
@@ -72,7 +69,7 @@ class Order:
     first: int
     episodes: NDArray[np.int64]
     noise: tuple[int, int] | None = None
-    by_expert: Bools | None = None
+    by_expert: BoolArray | None = None
     teacher: Policy | None = None
     force_weight_per_n: float = 0.0
     paid_force_n: float = np.inf
@@ -95,10 +92,10 @@ class Rollout:
     observations: Any
     actions: Any
     rewards: Any
-    episode_return: Array
-    success: Bools
-    episode_force_n: Array
-    arm_angles_rad: Floats | None = None
+    episode_return: FloatArray
+    success: BoolArray
+    episode_force_n: FloatArray
+    arm_angles_rad: Float32Array | None = None
 
     @classmethod
     def joined(cls, parts: list["Rollout"]) -> "Rollout":
@@ -118,7 +115,7 @@ class Rollout:
         arrays = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: array for name, array in arrays.items() if array is not None}
 
-    def finished(self, of: slice | Bools = slice(None)) -> list[tuple[float, bool]]:
+    def finished(self, of: slice | BoolArray = slice(None)) -> list[tuple[float, bool]]:
         """Return and success of some of its episodes."""
         return [*zip(self.episode_return[of].tolist(), self.success[of].tolist(), strict=True)]
 
@@ -152,7 +149,7 @@ def roll_out_all(policies: Sequence[Policy], order: Order) -> list[Rollout]:
     expert = None if order.by_expert is None else _expert_for(policies[0], order, worlds)
     returns = force_n = xp.zeros(count, dtype=xp.float64, device=first.device)
     success: Any = None
-    arm_angles_rad: list[Array] = []
+    arm_angles_rad: list[FloatArray] = []
     for number in range(EPISODE_STEPS):
         action = robot.act(number)
         if expert is not None:
@@ -183,7 +180,7 @@ def roll_out_all(policies: Sequence[Policy], order: Order) -> list[Rollout]:
     return rollouts
 
 
-def _watched(worlds: Episodes, action: Array) -> tuple[Step, Array]:
+def _watched(worlds: Episodes, action: FloatArray) -> tuple[Step, FloatArray]:
     """One control step, and how far (n,) it loaded a region of the body above half its transient limit.
 
     0 is half the limit or less in all its physics steps, 1 the whole of it.
@@ -230,14 +227,14 @@ class _Agent:
         self.done.append(self._xp.astype(mean + self._chance[number], self._xp.float32))
         return self.done[-1]
 
-    def rollout(self, returns: Array, success: Bools, force_n: Array) -> Rollout:
+    def rollout(self, returns: FloatArray, success: BoolArray, force_n: FloatArray) -> Rollout:
         """All of it, with what came of the episodes."""
         xp = self._xp
         told = xp.astype(xp.stack(self.rewards), xp.float32)
         return Rollout(xp.stack(self.seen), xp.stack(self.done), told, returns, success, force_n)
 
 
-def _noise(policy: Policy, stream: int, order: Order) -> Array:
+def _noise(policy: Policy, stream: int, order: Order) -> FloatArray:
     """The actions' chance (T, n, J), in standard deviations; each world draws its own."""
     shape = (EPISODE_STEPS, policy.action_size)
     if order.noise is None:
@@ -248,7 +245,7 @@ def _noise(policy: Policy, stream: int, order: Order) -> Array:
     return np.stack([each.standard_normal(shape) for each in streams], axis=1)
 
 
-def _cost(worlds: Episodes, order: Order, step: Step, *, last: bool) -> Array:
+def _cost(worlds: Episodes, order: Order, step: Step, *, last: bool) -> FloatArray:
     """What an order takes off the rewards of a step, (n,)."""
     cost = order.force_weight_per_n * step.force_on_person_n + _paid_beyond(order.paid_force_n, worlds, step)
     detour_m = worlds.task.detour_m
@@ -257,7 +254,7 @@ def _cost(worlds: Episodes, order: Order, step: Step, *, last: bool) -> Array:
     return cost + order.detour_weight_per_m * detour_m(worlds.simulation.state(), worlds.task_state)
 
 
-def _paid_beyond(most_n: float, worlds: Episodes, step: Step) -> Array:
+def _paid_beyond(most_n: float, worlds: Episodes, step: Step) -> FloatArray:
     """What the reward's terms in newtons paid (n,) for those beyond the most; their names end with their unit."""
     xp = namespace(step.reward)
     paid = xp.zeros_like(step.reward)

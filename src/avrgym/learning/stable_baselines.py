@@ -7,15 +7,13 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv
 
+from avrgym.array_types import FloatArray, NumpyArray
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.envs.vector_conventions import NO_END
-
-Array = NDArray[Any]
 
 
 class Normaliser(Protocol):
@@ -63,30 +61,30 @@ class SB3VectorEnv(VecEnv):
                 "Stable-Baselines3 needs episodes that end; allowed: max_episode_steps of 1 or more"
             )
         self.env = env  # the base class asks it for its render mode
-        self._returns: Array = np.zeros(env.num_envs)
-        self._forces_n: Array = np.zeros(env.num_envs)
+        self._returns: NumpyArray = np.zeros(env.num_envs)
+        self._forces_n: NumpyArray = np.zeros(env.num_envs)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
-        self._actions: Array = np.zeros((env.num_envs, env.episodes.action_size))
+        self._actions: NumpyArray = np.zeros((env.num_envs, env.episodes.action_size))
         self._seed: int | None = None
 
     def seed(self, seed: int | None = None) -> list[int | None]:
         self._seed = seed
         return [None if seed is None else seed + i for i in range(self.num_envs)]
 
-    def reset(self) -> Array:
+    def reset(self) -> NumpyArray:
         observation, _ = self.env.reset(seed=self._seed)
         self._seed = None
         self._returns[:], self._forces_n[:] = 0.0, 0.0
         return observation
 
-    def step_async(self, actions: Array) -> None:
+    def step_async(self, actions: NumpyArray) -> None:
         self._actions = actions
 
-    def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[NumpyArray, NumpyArray, NumpyArray, list[dict[str, Any]]]:
         observation, reward, _, truncated, info = self.env.step(self._actions)
-        force_n: Array = info["force_on_person"]
+        force_n: NumpyArray = info["force_on_person"]
         if truncated.any():
-            final_n: Array = info["final_info"]["force_on_person"]
+            final_n: NumpyArray = info["final_info"]["force_on_person"]
             force_n = np.where(truncated, final_n, force_n)
         self._returns += reward
         self._forces_n += force_n / self.env.max_episode_steps
@@ -127,7 +125,7 @@ class Scaled(Protocol):
         ...
 
     @property
-    def scale(self) -> NDArray[np.float64]:
+    def scale(self) -> FloatArray:
         """The fixed scales, (O,)."""
         ...
 

@@ -11,14 +11,12 @@ at the skin, where a scratching tip is led by tenths of a millimetre: an error c
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from avrgym.array_types import Float32Array
 from avrgym.geometry.kinematics import jacobian
 from avrgym.models.scene import CONTROL_STEP_S, SceneConfig
 from avrgym.tasks.places import arm_chain
-
-Floats = NDArray[np.float32]
 
 UNIT_M, UNIT_RAD = 0.02, 0.2
 """By how much a tool is moved and turned wrong in a control step that counts as 1: at 0.1 m these are the same."""
@@ -37,7 +35,7 @@ class ToolMotion:
         self._chain = arm_chain(scene)
         self._reach_rad = scene.arm.speed_limit_rad_s * CONTROL_STEP_S
 
-    def per_action(self, arm_angles_rad: Floats) -> Tensor:
+    def per_action(self, arm_angles_rad: Float32Array) -> Tensor:
         """What action 1 of each joint does in a control step, (..., 6, J), to the tools of arms at angles (..., J).
 
         Rows 0–2 are along x, y and z of the robot's base, in ``UNIT_M``; rows 3–5 about them, in ``UNIT_RAD``.

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.utils import configure_logger
 
+from avrgym.array_types import BoolArray, Float32Array
 from avrgym.geometry.arrays import brought, namespace, on_host
 from avrgym.learning import checkpoint
 from avrgym.learning.configuration import TrainingConfiguration, turn
@@ -111,7 +111,7 @@ class UpdateLearner:
             self._imitated,
         )
 
-    def _gather(self, by_expert: NDArray[np.bool_]) -> tuple[Shown, Finished]:
+    def _gather(self, by_expert: BoolArray) -> tuple[Shown, Finished]:
         rollouts = self._roll_out(self._course.policies(self._trainees), by_expert=by_expert)
         for trainee, each in zip(self._trainees, rollouts, strict=True):
             trainee.normaliser.see(each)
@@ -156,7 +156,7 @@ class UpdateLearner:
         self,
         policies: Sequence[Policy],
         noise: tuple[int, int] | None = None,
-        by_expert: NDArray[np.bool_] | None = None,
+        by_expert: BoolArray | None = None,
     ) -> list[Rollout]:
         """An episode in every world, as each agent met it."""
         configuration, steps = self._configuration, steps_of(self.model)
@@ -264,9 +264,7 @@ def learn_from(
     normaliser.see(rollout)
 
 
-def _fill(
-    model: PPO, observations: NDArray[np.float32], actions: NDArray[np.float32], rewards: NDArray[np.float32]
-) -> None:
+def _fill(model: PPO, observations: Float32Array, actions: Float32Array, rewards: Float32Array) -> None:
     """Put whole episodes into a model's buffer: observations (T + 1, N, O), actions and rewards of each step.
 
     Episodes are cut off, not over: what may follow the last step counts with the critic's value.

@@ -21,9 +21,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from avrgym.array_types import FloatArray
 
 TRANSIENT_S = 0.5
 """A force that is longer above the quasi-static limit than this is no transient one."""
@@ -69,11 +68,11 @@ REGION_OF_GEOM: Mapping[str, int] = {
     geom: index for index, region in enumerate(BODY_REGIONS) for geom in region.geoms
 }
 """The index of each geom's region, the geoms of a region next to each other."""
-QUASI_STATIC_LIMIT_N: Array = np.array([region.quasi_static_limit_n for region in BODY_REGIONS])
-TRANSIENT_LIMIT_N: Array = np.array([region.transient_limit_n for region in BODY_REGIONS])
+QUASI_STATIC_LIMIT_N: FloatArray = np.array([region.quasi_static_limit_n for region in BODY_REGIONS])
+TRANSIENT_LIMIT_N: FloatArray = np.array([region.transient_limit_n for region in BODY_REGIONS])
 
 
-def blow_speed_m_s(force_n: Array, arm_kg: float) -> Array:
+def blow_speed_m_s(force_n: FloatArray, arm_kg: float) -> FloatArray:
     """At what speed (R,) a blow brings each region a force (R,): F / √(k μ), 1/μ = 1/m_body + 1/m_arm.
 
     ISO/TS 15066:2016, A.3.4: the energy of two masses that close becomes that of the spring between them. ``arm_kg`` is

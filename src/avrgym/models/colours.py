@@ -1,18 +1,16 @@
 """The colours that MuJoCo draws geoms and skins with: their own, or else those of their materials."""
 
-from typing import Any
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from avrgym.array_types import FloatArray, NumpyArray
 
 UNSET = (0.5, 0.5, 0.5, 1.0)
 """The colour of geoms and skins without one of their own: their material's colour is drawn, where they have one."""
 
 
-def geom_colours(model: mujoco.MjModel) -> Array:
+def geom_colours(model: mujoco.MjModel) -> FloatArray:
     """Red, green, blue and alpha (G, 4) of all geoms, 0 to 1; where a texture covers one, times the texture's mean."""
     colours = _drawn(model, model.geom_matid, model.geom_rgba)
     for material in np.unique(model.geom_matid[model.geom_matid >= 0]):
@@ -20,7 +18,7 @@ def geom_colours(model: mujoco.MjModel) -> Array:
     return colours
 
 
-def skin_colours(model: mujoco.MjModel) -> Array:
+def skin_colours(model: mujoco.MjModel) -> FloatArray:
     """Red, green, blue and alpha (S, 4) of all skins, 0 to 1, without their textures."""
     return _drawn(model, model.skin_matid, model.skin_rgba)
 
@@ -37,7 +35,7 @@ def texture_pixels(model: mujoco.MjModel, texture: int) -> NDArray[np.uint8]:
     return model.tex_data[start : start + np.prod(shape)].reshape(shape)
 
 
-def texture_mean(model: mujoco.MjModel, material: int) -> Array:
+def texture_mean(model: mujoco.MjModel, material: int) -> FloatArray:
     """The mean colour (3,) of a material's texture, 0 to 1; white without one."""
     texture = texture_of(model, material)
     if texture < 0:
@@ -45,12 +43,12 @@ def texture_mean(model: mujoco.MjModel, material: int) -> Array:
     return np.broadcast_to(texture_pixels(model, texture)[..., :3].mean(axis=(0, 1)) / 255.0, 3)
 
 
-def linear_from_srgb(colours: Array) -> Array:
+def linear_from_srgb(colours: FloatArray) -> FloatArray:
     """Shares of light, as renderers compute with them, of colours as screens show them, both 0 to 1."""
     return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
 
 
-def _drawn(model: mujoco.MjModel, materials: NDArray[Any], own: NDArray[Any]) -> Array:
+def _drawn(model: mujoco.MjModel, materials: NumpyArray, own: NumpyArray) -> FloatArray:
     colours = own.astype(float)
     has_material = (materials >= 0) & (own == UNSET).all(axis=1)
     colours[has_material] = model.mat_rgba[materials[has_material]]

@@ -4,8 +4,8 @@ import math
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import contacts
 from avrgym.models.parts import BOX, CYLINDER, add_collision, add_material, add_skin
@@ -26,10 +26,10 @@ def inner_radius_m(z: float) -> float:
     return RIM_RADIUS_M + z * math.tan(_TAPER_RAD) - _WALL_M / math.cos(_TAPER_RAD)
 
 
-def _packed(count: int, radius_m: float) -> NDArray[np.float64]:
+def _packed(count: int, radius_m: float) -> FloatArray:
     """The lowest ``count`` places of a closest packing of spheres in the cup, (count, 3)."""
     pitch = 2.02 * radius_m
-    places: list[NDArray[np.float64]] = []
+    places: list[FloatArray] = []
     layer = 0
     while len(places) < count:
         z = _FLOOR_M - HEIGHT_M + radius_m * (1.0 + layer * np.sqrt(8.0 / 3.0) * 1.01)
@@ -38,7 +38,7 @@ def _packed(count: int, radius_m: float) -> NDArray[np.float64]:
     return np.array(places[:count])
 
 
-def _layer(z: float, reach_m: float, pitch: float, *, shifted: bool) -> list[NDArray[np.float64]]:
+def _layer(z: float, reach_m: float, pitch: float, *, shifted: bool) -> list[FloatArray]:
     """A hexagonal layer about the cup's axis, the places nearest to the axis first."""
     i, j = (grid.ravel() for grid in np.meshgrid(np.arange(-9, 10), np.arange(-9, 10), indexing="ij"))
     x, y = pitch * (i + 0.5 * j), pitch * np.sqrt(0.75) * (j + (2.0 / 3.0 if shifted else 0.0))

@@ -8,13 +8,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from avrgym.array_types import FloatArray, NumpyArray
 from avrgym.geometry import transforms
 from avrgym.models.contacts import VISUAL_GROUP
 from avrgym.models.human import (
@@ -29,8 +29,6 @@ from avrgym.models.human import (
     bind_frames,
 )
 from avrgym.models.parts import add_material
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -70,11 +68,11 @@ class Shape:
     """One part of the body, bound to ``bind_frames``: ``vertices`` (V, 3), texture places ``uv`` (V, 2; v down),
     ``faces`` (F, 3), and four of ``BODIES`` with their weights at each vertex, (V, 4)."""
 
-    vertices: Array
-    uv: Array
+    vertices: FloatArray
+    uv: FloatArray
     faces: NDArray[np.int32]
     bodies: NDArray[np.int64]
-    weights: Array
+    weights: FloatArray
 
 
 def add_appearance(spec: mujoco.MjSpec, person: Person, posture: Posture, *, open_mouth: bool) -> None:
@@ -117,7 +115,9 @@ def _material(part: str) -> str:
     return PREFIX + ("skin" if PARTS[part].rgb is None else part)
 
 
-def _bind(skin: mujoco.MjsSkin, shape: Shape, pos: Mapping[str, Array], q: Mapping[str, Array]) -> None:
+def _bind(
+    skin: mujoco.MjsSkin, shape: Shape, pos: Mapping[str, FloatArray], q: Mapping[str, FloatArray]
+) -> None:
     used: list[int] = np.unique(shape.bodies[shape.weights > 0.0]).tolist()
     names = [BODIES[body] for body in used]
     skin.bodyname = [PREFIX + name for name in names]
@@ -136,7 +136,7 @@ def shapes(person: Person, *, open_mouth: bool) -> Iterator[tuple[str, Shape]]:
         yield name, _stretched(drawn, vertices, person)
 
 
-def _stretched(drawn: Shape, vertices: Array, person: Person) -> Shape:
+def _stretched(drawn: Shape, vertices: FloatArray, person: Person) -> Shape:
     reference_m = PROPORTIONS[person.sex].torso_height
     h = person.torso_height_m / reference_m
     old_pos, q = bind_frames(person.sex, reference_m)
@@ -154,7 +154,7 @@ def _stretched(drawn: Shape, vertices: Array, person: Person) -> Shape:
     return Shape(placed, drawn.uv, drawn.faces, drawn.bodies, drawn.weights)
 
 
-def _lengthened(local: Array, body: str, h: float) -> Array:
+def _lengthened(local: FloatArray, body: str, h: float) -> FloatArray:
     """Places in a body's frame when lengths along the body grow by ``h``; hands keep their size."""
     part = body.rpartition("_")[2]
     if part == "hand":
@@ -168,7 +168,7 @@ def _lengthened(local: Array, body: str, h: float) -> Array:
 
 
 @cache
-def _drawn(sex: Sex) -> Mapping[str, tuple[Shape, Array]]:
+def _drawn(sex: Sex) -> Mapping[str, tuple[Shape, FloatArray]]:
     """The stored parts, and how their vertices (V, 3) move when the mouth opens."""
     with np.load(io.BytesIO(_asset(f"{sex}.npz"))) as stored:
         return {name: _unpacked({k: stored[f"{name}/{k}"] for k in STORED}) for name in PARTS}
@@ -177,7 +177,7 @@ def _drawn(sex: Sex) -> Mapping[str, tuple[Shape, Array]]:
 STORED = ("vertices", "opening", "uv", "faces", "bodies", "weights")
 
 
-def _unpacked(stored: Mapping[str, NDArray[Any]]) -> tuple[Shape, Array]:
+def _unpacked(stored: Mapping[str, NumpyArray]) -> tuple[Shape, FloatArray]:
     shape = Shape(
         vertices=PLACE_M * stored["vertices"] / np.iinfo(np.int16).max,
         uv=stored["uv"] / np.iinfo(np.uint16).max,

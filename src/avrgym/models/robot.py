@@ -7,13 +7,12 @@ from typing import Literal
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import contacts
 from avrgym.models.tools import Tool
-
-Array = NDArray[np.float64]
 
 PREFIX = "robot/"
 MOTORS = 1
@@ -41,11 +40,11 @@ class Arm:
 
     joints: tuple[str, ...]
     end_effector: str
-    speed_limit_rad_s: Array
-    torque_limit_n_m: Array
-    stiffness_n_m_rad: Array
-    inertia_kg_m2: Array
-    seed_pose_rad: Array
+    speed_limit_rad_s: FloatArray
+    torque_limit_n_m: FloatArray
+    stiffness_n_m_rad: FloatArray
+    inertia_kg_m2: FloatArray
+    seed_pose_rad: FloatArray
     finger_prefix: str = ""
 
 
@@ -58,8 +57,8 @@ class Grip:
     they slide.
     """
 
-    pos: Array
-    q: Array
+    pos: FloatArray
+    q: FloatArray
     fingers: Mapping[str, float]
 
 
@@ -243,7 +242,7 @@ def _displace(body: mujoco.MjsBody, joint: mujoco.MjsJoint, value: float) -> Non
         body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
 
-def _orientation(body: mujoco.MjsBody) -> Array:
+def _orientation(body: mujoco.MjsBody) -> FloatArray:
     """A body's quaternion (4,), whether the file gives it as such or as angles about fixed axes."""
     if body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT:
         return np.array(body.quat)
@@ -317,7 +316,7 @@ def tuned_arm(
     )
 
 
-def _per_joint(name: str, values: ArrayLike, count: int) -> Array:
+def _per_joint(name: str, values: ArrayLike, count: int) -> FloatArray:
     found = np.asarray(values, float)
     if found.shape not in ((), (count,)):
         raise ValueError(f"{name} has shape {found.shape}; allowed: ({count},), a number for each joint")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from avrgym.array_types import FloatArray
 
 SEGMENTS = 28
 
@@ -16,7 +16,7 @@ SEGMENTS = 28
 class Mesh:
     """Vertices (V, 3) in metres and triangles (F, 3), counter-clockwise seen from outside."""
 
-    vertices: Array
+    vertices: FloatArray
     faces: NDArray[np.integer[Any]]
 
 
@@ -40,7 +40,7 @@ def loft(sections: Sequence[Section], segments: int = SEGMENTS) -> Mesh:
     return _close_at_centres(np.stack([_ring(section, segments) for section in sections]))
 
 
-def tube(points: Array, radius_m: float, segments: int = 10) -> Mesh:
+def tube(points: FloatArray, radius_m: float, segments: int = 10) -> Mesh:
     """A round tube of constant radius along a polyline (P, 3), closed at both ends."""
     tangents = np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
@@ -82,7 +82,7 @@ def revolve(profile: Sequence[tuple[float, float]], segments: int = 40) -> Mesh:
     return _close(rings, np.array([0.0, 0.0, profile[0][1]]), np.array([0.0, 0.0, profile[-1][1]]))
 
 
-def _ring(section: Section, segments: int) -> Array:
+def _ring(section: Section, segments: int) -> FloatArray:
     angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
     c, s = np.cos(angle), np.sin(angle)
     power = 2.0 / section.exponent
@@ -91,11 +91,11 @@ def _ring(section: Section, segments: int) -> Array:
     return np.stack([x, y, np.full(segments, section.z)], axis=-1)
 
 
-def _close_at_centres(rings: Array) -> Mesh:
+def _close_at_centres(rings: FloatArray) -> Mesh:
     return _close(rings, rings[0].mean(axis=0), rings[-1].mean(axis=0))
 
 
-def _close(rings: Array, first: Array, last: Array) -> Mesh:
+def _close(rings: FloatArray, first: FloatArray, last: FloatArray) -> Mesh:
     """The skin of rings (R, S, 3) with a point (3,) at either end."""
     count, segments = len(rings), len(rings[0])
     vertices = np.concatenate([rings.reshape(-1, 3), first[None], last[None]])
@@ -120,7 +120,7 @@ def _band_faces(rings: int, segments: int, closed: bool) -> NDArray[np.int32]:
     return np.concatenate([first, second]).astype(np.int32)
 
 
-def _outward(vertices: Array, faces: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
+def _outward(vertices: FloatArray, faces: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum()
     return (faces if volume > 0.0 else faces[:, ::-1]).astype(np.int32)

@@ -4,8 +4,8 @@ import math
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import contacts
 from avrgym.models.parts import BOX, CAPSULE, add_collision, add_material, add_skin
@@ -13,7 +13,7 @@ from avrgym.models.shapes import Section, loft, tube
 from avrgym.models.tools import Hull, Particles, Tool
 
 
-def _grid(x: list[float], y: list[float], z: float) -> NDArray[np.float64]:
+def _grid(x: list[float], y: list[float], z: float) -> FloatArray:
     return np.array([[px, py, z] for px in x for py in y])
 
 

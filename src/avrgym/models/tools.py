@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.models import contacts
 from avrgym.models.parts import SPHERE, add_collision, add_material, add_visual
 
@@ -24,7 +24,7 @@ class Particles:
     """
 
     name: str
-    start: NDArray[np.float64]
+    start: FloatArray
     radius_m: float
     mass_kg: float
     rgb: tuple[float, float, float]

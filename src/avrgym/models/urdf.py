@@ -15,13 +15,11 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import contacts
 from avrgym.models.parts import add_material, add_visual
-
-Array = NDArray[np.float64]
 
 TWO_TURNS_RAD = (-2.0 * np.pi, 2.0 * np.pi)
 """The range of joints that the description has turn freely."""
@@ -43,7 +41,7 @@ class Urdf:
     text: str
     find_mesh: Callable[[str], Path]
 
-    def limits(self, joints: Sequence[str]) -> tuple[Array, Array]:
+    def limits(self, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         """The joints' highest speeds, rad/s, and torques, N·m, (J,) each.
 
         Raises:
@@ -82,7 +80,7 @@ class Urdf:
                 self._add_visual(spec, link, shape, f"{link}_{number}")
         return spec
 
-    def _vertices(self, shape: "_Shape") -> Array:
+    def _vertices(self, shape: "_Shape") -> FloatArray:
         """Points (V, 3) of a shape in its own frame."""
         if shape.mesh is None:
             return np.asarray(shape.primitive().vertices)
@@ -101,11 +99,11 @@ class Urdf:
 class _Shape:
     """A link's visual or collision shape: a mesh's name, or a primitive with its size as in URDF."""
 
-    pos: Array
-    q: Array
+    pos: FloatArray
+    q: FloatArray
     rgb: tuple[float, float, float] | None
     mesh: str | None = None
-    scale: Array | float = 1.0
+    scale: FloatArray | float = 1.0
     kind: str = ""
     size: Mapping[str, str] | None = None
 
@@ -146,7 +144,7 @@ def add_mesh(
     mesh: trimesh.Trimesh,
     *,
     rgb: Sequence[float],
-    scale: Array | float = 1.0,
+    scale: FloatArray | float = 1.0,
     **attributes: Any,
 ) -> None:
     """Add a mesh that is only seen; ``attributes`` are those of its geom."""
@@ -160,7 +158,7 @@ def add_mesh(
     add_visual(body, mujoco.mjtGeom.mjGEOM_MESH, material, meshname=name, **attributes)
 
 
-def capsule_about(points: Array) -> tuple[Array, float]:
+def capsule_about(points: FloatArray) -> tuple[FloatArray, float]:
     """The ends (2, 3) of the axis, and the radius, of a capsule about points (V, 3): along their longest extent.
 
     The axis runs through the middle of the box along the principal axes; the radius is the farthest point's distance
@@ -177,7 +175,7 @@ def capsule_about(points: Array) -> tuple[Array, float]:
     return np.stack([middle - end, middle + end]) @ axes, radius
 
 
-def _add_capsule(body: mujoco.MjsBody, points: Array, shape: _Shape, name: str) -> None:
+def _add_capsule(body: mujoco.MjsBody, points: FloatArray, shape: _Shape, name: str) -> None:
     ends, radius = capsule_about(points)
     ends = shape.pos + transforms.rotate(shape.q, ends)
     body.add_geom(
@@ -253,7 +251,7 @@ def _shape(found: Element) -> _Shape:
     return _Shape(pos, _fixed_angles(rpy), rgb, kind=shape.tag, size=shape.attrib)
 
 
-def _fixed_angles(rpy: Array) -> Array:
+def _fixed_angles(rpy: FloatArray) -> FloatArray:
     """The quaternion (4,) of turns about the fixed axes x, then y, then z."""
     roll, pitch, yaw = (
         transforms.from_axis_angle(axis, angle) for axis, angle in zip(np.eye(3), rpy, strict=True)
@@ -261,7 +259,7 @@ def _fixed_angles(rpy: Array) -> Array:
     return transforms.multiply(yaw, transforms.multiply(pitch, roll))
 
 
-def _numbers(text: str) -> Array:
+def _numbers(text: str) -> FloatArray:
     return np.array([float(number) for number in text.split()])
 
 

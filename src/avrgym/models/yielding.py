@@ -22,14 +22,12 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.models import contacts, human, robot, tools
 from avrgym.models.parts import add_collision
 from avrgym.models.robot import Arm
 from avrgym.models.tools import Hull, Tool
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +48,7 @@ class Give:
     midpoint: float = 0.5
     power: float = 1.0
 
-    def impedance(self, depth_m: Array) -> Array:
+    def impedance(self, depth_m: FloatArray) -> FloatArray:
         """MuJoCo's impedance at a depth, between 0 and 1; any shape."""
         share = np.clip(depth_m / self.depth_m, 0.0, 1.0)
         rising = self.midpoint * (share / self.midpoint) ** self.power
@@ -75,7 +73,7 @@ _ALONE = 1e6
 """Mixed with other geoms' parameters, those of the person count alone."""
 
 
-def contact_force_n(depth_m: Array) -> Array:
+def contact_force_n(depth_m: FloatArray) -> FloatArray:
     """What a contact of one point with a person carries at rest, where the robot cannot be moved; any shape."""
     impedance = FLESH.impedance(depth_m)
     return FLESH.stiffness_s2 * depth_m * impedance**2 / ((1.0 - impedance) * INVERSE_MASS_PER_KG)
@@ -84,7 +82,7 @@ def contact_force_n(depth_m: Array) -> Array:
 MOST_CONTACT_FORCE_N = float(contact_force_n(np.linspace(0.0, DEEPEST_M, 501)).max())
 
 
-def strike_force_n(energy_j: Array) -> Array:
+def strike_force_n(energy_j: FloatArray) -> FloatArray:
     """What the speed of things that move with this energy adds to a contact at most; any shape."""
     give = (1.0 - FLESH.first) / FLESH.first * INVERSE_MASS_PER_KG
     return 0.5 * FLESH.damping_s * np.sqrt(2.0 * energy_j / give)
@@ -117,12 +115,12 @@ def soften(geom: mujoco.MjsGeom, give: Give = FLESH) -> None:
     geom.solmix = _ALONE
 
 
-def torque_limit_n_m(arm: Arm, lead_rad: float) -> Array:
+def torque_limit_n_m(arm: Arm, lead_rad: float) -> FloatArray:
     """What each motor presses with at most, (J,): the spring of its servo at ``lead_rad``, or all that it can."""
     return np.minimum(arm.torque_limit_n_m, lead_rad * arm.stiffness_n_m_rad)
 
 
-def muscle_torque_n_m(strength_n_m: Array, tremor_rad: Array) -> Array:
+def muscle_torque_n_m(strength_n_m: FloatArray, tremor_rad: FloatArray) -> FloatArray:
     """What people's joints press with at most, (N, 20), of what they are able to, who tremble by so much or not."""
     trembling = tremor_rad.any(axis=-1, keepdims=True)
     return np.where(trembling, TREMBLING_SHARE * strength_n_m, strength_n_m)

@@ -4,11 +4,9 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary
-
-Array = NDArray[np.float64]
 
 CACHED = 65536
 """How many numbers of a product are held before they are summed: half a megabyte, which a processor's cache holds."""
@@ -28,10 +26,10 @@ class Memory:
         hidden_bias: (3 U,).
     """
 
-    input_weight: Array
-    input_bias: Array
-    hidden_weight: Array
-    hidden_bias: Array
+    input_weight: FloatArray
+    input_bias: FloatArray
+    hidden_weight: FloatArray
+    hidden_bias: FloatArray
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -42,7 +40,7 @@ class Memory:
         """U."""
         return self.hidden_weight.shape[0]
 
-    def after(self, rows: Array, remembered: Array) -> Array:
+    def after(self, rows: FloatArray, remembered: FloatArray) -> FloatArray:
         """What is remembered (N, U) after inputs (N, inputs), of what was before them; all within -1 to 1."""
         seen = np.split(product(rows, self.input_weight) + self.input_bias, 3, axis=1)
         known = np.split(product(remembered, self.hidden_weight) + self.hidden_bias, 3, axis=1)
@@ -51,7 +49,7 @@ class Memory:
         return (1.0 - kept) * new + kept * remembered
 
 
-def product(rows: Array, weight: Array) -> Array:
+def product(rows: FloatArray, weight: FloatArray) -> FloatArray:
     """The rows (N, inputs) times (inputs, outputs); a library for matrices would sum in an order of its own."""
     outputs = np.empty((len(rows), weight.shape[1]))
     at_once = max(1, CACHED // weight.size)
@@ -61,12 +59,12 @@ def product(rows: Array, weight: Array) -> Array:
     return outputs
 
 
-def frozen(array: Any) -> Array:
+def frozen(array: Any) -> FloatArray:
     """A read-only copy."""
     copy = np.array(array, np.float64, order="C")
     copy.setflags(write=False)
     return copy
 
 
-def _sigmoid(x: Array) -> Array:
+def _sigmoid(x: FloatArray) -> FloatArray:
     return 0.5 + 0.5 * elementary.tanh(0.5 * x)

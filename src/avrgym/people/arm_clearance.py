@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import like, namespace
 from avrgym.geometry.capsules import segment_box_distance, segment_distance
@@ -14,16 +14,14 @@ from avrgym.models import human
 from avrgym.models.human import GEOMS, RIGHT_ARM, SEATED, People, Posture, Z
 from avrgym.models.robot import Furniture
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Boxes:
     """B boxes, alike for all people: centres (B, 3), orientations (B, 4), half edges (B, 3); world frame."""
 
-    pos_w: Array
-    q_w: Array
-    half_size_m: Array
+    pos_w: FloatArray
+    q_w: FloatArray
+    half_size_m: FloatArray
 
 
 JOINED = frozenset({("right_upper_arm", "right_shoulder"), ("right_upper_arm", "chest")})
@@ -57,7 +55,7 @@ def furniture_boxes(furniture: Sequence[Furniture]) -> Boxes:
     return Boxes(data.geom_xpos[boxes], transforms.from_matrix(rotation), model.geom_size[boxes])
 
 
-def person_capsules(people: People, posture: Posture = SEATED) -> tuple[Array, Array]:
+def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArray, FloatArray]:
     """The bodies' capsules in the order of ``human.GEOMS``.
 
     Returns:
@@ -67,7 +65,7 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[Array, A
     xp = namespace(people.torso_height_m)
     layout = human.layout_of(people, posture)
     pos_w, q_w = human.body_frames(people, posture)
-    segments: list[Array] = []
+    segments: list[FloatArray] = []
     for name, geom in GEOMS.items():
         reach = layout.geom_size[name][:, 1:2] * like(np.array(geom.axis or Z), people.torso_height_m)
         ends = layout.geom_pos[name][:, None] + xp.stack([-reach, reach], axis=1)
@@ -76,7 +74,7 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[Array, A
     return xp.stack(segments, axis=1), xp.stack(radii, axis=1)
 
 
-def clearance(segments_w: Array, radii_m: Array, furniture: Boxes | None = None) -> Array:
+def clearance(segments_w: FloatArray, radii_m: FloatArray, furniture: Boxes | None = None) -> FloatArray:
     """The smallest gap (N,) in metres between the right arm and what it must keep away from.
 
     Negative where they overlap; it does not go on falling once an axis meets the other's axis or a box.
@@ -96,7 +94,7 @@ def clearance(segments_w: Array, radii_m: Array, furniture: Boxes | None = None)
     return xp.minimum(gap, _furniture_gap(segments_w[:, arm], radii_m[:, arm], furniture))
 
 
-def _furniture_gap(segments_w: Array, radii_m: Array, boxes: Boxes) -> Array:
+def _furniture_gap(segments_w: FloatArray, radii_m: FloatArray, boxes: Boxes) -> FloatArray:
     begin, end = segments_w[:, :, None, 0], segments_w[:, :, None, 1]
     to_axis = segment_box_distance(boxes.pos_w, boxes.q_w, boxes.half_size_m, begin, end)
     return namespace(to_axis).min(to_axis - radii_m[..., None], axis=(1, 2))

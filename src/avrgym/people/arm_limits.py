@@ -20,12 +20,10 @@ Only these angles are judged, not the posture: a shoulder may reach the same pos
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.arrays import RAD_PER_DEGREE, copied, floats, like, namespace
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, UPPER_RAD
-
-Array = NDArray[np.float64]
 
 ABDUCTION_RAD = -9.0 * RAD_PER_DEGREE, 160.0 * RAD_PER_DEGREE
 
@@ -36,7 +34,7 @@ _SIDE = np.array([1.0, -1.0])
 _PER_DEGREE = 180.0 / np.pi
 
 
-def within_limits(joint_angles_rad: Array) -> NDArray[np.bool_]:
+def within_limits(joint_angles_rad: FloatArray) -> BoolArray:
     """Whether both shoulders of each pose (..., 20) can turn as they do; shape (...)."""
     abduction, flexion, rotation = _shoulders(joint_angles_rad)
     possible = (
@@ -47,7 +45,7 @@ def within_limits(joint_angles_rad: Array) -> NDArray[np.bool_]:
     return possible[..., 0] & possible[..., 1]
 
 
-def clip(joint_angles_rad: Array) -> Array:
+def clip(joint_angles_rad: FloatArray) -> FloatArray:
     """Poses (..., 20) whose shoulders are moved into their limits, possible poses unchanged.
 
     Abduction first, then flexion given the abduction, then axial rotation given both: each to its nearest
@@ -65,12 +63,12 @@ def clip(joint_angles_rad: Array) -> Array:
     return clipped
 
 
-def flexion_range_rad(abduction_rad: Array) -> tuple[Array, Array]:
+def flexion_range_rad(abduction_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lower and upper limit of the shoulder's flexion at an abduction, any shape."""
     return -43.0 * RAD_PER_DEGREE + abduction_rad / 3.0, 153.0 * RAD_PER_DEGREE - abduction_rad / 6.0
 
 
-def rotation_range_rad(abduction_rad: Array, flexion_rad: Array) -> tuple[Array, Array]:
+def rotation_range_rad(abduction_rad: FloatArray, flexion_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lower and upper limit of the external rotation, any shape; also within the joint's own range."""
     a, f = abduction_rad, flexion_rad
     product = _PER_DEGREE * a * f / 810.0
@@ -81,7 +79,7 @@ def rotation_range_rad(abduction_rad: Array, flexion_rad: Array) -> tuple[Array,
     return xp.maximum(internal, lower), xp.minimum(external, upper)
 
 
-def _shoulders(joint_angles_rad: Array) -> tuple[Array, Array, Array]:
+def _shoulders(joint_angles_rad: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Abduction, flexion and external rotation of the right and the left shoulder, each (..., 2).
 
     Turning about y lifts the right arm outward and the left one inward, turning about x moves both backward,
@@ -93,5 +91,5 @@ def _shoulders(joint_angles_rad: Array) -> tuple[Array, Array, Array]:
     return side * y, -x, -side * z
 
 
-def _lies_in(angle: Array, limits: tuple[Array, Array] | tuple[float, float]) -> NDArray[np.bool_]:
+def _lies_in(angle: FloatArray, limits: tuple[FloatArray, FloatArray] | tuple[float, float]) -> BoolArray:
     return (angle >= limits[0]) & (angle <= limits[1])

@@ -11,16 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import copied, like, namespace, row_numbers
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people.uniform import between
-
-Array = NDArray[np.float64]
 
 Offered = Literal["mouth", "arm", "nothing"]
 
@@ -29,22 +27,22 @@ class Sight(Protocol):
     """What N people see and feel of the tool and of themselves, as in ``simulation.worlds.State``; world frame."""
 
     @property
-    def tool_pos_w(self) -> Array:
+    def tool_pos_w(self) -> FloatArray:
         """The tool, (N, 3)."""
         ...
 
     @property
-    def head_pos_w(self) -> Array:
+    def head_pos_w(self) -> FloatArray:
         """The head's centre, (N, 3)."""
         ...
 
     @property
-    def mouth_pos_w(self) -> Array:
+    def mouth_pos_w(self) -> FloatArray:
         """The mouth, (N, 3)."""
         ...
 
     @property
-    def right_arm_pos_w(self) -> Array:
+    def right_arm_pos_w(self) -> FloatArray:
         """Shoulder, elbow and wrist, (N, 3, 3)."""
         ...
 
@@ -87,18 +85,18 @@ class Mind:
     phases (N, 2).
     """
 
-    seen_w: Array
-    targets_rad: Array
-    rest_rad: Array
-    time_s: Array
-    reaction: NDArray[np.intp]
-    facing: Array
-    sway_rad: Array
-    sway_hz: Array
-    phase_rad: Array
+    seen_w: FloatArray
+    targets_rad: FloatArray
+    rest_rad: FloatArray
+    time_s: FloatArray
+    reaction: IntArray
+    facing: FloatArray
+    sway_rad: FloatArray
+    sway_hz: FloatArray
+    phase_rad: FloatArray
 
 
-def begin(people: People, uniforms: Array) -> Mind:
+def begin(people: People, uniforms: FloatArray) -> Mind:
     """The minds of people whose episode begins, from uniform numbers (n, ``UNIFORMS``)."""
     xp, count = namespace(uniforms), len(uniforms)
     low, high = REACTION_STEPS
@@ -144,7 +142,7 @@ def wait(mind: Mind) -> Mind:
     return replace(mind, time_s=mind.time_s + CONTROL_STEP_S)
 
 
-def sway_rad(mind: Mind) -> Array:
+def sway_rad(mind: Mind) -> FloatArray:
     """What sway adds to the joints' targets (N, 20): the waist rocks to and fro and to the sides."""
     xp = namespace(mind.targets_rad)
     angle = 2.0 * np.pi * mind.sway_hz * mind.time_s
@@ -155,7 +153,7 @@ def sway_rad(mind: Mind) -> Array:
     return wave
 
 
-def _bring_mouth(mind: Mind, sight: Sight, tool_w: Array, posture: Posture) -> Array:
+def _bring_mouth(mind: Mind, sight: Sight, tool_w: FloatArray, posture: Posture) -> FloatArray:
     """Targets that turn the face to the tool, and lean to it when it is near and in front."""
     xp, most, head = namespace(tool_w), like(HEAD_TURN_RAD, tool_w), like(_HEAD, tool_w)
     seen = xp.isfinite(tool_w).all(axis=-1)
@@ -169,7 +167,7 @@ def _bring_mouth(mind: Mind, sight: Sight, tool_w: Array, posture: Posture) -> A
     return wanted
 
 
-def _bring_arm(mind: Mind, sight: Sight, tool_w: Array) -> Array:
+def _bring_arm(mind: Mind, sight: Sight, tool_w: FloatArray) -> FloatArray:
     """Targets that lift the right arm sideways and stretch it a little when the tool is near."""
     xp, lift = namespace(tool_w), like(_LIFT, tool_w)
     gap = xp.min(transforms.norm(sight.right_arm_pos_w - tool_w[:, None]), axis=-1)
@@ -179,13 +177,13 @@ def _bring_arm(mind: Mind, sight: Sight, tool_w: Array) -> Array:
     return wanted
 
 
-def ahead_of(joint_angles_rad: Array, offset_w: Array, posture: Posture) -> Array:
+def ahead_of(joint_angles_rad: FloatArray, offset_w: FloatArray, posture: Posture) -> FloatArray:
     """Offsets (N, 3), world frame, in the torso's frame of people with joint angles (N, 20): ahead is −y."""
     hips, torso = (human.body_rotation(body, joint_angles_rad, posture) for body in ("hips", "torso"))
     return transforms.rotate(transforms.conjugate(transforms.multiply(hips, torso)), offset_w)
 
 
-def facing_rad(ahead: Array) -> Array:
+def facing_rad(ahead: FloatArray) -> FloatArray:
     """The head's joint angles (N, 3) that turn the face to what lies there from the head (N, 3), torso's frame."""
     xp = namespace(ahead)
     facing = xp.zeros_like(ahead)

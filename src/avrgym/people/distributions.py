@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.arrays import copied, like, namespace, worth_computing
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Person, Posture
@@ -23,7 +23,6 @@ from avrgym.people.zoo.partners import OF_ONE_STYLE, ZOOS, Partners
 if TYPE_CHECKING:
     from avrgym.people.files import PeopleFile
 
-Array = NDArray[np.float64]
 
 ATTEMPTS = 8
 UNIFORMS = 2 + ATTEMPTS * len(JOINTS)
@@ -90,8 +89,8 @@ class Pose:
     Where the right arm is spread, poses are sought that its shoulder allows and that leave it room.
     """
 
-    rest_rad: Array
-    spread_rad: Array
+    rest_rad: FloatArray
+    spread_rad: FloatArray
 
     @property
     def spreads_arm(self) -> bool:
@@ -121,7 +120,7 @@ def distribution_of(people: "PeopleFile") -> Distribution:
 
 
 def sample(
-    distribution: Distribution, pose: Pose, posture: Posture, furniture: Boxes | None, uniforms: Array
+    distribution: Distribution, pose: Pose, posture: Posture, furniture: Boxes | None, uniforms: FloatArray
 ) -> People:
     """People from uniform numbers (n, ``UNIFORMS``) in 0..1, man or woman with equal chance.
 
@@ -142,7 +141,7 @@ def sample(
     return _make_room(people, poses, posture, furniture) if pose.spreads_arm else people
 
 
-def _make_room(people: People, poses: Array, posture: Posture, furniture: Boxes | None) -> People:
+def _make_room(people: People, poses: FloatArray, posture: Posture, furniture: Boxes | None) -> People:
     """The people in the first of their poses (n, ``ATTEMPTS``, 20) that leaves the right arm room."""
     xp, angles = namespace(poses), copied(poses[:, 0])
     crowded = ~_has_room(people, posture, furniture)
@@ -157,7 +156,7 @@ def _make_room(people: People, poses: Array, posture: Posture, furniture: Boxes 
     return replace(people, joint_angles_rad=angles)
 
 
-def _has_room(people: People, posture: Posture, furniture: Boxes | None) -> NDArray[np.bool_]:
+def _has_room(people: People, posture: Posture, furniture: Boxes | None) -> BoolArray:
     segments_w, radii_m = person_capsules(people, posture)
     room = clearance(segments_w, radii_m, furniture) >= ROOM_M
     return room & arm_limits.within_limits(people.joint_angles_rad)

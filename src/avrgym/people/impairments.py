@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import like, namespace
 from avrgym.models.human import JOINTS, LOWER_RAD, UPPER_RAD, People
 from avrgym.people.names import IMPAIRMENTS, Impairment
 from avrgym.people.uniform import between
-
-Array = NDArray[np.float64]
 
 MOVING: tuple[Impairment, ...] = ("weakness", "tremor")
 """Those that show only in people whose joints move."""
@@ -41,7 +39,7 @@ def find_impairment(name: str) -> Impairment:
     return name
 
 
-def impair(people: People, impairment: Impairment, uniforms: Array) -> People:
+def impair(people: People, impairment: Impairment, uniforms: FloatArray) -> People:
     """The same people with an impairment, drawn from uniform numbers (n, ``UNIFORMS``).
 
     ``limits``: joint ranges, and the pose, shrink to a share U(0.5, 1); ``weakness``: the joints' torque to a
@@ -59,13 +57,13 @@ def impair(people: People, impairment: Impairment, uniforms: Array) -> People:
     return people
 
 
-def with_ranges(people: People, share: Array) -> People:
+def with_ranges(people: People, share: FloatArray) -> People:
     """The same people with so much (n,) of the joints' full ranges, and in a pose within them."""
     limited = replace(people, range_share=share)
     return replace(limited, joint_angles_rad=limit(limited, people.joint_angles_rad))
 
 
-def limit(people: People, joint_angles_rad: Array) -> Array:
+def limit(people: People, joint_angles_rad: FloatArray) -> FloatArray:
     """Joint angles (n, 20) brought into the people's ranges."""
     share = people.range_share[:, None]
     lower, upper = share * like(LOWER_RAD, share), share * like(UPPER_RAD, share)

@@ -10,16 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.networks.policy import FILE_SUFFIX, Policy, PolicyError
 from avrgym.people.distributions import NAMED, Distribution, distribution_of, find_distribution
 from avrgym.people.impairments import find_impairment
 from avrgym.people.names import Impairment
 from avrgym.system.carried import Carried
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.intp]
 
 HUMAN_FILE = "human.safetensors"
 """What a training of robot and human calls the human's file."""
@@ -122,13 +119,13 @@ class Humans:
         self._who = np.zeros(worlds, dtype=np.intp)
         self._chance = [np.random.default_rng(0)] * worlds
 
-    def begin(self, ids: Ids, who: Ids, uniforms: Array) -> None:
+    def begin(self, ids: IntArray, who: IntArray, uniforms: FloatArray) -> None:
         """Begin episodes in worlds ``ids`` (n,) of humans ``who`` (n,), with chance from uniform numbers (n,)."""
         self._who[ids] = who
         for world, uniform in zip(ids.tolist(), uniforms.tolist(), strict=True):
             self._chance[world] = np.random.default_rng([CHANCE, int(uniform * 2**53)])
 
-    def act(self, observations: Array) -> Array:
+    def act(self, observations: FloatArray) -> FloatArray:
         """Their actions (N, K) for what they observe (N, O), one control step on."""
         acted = np.zeros((len(observations), self._trained[0].action_size))
         for number, policy in enumerate(self._trained):

@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import brought, namespace
 from avrgym.policies.trained import Policy, PolicyError
-
-Array = NDArray[np.float64]
 
 
 class Actor:
@@ -27,11 +26,11 @@ class Actor:
         """Begin new episodes in some worlds: their numbers, or which (N,) of all."""
         self._remembered[np.asarray(worlds)] = 0.0
 
-    def act(self, observations: NDArray[np.floating], generators: Sequence[np.random.Generator]) -> Array:
+    def act(self, observations: FloatArray, generators: Sequence[np.random.Generator]) -> FloatArray:
         """Actions (N, A) float32 in [-1, 1], one control step on; observations (N, O), a generator for each."""
         return self._policy.drawn(self.mean(observations), generators)
 
-    def mean(self, observations: NDArray[np.floating]) -> Array:
+    def mean(self, observations: FloatArray) -> FloatArray:
         """The means (N, A) that actions are drawn about, one control step on.
 
         Raises:

@@ -1,17 +1,14 @@
 """Whether tools and people come together faster than a blow may be."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.capsules import point_distance
 from avrgym.models import robot
 from avrgym.models.body_regions import BODY_REGIONS, REGION_OF_GEOM, blow_speed_m_s
 from avrgym.models.human import GEOMS
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.simulation.worlds import Simulation
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 NEAR_M = 0.10
 """From so near on speeds count: people lean and turn by less while an arm comes to rest and goes back."""
@@ -28,15 +25,15 @@ class Approach:
     speed.
     """
 
-    def __init__(self, simulation: Simulation, force_n: Array) -> None:
+    def __init__(self, simulation: Simulation, force_n: FloatArray) -> None:
         """Watch for what would bring regions forces (R,), from where people and tools rest now."""
         self._simulation = simulation
         self.allowed_m_s = blow_speed_m_s(force_n, effective_mass_kg(simulation))
         state = simulation.state()
         self._pad_w, self._segment_w = state.pad_pos_w, state.person_segment_w
         worlds = len(self._pad_w)
-        self.by_person: Bools = np.zeros(worlds, dtype=bool)
-        self.together: Bools = self.by_person
+        self.by_person: BoolArray = np.zeros(worlds, dtype=bool)
+        self.together: BoolArray = self.by_person
         self.region, self.speed_m_s = np.zeros(worlds, dtype=np.intp), np.zeros(worlds)
 
     def look(self) -> None:
@@ -80,11 +77,11 @@ def effective_mass_kg(simulation: Simulation) -> float:
     return 0.5 * (moved_kg - tool_kg) + tool_kg
 
 
-def _closed_m(closed_m: Array, gap_m: Array) -> Array:
+def _closed_m(closed_m: FloatArray, gap_m: FloatArray) -> FloatArray:
     """By how much gaps (N, G) have closed, of those that will be near if they close once more by as much."""
     return np.where(gap_m - closed_m < NEAR_M, closed_m, 0.0)
 
 
-def _from_axes_m(point_w: Array, segment_w: Array) -> Array:
+def _from_axes_m(point_w: FloatArray, segment_w: FloatArray) -> FloatArray:
     """How far (N, G) points (N, 3) are from the axes (N, G, 2, 3) of capsules."""
     return point_distance(point_w[:, None], segment_w[:, :, 0], segment_w[:, :, 1])

@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from avrgym.array_types import FloatArray
 from avrgym.policies.trained import PolicyError
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, used_entry, used_python
-
-Array = NDArray[np.float64]
 
 MOST_WORDS = 160
 """How many characters of an exception are told."""
@@ -32,7 +31,7 @@ class Controller(Protocol):
         """Begin an episode of an environment, such as ``avrgym/FeedingJaco-v1``; all chance follows the seed."""
         ...
 
-    def act(self, observation: Array) -> ArrayLike:
+    def act(self, observation: FloatArray) -> ArrayLike:
         """The action (A,) for an observation (O,), float64: each joint's speed as a share, -1 to 1, of its limit."""
         ...
 
@@ -64,7 +63,7 @@ def reset(controller: Controller, seed: int, environment: str) -> None:
         raise as_failure(error) from error
 
 
-def answer(controller: Controller, observation: Array, size: int) -> Array:
+def answer(controller: Controller, observation: FloatArray, size: int) -> FloatArray:
     """A controller's action (size,) for an observation (O,), within -1 to 1.
 
     Raises:
@@ -73,7 +72,7 @@ def answer(controller: Controller, observation: Array, size: int) -> Array:
     return checked(lambda: controller.act(np.array(observation, float)), (size,))
 
 
-def checked(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> Array:
+def checked(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> FloatArray:
     """What ``act`` gives, within -1 to 1; ``ControllerError`` where it raises or is no action of this shape."""
     try:
         action = np.array(act(), float)
@@ -168,7 +167,7 @@ def broken() -> list[str]:
 class _Function:
     """A controller without memory: a function from an observation to an action."""
 
-    act: Callable[[Array], ArrayLike]
+    act: Callable[[FloatArray], ArrayLike]
 
     def reset(self, seed: int, environment: str) -> None:
         """Nothing: it remembers nothing."""

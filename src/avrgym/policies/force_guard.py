@@ -6,15 +6,12 @@ it comes too fast itself.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.policies.approach import Approach
 from avrgym.simulation.worlds import Simulation
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 GUARD_SHARE = 0.5
 """Above this share of a region's quasi-static limit the arm draws back, and no blow may bring more."""
@@ -58,18 +55,18 @@ class ForceGuard:
         self._count, self._forgotten = np.ones(worlds, dtype=np.intp), np.zeros(worlds, dtype=np.intp)
 
     @property
-    def acting(self) -> Bools:
+    def acting(self) -> BoolArray:
         """In which worlds (N,) the arms do not what was asked for."""
         return self.yielding | self.holding
 
-    def act(self, asked: Array) -> Array:
+    def act(self, asked: FloatArray) -> FloatArray:
         """The actions (N, A) with which a control step begins, in place of those that were asked for."""
         self._approach.look()
         self._asked = asked
         self.given = self._decide()
         return self.given
 
-    def amend(self, asked: Array | None = None) -> Bools:
+    def amend(self, asked: FloatArray | None = None) -> BoolArray:
         """In which worlds (N,) ``given`` is another one from the coming physics step on, maybe ``asked`` for."""
         before, self._asked = self.given, self._asked if asked is None else asked
         self.given = self._decide()
@@ -84,7 +81,7 @@ class ForceGuard:
         region = BODY_REGIONS[most]
         return f"{region.name} {force_n[most]:.1f} N, limit {region.quasi_static_limit_n:g} N"
 
-    def _decide(self) -> Array:
+    def _decide(self) -> FloatArray:
         """What the arms are to do in the coming physics step; called once for each."""
         yielded, acted = self.yielding, self.acting
         self._force_n = self._simulation.region_force_n()
@@ -108,7 +105,7 @@ class ForceGuard:
         self._count = self._count + moved
         self._forgotten = np.maximum(self._forgotten, self._count - WAYPOINTS)
 
-    def _retreat(self) -> Array:
+    def _retreat(self) -> FloatArray:
         """Actions (N, A) back along the way, as fast as the joints go; a pose that is reached is forgotten."""
         waypoint = self._way_rad[np.arange(len(self._count)), (self._count - 1) % WAYPOINTS]
         steps = (waypoint - self._simulation.arm_targets_rad()) / self._travel_rad

@@ -1,14 +1,12 @@
 """A hand that is driven in Cartesian space, as a human operator wants it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.kinematics import chain_of, jacobian
 from avrgym.models import robot
 from avrgym.simulation.worlds import Simulation
-
-Array = NDArray[np.float64]
 
 SPEED_LIMIT_M_S = 0.25
 TURN_LIMIT_RAD_S = 0.8
@@ -27,7 +25,7 @@ class Hand:
         self.chain = chain_of(simulation.model, joints, *ends)
         self._simulation, self._speed_limit = simulation, scene.arm.speed_limit_rad_s
 
-    def action(self, linear: Array, angular: Array) -> Array:
+    def action(self, linear: FloatArray, angular: FloatArray) -> FloatArray:
         """The action (A,) that moves the hand so, as far as joints and hand keep to their speed limits.
 
         Args:
@@ -38,7 +36,7 @@ class Hand:
         _, q_wb = (pose[0] for pose in self._simulation.robot_base())
         velocity_w = _shortened(linear) * SPEED_LIMIT_M_S, _shortened(angular) * TURN_LIMIT_RAD_S
         velocity_b = np.concatenate([transforms.rotate(transforms.conjugate(q_wb), v) for v in velocity_w])
-        j: Array = jacobian(self.chain, self._simulation.arm_angles_rad()[:1])[2][0]
+        j: FloatArray = jacobian(self.chain, self._simulation.arm_angles_rad()[:1])[2][0]
         speeds_rad_s = j.T @ np.linalg.solve(j @ j.T + DAMPING**2 * np.eye(6), velocity_b)
         shares, reached = speeds_rad_s / self._speed_limit, j @ speeds_rad_s
         excess = (
@@ -49,5 +47,5 @@ class Hand:
         return shares / max(1.0, *excess)
 
 
-def _shortened(vector: Array) -> Array:
+def _shortened(vector: FloatArray) -> FloatArray:
     return vector / max(1.0, float(np.linalg.norm(vector)))

@@ -4,8 +4,9 @@ import os
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from avrgym.array_types import FloatArray
 from avrgym.policies.controllers import Foreign
 from avrgym.policies.trained import PolicyError
 
@@ -25,7 +26,7 @@ class OnnxController:
     def reset(self, seed: int, environment: str) -> None:
         """Nothing is remembered, and nothing is chance."""
 
-    def act(self, observation: NDArray[np.float64]) -> ArrayLike:
+    def act(self, observation: FloatArray) -> ArrayLike:
         """The network's output for an observation (O,)."""
         given = observation.astype(self._dtype)
         (action,) = self._session.run(None, {self._input: given[None] if self._rows else given})

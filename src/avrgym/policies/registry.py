@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.policies import controllers
 from avrgym.policies.actors import Actor
 from avrgym.policies.controllers import Foreign
@@ -20,8 +20,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import BROKEN as BROKEN_TASKS
 from avrgym.tasks.registry import plugins_of, sizes
 
-Array = NDArray[np.float64]
-Act = Callable[[Array], NDArray[np.floating]]
+Act = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)

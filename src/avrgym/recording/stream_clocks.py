@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.recording.records import StreamSamples
 
 GAP_INTERVALS = 5.0
@@ -20,7 +20,6 @@ AHEAD_S, BACK_S = 0.25, 0.05
 OLDEST_S = 60.0
 """A sample that is older when it arrives has a wrong time; Lab Streaming Layer keeps no more."""
 
-Array = NDArray[np.float64]
 Chunks = Sequence[tuple[int, StreamSamples]]
 """The samples of one stream with the time of their arrival, in nanoseconds on the session's clock."""
 
@@ -43,7 +42,7 @@ class SampleTimes:
     ``raised`` counts the samples that would have been earlier than the one before by jitter alone.
     """
 
-    time_s: Array
+    time_s: FloatArray
     resets: tuple[ClockReset, ...]
     raised: int
 
@@ -85,7 +84,7 @@ def _is_plausible(stretch: _Stretch) -> bool:
     return -AHEAD_S <= stretch.delay_s <= OLDEST_S
 
 
-def _stretches(given: Array, arrived: Array, rate_hz: float) -> list[_Stretch]:
+def _stretches(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_Stretch]:
     """The samples between resets of the clock."""
     steps_s = np.diff(given)
     apart = np.flatnonzero((steps_s > _gap_s(rate_hz)) | (steps_s < -BACK_S)) + 1
@@ -116,7 +115,9 @@ def _gap_s(rate_hz: float) -> float:
     return max(GAP_INTERVALS / rate_hz, AHEAD_S) if rate_hz > 0.0 else AHEAD_S
 
 
-def _ahead_s(stretch: _Stretch, given: Array, corrected: Array, usual_s: float, rate_hz: float) -> float:
+def _ahead_s(
+    stretch: _Stretch, given: FloatArray, corrected: FloatArray, usual_s: float, rate_hz: float
+) -> float:
     """How far the clock is ahead in a stretch: by arrivals, or exactly where a regular stream goes on at its rate."""
     by_arrival_s = usual_s - stretch.delay_s
     if not stretch.first:

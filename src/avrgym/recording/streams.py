@@ -7,8 +7,8 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.recording.records import Stream
 from avrgym.recording.stream_clocks import GAP_INTERVALS, Chunks, SampleTimes, sample_times
 
@@ -19,7 +19,6 @@ QUERIES = "name='…', type='…', source_id='…' or hostname='…', several of
 FEWEST = 10
 """Of fewer samples nothing is said about jitter."""
 
-Array = NDArray[np.float64]
 Topics = Mapping[str, Sequence[tuple[int, Any]]]
 
 
@@ -122,7 +121,7 @@ def _figures(stream: Stream, chunks: Chunks, found: SampleTimes) -> StreamFigure
     )
 
 
-def _evenness(times: Array, rate_hz: float) -> tuple[float | None, int | None]:
+def _evenness(times: FloatArray, rate_hz: float) -> tuple[float | None, int | None]:
     """The deviation from the straight line through each stretch without a gap, and the number of gaps."""
     if rate_hz <= 0.0 or len(times) < FEWEST:
         return None, None
@@ -132,6 +131,6 @@ def _evenness(times: Array, rate_hz: float) -> tuple[float | None, int | None]:
     return (float(np.concatenate(residuals).std()) if residuals else None), len(breaks)
 
 
-def _residuals(times: Array) -> Array:
+def _residuals(times: FloatArray) -> FloatArray:
     numbers = np.arange(len(times), dtype=float)
     return times - np.polynomial.Polynomial.fit(numbers, times, 1)(numbers)

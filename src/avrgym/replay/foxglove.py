@@ -38,6 +38,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.recording.files import Recording
 from avrgym.recording.records import TOPICS, TrackingFrame, encode, json_schema
@@ -47,8 +48,6 @@ from avrgym.system.files import write_whole
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.scene.rendering import shown_model
 from avrgym.vr.scene.surfaces import Surface, body_surfaces
-
-Array = NDArray[np.float64]
 
 WORLD, TRACKING = "world", "local_floor"
 """The frames: the simulated world, z up; and that of tracked poses, y up, which the headset gives."""
@@ -192,18 +191,20 @@ def _clouds(surfaces: Mapping[str, Sequence[Surface]]) -> Iterator[tuple[str, ND
         yield body, np.concatenate(drawn)
 
 
-def _areas(surface: Surface) -> Array:
+def _areas(surface: Surface) -> FloatArray:
     corners = surface.vertices[surface.faces]
     return (
         np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2.0
     )
 
 
-def _points(surface: Surface, areas: Array, count: int, generator: np.random.Generator) -> NDArray[np.uint8]:
+def _points(
+    surface: Surface, areas: FloatArray, count: int, generator: np.random.Generator
+) -> NDArray[np.uint8]:
     faces = surface.faces[generator.choice(len(areas), count, p=areas / areas.sum())]
     shares = generator.dirichlet((1.0, 1.0, 1.0), count)[:, :, None]
     places = (surface.vertices[faces] * shares).sum(axis=1).astype("<f4")
-    rgba: Array = (surface.rgba[faces] * shares).sum(axis=1)
+    rgba: FloatArray = (surface.rgba[faces] * shares).sum(axis=1)
     colours = np.rint(255.0 * rgba).astype(np.uint8)
     return np.concatenate([places.view(np.uint8).reshape(count, 12), colours], axis=1)
 
@@ -224,8 +225,8 @@ def _point_cloud(log: _Log, body: str, points: NDArray[np.uint8]) -> PointCloud:
 
 
 def _moves(
-    times_s: Sequence[float], frames: Array, bodies: Sequence[str]
-) -> Iterator[tuple[float, list[tuple[str, Array]]]]:
+    times_s: Sequence[float], frames: FloatArray, bodies: Sequence[str]
+) -> Iterator[tuple[float, list[tuple[str, FloatArray]]]]:
     """For each time the bodies that are elsewhere than before with their poses (7,); at first all of them."""
     before = np.full_like(frames[0], np.nan)
     for time_s, poses in zip(times_s, frames, strict=True):
@@ -235,7 +236,7 @@ def _moves(
             yield time_s, [(bodies[number], poses[number]) for number in moved]
 
 
-def _transform(log: _Log, time_s: float, frame: str, pose: Array) -> FrameTransform:
+def _transform(log: _Log, time_s: float, frame: str, pose: FloatArray) -> FrameTransform:
     """Where a frame lies in the world: x, y, z, w, x, y, z."""
     x, y, z, qw, qx, qy, qz = pose.tolist()
     return FrameTransform(
@@ -247,7 +248,7 @@ def _transform(log: _Log, time_s: float, frame: str, pose: Array) -> FrameTransf
     )
 
 
-def _tracking_space(recording: Recording) -> Array:
+def _tracking_space(recording: Recording) -> FloatArray:
     """Where the space of tracked poses lies in the world (7,)."""
     there = XRPose(**recording.metadata["xr_from_world"])
     x, y, z, w = there.orientation

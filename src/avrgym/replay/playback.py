@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINTS, Person
 from avrgym.recording.files import Recording
 from avrgym.recording.records import Control, Event, Physics
@@ -18,7 +18,6 @@ from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 from avrgym.vr.session.attempt import control_record
 from avrgym.vr.tracking.world import ControlStep, ControlSteps
 
-Array = NDArray[np.float64]
 HALTS = (("phase", "retreat"), ("phase", "free_after"))
 """Events at which the robot is halted. Recordings of earlier versions hold no retreat."""
 
@@ -28,8 +27,8 @@ class StateAgain:
     """A recorded state of the simulator (S,), and the state that stepping leads to in its place."""
 
     time_s: float
-    recorded: Array
-    stepped: Array
+    recorded: FloatArray
+    stepped: FloatArray
 
     @property
     def identical(self) -> bool:
@@ -70,7 +69,7 @@ class Playback:
         except ReplayError as error:
             raise ReplayError("; ".join([str(error), *changed_plugins(recording)])) from error
         self._control = ControlSteps(self.episodes)
-        self._action: Array | None = None
+        self._action: FloatArray | None = None
         self._told = self._brakes = False
         self._step: ControlStep | None = None
         self.phase = ""
@@ -122,7 +121,7 @@ class Playback:
             act = self._act if self.driven else None
             self._step = self._control.tick(act, self._amend, brakes=self._brakes)
 
-    def _begin(self, state: Array) -> None:
+    def _begin(self, state: FloatArray) -> None:
         size = len(self.episodes.simulation.integration_state())
         if len(state) != size:
             raise ReplayError(
@@ -139,13 +138,13 @@ class Playback:
             )
         return self._step
 
-    def _act(self, _observation: Array | None) -> Array:
+    def _act(self, _observation: FloatArray | None) -> FloatArray:
         if self._action is None:
             raise ReplayError(f"it holds no commands to the robot: {made_with(self.recording)}")
         self._told = False
         return self._action
 
-    def _amend(self) -> Array | None:
+    def _amend(self) -> FloatArray | None:
         """A command that was given in the middle of a control step."""
         return self._act(self._action) if self._told else None
 

@@ -10,16 +10,14 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry.elementary import fingerprint_of_c_library
 from avrgym.recording.files import Recording
 from avrgym.recording.records import Control
 from avrgym.replay.playback import Playback, StateAgain, StepAgain, changed_plugins
 from avrgym.system.used_plugins import stored
 from avrgym.vr.session.attempt import versions
-
-Array = NDArray[np.float64]
 
 _State = mujoco.mjtState
 STATE_QUANTITIES: Mapping[str, _State] = {
@@ -159,7 +157,7 @@ class _Ledger:
         ]
         return all(same)
 
-    def _compare(self, quantity: str, time_s: float, recorded: Array, stepped: Array) -> bool:
+    def _compare(self, quantity: str, time_s: float, recorded: FloatArray, stepped: FloatArray) -> bool:
         if recorded.tobytes() == stepped.tobytes():
             return True
         largest, share = _distance(recorded, stepped)
@@ -174,7 +172,7 @@ class _Ledger:
         return False
 
 
-def _distance(recorded: Array, stepped: Array) -> tuple[float, float]:
+def _distance(recorded: FloatArray, stepped: FloatArray) -> tuple[float, float]:
     """The largest difference, and the largest as a share; infinite where shapes differ or a number is missing."""
     if recorded.shape != stepped.shape:
         return np.inf, np.inf
@@ -183,13 +181,13 @@ def _distance(recorded: Array, stepped: Array) -> tuple[float, float]:
     return float(apart.max()), float((apart / np.fmax(1.0, np.abs(recorded))).max())
 
 
-def _part(model: mujoco.MjModel, state: Array, part: _State) -> Array:
+def _part(model: mujoco.MjModel, state: FloatArray, part: _State) -> FloatArray:
     found = np.empty(mujoco.mj_stateSize(model, part))
     mujoco.mj_extractState(model, state, _State.mjSTATE_INTEGRATION, found, part)
     return found
 
 
-def _figures(step: Control) -> dict[str, Array]:
+def _figures(step: Control) -> dict[str, FloatArray]:
     """What a control step gave, each an array, by name."""
     terms = {f"term {name}": value for name, value in step.reward_terms.items()}
     values = {

@@ -8,16 +8,13 @@ are solved together; a world's result has the same bits alone and among others.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.geometry.kinematics import METRES_PER_RADIAN, Chain, Solution
 from avrgym.geometry.transforms import norm
 from avrgym.models.robot import BaseRange
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ids = NDArray[np.intp]
 
 CANDIDATES = 100
 UNIFORMS = 3 * CANDIDATES
@@ -32,8 +29,8 @@ GOAL_ITERATIONS, GOAL_TOLERANCE_M = 10, 0.02
 class BasePoses:
     """Positions (..., 3) and angles about the vertical (...) of a robot's base, world frame."""
 
-    pos_w: Array
-    yaw_rad: Array
+    pos_w: FloatArray
+    yaw_rad: FloatArray
 
 
 @dataclass(frozen=True)
@@ -45,10 +42,10 @@ class Scores:
     ``isotropy``: the sum over the poses that are reached, 0 where the start is not.
     """
 
-    start_reached: Bools
-    start_error_m: Array
-    goals_reached: Ids
-    isotropy: Array
+    start_reached: BoolArray
+    start_error_m: FloatArray
+    goals_reached: IntArray
+    isotropy: FloatArray
 
 
 @dataclass(frozen=True)
@@ -59,14 +56,14 @@ class BaseChoice:
     and this one comes closest.
     """
 
-    index: Ids
+    index: IntArray
     base: BasePoses
-    angles_rad: Array
-    reached: Bools
+    angles_rad: FloatArray
+    reached: BoolArray
     scores: Scores
 
 
-def sample(base_range: BaseRange, pos_w: ArrayLike, yaw_rad: float, uniforms: Array) -> BasePoses:
+def sample(base_range: BaseRange, pos_w: ArrayLike, yaw_rad: float, uniforms: FloatArray) -> BasePoses:
     """Candidates (n, C) around a nominal position (3,) and yaw, made of uniform numbers (n, 3C)."""
     ranges = np.array([base_range.x_m, base_range.y_m, base_range.yaw_rad])
     shares = uniforms.reshape(len(uniforms), -1, 3)
@@ -77,11 +74,11 @@ def sample(base_range: BaseRange, pos_w: ArrayLike, yaw_rad: float, uniforms: Ar
 def search(
     chain: Chain,
     candidates: BasePoses,
-    start_pos_w: Array,
-    start_q_w: Array,
-    goal_pos_w: Array,
-    goal_q_w: Array | None,
-    seed_rad: Array,
+    start_pos_w: FloatArray,
+    start_q_w: FloatArray,
+    goal_pos_w: FloatArray,
+    goal_q_w: FloatArray | None,
+    seed_rad: FloatArray,
 ) -> BaseChoice:
     """The candidates from which the arm reaches the start pose, then most goals, and those most freely.
 
@@ -117,7 +114,9 @@ def search(
     )
 
 
-def _solve_starts(chain: Chain, pos: Array, q: Array, seed_rad: Array, per_world: int) -> Solution:
+def _solve_starts(
+    chain: Chain, pos: FloatArray, q: FloatArray, seed_rad: FloatArray, per_world: int
+) -> Solution:
     """Arms (n C,) at start poses in the candidates' frames, ``per_world`` rows for each world."""
     seeds = np.tile(seed_rad, (len(pos), 1))
     arms = _solve_within_reach(chain, pos, q, seeds, START_ITERATIONS, START_TOLERANCE_M)
@@ -133,7 +132,7 @@ def _solve_starts(chain: Chain, pos: Array, q: Array, seed_rad: Array, per_world
     return arms
 
 
-def _evenly_spread(count: int, dimensions: int) -> Array:
+def _evenly_spread(count: int, dimensions: int) -> FloatArray:
     """Points (count, dimensions) that fill the cube ±1 evenly.
 
     Roberts' sequence (2018): steps of powers of 1/x, where x^(dimensions + 1) = x + 1.
@@ -146,7 +145,12 @@ def _evenly_spread(count: int, dimensions: int) -> Array:
 
 
 def _score(
-    chain: Chain, bases: BasePoses, world: Ids, arms: Solution, goal_pos_w: Array, goal_q_w: Array | None
+    chain: Chain,
+    bases: BasePoses,
+    world: IntArray,
+    arms: Solution,
+    goal_pos_w: FloatArray,
+    goal_q_w: FloatArray | None,
 ) -> Scores:
     """Scores (n C,) of bases whose arms at the start are given."""
     reached = kinematics.accurate(arms)
@@ -164,8 +168,12 @@ def _score(
 
 
 def _arrive(
-    chain: Chain, bases: BasePoses, angles_rad: Array, goal_pos_w: Array, goal_q_w: Array | None
-) -> tuple[Bools, Array]:
+    chain: Chain,
+    bases: BasePoses,
+    angles_rad: FloatArray,
+    goal_pos_w: FloatArray,
+    goal_q_w: FloatArray | None,
+) -> tuple[BoolArray, FloatArray]:
     """Which arms (N,) get to their goal from these angles, and how freely they stand there, 0 for others."""
     pos = _point_from(bases, goal_pos_w)
     q = None if goal_q_w is None else _rotation_from(bases, goal_q_w)
@@ -176,14 +184,19 @@ def _arrive(
     return arrived, isotropy
 
 
-def _merit(scores: Scores, goals: int) -> Array:
+def _merit(scores: Scores, goals: int) -> FloatArray:
     """Higher is better. An isotropy is at most 1: the sum of all does not outweigh one goal more."""
     merit = scores.goals_reached * (goals + 2.0) + scores.isotropy
     return np.where(scores.start_reached, merit, -scores.start_error_m)
 
 
 def _solve_within_reach(
-    chain: Chain, pos: Array, q: Array | None, start_rad: Array, iterations: int, tolerance: float
+    chain: Chain,
+    pos: FloatArray,
+    q: FloatArray | None,
+    start_rad: FloatArray,
+    iterations: int,
+    tolerance: float,
 ) -> Solution:
     """Inverse kinematics; what lies beyond the arm's reach is not tried and counts as half a turn away too."""
     beyond_m = norm(pos - chain.pos[0]) - kinematics.reach_m(chain)
@@ -198,19 +211,19 @@ def _solve_within_reach(
     return Solution(angles, position_error, rotation_error)
 
 
-def _point_from(bases: BasePoses, pos_w: Array) -> Array:
+def _point_from(bases: BasePoses, pos_w: FloatArray) -> FloatArray:
     """World positions (N, 3) in the frames of bases (N,)."""
     return transforms.rotate(_upright(-bases.yaw_rad), pos_w - bases.pos_w)
 
 
-def _rotation_from(bases: BasePoses, q_w: Array) -> Array:
+def _rotation_from(bases: BasePoses, q_w: FloatArray) -> FloatArray:
     """World rotations (N, 4) in the frames of bases (N,)."""
     return transforms.multiply(_upright(-bases.yaw_rad), q_w)
 
 
-def _upright(yaw_rad: Array) -> Array:
+def _upright(yaw_rad: FloatArray) -> FloatArray:
     return transforms.from_axis_angle([0.0, 0.0, 1.0], yaw_rad)
 
 
-def _rows(bases: BasePoses, rows: Ids) -> BasePoses:
+def _rows(bases: BasePoses, rows: IntArray) -> BasePoses:
     return BasePoses(bases.pos_w[rows], bases.yaw_rad[rows])

@@ -4,7 +4,8 @@ from copy import copy
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+
+from avrgym.array_types import BoolArray
 
 
 def without_idle_parts(model: mujoco.MjModel) -> mujoco.MjModel:
@@ -27,7 +28,7 @@ def without_idle_parts(model: mujoco.MjModel) -> mujoco.MjModel:
     return model
 
 
-def _may_touch(model: mujoco.MjModel) -> NDArray[np.bool_]:
+def _may_touch(model: mujoco.MjModel) -> BoolArray:
     """Which geoms (G, G) may touch each other, by their contact bits and by what they are fixed to."""
     meets = (model.geom_contype[:, None] & model.geom_conaffinity) != 0
     fixed_to = model.body_weldid[model.geom_bodyid]

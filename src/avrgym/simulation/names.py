@@ -6,8 +6,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import IntArray
 from avrgym.geometry.arrays import like
 from avrgym.models import human, robot
 from avrgym.models.scene import (
@@ -20,8 +20,6 @@ from avrgym.models.scene import (
     TOOL_VELOCITY_SENSOR,
     SceneConfig,
 )
-
-Ids = NDArray[np.intp]
 
 
 class Names:
@@ -70,11 +68,11 @@ class Names:
         return there
 
 
-def _qpos(model: mujoco.MjModel, joints: Sequence[str]) -> Ids:
+def _qpos(model: mujoco.MjModel, joints: Sequence[str]) -> IntArray:
     return np.array([model.joint(name).qposadr[0] for name in joints], dtype=np.intp)
 
 
-def actuators(model: mujoco.MjModel, names: Sequence[str]) -> Ids:
+def actuators(model: mujoco.MjModel, names: Sequence[str]) -> IntArray:
     return np.array([model.actuator(name).id for name in names], dtype=np.intp)
 
 

@@ -4,15 +4,12 @@ from functools import lru_cache
 
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.models import human, yielding
 from avrgym.models.human import People, Person
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.names import actuators
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.intp]
 
 
 class PersonFields:
@@ -36,7 +33,7 @@ class PersonFields:
             self._actuators = actuators(model, [human.PREFIX + name for name in human.JOINTS])
             self._force_range = batch.expand("actuator_forcerange")
 
-    def write(self, ids: Ids, people: People) -> None:
+    def write(self, ids: IntArray, people: People) -> None:
         layout = human.layout_of(people, self._posture)
         for name, body in self._bodies.items():
             self._body_pos[ids, body] = layout.body_pos[name]
@@ -55,11 +52,11 @@ class PersonFields:
                 np.where(people.is_woman, human.WOMAN.mass, human.MAN.mass)[:, None] * self._mass_share
             )
 
-    def give_way(self, ids: Ids) -> None:
+    def give_way(self, ids: IntArray) -> None:
         """Soften the contacts of people whose constants were just recomputed."""
         self._inverse_mass[ids[:, None], self._ids, 0] += yielding.INVERSE_MASS_PER_KG
 
-    def _write_dynamics(self, ids: Ids, people: People) -> None:
+    def _write_dynamics(self, ids: IntArray, people: People) -> None:
         for row, world in enumerate(ids):
             inertia = _inertia(
                 human.SEXES[int(people.is_woman[row])],
@@ -78,7 +75,7 @@ INERTIAL_FIELDS = ("body_mass", "body_inertia", "body_ipos", "body_iquat")
 
 
 @lru_cache(maxsize=1024)
-def _inertia(sex: human.Sex, torso_height_m: float, arm_scale: float) -> dict[str, Array]:
+def _inertia(sex: human.Sex, torso_height_m: float, arm_scale: float) -> dict[str, FloatArray]:
     """The inertial model fields of a person's bodies, in the order of ``human.BODIES``."""
     model = human.person_model(Person(sex, torso_height_m, arm_scale=arm_scale), moving=True)
     bodies = [model.body(human.PREFIX + name).id for name in human.BODIES]

@@ -5,8 +5,8 @@ from dataclasses import dataclass, fields
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.transforms import norm
 from avrgym.models.body_regions import (
     BODY_REGIONS,
@@ -17,13 +17,11 @@ from avrgym.models.body_regions import (
 )
 from avrgym.models.scene import GEOM_CONTACTS, PHYSICS_STEP_S, region_sensor
 
-Array = NDArray[np.float64]
-
 
 class RegionForces:
     """Reads the sensors that ``scene.add_region_sensors`` added, from the live sensor data (N, S) of worlds."""
 
-    def __init__(self, model: mujoco.MjModel, sensordata: Array) -> None:
+    def __init__(self, model: mujoco.MjModel, sensordata: FloatArray) -> None:
         self._sensordata = sensordata
         self._columns = np.stack(
             [
@@ -33,7 +31,7 @@ class RegionForces:
         ).reshape(-1, GEOM_CONTACTS, 3)
         self._first_of_region = np.searchsorted([*REGION_OF_GEOM.values()], np.arange(len(BODY_REGIONS)))
 
-    def now_n(self) -> Array:
+    def now_n(self) -> FloatArray:
         """The lengths of the forces of single contacts added up by region, (N, R), in newtons."""
         on_geoms = norm(self._sensordata[:, self._columns]).cumsum(axis=-1)[..., -1]
         return np.add.reduceat(on_geoms, self._first_of_region, axis=-1)
@@ -47,23 +45,23 @@ class RegionLoads:
     ``held_s`` how long the force was above the quasi-static limit at a stretch, at most.
     """
 
-    mean_n: Array
-    peak_n: Array
-    contact_share: Array
-    held_s: Array
+    mean_n: FloatArray
+    peak_n: FloatArray
+    contact_share: FloatArray
+    held_s: FloatArray
 
     @property
-    def over_quasi_static(self) -> NDArray[np.bool_]:
+    def over_quasi_static(self) -> BoolArray:
         """Where a force was above the quasi-static limit for longer than ``TRANSIENT_S`` without a break."""
         return self.held_s > TRANSIENT_S
 
     @property
-    def over_transient(self) -> NDArray[np.bool_]:
+    def over_transient(self) -> BoolArray:
         """Where a force was above the transient limit in any physics step."""
         return self.peak_n > TRANSIENT_LIMIT_N
 
     @property
-    def over_limit(self) -> NDArray[np.bool_]:
+    def over_limit(self) -> BoolArray:
         """Where either limit was exceeded."""
         return self.over_quasi_static | self.over_transient
 
@@ -117,7 +115,7 @@ class RegionWatch:
         self._sum_n, self._peak_n = np.zeros(shape), np.zeros(shape)
         self._touched, self._held, self._longest = (np.zeros(shape, dtype=int) for _ in range(3))
 
-    def add(self, force_n: Array) -> None:
+    def add(self, force_n: FloatArray) -> None:
         """Take the forces (N, R) of another physics step."""
         self._steps += 1
         self._sum_n += force_n

@@ -10,14 +10,12 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.models import human, robot
 from avrgym.models.contacts import COLLISION_GROUP, FURNITURE, PERSON
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.simulation.worlds import Simulation
-
-Array = NDArray[np.float64]
 
 SPEED_M_S = 0.08
 """How fast the tool leaves: near the head it stays below 0.1 m/s, and servos overshoot a little."""
@@ -45,10 +43,10 @@ class Near(NamedTuple):
     speeds into the speed at which a gap widens; ``of_hand`` (L,): whether it lies between person and hand or tool.
     """
 
-    gap_m: Array
-    away_w: Array
-    rows: Array
-    of_hand: NDArray[np.bool_]
+    gap_m: FloatArray
+    away_w: FloatArray
+    rows: FloatArray
+    of_hand: BoolArray
 
 
 class Retreat:
@@ -87,7 +85,7 @@ class Retreat:
         self._head, self._mouth = (model.site(human.PREFIX + name).id for name in ("head_centre", "mouth"))
         self._steps = steps
 
-    def action(self) -> Array | None:
+    def action(self) -> FloatArray | None:
         """The action (J,) for the next control step; ``None`` when the tool has left or ``LONGEST_S`` are over."""
         self._data.qpos[:] = self._simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
@@ -104,7 +102,7 @@ class Retreat:
             (near.gap_m[near.of_hand] > self._free_m).all()
         )
 
-    def _wish_w(self, near: Near) -> Array:
+    def _wish_w(self, near: Near) -> FloatArray:
         """The tool's velocity (3,): away from the head, and the more from what else of the person the hand is near."""
         away = _unit(self._data.xpos[self._tool] - self._data.site_xpos[self._head])
         if near.of_hand.any():
@@ -112,7 +110,7 @@ class Retreat:
             away = away + max(0.0, 2.0 - 2.0 * near.gap_m[nearest] / self._free_m) * near.away_w[nearest]
         return SPEED_M_S * _unit(away)
 
-    def _speeds_rad_s(self, velocity_w: Array, near: Near) -> Array:
+    def _speeds_rad_s(self, velocity_w: FloatArray, near: Near) -> FloatArray:
         """The joints' speeds (J,) that move the tool so and turn it little, as nearly as person and joints let them."""
         jacobian = self._jacobian(self._tool, self._data.xpos[self._tool])
         jacobian[3:] *= LEVER_M
@@ -127,7 +125,7 @@ class Retreat:
         return speeds / max(1.0, *excess)
 
     def _near(self) -> Near:
-        pairs: list[tuple[float, Array, Array, bool]] = []
+        pairs: list[tuple[float, FloatArray, FloatArray, bool]] = []
         ends_w = np.empty(6)
         for link in self._links:
             for obstacle in self._obstacles:
@@ -141,14 +139,14 @@ class Retreat:
             return Near(np.zeros(0), np.zeros((0, 3)), np.zeros((0, len(self._dofs))), np.zeros(0, bool))
         return Near(*(np.array(column) for column in zip(*pairs, strict=True)))
 
-    def _jacobian(self, body: int, pos_w: Array) -> Array:
+    def _jacobian(self, body: int, pos_w: FloatArray) -> FloatArray:
         """The linear and angular velocity (6, J) of a point of a body by the joints' speeds."""
         jacobian = np.empty((6, self._model.nv))
         mujoco.mj_jac(self._model, self._data, jacobian[:3], jacobian[3:], pos_w, body)
         return jacobian[:, self._dofs]
 
 
-def _solved(task: Array, wish: Array, rows: Array, least: Array) -> Array:
+def _solved(task: FloatArray, wish: FloatArray, rows: FloatArray, least: FloatArray) -> FloatArray:
     """The q (J,) that brings ``task`` (6, J) q nearest to ``wish`` (6,), with ``rows`` (L, J) q at least ``least``.
 
     Damped least squares, corrected by what the dual programme, which has but bounds, says of the limits. Without an
@@ -179,5 +177,5 @@ def _moved_by(model: mujoco.MjModel, joint: int) -> list[int]:
     ]
 
 
-def _unit(vector: Array) -> Array:
+def _unit(vector: FloatArray) -> FloatArray:
     return vector / max(float(np.linalg.norm(vector)), 1e-9)

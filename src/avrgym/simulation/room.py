@@ -8,14 +8,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry.transforms import norm
 from avrgym.models import contacts, human
 from avrgym.models.contacts import ContactBits
 from avrgym.models.human import RIGHT_ARM
 from avrgym.people.arm_clearance import PAIRS
 
-Array = NDArray[np.float64]
-Ids = NDArray[np.intp]
 Rooms = dict[tuple[int, int], float]
 """How far two geoms must be apart at least, metres, by their ids."""
 
@@ -42,9 +41,9 @@ class NoRoomError(ValueError):
 class Geoms:
     """All geoms of n worlds: centres (n, G, 3), orientations (n, G, 9) row by row, sizes (n, G, 3); world frame."""
 
-    pos_w: Array
-    mat_w: Array
-    size_m: Array
+    pos_w: FloatArray
+    mat_w: FloatArray
+    size_m: FloatArray
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ class Room:
             self._conflict(geoms, world, np.nonzero(pairs)[0], room_m) for world, pairs in enumerate(near)
         ]
 
-    def _conflict(self, geoms: Geoms, world: int, pairs: Ids, room_m: Array) -> Conflict | None:
+    def _conflict(self, geoms: Geoms, world: int, pairs: IntArray, room_m: FloatArray) -> Conflict | None:
         """The pair that lacks most room, of those whose bounding spheres do."""
         if not len(pairs):
             return None
@@ -122,7 +121,7 @@ class Room:
         return {"person": "the person's ", "robot": "the robot's "}.get(owner, "the ") + words
 
 
-def _reach_m(kinds: NDArray[np.int32], size_m: Array) -> Array:
+def _reach_m(kinds: NDArray[np.int32], size_m: FloatArray) -> FloatArray:
     """The radii (n, G) of spheres around geoms."""
     x, y, z = np.moveaxis(size_m, -1, 0)
     conditions = [kinds == _SPHERE, kinds == _CAPSULE, kinds == _CYLINDER]

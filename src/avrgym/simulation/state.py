@@ -3,20 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from avrgym.array_types import FloatArray
 from avrgym.models.human import People
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class RightArm:
     """The frames of upper arm, forearm and hand: shoulder, elbow and wrist; (N, 3, 3) and (N, 3, 4), world frame."""
 
-    right_arm_pos_w: Array
-    right_arm_q_w: Array
+    right_arm_pos_w: FloatArray
+    right_arm_q_w: FloatArray
 
 
 @dataclass(frozen=True)
@@ -35,29 +31,29 @@ class State(RightArm):
     add up the lengths of the forces of single contacts, of the robot with its tool and of its links alone.
     """
 
-    robot_pos_w: Array
-    arm_angles_rad: Array
-    effector_velocity_w: Array
-    tool_velocity_w: Array
-    tool_pos_w: Array
-    tool_q_w: Array
-    pad_pos_w: Array
-    pad_q_w: Array
-    head_pos_w: Array
-    head_q_w: Array
-    mouth_pos_w: Array
-    placed_pos_w: Mapping[str, Array]
-    particle_pos_w: Array
-    particle_velocity_w: Array
-    person_segment_w: Array
-    person_radius_m: Array
-    robot_force_n: Array
-    tool_force_n: Array
-    total_force_n: Array
-    links_force_n: Array
-    tool_contact_pos_w: Array
-    tool_contact_normal_w: Array
-    tool_contact_force_n: Array
+    robot_pos_w: FloatArray
+    arm_angles_rad: FloatArray
+    effector_velocity_w: FloatArray
+    tool_velocity_w: FloatArray
+    tool_pos_w: FloatArray
+    tool_q_w: FloatArray
+    pad_pos_w: FloatArray
+    pad_q_w: FloatArray
+    head_pos_w: FloatArray
+    head_q_w: FloatArray
+    mouth_pos_w: FloatArray
+    placed_pos_w: Mapping[str, FloatArray]
+    particle_pos_w: FloatArray
+    particle_velocity_w: FloatArray
+    person_segment_w: FloatArray
+    person_radius_m: FloatArray
+    robot_force_n: FloatArray
+    tool_force_n: FloatArray
+    total_force_n: FloatArray
+    links_force_n: FloatArray
+    tool_contact_pos_w: FloatArray
+    tool_contact_normal_w: FloatArray
+    tool_contact_force_n: FloatArray
 
 
 @dataclass(frozen=True)
@@ -69,7 +65,7 @@ class Start:
     """
 
     people: People
-    robot_pos_w: Array
-    robot_q_w: Array
-    arm_angles_rad: Array
-    placed_pos_w: Mapping[str, Array]
+    robot_pos_w: FloatArray
+    robot_q_w: FloatArray
+    arm_angles_rad: FloatArray
+    placed_pos_w: Mapping[str, FloatArray]

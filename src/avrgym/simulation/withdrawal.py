@@ -8,14 +8,11 @@ ends.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.retreat import Retreat
-from avrgym.simulation.worlds import Ids, Simulation
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from avrgym.simulation.worlds import Simulation
 
 SETTLED_S = 0.5
 """Time without an event, such as a bite or a sip, from success to the beginning of the withdrawal."""
@@ -38,10 +35,10 @@ class Withdrawal:
         self._retreats: dict[int, Retreat] = {}
         self._settled_steps, self._moved_steps = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
         self.driving, self._away = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-        self._own: Array | None = None
+        self._own: FloatArray | None = None
         """Its actions (N, J) for the coming control step, once they are known."""
 
-    def begin(self, ids: Ids) -> None:
+    def begin(self, ids: IntArray) -> None:
         """Begin episodes in worlds ``ids`` (n,)."""
         for name in _CHANGING:
             getattr(self, name)[ids] = 0
@@ -49,14 +46,14 @@ class Withdrawal:
         for world in ids.tolist():
             self._retreats.pop(world, None)
 
-    def see(self, success: Bools, events: NDArray[np.intp]) -> None:
+    def see(self, success: BoolArray, events: IntArray) -> None:
         """Take what a control step gave in each world, (N,) each."""
         settled = success & (events == 0)
         self._settled_steps = np.where(settled, self._settled_steps + 1, 0)
         self.driving = self.driving | (self._settled_steps >= SETTLED_STEPS)
         self._own = None
 
-    def led(self, asked: Array) -> Array:
+    def led(self, asked: FloatArray) -> FloatArray:
         """Actions (N, J) for the next control step: ``asked``, or its own where it drives."""
         if not self.driving.any():
             return asked
@@ -66,7 +63,7 @@ class Withdrawal:
                 self._own[world] = self._move(world)
         return np.where(self.driving[:, None], self._own, asked)
 
-    def _move(self, world: int) -> Array | float:
+    def _move(self, world: int) -> FloatArray | float:
         """The action (J,) of a world's arm; zero when its tool is away."""
         action = self._retreat(world).action()
         if action is None:

@@ -9,8 +9,8 @@ from typing import Any
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import brought, copied, like, namespace, on_host
 from avrgym.geometry.transforms import norm
@@ -36,10 +36,8 @@ from avrgym.simulation.state import RightArm, Start, State
 from avrgym.system.engines import THREADS
 from avrgym.system.memory import return_large_blocks
 
-__all__ = ["MAX_LEAD_RAD", "PARKING_W", "Ids", "RightArm", "Simulation", "Start", "State"]
+__all__ = ["MAX_LEAD_RAD", "PARKING_W", "RightArm", "Simulation", "Start", "State"]
 
-Array = NDArray[np.float64]
-Ids = NDArray[np.intp]
 
 MAX_LEAD_RAD = 0.08
 """How far a joint's target may run ahead of the joint: it bounds what a blocked servo presses with."""
@@ -125,7 +123,7 @@ class Simulation:
         """An array of where states and commands are, to bring others there."""
         return self._now.qpos
 
-    def reset(self, ids: Ids, start: Start) -> None:
+    def reset(self, ids: IntArray, start: Start) -> None:
         """Put worlds ``ids`` (n,) into their start: at rest, particles on the tool, the arm where it aims."""
         self.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
         names, host = self._names, self._host
@@ -150,25 +148,25 @@ class Simulation:
         self.engine.take_over(ids)
         self._now = self.engine.now
 
-    def _show_person(self, ids: Ids) -> None:
+    def _show_person(self, ids: IntArray) -> None:
         """Bring sizes and places of the capsules of people of worlds ``ids`` (n,) to where the states are."""
         size_m = self._person.geom_size[np.ix_(ids, self._names.person_geoms)][..., :2]
         self._capsule_m[ids] = brought(size_m, self._capsule_m)
         segment_w = _segments(self._host, self._names.person_geoms, size_m[..., 1:], ids)
         self._segment_w[ids] = brought(segment_w, self._segment_w)
 
-    def geoms(self, ids: Ids) -> Geoms:
+    def geoms(self, ids: IntArray) -> Geoms:
         """All geoms of worlds ``ids`` (n,), as they are."""
         host = self._host
         return Geoms(host.geom_xpos[ids], host.geom_xmat[ids], self._person.geom_size[ids])
 
-    def pose_people(self, ids: Ids, joint_angles_rad: Array) -> None:
+    def pose_people(self, ids: IntArray, joint_angles_rad: FloatArray) -> None:
         """Put moving people of worlds ``ids`` (n,) into poses (n, 20), at once."""
         self._host.qpos[np.ix_(ids, self._names.person_qpos)] = joint_angles_rad
         self.batch.forward(ids)
         self.engine.take_over(ids)
 
-    def _place_particles(self, ids: Ids) -> None:
+    def _place_particles(self, ids: IntArray) -> None:
         particles, host = self.scene.tool.particles, self._host
         if particles is None:
             return
@@ -177,7 +175,7 @@ class Simulation:
         pos = tool_pos[:, None] + transforms.rotate(tool_q[:, None], particles.start)
         host.qpos[ids[:, None, None], self._names.particle_qpos] = pos
 
-    def command_robot(self, action: Array) -> None:
+    def command_robot(self, action: FloatArray) -> None:
         """Set the arm's speed for the coming steps: action (N, J) in −1..1 of each joint's speed limit."""
         if self._brakes is not None:
             self._brakes.release()
@@ -185,11 +183,11 @@ class Simulation:
         self._now.act[:, at.arm_act] = self.arm_targets_rad()
         self._now.ctrl[:, at.arm_ctrl] = self._speed(action)
 
-    def _speed(self, action: Array) -> Array:
+    def _speed(self, action: FloatArray) -> FloatArray:
         """What actions (n, J) ask of the joints, rad/s."""
         return namespace(action).clip(action, -1.0, 1.0) * like(self._speed_limit, action)
 
-    def amend_robot(self, action: Array, which: NDArray[np.bool_]) -> None:
+    def amend_robot(self, action: FloatArray, which: BoolArray) -> None:
         """Set it anew in some worlds (N,), whose robots have been commanded before. Not on a device."""
         rows, names = np.nonzero(which)[0][:, None], self._names
         self._now.act[rows, names.arm_act] = self.arm_targets_rad()[which]
@@ -203,7 +201,7 @@ class Simulation:
         self._now.act[:, at.arm_act] = self._now.qpos[:, at.arm_qpos]
         self._now.ctrl[:, at.arm_ctrl] = 0.0
 
-    def command_person(self, joint_targets_rad: Array) -> None:
+    def command_person(self, joint_targets_rad: FloatArray) -> None:
         """Set the targets (N, 20) of a moving person's servos, to be had at once or, gliding, a control step later."""
         at = self._at
         if self._gliding:
@@ -225,7 +223,7 @@ class Simulation:
         """
         self.engine.check()
 
-    def park(self, gone: NDArray[np.bool_]) -> None:
+    def park(self, gone: BoolArray) -> None:
         """Take particles (N, K) out of play."""
         particles, xp, at, now = self.scene.tool.particles, namespace(gone), self._at, self._now
         if particles is None or (xp is np and not gone.any()):
@@ -273,7 +271,7 @@ class Simulation:
             tool_contact_force_n=tool_contact_force_n,
         )
 
-    def region_force_n(self) -> Array:
+    def region_force_n(self) -> FloatArray:
         """The forces on each of ``BODY_REGIONS`` in the last physics step, (N, R), added up as ``total_force_n`` is.
 
         Raises:
@@ -287,45 +285,45 @@ class Simulation:
         """The people's right arms, in arrays of their own."""
         return RightArm(self._now.xpos[:, self._at.right_arm], self._now.xquat[:, self._at.right_arm])
 
-    def hips(self) -> tuple[Array, Array]:
+    def hips(self) -> tuple[FloatArray, FloatArray]:
         """Where the people's hips are: positions (N, 3), quaternions (N, 4), world frame."""
         body = self._names.hips
         return self._now.xpos[:, body].copy(), self._now.xquat[:, body].copy()
 
-    def robot_base(self) -> tuple[Array, Array]:
+    def robot_base(self) -> tuple[FloatArray, FloatArray]:
         """Where the robots' bases stand: positions (N, 3), quaternions (N, 4), world frame."""
         body = self._names.robot_base
         return self._body_pos[:, body].copy(), self._body_quat[:, body].copy()
 
-    def placed_pos_w(self) -> dict[str, Array]:
+    def placed_pos_w(self) -> dict[str, FloatArray]:
         """Where the furniture stands that every episode places, (N, 3) by body, world frame."""
         return {name: self._body_pos[:, body].copy() for name, body in self._names.placed.items()}
 
-    def arm_angles_rad(self) -> Array:
+    def arm_angles_rad(self) -> FloatArray:
         """Where the arm's joints are, (N, J)."""
         return self._now.qpos[:, self._at.arm_qpos]
 
-    def arm_targets_rad(self) -> Array:
+    def arm_targets_rad(self) -> FloatArray:
         """Where the arm's servos aim, (N, J): no farther ahead of the joints than a command leaves them."""
         angles, targets = self.arm_angles_rad(), self._now.act[:, self._at.arm_act]
         return namespace(targets).clip(targets, angles - MAX_LEAD_RAD, angles + MAX_LEAD_RAD)
 
-    def controls(self) -> Array:
+    def controls(self) -> FloatArray:
         """What all servos are told, (N, nu)."""
         return copied(self._now.ctrl)
 
-    def integration_state(self, world: int = 0) -> Array:
+    def integration_state(self, world: int = 0) -> FloatArray:
         """Everything that the next step depends on, as MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
         self.engine.hand_back(np.array([world]))
         return self.batch.state[world].copy()
 
-    def restore(self, state: Array, world: int = 0) -> None:
+    def restore(self, state: FloatArray, world: int = 0) -> None:
         """Put one world into a state that ``integration_state`` gave."""
         self.batch.state[world] = state
         self.batch.forward(np.array([world]), stage=mujoco.mjtStage.mjSTAGE_VEL)
         self.engine.take_over(np.array([world]))
 
-    def saved(self) -> dict[str, dict[str, NDArray[Any]]]:
+    def saved(self) -> dict[str, dict[str, NumpyArray]]:
         """All that the next steps of all worlds depend on, and what they show now."""
         self.engine.hand_back(np.arange(self.num_worlds))
         return {
@@ -337,7 +335,7 @@ class Simulation:
             },
         }
 
-    def go_on_from(self, saved: Mapping[str, Mapping[str, NDArray[Any]]]) -> None:
+    def go_on_from(self, saved: Mapping[str, Mapping[str, NumpyArray]]) -> None:
         """Put all worlds into what ``saved`` gave in a simulation made alike."""
         for again in (False, True):  # constants follow from the fields, of which some are then changed
             for name, array in self._expanded().items():
@@ -353,31 +351,33 @@ class Simulation:
         forces = saved["worlds"]["sensordata"].copy()  # of a step that is not made again
         self._now = replace(self.engine.now, sensordata=brought(forces, self.exemplar))
 
-    def _expanded(self) -> dict[str, NDArray[Any]]:
+    def _expanded(self) -> dict[str, NumpyArray]:
         """The model's fields of which every world has its own, by name."""
         names = [name for name in dir(self.model) if isinstance(getattr(self.model, name, None), np.ndarray)]
         names += [f"opt.{name}" for name in dir(self.model.opt) if not name.startswith("_")]
         return {name: self.batch.expand(name) for name in names if _is_expanded(self.batch, name)}
 
-    def qpos(self, world: int) -> Array:
+    def qpos(self, world: int) -> FloatArray:
         """The joint coordinates (nq,) of one world."""
         return np.array(on_host(self._now.qpos[world]), float)
 
-    def body_poses(self, world: int) -> Array:
+    def body_poses(self, world: int) -> FloatArray:
         """Poses (B, 7) of one world's ``bodies``: x, y, z, then w, x, y, z; world frame."""
         poses = np.empty((len(self.bodies), 7))
         poses[:, :3], poses[:, 3:] = on_host(self._now.xpos[world, 1:]), on_host(self._now.xquat[world, 1:])
         return poses
 
-    def person_angles_rad(self) -> Array:
+    def person_angles_rad(self) -> FloatArray:
         """The joint angles (N, 20) of the moving person."""
         return self._now.qpos[:, self._at.person_qpos]
 
-    def _person_segments(self) -> Array:
+    def _person_segments(self) -> FloatArray:
         return _segments(self._now, self._at.person_geoms, self._capsule_m[..., 1:])
 
 
-def _segments(arrays: Arrays, geoms: Ids, half_length_m: Array, ids: Ids | slice = slice(None)) -> Array:
+def _segments(
+    arrays: Arrays, geoms: IntArray, half_length_m: FloatArray, ids: IntArray | slice = slice(None)
+) -> FloatArray:
     """The axes' ends (n, G, 2, 3) of capsules of worlds ``ids`` (n,), half as long as (n, G, 1)."""
     axis, centre = arrays.geom_xmat[ids][:, geoms, 2::3], arrays.geom_xpos[ids][:, geoms]
     reach = axis * half_length_m
@@ -391,6 +391,6 @@ def _is_expanded(batch: Batch, name: str) -> bool:
         return False
 
 
-def _added_up(strongest_first: Array) -> Array:
+def _added_up(strongest_first: FloatArray) -> FloatArray:
     """The sums (N,) of forces (N, C), one after the other, so that empty slots at the end change no bit."""
     return namespace(strongest_first).cumulative_sum(strongest_first, axis=-1)[:, -1]

@@ -1,14 +1,13 @@
 """Whether a task does what its record says, in motion."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.tasks.starts import check_starts
 from avrgym.tasks.task import Expert
 
-Array = NDArray[np.float64]
 WORLDS, STEPS = 3, 5
 
 
@@ -39,7 +38,7 @@ def _check_expert(episodes: Episodes, name: str, expert: Expert) -> None:
         raise ValueError(f"{where}: the same seeds gave different episodes")
 
 
-def _observations(episodes: Episodes, expert: Expert, where: str) -> Array:
+def _observations(episodes: Episodes, expert: Expert, where: str) -> FloatArray:
     """What was observed (T, N, O) in episodes led by an expert."""
     episodes.begin(np.arange(WORLDS), [np.random.default_rng(seed) for seed in range(WORLDS)])
     steps = [episodes.assess()]

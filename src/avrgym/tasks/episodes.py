@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import brought, namespace
 from avrgym.models import robot
@@ -24,15 +25,13 @@ from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
 from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
 from avrgym.simulation.withdrawal import Withdrawal
-from avrgym.simulation.worlds import Ids, Simulation, Start, State
+from avrgym.simulation.worlds import Simulation, Start, State
 from avrgym.system.engines import THREADS
 from avrgym.tasks.company import find_company
 from avrgym.tasks.human_view import HumanView
 from avrgym.tasks.minds import Minds
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.task import StepResult, TaskState, arrays_of, merge
-
-Array = NDArray[np.float64]
 
 EFFORT = "action_squared"
 """The reward term of an agent's own effort."""
@@ -52,19 +51,19 @@ class Step:
     NumPy's arrays in double precision, or tensors in single precision of episodes that are on a device.
     """
 
-    observation: Array
-    reward: Array
-    reward_terms: Mapping[str, Array]
-    success: NDArray[np.bool_]
-    distance_m: Array
-    force_on_person_n: Array
-    tool_speed_m_s: Array
-    events: NDArray[np.intp]
+    observation: FloatArray
+    reward: FloatArray
+    reward_terms: Mapping[str, FloatArray]
+    success: BoolArray
+    distance_m: FloatArray
+    force_on_person_n: FloatArray
+    tool_speed_m_s: FloatArray
+    events: IntArray
 
 
 def checked_actions(
-    actions: ArrayLike, shape: tuple[int, ...], ignored: NDArray[np.bool_] | None = None
-) -> Array:
+    actions: ArrayLike, shape: tuple[int, ...], ignored: BoolArray | None = None
+) -> FloatArray:
     """Actions as numbers; rows that are ``ignored`` (N,) may be anything and become zero.
 
     Raises:
@@ -246,7 +245,7 @@ class Episodes:
         self.people = people
         self._people = brought(people, self.simulation.exemplar)
 
-    def begin(self, ids: Ids, generators: Sequence[np.random.Generator]) -> Array:
+    def begin(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> FloatArray:
         """Begin episodes in worlds ``ids`` (n,), each drawn from its generator; give observations (n, O).
 
         A start where things stand in each other is drawn again from the generator's next numbers, see
@@ -304,7 +303,7 @@ class Episodes:
         self._meet(distributions.repeat(self.person or Person(), 1))
         self._put(first, Start(self.people, pos_w, q_w, angles, placed), type(self.task_state)(**task_state))
 
-    def _draw(self, ids: Ids, generators: Sequence[np.random.Generator]) -> None:
+    def _draw(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> None:
         """Draw a start for each of worlds ``ids`` (n,) and put them into it."""
         parts = np.cumsum(
             [distributions.UNIFORMS, impairments.UNIFORMS, behaviour.UNIFORMS, self.task.uniforms]
@@ -323,7 +322,7 @@ class Episodes:
             self._humans.begin(ids, of_kind, for_minds[:, _CHANCE])
         self._put(ids, self.task.start(self.scene, who, for_task), self.task.init_state(who, for_task))
 
-    def _put(self, ids: Ids, start: Start, task_state: TaskState) -> None:
+    def _put(self, ids: IntArray, start: Start, task_state: TaskState) -> None:
         self.simulation.reset(ids, replace(start, people=self._with_strength(start.people)))
         self._arm_start_rad[ids] = start.arm_angles_rad
         self.task_state = merge(self.task_state, task_state, ids)
@@ -333,7 +332,7 @@ class Episodes:
         share = self.task.strength_share
         return people if share is None else replace(people, strength_share=share * people.strength_share)
 
-    def _conflicts(self, ids: Ids) -> dict[int, Conflict]:
+    def _conflicts(self, ids: IntArray) -> dict[int, Conflict]:
         """What lacks room, in those of worlds ``ids`` (n,) where anything does, by world.
 
         People who tremble reach two other poses within their first moment; in the zoo anybody may.
@@ -347,11 +346,11 @@ class Episodes:
             self.simulation.pose_people(ids, self.people.joint_angles_rad[ids])
         return found
 
-    def _lacking_room(self, ids: Ids, swing_m: float | None = None) -> dict[int, Conflict]:
+    def _lacking_room(self, ids: IntArray, swing_m: float | None = None) -> dict[int, Conflict]:
         conflicts = self._room.conflicts(self.simulation.geoms(ids), swing_m=swing_m)
         return {world: conflict for world, conflict in zip(ids.tolist(), conflicts, strict=True) if conflict}
 
-    def step(self, action: Array) -> Step:
+    def step(self, action: FloatArray) -> Step:
         """One control step of 0.1 s with actions (N, J).
 
         Raises:
@@ -364,13 +363,13 @@ class Episodes:
         return self.evaluate_step(action)
 
     @property
-    def withdrawing(self) -> NDArray[np.bool_]:
+    def withdrawing(self) -> BoolArray:
         """The worlds (N,) whose task is complete and whose robot withdraws, or waits withdrawn."""
         if self._withdrawal is None:
             return np.zeros(self.simulation.num_worlds, dtype=bool)
         return self._withdrawal.driving
 
-    def led(self, action: Array) -> Array:
+    def led(self, action: FloatArray) -> FloatArray:
         """The actions (N, J) of the coming control step: those of the withdrawal in the worlds that it drives.
 
         Raises:
@@ -380,7 +379,7 @@ class Episodes:
             return action
         return self._withdrawal.led(checked_actions(action, (self.simulation.num_worlds, self.action_size)))
 
-    def command(self, action: Array) -> None:
+    def command(self, action: FloatArray) -> None:
         """Give the robots their actions (N, J), and people who move by themselves their targets.
 
         Raises:
@@ -393,7 +392,7 @@ class Episodes:
             targets = self._minds.live(self.simulation.state, self._people, self._possible)
             self.simulation.command_person(targets)
 
-    def command_robot(self, action: Array) -> None:
+    def command_robot(self, action: FloatArray) -> None:
         """Give the robots other actions (N, J) within a control step; people go on as they were.
 
         Raises:
@@ -432,7 +431,7 @@ class Episodes:
                 f"actions in {count} worlds were not finite; {_allowed_actions((self.action_size,))}"
             )
 
-    def steer_people(self, action: Array) -> None:
+    def steer_people(self, action: FloatArray) -> None:
         """Say where steered people go in the control step that is commanded next.
 
         Args:
@@ -441,7 +440,7 @@ class Episodes:
         """
         self._minds.steer(self.offered_joints, action, self._possible)
 
-    def evaluate_step(self, action: Array) -> Step:
+    def evaluate_step(self, action: FloatArray) -> Step:
         """Reward the control step that ends now, and take out of play what has left the task."""
         state = self.simulation.state()
         clipped = namespace(action).clip(action, -1.0, 1.0)
@@ -477,15 +476,15 @@ class Episodes:
         """What tasks and experts see now."""
         return self.simulation.state()
 
-    def observe(self) -> Array:
+    def observe(self) -> FloatArray:
         """Observations (N, O) of the present state."""
         return self.observation.of(self.simulation.state(), self.task_state)
 
-    def observe_as_human(self) -> Array:
+    def observe_as_human(self) -> FloatArray:
         """What the people observe of the present state, (N, H), see ``HumanView``; of people whose joints move."""
         return self.human_view.of(self.human_view.seen_in(self.simulation, self.task_state))
 
-    def human_reward(self, step: Step, action: Array, *, shared: bool) -> Array:
+    def human_reward(self, step: Step, action: FloatArray, *, shared: bool) -> FloatArray:
         """The reward (N,) of people who acted (N, K) in a step: the robots', or, not shared, with their own effort.
 
         Then their own squared action stands in the place of the robots'.
@@ -496,7 +495,7 @@ class Episodes:
         acted = np.clip(action, -1.0, 1.0)
         return step.reward + weight * ((acted * acted).sum(axis=-1) - step.reward_terms[EFFORT])
 
-    def marks_w(self) -> Array:
+    def marks_w(self) -> FloatArray:
         """Where the task's marks are now, (N, ``task.marks.count``, 3), world frame; none without marks."""
         if self.task.marks is None:
             return np.zeros((self.simulation.num_worlds, 0, 3))
@@ -506,7 +505,7 @@ class Episodes:
         """The person of a world's present episode."""
         return self.people.person(world)
 
-    def _possible(self, joint_angles_rad: Array) -> Array:
+    def _possible(self, joint_angles_rad: FloatArray) -> FloatArray:
         return _possible(self._people, joint_angles_rad)
 
     def _room_of_scene(self, *, led: bool) -> Room:
@@ -521,7 +520,9 @@ class Episodes:
     def _pose_of(self, kind: Kind) -> Pose:
         return kind.distribution.pose_in(self.task.name, self.task.pose)
 
-    def _draw_people(self, kind: Kind, uniforms: Array, for_impairments: Array, for_minds: Array) -> People:
+    def _draw_people(
+        self, kind: Kind, uniforms: FloatArray, for_impairments: FloatArray, for_minds: FloatArray
+    ) -> People:
         """People (n,) of a kind, in their bodies."""
         if self.person is not None:
             who = distributions.repeat(self.person, len(uniforms))
@@ -534,6 +535,6 @@ class Episodes:
         return impairments.impair(who, kind.impairment, for_impairments)
 
 
-def _possible(people: People, joint_angles_rad: Array) -> Array:
+def _possible(people: People, joint_angles_rad: FloatArray) -> FloatArray:
     """Joint angles (N, 20) brought to where these people's joints can go."""
     return arm_limits.clip(impairments.limit(people, joint_angles_rad))

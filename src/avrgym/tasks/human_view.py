@@ -5,16 +5,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.human import JOINTS
 from avrgym.people.behaviour import OFFERED_JOINTS, Offered
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.observation import FORCE_N, REACH_M, TURN_RAD, UNIT, Observation
 from avrgym.tasks.registry import task_and_scene
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,17 +24,17 @@ class Seen:
     and tool, and that of the tool.
     """
 
-    hips_pos_w: Array
-    hips_q_w: Array
-    tool_pos_w: Array
-    tool_q_w: Array
-    tool_from_goals_w: Sequence[Array]
-    joint_angles_rad: Array
-    right_arm_pos_w: Array
-    head_pos_w: Array
-    head_q_w: Array
-    total_force_n: Array
-    tool_force_n: Array
+    hips_pos_w: FloatArray
+    hips_q_w: FloatArray
+    tool_pos_w: FloatArray
+    tool_q_w: FloatArray
+    tool_from_goals_w: Sequence[FloatArray]
+    joint_angles_rad: FloatArray
+    right_arm_pos_w: FloatArray
+    head_pos_w: FloatArray
+    head_q_w: FloatArray
+    total_force_n: FloatArray
+    tool_force_n: FloatArray
 
 
 class HumanView:
@@ -67,7 +65,7 @@ class HumanView:
         """How many numbers it has."""
         return len(self.bound)
 
-    def of(self, seen: Seen) -> Array:
+    def of(self, seen: Seen) -> FloatArray:
         """The observations (N, O) of people who see that."""
         turned_back = transforms.conjugate(seen.hips_q_w)
         parts = [
@@ -81,7 +79,7 @@ class HumanView:
         ]
         return np.concatenate([part.reshape(len(turned_back), -1) for part in parts], axis=1)
 
-    def _body(self, seen: Seen, turned_back: Array) -> list[Array]:
+    def _body(self, seen: Seen, turned_back: FloatArray) -> list[FloatArray]:
         """What of themselves they offer, in the frame of their hips."""
         if self._arm:
             offset = seen.right_arm_pos_w - seen.hips_pos_w[:, None]

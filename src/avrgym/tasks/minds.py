@@ -4,9 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry.arrays import brought, namespace
 from avrgym.models.human import People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
@@ -16,9 +14,6 @@ from avrgym.people.distributions import Distribution
 from avrgym.people.zoo import movement
 from avrgym.people.zoo.movement import Possible
 from avrgym.tasks.task import merge
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.intp]
 
 
 class Minds:
@@ -53,21 +48,21 @@ class Minds:
         """Have the minds that ``saved`` gave."""
         self._mind = saved
 
-    def begin(self, ids: Ids, people: People, uniforms: Array) -> None:
+    def begin(self, ids: IntArray, people: People, uniforms: FloatArray) -> None:
         """Begin episodes of people in worlds ``ids`` (n,), from uniform numbers (n, ``behaviour.UNIFORMS``)."""
         self._mind = merge(self._mind, self._begun(people, uniforms), ids)
 
-    def _begun(self, people: People, uniforms: Array) -> behaviour.Mind | movement.Mind:
+    def _begun(self, people: People, uniforms: FloatArray) -> behaviour.Mind | movement.Mind:
         if self._partners is None:
             return behaviour.begin(people, uniforms)
         return movement.begin(people, self._partners.draw(uniforms[:, :2]), uniforms[:, 2:])
 
-    def steer(self, joints: Sequence[str], action: Array, possible: Possible) -> None:
+    def steer(self, joints: Sequence[str], action: FloatArray, possible: Possible) -> None:
         """Move the targets of joints by a control step at speeds of unhurried people, shares (N, K) of them."""
         targets = movement.steered_rad(self._mind.targets_rad, joints, action)
         self._mind = replace(self._mind, targets_rad=possible(targets))
 
-    def live(self, look: Callable[[], Sight], people: People, possible: Possible) -> Array:
+    def live(self, look: Callable[[], Sight], people: People, possible: Possible) -> FloatArray:
         """One control step passes: where their joints (N, 20) are to be at its end.
 
         Tremor changes its direction at every control step (reference).
@@ -89,14 +84,14 @@ class Minds:
 
     def _live_in_the_zoo(
         self, mind: movement.Mind, sight: Sight, people: People, possible: Possible
-    ) -> Array:
+    ) -> FloatArray:
         mind = movement.live(mind, sight, self._offered, self._posture, possible)
         self._mind = mind
         tremor = _direction(mind.time_s) * movement.settled(mind)[:, None] * people.tremor_rad
         return mind.targets_rad + movement.oscillation_rad(mind) + tremor
 
 
-def _direction(time_s: Array) -> Array:
+def _direction(time_s: FloatArray) -> FloatArray:
     """Which way a tremor goes, (N, 1)."""
     odd = namespace(time_s).round(time_s / CONTROL_STEP_S) % 2
     return (2.0 * odd - 1.0)[:, None]

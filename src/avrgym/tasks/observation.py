@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry.arrays import namespace
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import State
 
-Array = NDArray[np.float64]
-Of = Callable[[State, Any], Array]
+Of = Callable[[State, Any], FloatArray]
 """From the states of N worlds and of the task to numbers (N, k), or (N,) for a single one."""
 
 REACH_M = 3.0
@@ -90,24 +89,24 @@ class Observation:
         return sum(entry.size for entry in self.entries)
 
     @property
-    def bound(self) -> Array:
+    def bound(self) -> FloatArray:
         """What no number exceeds either way, (O,)."""
         return self._each([entry.bound for entry in self.entries])
 
     @property
-    def scale(self) -> Array:
+    def scale(self) -> FloatArray:
         """The fixed scales, (O,), not a number where there is none."""
         return self._each([np.nan if entry.scale is None else entry.scale for entry in self.entries])
 
     @property
-    def ends(self) -> NDArray[np.intp]:
+    def ends(self) -> IntArray:
         """Where in an observation each part ends, one past its last number."""
         return np.cumsum([entry.size for entry in self.entries])
 
-    def _each(self, values: list[float]) -> Array:
+    def _each(self, values: list[float]) -> FloatArray:
         return np.repeat(values, [entry.size for entry in self.entries])
 
-    def of(self, state: State, task_state: Any) -> Array:
+    def of(self, state: State, task_state: Any) -> FloatArray:
         """The observations (N, O) of a state.
 
         Raises:

@@ -1,22 +1,17 @@
 """What happens to the particles that a tool carries."""
 
-import numpy as np
-from numpy.typing import NDArray
-
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import capsules
 from avrgym.geometry.arrays import namespace, worth_computing
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 TOUCH_MARGIN_M = 0.002
 GROUND_M = 0.03
 """What is lower has reached the floor."""
 
 
-def touching_person(state: State, radius_m: float, asked: Bools) -> Bools:
+def touching_person(state: State, radius_m: float, asked: BoolArray) -> BoolArray:
     """Which of the particles that are ``asked`` for, (N, K) both, touch the person.
 
     They do within 2 mm of the surface of a capsule of the person's body. Particles are looked at closely only
@@ -33,19 +28,19 @@ def touching_person(state: State, radius_m: float, asked: Bools) -> Bools:
     return touching & near
 
 
-def _gaps(state: State, point_w: Array, world: NDArray[np.intp] | slice = slice(None)) -> Array:
+def _gaps(state: State, point_w: FloatArray, world: IntArray | slice = slice(None)) -> FloatArray:
     """From points (n, 3) to the surfaces of the capsules of the persons in their worlds, (n, G), metres."""
     segment_w = state.person_segment_w[world]
     distance = capsules.point_distance(point_w[:, None], segment_w[:, :, 0], segment_w[:, :, 1])
     return distance - state.person_radius_m[world]
 
 
-def count(events: Bools) -> Array:
+def count(events: BoolArray) -> FloatArray:
     """How many particles (N,) of (N, K) something happens to."""
     return 1.0 * events.sum(axis=-1)
 
 
-def check_count(state: State, happened: Bools) -> None:
+def check_count(state: State, happened: BoolArray) -> None:
     """Refuse a task whose state is of another number of particles than its tool carries.
 
     Raises:

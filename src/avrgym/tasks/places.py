@@ -5,8 +5,8 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.geometry.arrays import like, namespace
 from avrgym.models import human
@@ -18,8 +18,6 @@ from avrgym.models.tools import Tool
 from avrgym.simulation import base_search
 from avrgym.simulation.base_search import BasePoses
 from avrgym.simulation.worlds import Start
-
-Array = NDArray[np.float64]
 
 UNIFORMS = base_search.UNIFORMS
 """How many numbers draw a base or, where it is fixed, an arm: enough for the restarts of 75 joints."""
@@ -78,20 +76,20 @@ def arm_chain(scene: SceneConfig) -> kinematics.Chain:
     return kinematics.chain_of(model, scene.arm.joints, scene.robot.base, TOOL_BODY)
 
 
-def mouth(people: People) -> tuple[Array, Array]:
+def mouth(people: People) -> tuple[FloatArray, FloatArray]:
     """Where the mouths (n, 3) and how the heads (n, 4) of seated people are, world frame."""
     pos_w, q_w = human.body_frames(people, bodies=("head",))
     site = human.layout(people.is_woman, people.torso_height_m).site_pos["mouth"]
     return transforms.compose(pos_w["head"], q_w["head"], site, transforms.IDENTITY_QUATERNION)
 
 
-def right_arm(people: People, posture: Posture) -> Array:
+def right_arm(people: People, posture: Posture) -> FloatArray:
     """Shoulder, elbow and wrist (n, 3, 3) of the people's right arms, world frame."""
     pos_w, _ = human.body_frames(people, posture, human.RIGHT_ARM)
     return namespace(people.torso_height_m).stack([pos_w[name] for name in human.RIGHT_ARM], axis=1)
 
 
-def held(scene: SceneConfig, hand_pos_w: Array, tool_q_w: Array) -> tuple[Array, Array]:
+def held(scene: SceneConfig, hand_pos_w: FloatArray, tool_q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The tool's poses, (n, 3) and (n, 4), in hands at positions (n, 3), all turned alike (4,)."""
     pos_w = hand_pos_w - like(transforms.rotate(tool_q_w, scene.tool.grip_pos), hand_pos_w)
     return pos_w, namespace(pos_w).tile(like(tool_q_w, pos_w), (len(pos_w), 1))
@@ -100,12 +98,12 @@ def held(scene: SceneConfig, hand_pos_w: Array, tool_q_w: Array) -> tuple[Array,
 def start(
     scene: SceneConfig,
     people: People,
-    placed_pos_w: dict[str, Array],
-    tool_pos_w: Array,
-    tool_q_w: Array,
-    goal_pos_w: Array,
-    goal_q_w: Array,
-    uniforms: Array,
+    placed_pos_w: dict[str, FloatArray],
+    tool_pos_w: FloatArray,
+    tool_q_w: FloatArray,
+    goal_pos_w: FloatArray,
+    goal_q_w: FloatArray,
+    uniforms: FloatArray,
 ) -> Start:
     """How n worlds begin whose tool starts at positions (n, 3) and rotations (n, 4).
 

@@ -6,8 +6,8 @@ from functools import cache
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import robot as models
 from avrgym.models.human import SEXES, TORSO_HEIGHT_RANGE_M, Person, Sex
@@ -18,8 +18,6 @@ from avrgym.simulation.worlds import Simulation
 from avrgym.tasks import places
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-
-Array = NDArray[np.float64]
 
 DRAWS_LIMIT = 2.0
 """How often a start may be drawn on average: then half of all draws are refused."""
@@ -105,7 +103,7 @@ def check_placement(robot: str) -> dict[str, StartDraws]:
     return {environment: check_starts(environment) for environment in own}
 
 
-def has_room(task: str, robot: Robot, angles_rad: Array) -> NDArray[np.bool_]:
+def has_room(task: str, robot: Robot, angles_rad: FloatArray) -> BoolArray:
     """Which poses (n, J) of a robot's arm keep clear of person and furniture, with its base where its mount puts it.
 
     The person rests as the task has it, in either body of middle height.
@@ -117,7 +115,7 @@ def has_room(task: str, robot: Robot, angles_rad: Array) -> NDArray[np.bool_]:
     return np.concatenate(clear)
 
 
-def _clear(task: str, robot: Robot, angles_rad: Array, sex: Sex) -> NDArray[np.bool_]:
+def _clear(task: str, robot: Robot, angles_rad: FloatArray, sex: Sex) -> BoolArray:
     count, record = len(angles_rad), TASKS[task]
     scene = record.scene(robot)
     person = Person(sex, joint_angles_rad=record.pose.rest_rad)

@@ -5,9 +5,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, NamedTuple, Protocol, get_args
 
-import numpy as np
-from numpy.typing import NDArray
-
+from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry.arrays import brought, namespace
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
@@ -19,7 +17,6 @@ from avrgym.simulation.worlds import RightArm, Simulation, Start, State
 from avrgym.tasks.observation import Observation
 from avrgym.tasks.training_settings import TrainingSettings
 
-Array = NDArray[np.float64]
 TaskState = Any
 """What a task keeps of an episode from step to step: a dataclass of arrays, world axis first."""
 
@@ -39,12 +36,12 @@ class StepResult:
     """
 
     task_state: TaskState
-    terms: Mapping[str, Array]
-    distance_m: Array
-    force_on_person_n: Array
-    success: NDArray[np.bool_]
-    events: NDArray[np.intp]
-    gone: NDArray[np.bool_]
+    terms: Mapping[str, FloatArray]
+    distance_m: FloatArray
+    force_on_person_n: FloatArray
+    success: BoolArray
+    events: IntArray
+    gone: BoolArray
 
 
 class RunningEpisodes(Protocol):
@@ -70,7 +67,7 @@ class RunningEpisodes(Protocol):
         ...
 
 
-Controller = Callable[[Array], Array]
+Controller = Callable[[FloatArray], FloatArray]
 """From the observations (N, O) of a control step to actions (N, A)."""
 Expert = Callable[[RunningEpisodes], Controller]
 """Made when episodes have begun, and good for as long as they last."""
@@ -106,7 +103,7 @@ class Marks:
     count: int
     radius_m: float
     rgb: tuple[float, float, float]
-    places: Callable[[RightArm, TaskState], Array]
+    places: Callable[[RightArm, TaskState], FloatArray]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,18 +150,18 @@ class Task:
     offered: Offered
     scene: Callable[[Robot], SceneConfig]
     uniforms: int
-    start: Callable[[SceneConfig, People, Array], Start]
-    init_state: Callable[[People, Array], TaskState]
+    start: Callable[[SceneConfig, People, FloatArray], Start]
+    init_state: Callable[[People, FloatArray], TaskState]
     observation: Callable[[SceneConfig], Observation]
     weights: Mapping[str, float]
-    evaluate_step: Callable[[State, Array, TaskState], StepResult]
+    evaluate_step: Callable[[State, FloatArray, TaskState], StepResult]
     expert: Expert
     reactive_expert: Expert
     views: Views
     strength_share: float | None = None
     training: TrainingSettings = field(default_factory=TrainingSettings)
     patient_expert: Expert | None = None
-    detour_m: Callable[[State, TaskState], Array] | None = None
+    detour_m: Callable[[State, TaskState], FloatArray] | None = None
     marks: Marks | None = None
     ends_with_success: bool = False
     tracked: tuple[Part, ...] = ("head",)
@@ -207,7 +204,7 @@ class Task:
         if not fits:
             raise TypeError(f"{part} of task {self.name} is {getattr(self, part)!r}; allowed: a {kind}")
 
-    def reward(self, terms: Mapping[str, Array]) -> Array:
+    def reward(self, terms: Mapping[str, FloatArray]) -> FloatArray:
         """The weighted sum of the terms, (N,).
 
         Raises:
@@ -246,12 +243,12 @@ _FUNCTIONS = (
 )
 
 
-def arrays_of(task_state: object) -> dict[str, NDArray[Any]]:
+def arrays_of(task_state: object) -> dict[str, NumpyArray]:
     """What a task's state of N worlds holds, by name."""
     return vars(task_state)
 
 
-def merge(old: TaskState, new: TaskState, ids: NDArray[np.intp]) -> TaskState:
+def merge(old: TaskState, new: TaskState, ids: IntArray) -> TaskState:
     """The arrays ``old`` of N worlds with the worlds ``ids`` replaced by ``new``, of the host or where ``old`` is."""
     arrays = {name: namespace(array).asarray(array, copy=True) for name, array in arrays_of(old).items()}
     for name, array in arrays.items():

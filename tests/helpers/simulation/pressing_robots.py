@@ -1,14 +1,12 @@
 """Robots that press people on purpose, and how hard they get."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import kinematics, transforms
 from avrgym.tasks import places
 from avrgym.tasks.episodes import Episodes
 from helpers.simulation.starts import begun
-
-Array = NDArray[np.float64]
 
 MOST_FORCE_N = 500.0
 """Of all contacts together, up to ten at once where a hand is wedged between forearm, chest and thighs: that of each is
@@ -17,7 +15,7 @@ derived in ``models.yielding``, how many there are is measured."""
 HOW = ("random", "constant", "at the person")
 
 
-def pressed(environment: str, worlds: int, whom: str, impairment: str, how: str, *, steps: int) -> Array:
+def pressed(environment: str, worlds: int, whom: str, impairment: str, how: str, *, steps: int) -> FloatArray:
     """The largest force (N,) on each person in so many steps.
 
     ``how`` the robot moves: anew at ``random`` in each step; each joint one way all the time, ``constant``; or with
@@ -37,7 +35,7 @@ def pressed(environment: str, worlds: int, whom: str, impairment: str, how: str,
     return peak
 
 
-def towards(episodes: Episodes, aim: NDArray[np.intp]) -> Array:
+def towards(episodes: Episodes, aim: IntArray) -> FloatArray:
     """Actions (N, 7) that bring the tools closer to what is aimed at, each joint as fast as it goes."""
     state = episodes.simulation.state()
     parts = np.concatenate([state.head_pos_w[:, None], state.right_arm_pos_w], axis=1)

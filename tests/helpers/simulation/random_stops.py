@@ -5,15 +5,13 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.models import human, robot
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
 from avrgym.people import arm_limits
 from avrgym.policies.trained import load_policy
 from avrgym.tasks.episodes import Episodes
-
-Array = NDArray[np.float64]
 
 SLOW_M_S, SLOW_AFTER_S = 0.05, 0.1
 MOST_BACK_M = 0.005
@@ -32,11 +30,11 @@ class Stops:
     back from where it had got to; ``drift_m``, how far one moves away from where it was after these 100 ms.
     """
 
-    pressed_n: Array
-    speed_m_s: Array
-    slow_m_s: Array
-    back_m: Array
-    drift_m: Array
+    pressed_n: FloatArray
+    speed_m_s: FloatArray
+    slow_m_s: FloatArray
+    back_m: FloatArray
+    drift_m: FloatArray
 
     def __str__(self) -> str:
         pressing = np.sum(self.pressed_n > 1.0)
@@ -70,12 +68,12 @@ def stop_at_random(environment: str, worlds: int, seed: int) -> Stops:
     return _judge(before.robot_force_n, np.linalg.norm(before.effector_velocity_w, axis=-1), pos_w)
 
 
-def _step(episodes: Episodes) -> Array:
+def _step(episodes: Episodes) -> FloatArray:
     episodes.simulation.step(1)
     return _robot_pos_w(episodes)
 
 
-def _judge(pressed_n: Array, speed_m_s: Array, pos_w: Array) -> Stops:
+def _judge(pressed_n: FloatArray, speed_m_s: FloatArray, pos_w: FloatArray) -> Stops:
     """From the places (T, N, B, 3) of the robots' bodies after each physics step, the first at the stop."""
     slow = round(SLOW_AFTER_S / PHYSICS_STEP_S)
     speeds = np.linalg.norm(np.diff(pos_w, axis=0), axis=-1) / PHYSICS_STEP_S
@@ -85,7 +83,7 @@ def _judge(pressed_n: Array, speed_m_s: Array, pos_w: Array) -> Stops:
     return Stops(pressed_n, speed_m_s, speeds[slow:].max((0, 2)), back.max((0, 2)), drift.max((0, 2)))
 
 
-def _robot_pos_w(episodes: Episodes) -> Array:
+def _robot_pos_w(episodes: Episodes) -> FloatArray:
     """Where the robots' bodies are, (N, B, 3), but for the washcloth, which yields by itself."""
     simulation = episodes.simulation
     names = enumerate(simulation.bodies)
@@ -93,20 +91,20 @@ def _robot_pos_w(episodes: Episodes) -> Array:
     return np.stack([simulation.body_poses(world)[links, :3] for world in range(simulation.num_worlds)])
 
 
-def _waving(rest_rad: Array, rng: np.random.Generator) -> Array:
+def _waving(rest_rad: FloatArray, rng: np.random.Generator) -> FloatArray:
     """The targets of people (N, 20): every third turns each joint by up to 5 degrees, to and fro."""
     waving = (np.arange(len(rest_rad)) % 3 == 0)[:, None]
     return arm_limits.clip(rest_rad + waving * np.radians(rng.uniform(-5.0, 5.0, rest_rad.shape)))
 
 
-def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], Array]:
+def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], FloatArray]:
     """What gives every arm its next action (N, 7), one of ``WAYS`` after another."""
     worlds = episodes.simulation.num_worlds
     way = np.arange(worlds) % len(WAYS)
     full = np.sign(rng.uniform(-1.0, 1.0, (worlds, 7)))
     policy = load_policy("revised", episodes.environment_id, episodes.observation.size, 7)
 
-    def act() -> Array:
+    def act() -> FloatArray:
         actions = np.stack(
             [
                 rng.uniform(-1.0, 1.0, (worlds, 7)),
@@ -120,7 +118,7 @@ def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], A
     return act
 
 
-def _towards_person(episodes: Episodes, world: int) -> Array:
+def _towards_person(episodes: Episodes, world: int) -> FloatArray:
     """The action (7,) that moves the end effector fastest towards a person's torso or head."""
     simulation, arm = episodes.simulation, episodes.scene.arm
     model, data = simulation.batch.get_model(world), simulation.batch.get_data(world)

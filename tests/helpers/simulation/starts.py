@@ -2,14 +2,12 @@
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.models import contacts
 from avrgym.models.human import joint_angles
 from avrgym.models.robot import PREFIX
 from avrgym.tasks.episodes import Episodes
-
-Array = NDArray[np.float64]
 
 HAND_AT_THE_ROBOT_RAD = joint_angles(right_shoulder_y=23.0, right_shoulder_x=-35.0, right_elbow_x=0.0)
 """Seated, the right arm stretched down and forward to where the Jaco is mounted on the wheelchair."""
@@ -43,7 +41,7 @@ def begun(
     return episodes
 
 
-def at_once(episodes: Episodes) -> Array:
+def at_once(episodes: Episodes) -> FloatArray:
     """The forces (N,) on the people after one step without an action."""
     return episodes.step(np.zeros((episodes.simulation.num_worlds, 7))).force_on_person_n
 

@@ -1,16 +1,16 @@
 """Imagined studies for tests of models: values of participants who differ, in the orders of a design."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrgym.analysis.power.answers import Assumptions, ImaginedStudies
 from avrgym.analysis.power.modelled import in_order
 from avrgym.analysis.statistics.models.effects import Observed
+from avrgym.array_types import FloatArray
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.design.design import Design
 
 
-def with_values(design: Design, values: NDArray[np.float64]) -> list[Observed]:
+def with_values(design: Design, values: FloatArray) -> list[Observed]:
     """A study's trials with values (participants, tasks, robots, policies), each participant in the next order."""
     orders = cell_orders(design)
     return in_order(design, values, [orders[number % len(orders)] for number in range(len(values))])
@@ -24,7 +24,7 @@ def answered(
     return with_values(design, studies.answers(effect, participants, number)[..., 0].astype(float))
 
 
-def latent(design: Design, participants: int, number: int, tendency: float = 0.0) -> NDArray[np.float64]:
+def latent(design: Design, participants: int, number: int, tendency: float = 0.0) -> FloatArray:
     """What nobody sees, (participants, tasks, robots, policies): all that participants differ in, tasks, and chance.
 
     Participants differ in general, in policies, in robots and in tasks.

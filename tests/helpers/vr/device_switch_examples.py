@@ -11,16 +11,15 @@ from typing import Any, Literal
 import msgspec
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.vr.protocol.messages import Modality, XRPose
 from avrgym.vr.protocol.webxr import GRIP_FROM_WRIST_AXES, HAND_CENTRE_FROM_WRIST
 from avrgym.vr.tracking.switches import Hand
 
-Array = NDArray[np.float64]
 Side = Literal["left", "right"]
-Error = tuple[Array, Array]
+Error = tuple[FloatArray, FloatArray]
 """How a device misjudges a hand, in the axes of its pose: position (3,), quaternion (4,)."""
 
 FILE = Path(__file__).parents[3] / "client/tests/data/switches.json"
@@ -30,7 +29,7 @@ SIDES: tuple[Side, ...] = ("left", "right")
 EXACT: Error = (np.zeros(3), transforms.IDENTITY_QUATERNION)
 
 
-def moved(pose: XRPose, pos: Array, q: Array) -> XRPose:
+def moved(pose: XRPose, pos: FloatArray, q: FloatArray) -> XRPose:
     """A pose given in another."""
     x, y, z, w = pose.orientation
     there, there_q = np.empty(3), np.empty(4)

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.models.human import Sex
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.recording.files import Recording, read_recording
@@ -107,7 +107,7 @@ class Visit:
         self.heard: list[messages.ServerMessage | messages.State] = []
         self.participant = participant or SimulatedParticipant(draw_traits(plan.sex, 1), 1)
         self.tracking = self.loads = self.content = True
-        self.pose_rad: NDArray[np.float64] | None = None
+        self.pose_rad: FloatArray | None = None
         self.observed: list[session_events.SessionEvent] = []
         self.session = (
             make(self.hear)

@@ -1,8 +1,8 @@
 """A controller that lets the arm be where it is."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.tasks.registry import sizes
 
 
@@ -13,6 +13,6 @@ class HoldStill:
         """Begin an episode of an environment; nothing here is left to chance."""
         _, self._joints = sizes(environment)
 
-    def act(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+    def act(self, observation: FloatArray) -> FloatArray:
         """Zeros (A,)."""
         return np.zeros(self._joints)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.recording.questionnaire import Item
 from avrgym.study.design.allocation import cell_orders, least_filled_cell
 from avrgym.study.design.design import Design
@@ -98,12 +99,12 @@ class ImaginedStudies:
         orders = cell_orders(self.design)
         return [orders[cell] for cell in cells[stays]]
 
-    def objective(self, participants: int, number: int) -> NDArray[np.float64]:
+    def objective(self, participants: int, number: int) -> FloatArray:
         """Success, reward and force of the same study, without an effect of policies: (participants, policies, 3)."""
         rng = np.random.default_rng([self._seed, number, 3])
         return rng.standard_normal((participants, self._shape[2], 3))
 
-    def _session(self, participants: int, number: int) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
+    def _session(self, participants: int, number: int) -> tuple[BoolArray, IntArray]:
         """Whether each enrolled participant stays (m,), until enough have, and the number of their order (m,).
 
         Orders are assigned as in a study: participants who withdraw free theirs.
@@ -117,7 +118,7 @@ class ImaginedStudies:
             stays.append(bool(rng.random() >= self._assumptions.dropout))
         return np.array(stays), np.array(cells)
 
-    def _places_in_session(self) -> NDArray[np.float64]:
+    def _places_in_session(self) -> FloatArray:
         """When in the session, 0 to 1, each condition is met: (orders, tasks, robots, policies)."""
         tasks, robots, policies, _ = self._shape
         orders = cell_orders(self.design)

@@ -2,14 +2,12 @@
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from avrgym.analysis.power.answers import Answers
 from avrgym.analysis.statistics.models.effects import POLICIES, Effect, Observed
 from avrgym.analysis.statistics.models.fitted import Estimate
 from avrgym.analysis.statistics.models.fitting import estimates
 from avrgym.analysis.statistics.models.quantities import sources
+from avrgym.array_types import FloatArray
 from avrgym.study.design.design import Design
 from avrgym.study.design.orders import Order
 
@@ -27,7 +25,7 @@ def modelled(design: Design, answers: Answers, orders: Sequence[Order]) -> tuple
     return source.family(POLICIES), estimate.p if isinstance(estimate, Estimate) else None
 
 
-def in_order(design: Design, values: NDArray[np.float64], orders: Sequence[Order]) -> list[Observed]:
+def in_order(design: Design, values: FloatArray, orders: Sequence[Order]) -> list[Observed]:
     """The trials with values (participants, tasks, robots, policies), each participant in an order."""
     return [
         observed
@@ -36,7 +34,7 @@ def in_order(design: Design, values: NDArray[np.float64], orders: Sequence[Order
     ]
 
 
-def _course(design: Design, order: Order, who: str, own: NDArray[np.float64]) -> Iterator[Observed]:
+def _course(design: Design, order: Order, who: str, own: FloatArray) -> Iterator[Observed]:
     blocks, places = max(len(design.tasks) - 1, 1), max(len(design.conditions) - 1, 1)
     for block, part in enumerate(order):
         before = design.practice_policy or None

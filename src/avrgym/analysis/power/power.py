@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrgym.analysis.power.answers import POINTS, Answers, Assumptions, ImaginedStudies, middle
 from avrgym.analysis.power.modelled import modelled
@@ -13,6 +12,7 @@ from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS, PARTICIPANT
 from avrgym.analysis.statistics.joint import jointly_corrected
 from avrgym.analysis.statistics.subjective import DIGITS, middle_question, policies_question
 from avrgym.analysis.statistics.tests import signed_rank
+from avrgym.array_types import FloatArray
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.recording.questionnaire import Questionnaire
 from avrgym.study.design.allocation import cell_orders
@@ -156,11 +156,11 @@ def _finds(p: Probability) -> bool:
 
 
 def probabilities(
-    design: Design, questionnaire: Questionnaire, answers: Answers, objective: NDArray[np.float64]
+    design: Design, questionnaire: Questionnaire, answers: Answers, objective: FloatArray
 ) -> Probabilities:
     """What the analysis finds: the first item with the last policy against the middle, each item against the first
     policy. Objective measures (participants, policies, measures) enter the correction alone."""
-    exact: NDArray[np.float64] = answers.mean(axis=(1, 2))
+    exact: FloatArray = answers.mean(axis=(1, 2))
     means = np.round(exact, DIGITS)
     tests = list(_primary(design, questionnaire, means, objective))
     if len(means) < LEAST_PARTICIPANTS:
@@ -175,15 +175,15 @@ def probabilities(
     }
 
 
-Named = tuple[tuple[str, str] | None, NDArray[np.float64]]
+Named = tuple[tuple[str, str] | None, FloatArray]
 """Test and measure, for those whose power is wanted, and the differences by participant."""
 
 
 def _primary(
     design: Design,
     questionnaire: Questionnaire,
-    means: NDArray[np.float64],
-    objective: NDArray[np.float64],
+    means: FloatArray,
+    objective: FloatArray,
 ) -> Iterator[Named]:
     """The primary tests of a study."""
     items, last = [item.id for item in questionnaire.items], len(design.policies) - 1

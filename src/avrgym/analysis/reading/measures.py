@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEXES, People, Posture
@@ -14,7 +14,6 @@ from avrgym.recording.files import Recording
 from avrgym.recording.records import Control
 from avrgym.vr.session.attempt import versions
 
-Array = NDArray[np.float64]
 WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 
 
@@ -23,8 +22,8 @@ class Body:
     """The person in a trial: their torso height, and per control step the head's centre (n, 3) and waist (n, 3)."""
 
     torso_height_m: float
-    head_centre_w: Array
-    waist_rad: Array
+    head_centre_w: FloatArray
+    waist_rad: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +59,7 @@ def other_versions(recording: Recording) -> str:
     )
 
 
-def head_centres(people: People, posture: Posture) -> Array:
+def head_centres(people: People, posture: Posture) -> FloatArray:
     """The centres (n, 3) of the heads of people in a posture, world frame."""
     pos_w, q_w = human.body_frames(people, posture, ("head",))
     centre = human.layout(people.is_woman, people.torso_height_m).site_pos["head_centre"]
@@ -91,7 +90,7 @@ def _person(metadata: Mapping[str, Any]) -> tuple[str, float] | None:
     return person["sex"], person["torso_height_m"]
 
 
-def _held(targets: Sequence[tuple[int, Any]], times_ns: Sequence[int]) -> Array:
+def _held(targets: Sequence[tuple[int, Any]], times_ns: Sequence[int]) -> FloatArray:
     """The targets (n, 20) in force at each time; before the first one, the first."""
     begins_ns = [time_ns for time_ns, _ in targets]
     present = np.maximum(np.searchsorted(begins_ns, times_ns, side="right") - 1, 0)

@@ -5,18 +5,16 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrgym.analysis.reading.measures import WAIST, head_centres
 from avrgym.analysis.rows import PersonRow, TrialRow
+from avrgym.array_types import FloatArray
 from avrgym.models.human import SEATED, SEXES
 from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.distributions import DISTRIBUTIONS, UNIFORMS, Distribution, sample
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.design import Design
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-
-Array = NDArray[np.floating]
 
 PEOPLE_PER_TASK = 500
 SEED = 2020
@@ -77,7 +75,7 @@ def _people(name: str, task: str, robot: str) -> list[PersonRow]:
     ]
 
 
-def people_heads(people: Sequence[PersonRow], name: str, posture: str) -> Array:
+def people_heads(people: Sequence[PersonRow], name: str, posture: str) -> FloatArray:
     """Head positions (n, 3) of a distribution's people in a posture, world frame."""
     return np.array([head_of(row) for row in people if (row.people, row.posture) == (name, posture)])
 

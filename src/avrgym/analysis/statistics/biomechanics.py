@@ -10,7 +10,6 @@ from itertools import product
 from statistics import fmean, median
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrgym.analysis.reading.trained_people import (
     AXES,
@@ -21,9 +20,8 @@ from avrgym.analysis.reading.trained_people import (
     posture_of,
 )
 from avrgym.analysis.rows import BiomechanicsRow, PersonRow, RangeRow, TrialRow
+from avrgym.array_types import FloatArray
 from avrgym.models.human import SEXES
-
-Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +82,7 @@ def heights(group: Measures, sex: str | None = None) -> list[float]:
     ]
 
 
-def participants_heads(group: Measures, posture: str) -> Array:
+def participants_heads(group: Measures, posture: str) -> FloatArray:
     """Head positions (n, 3) of a group's participants in a posture, each the mean of their trials; world frame."""
     trials = group.in_posture(posture)
     who = dict.fromkeys(row.participant for row in trials)
@@ -93,7 +91,7 @@ def participants_heads(group: Measures, posture: str) -> Array:
 
 
 def _distribution(
-    simulated: bool, quantity: str, posture: str, people: str, values: Sequence[float] | Array
+    simulated: bool, quantity: str, posture: str, people: str, values: Sequence[float] | FloatArray
 ) -> BiomechanicsRow:
     least, lower, median, upper, most = (float(v) for v in np.percentile(values, [0, 25, 50, 75, 100]))
     return BiomechanicsRow(

@@ -5,7 +5,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrgym.analysis.reading.trained_people import AXES, HEIGHTS_OF, SEED, TRAINED_WITH, head_of, people_heads
 from avrgym.analysis.rows import PersonRow, TrialRow
@@ -13,9 +12,6 @@ from avrgym.analysis.statistics.biomechanics import Measures, heights, participa
 from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL, Compared, Family, Question, corrected
 from avrgym.analysis.statistics.tests import Comparison, energy_test, rank_sum, signed_rank
 from avrgym.tasks.registry import TASKS
-
-Array = NDArray[np.floating]
-
 
 HEIGHTS = Question("torso heights", table="Torso heights and whole head positions")
 WHOLE_HEADS = Question("whole head positions", table=HEIGHTS.table)

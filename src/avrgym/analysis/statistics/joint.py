@@ -11,10 +11,9 @@ from functools import cache
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-Array = NDArray[np.floating]
+from avrgym.array_types import FloatArray
 
 MOST_ENUMERATED = 14
 """Up to so many participants every choice of signs is computed."""
@@ -42,7 +41,7 @@ def jointly_corrected(differences: Sequence[Mapping[str, float]]) -> list[float 
     return found
 
 
-def signed_ranks(differences: Sequence[Mapping[str, float]]) -> Array:
+def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
     """The signed ranks (participants, tests); zero for a difference of zero, and for none."""
     people = sorted({person for own in differences for person in own})
     found = np.zeros((len(people), len(differences)))
@@ -54,7 +53,7 @@ def signed_ranks(differences: Sequence[Mapping[str, float]]) -> Array:
 
 
 @cache
-def signs(participants: int) -> Array:
+def signs(participants: int) -> FloatArray:
     """Choices of signs (choices, participants), the one observed first; opposite choices count once."""
     if participants > MOST_ENUMERATED:
         drawn = np.random.default_rng(SEED).integers(0, 2, (DRAWN, participants))
@@ -64,7 +63,7 @@ def signs(participants: int) -> Array:
     return np.hstack([np.ones((2**free, participants - free)), chosen])
 
 
-def step_down(statistics: Array) -> Array:
+def step_down(statistics: FloatArray) -> FloatArray:
     """p (tests,) from the statistics (choices, tests) of which the first row was observed."""
     observed = statistics[0]
     order = np.argsort(-observed, kind="stable")

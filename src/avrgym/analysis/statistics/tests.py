@@ -10,13 +10,12 @@ from statistics import fmean
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 from scipy.spatial.distance import cdist
 
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.learning.evaluation import wilson_interval
-
-Array = NDArray[np.floating]
 
 EXACT_SIGNED_RANK = 50
 """Up to so many differences the signed-rank probability is exact: their 2**n signs count exactly in doubles."""
@@ -89,7 +88,7 @@ def signed_rank(differences: ArrayLike) -> Comparison:
     return Comparison(test, len(used), zeros, min(positive, negative), method, p, effect, *interval)
 
 
-def _exact_signed_rank(ranks: Array, smaller: float) -> float:
+def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
     """Twice the share of all choices of signs whose sum of positive ranks is at most ``smaller``.
 
     ``ways[s]`` counts the choices among the ranks so far with the doubled sum s; doubled mean ranks are whole.
@@ -126,7 +125,7 @@ def rank_sum(a: ArrayLike, b: ArrayLike) -> Comparison:
     return Comparison(test, n, 0, float(found.statistic), method, p, effect, *interval)
 
 
-def _size_of_rank_sum(n: int, m: int, pooled: Array) -> float:
+def _size_of_rank_sum(n: int, m: int, pooled: FloatArray) -> float:
     """Number of independent binary values whose share has the variance of U / (n m) without an effect, with ties."""
     _, times = np.unique(pooled, return_counts=True)
     tied = 1.0 - float((times**3 - times).sum()) / (len(pooled) ** 3 - len(pooled))
@@ -143,7 +142,7 @@ def effect_interval(effect: float, size: float) -> tuple[float, float]:
     return 2.0 * low - 1.0, 2.0 * high - 1.0
 
 
-def _exact_rank_sum(a: Array, b: Array) -> float:
+def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
     """Twice the share of all choices of as many values as the smaller sample has with as low, or high, a rank sum.
 
     ``ways[k, s]`` counts the choices of k among the ranks so far with the doubled sum s.
@@ -185,7 +184,7 @@ def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMU
     return Comparison(test, total, 0, float(given[0]), f"{permutations} permutations", p, effect)
 
 
-def _energy(apart: Array, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
+def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
     """Energy distances (k,) between chosen points, by index (k, n), and all others; and the mean distances between."""
     inner = np.array([apart[np.ix_(indices, indices)].sum() for indices in chosen])
     between = apart.sum(axis=1)[chosen].sum(axis=1) - inner
@@ -237,7 +236,7 @@ LEAST_DESIGN_EFFECT = 0.25
 """Few clusters underestimate the design effect by accident, down to 0 where all have equal shares."""
 
 
-def _design_effect(residuals: Array, count: int, share: float) -> float:
+def _design_effect(residuals: FloatArray, count: int, share: float) -> float:
     """``residuals`` (K,) are the successes of each cluster minus those expected; 1 where all trials end alike."""
     if share in (0.0, 1.0):
         return 1.0

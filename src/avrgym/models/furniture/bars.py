@@ -1,10 +1,11 @@
 """Bent bars of frames."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from avrgym.array_types import FloatArray
 
 
-def rounded(points: list[list[float]], per_corner: int = 6) -> NDArray[np.float64]:
+def rounded(points: list[list[float]], per_corner: int = 6) -> FloatArray:
     """A polyline (P, 3) with its inner corners replaced by quadratic arcs of ``per_corner`` points."""
     p = np.asarray(points, float)
     pieces = [p[:1]]

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import floats, like, namespace
 from avrgym.models.human.joints import JOINTS, X, Y, Z, joint_angles
-from avrgym.models.human.measures import Array, Proportions, proportions_of
+from avrgym.models.human.measures import Proportions, proportions_of
 from avrgym.models.human.person import People, Person
 from avrgym.models.sexes import Sex
 
@@ -59,7 +59,7 @@ class Posture:
     shin_deg: float
     shoes: bool = True
 
-    def hips(self, p: Proportions) -> Array:
+    def hips(self, p: Proportions) -> FloatArray:
         """The origin of the hips, (3,) or (N, 3), world frame."""
         if self.hips_pos_w is None:
             return _vector(0.0, 0.03, p.seated_hips_height)
@@ -88,40 +88,40 @@ class Layout:
     """
 
     proportions: Proportions
-    scale: Array
-    arm_scale: Array
+    scale: FloatArray
+    arm_scale: FloatArray
     posture: Posture
 
     @cached_property
-    def body_pos(self) -> Mapping[str, Array]:
+    def body_pos(self) -> Mapping[str, FloatArray]:
         """Where each body is in its parent."""
         return _body_positions(self.proportions, self.scale, self.arm_scale, self.posture)
 
     @property
-    def geom_pos(self) -> Mapping[str, Array]:
+    def geom_pos(self) -> Mapping[str, FloatArray]:
         """Where each geom is in its body."""
         return self._geoms[0]
 
     @property
-    def geom_size(self) -> Mapping[str, Array]:
+    def geom_size(self) -> Mapping[str, FloatArray]:
         """Radius, half length, 0 of each capsule."""
         return self._geoms[1]
 
     @cached_property
-    def site_pos(self) -> Mapping[str, Array]:
+    def site_pos(self) -> Mapping[str, FloatArray]:
         """Where each site is in its body."""
         return _sites(self.proportions, self.scale)
 
     @cached_property
-    def _geoms(self) -> tuple[dict[str, Array], dict[str, Array]]:
+    def _geoms(self) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
         return _geoms(self.proportions, self.scale, self.arm_scale)
 
 
 def layout(
-    is_woman: NDArray[np.bool_],
-    torso_height_m: Array,
+    is_woman: BoolArray,
+    torso_height_m: FloatArray,
     posture: Posture = SEATED,
-    arm_scale: Array | float = 1.0,
+    arm_scale: FloatArray | float = 1.0,
 ) -> Layout:
     """Where everything is in N people; lengths along the body scale with the torso height, radii do not.
 
@@ -137,7 +137,9 @@ def layout_of(people: People, posture: Posture = SEATED) -> Layout:
     return layout(people.is_woman, people.torso_height_m, posture, people.arm_scale)
 
 
-def _body_positions(p: Proportions, h: Array, arm_h: Array, posture: Posture) -> dict[str, Array]:
+def _body_positions(
+    p: Proportions, h: FloatArray, arm_h: FloatArray, posture: Posture
+) -> dict[str, FloatArray]:
     shoulder_z = (p.chest_rise + p.shoulder_rise) * h
     positions = {
         "hips": posture.hips(p),
@@ -159,7 +161,9 @@ def _body_positions(p: Proportions, h: Array, arm_h: Array, posture: Posture) ->
 ARM = "upper_arm", "forearm"
 
 
-def _geoms(p: Proportions, h: Array, arm_h: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+def _geoms(
+    p: Proportions, h: FloatArray, arm_h: FloatArray
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Capsules lie along the axis that ``GEOMS`` names; their size is radius, half length, 0."""
     zero = namespace(h).zeros_like(h)
     chest_z = p.chest_rise * h
@@ -197,7 +201,7 @@ def _geoms(p: Proportions, h: Array, arm_h: Array) -> tuple[dict[str, Array], di
     return position, size
 
 
-def _sites(p: Proportions, h: Array) -> dict[str, Array]:
+def _sites(p: Proportions, h: FloatArray) -> dict[str, FloatArray]:
     zero = namespace(h).zeros_like(h)
     return {
         "head_centre": _vector(zero, zero, p.head_centre_rise * h),
@@ -240,17 +244,17 @@ GEOMS: Mapping[str, Geom] = {
 }  # fmt: skip
 
 
-def mass_shares() -> Array:
+def mass_shares() -> FloatArray:
     """What each of ``BODIES`` weighs as a share of the person, (B,)."""
     return np.array([sum(geom.mass_share for geom in GEOMS.values() if geom.body == name) for name in BODIES])
 
 
-def body_rotations(joint_angles_rad: Array, posture: Posture = SEATED) -> dict[str, Array]:
+def body_rotations(joint_angles_rad: FloatArray, posture: Posture = SEATED) -> dict[str, FloatArray]:
     """Each body's rotation in its parent, (N, 4), of people with joint angles (N, 20)."""
     return {body: body_rotation(body, joint_angles_rad, posture) for body in BODIES}
 
 
-def body_rotation(body: str, joint_angles_rad: Array, posture: Posture = SEATED) -> Array:
+def body_rotation(body: str, joint_angles_rad: FloatArray, posture: Posture = SEATED) -> FloatArray:
     """One body's rotation in its parent, (N, 4), of people with joint angles (N, 20)."""
     xp, angles = floats(joint_angles_rad)
     turns = [(joint.axis, angles[..., i]) for i, joint in enumerate(JOINTS.values()) if joint.body == body]
@@ -265,11 +269,11 @@ def body_rotation(body: str, joint_angles_rad: Array, posture: Posture = SEATED)
 
 def body_frames(
     people: People, posture: Posture = SEATED, bodies: Sequence[str] = BODIES
-) -> tuple[dict[str, Array], dict[str, Array]]:
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """World frames of bodies of N people and of those that carry them: positions (N, 3), quaternions (N, 4)."""
     local_pos = layout_of(people, posture).body_pos
-    pos_w: dict[str, Array] = {}
-    q_w: dict[str, Array] = {}
+    pos_w: dict[str, FloatArray] = {}
+    q_w: dict[str, FloatArray] = {}
     for body in _carrying(bodies):
         local_q, parent = body_rotation(body, people.joint_angles_rad, posture), PARENTS[body]
         pos_w[body], q_w[body] = (
@@ -298,7 +302,7 @@ BIND_RAD = joint_angles(right_shoulder_y=42.0, left_shoulder_y=-42.0, right_elbo
 @lru_cache(maxsize=8)
 def bind_frames(
     sex: Sex, torso_height_m: float, arm_scale: float = 1.0
-) -> tuple[dict[str, Array], dict[str, Array]]:
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Where the skin is bound to the bodies: standing, hips at the origin, arms half raised and half bent.
 
     Positions (3,) and quaternions (4,) by body name, to be read only: who asks again is given the same.
@@ -307,6 +311,6 @@ def bind_frames(
     return {body: pos[body][0] for body in BODIES}, {body: q[body][0] for body in BODIES}
 
 
-def _vector(x: float | Array, y: float | Array, z: float | Array) -> Array:
+def _vector(x: float | FloatArray, y: float | FloatArray, z: float | FloatArray) -> FloatArray:
     xp, *parts = floats(x, y, z)
     return xp.stack(xp.broadcast_arrays(*parts), axis=-1)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avrgym.models.human.measures import Array
+from avrgym.array_types import FloatArray
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
@@ -72,7 +72,7 @@ SERVO_INERTIA_KG_M2: Mapping[str, float] = {
 """Moment of inertia that each body's servos are tuned for, about its joint, armature included."""
 
 
-def joint_angles(**degrees: float) -> Array:
+def joint_angles(**degrees: float) -> FloatArray:
     """The seated pose (20,) in radians, elbows at −90°, with the named joints set in degrees.
 
     Raises:

@@ -7,13 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from avrgym.array_types import BoolArray
 from avrgym.geometry.arrays import like, namespace
 from avrgym.models.sexes import Sex
 
-Array = NDArray[np.float64]
 TORSO_HEIGHT_RANGE_M = (0.40, 0.75)
 ARM_SCALE_RANGE = (0.8, 1.25)
 
@@ -94,7 +91,7 @@ WOMAN = Proportions(
 PROPORTIONS: Mapping[Sex, Proportions] = {"man": MAN, "woman": WOMAN}
 
 
-def proportions_of(is_woman: NDArray[np.bool_], numbers: Any = 0.0) -> Proportions:
+def proportions_of(is_woman: BoolArray, numbers: Any = 0.0) -> Proportions:
     """The unscaled measures of N people, each field an array (N,) of the library and type of ``numbers``."""
     where = namespace(is_woman).where
     measures: dict[str, Any] = {

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import contacts
 from avrgym.models.human.frames import (
@@ -16,7 +17,7 @@ from avrgym.models.human.frames import (
     layout_of,
 )
 from avrgym.models.human.joints import ARMATURE_KG_M2, JOINTS, SERVO_INERTIA_KG_M2, X, Y
-from avrgym.models.human.measures import PROPORTIONS, Array
+from avrgym.models.human.measures import PROPORTIONS
 from avrgym.models.human.person import People, Person
 from avrgym.models.parts import CAPSULE, SPHERE, add_collision
 
@@ -100,7 +101,7 @@ def let_targets_glide(spec: mujoco.MjSpec) -> None:
         actuator.ctrllimited = False
 
 
-def _capsule_quaternion(axis: tuple[float, float, float] | None) -> Array:
+def _capsule_quaternion(axis: tuple[float, float, float] | None) -> FloatArray:
     turns = {X: (Y, 0.5 * np.pi), Y: (X, -0.5 * np.pi)}
     if axis not in turns:
         return transforms.IDENTITY_QUATERNION

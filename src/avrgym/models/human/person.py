@@ -5,11 +5,11 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.arrays import floats
 from avrgym.models.human.joints import JOINTS, SEATED_RAD
-from avrgym.models.human.measures import ARM_SCALE_RANGE, TORSO_HEIGHT_RANGE_M, Array
+from avrgym.models.human.measures import ARM_SCALE_RANGE, TORSO_HEIGHT_RANGE_M
 from avrgym.models.sexes import SEXES, Sex
 
 SKIN_TONES: Mapping[str, tuple[float, float, float]] = {
@@ -35,7 +35,7 @@ class Person:
 
     sex: Sex = "woman"
     torso_height_m: float = 0.54
-    joint_angles_rad: Array = field(default_factory=lambda: SEATED_RAD.copy())
+    joint_angles_rad: FloatArray = field(default_factory=lambda: SEATED_RAD.copy())
     skin_tone: str = "fair"
     arm_scale: float = 1.0
 
@@ -92,13 +92,13 @@ class People:
     (N, 20) by which the joints' targets tremble either way. ``arm_scale`` (N,) as of ``Person``.
     """
 
-    is_woman: NDArray[np.bool_]
-    torso_height_m: Array
-    joint_angles_rad: Array
-    range_share: Array
-    strength_share: Array
-    tremor_rad: Array
-    arm_scale: Array
+    is_woman: BoolArray
+    torso_height_m: FloatArray
+    joint_angles_rad: FloatArray
+    range_share: FloatArray
+    strength_share: FloatArray
+    tremor_rad: FloatArray
+    arm_scale: FloatArray
 
     @classmethod
     def of(cls, persons: Iterable[Person]) -> "People":
@@ -113,7 +113,7 @@ class People:
 
     @classmethod
     def unimpaired(
-        cls, is_woman: NDArray[np.bool_], torso_height_m: Array, joint_angles_rad: Array
+        cls, is_woman: BoolArray, torso_height_m: FloatArray, joint_angles_rad: FloatArray
     ) -> "People":
         """People with full ranges and strength, without tremor, and with arms as most have them."""
         xp, height, angles = floats(torso_height_m, joint_angles_rad)

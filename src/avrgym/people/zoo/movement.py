@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import RAD_PER_DEGREE, copied, like, namespace, row_numbers
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
@@ -37,11 +37,9 @@ from avrgym.people.behaviour import (
     Offered,
     Sight,
 )
-from avrgym.people.zoo.partners import MANNERS, Manner, Rows
+from avrgym.people.zoo.partners import MANNERS, Manner
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Possible = Callable[[Array], Array]
+Possible = Callable[[FloatArray], FloatArray]
 """Brings joint angles (N, 20) to where these people's joints can go."""
 
 REMEMBERED_STEPS = 11
@@ -74,29 +72,29 @@ class Mind:
     is not, ``startled_s`` since the latest of ``startles``.
     """
 
-    partner: Rows
-    chance: Array
-    seen_w: Array
-    rest_rad: Array
-    targets_rad: Array
-    speed_rad_s: Array
-    time_s: Array
-    near_s: Array
-    startled_s: Array
-    startles: Array
+    partner: IntArray
+    chance: FloatArray
+    seen_w: FloatArray
+    rest_rad: FloatArray
+    targets_rad: FloatArray
+    speed_rad_s: FloatArray
+    time_s: FloatArray
+    near_s: FloatArray
+    startled_s: FloatArray
+    startles: FloatArray
 
 
 class _View(NamedTuple):
     """The tool as N people are aware of it: whether they are, the face's angles to it (N, 3), how far it is from what
     they offer (N,), and on which side of them, 1 for the left and −1 for the right."""
 
-    aware: Bools
-    facing_rad: Array
-    gap_m: Array
-    side: Array
+    aware: BoolArray
+    facing_rad: FloatArray
+    gap_m: FloatArray
+    side: FloatArray
 
 
-def begin(people: People, partners: Rows, chance: Array) -> Mind:
+def begin(people: People, partners: IntArray, chance: FloatArray) -> Mind:
     """The minds of partners (n,) in the bodies of people whose episode begins, from uniform numbers (n, 4)."""
     xp = namespace(chance)
     at_rest, none = xp.zeros_like(people.joint_angles_rad), xp.zeros_like(chance[:, 0])
@@ -132,7 +130,7 @@ def live(mind: Mind, sight: Sight, offered: Offered, posture: Posture, possible:
     return _follow(mind, manner, possible(_wanted(mind, manner, view, offered)))
 
 
-def steered_rad(targets_rad: Array, joints: Sequence[str], action: Array) -> Array:
+def steered_rad(targets_rad: FloatArray, joints: Sequence[str], action: FloatArray) -> FloatArray:
     """Targets (N, 20) a control step on, of joints that go at shares (N, K) of the speed of unhurried people."""
     columns = np.array([JOINT_INDEX[name] for name in joints], dtype=np.intp)
     targets = copied(targets_rad)
@@ -141,7 +139,7 @@ def steered_rad(targets_rad: Array, joints: Sequence[str], action: Array) -> Arr
     return targets
 
 
-def oscillation_rad(mind: Mind) -> Array:
+def oscillation_rad(mind: Mind) -> FloatArray:
     """What sway and chewing add to the joints' targets (N, 20): nothing at first."""
     xp, manner = namespace(mind.targets_rad), MANNERS.of(mind.partner, mind.time_s)
     wave = xp.zeros_like(mind.targets_rad)
@@ -155,7 +153,7 @@ def oscillation_rad(mind: Mind) -> Array:
     return wave
 
 
-def settled(mind: Mind) -> Array:
+def settled(mind: Mind) -> FloatArray:
     """What share (N,) of their full extent chewing and tremor have come to."""
     return namespace(mind.time_s).minimum(mind.time_s / SETTLING_S, 1.0)
 
@@ -195,7 +193,7 @@ def _feel(mind: Mind, manner: Manner, view: _View, offered: Offered) -> Mind:
     )
 
 
-def _wanted(mind: Mind, manner: Manner, view: _View, offered: Offered) -> Array:
+def _wanted(mind: Mind, manner: Manner, view: _View, offered: Offered) -> FloatArray:
     """Where they want their joints (N, 20)."""
     wanted = copied(mind.rest_rad)
     xp, most, head = namespace(wanted), like(HEAD_TURN_RAD, wanted), like(_HEAD, wanted)
@@ -209,7 +207,7 @@ def _wanted(mind: Mind, manner: Manner, view: _View, offered: Offered) -> Array:
     return wanted
 
 
-def _glance(wanted: Array, mind: Mind, manner: Manner) -> None:
+def _glance(wanted: FloatArray, mind: Mind, manner: Manner) -> None:
     """From time to time the head turns away from all else: to the side of a companion, or anywhere."""
     count, share = _beat(mind, manner.glance_every_s, 2)
     away = (manner.glance_share > 0.0) & (share >= 1.0 - manner.glance_share)
@@ -219,7 +217,7 @@ def _glance(wanted: Array, mind: Mind, manner: Manner) -> None:
     wanted[:, _HEAD[2]] = namespace(wanted).where(away, yaw, wanted[:, _HEAD[2]])
 
 
-def _shift(wanted: Array, mind: Mind, manner: Manner) -> None:
+def _shift(wanted: FloatArray, mind: Mind, manner: Manner) -> None:
     """Now and then they sit otherwise; an arm moves outwards, where it has room."""
     count, _ = _beat(mind, manner.shift_every_s, 3)
     extent = RAD_PER_DEGREE * manner.shift_deg
@@ -228,7 +226,7 @@ def _shift(wanted: Array, mind: Mind, manner: Manner) -> None:
     wanted[:, _SHOULDER] += extent * _chance(mind.chance[:, 3], count)
 
 
-def _approach(wanted: Array, mind: Mind, manner: Manner, offered: Offered) -> None:
+def _approach(wanted: FloatArray, mind: Mind, manner: Manner, offered: Offered) -> None:
     """They lean to a tool that is near, or lift the arm; who hesitates does so in two halves."""
     xp = namespace(wanted)
     hesitates = manner.pause_s > 0.0
@@ -242,7 +240,7 @@ def _approach(wanted: Array, mind: Mind, manner: Manner, offered: Offered) -> No
         wanted[:, _ELBOW] += share * LIFT_RAD
 
 
-def _withdraw(wanted: Array, mind: Mind, manner: Manner, view: _View, offered: Offered) -> None:
+def _withdraw(wanted: FloatArray, mind: Mind, manner: Manner, view: _View, offered: Offered) -> None:
     """They bend to the other side and turn the face away, or draw the forearm in."""
     starting = (mind.startles > 0.0) & (mind.startled_s <= manner.startle_s)
     extent_deg = manner.away_deg * (mind.near_s > 0.0)
@@ -257,20 +255,20 @@ def _withdraw(wanted: Array, mind: Mind, manner: Manner, view: _View, offered: O
         wanted[:, _HEAD[2]] -= view.side * extent
 
 
-def _beat(mind: Mind, every_s: Array, of: int) -> tuple[Array, Array]:
+def _beat(mind: Mind, every_s: FloatArray, of: int) -> tuple[FloatArray, FloatArray]:
     """How often (N,) something has come round that does every so many seconds, and the share of a round since."""
     rounds = mind.time_s / every_s + mind.chance[:, of]
     count = namespace(rounds).floor(rounds)
     return count, rounds - count
 
 
-def _chance(first: Array, count: Array) -> Array:
+def _chance(first: FloatArray, count: FloatArray) -> FloatArray:
     """Numbers (N,) in 0..1, another one for each count."""
     value = first + GOLDEN * count
     return value - namespace(value).floor(value)
 
 
-def _follow(mind: Mind, manner: Manner, wanted: Array) -> Mind:
+def _follow(mind: Mind, manner: Manner, wanted: FloatArray) -> Mind:
     """The targets a control step on their way: as fast as can still be braked before the goal."""
     xp = namespace(wanted)
     startled = (mind.startled_s <= manner.startle_s)[:, None]

@@ -10,8 +10,8 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry.arrays import RAD_PER_DEGREE, like
 from avrgym.models.human import JOINTS, People
 from avrgym.people import impairments
@@ -19,9 +19,6 @@ from avrgym.people.impairments import TREMOR_TARGET_RAD
 from avrgym.people.names import TRAIN_ZOO, UNSEEN_ZOO
 from avrgym.people.uniform import which
 from avrgym.people.zoo.styles import STYLES, Style
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 LEVELS: Mapping[str, tuple[float, ...]] = {
     TRAIN_ZOO: (0.0, 0.5, 1.0),
@@ -51,30 +48,30 @@ class Manner:
         strength_share, range_share: of their joints' torques and ranges.
     """
 
-    reaction_s: Array
-    facing_share: Array
-    approach_share: Array
-    pause_s: Array
-    away_deg: Array
-    startle_deg: Array
-    startle_m: Array
-    startle_s: Array
-    glance_deg: Array
-    wander_deg: Array
-    glance_every_s: Array
-    glance_share: Array
-    chew_deg: Array
-    chew_hz: Array
-    shift_deg: Array
-    shift_every_s: Array
-    sway_deg: Array
-    sway_hz: Array
-    speed_share: Array
-    tremor_deg: Array
-    strength_share: Array
-    range_share: Array
+    reaction_s: FloatArray
+    facing_share: FloatArray
+    approach_share: FloatArray
+    pause_s: FloatArray
+    away_deg: FloatArray
+    startle_deg: FloatArray
+    startle_m: FloatArray
+    startle_s: FloatArray
+    glance_deg: FloatArray
+    wander_deg: FloatArray
+    glance_every_s: FloatArray
+    glance_share: FloatArray
+    chew_deg: FloatArray
+    chew_hz: FloatArray
+    shift_deg: FloatArray
+    shift_every_s: FloatArray
+    sway_deg: FloatArray
+    sway_hz: FloatArray
+    speed_share: FloatArray
+    tremor_deg: FloatArray
+    strength_share: FloatArray
+    range_share: FloatArray
 
-    def of(self, rows: Rows, numbers: Any = 0.0) -> "Manner":
+    def of(self, rows: IntArray, numbers: Any = 0.0) -> "Manner":
         """Those of some partners, as arrays of the library and type of ``numbers``, or else of NumPy."""
         return Manner(*(like(array, numbers)[rows] for array in vars(self).values()))
 
@@ -139,7 +136,7 @@ class Partners:
     def __len__(self) -> int:
         return int(self._count.sum())
 
-    def draw(self, uniforms: Array) -> Rows:
+    def draw(self, uniforms: FloatArray) -> IntArray:
         """Partners (n,) from uniform numbers (n, 2)."""
         first, count = like(self._first, uniforms), like(self._count, uniforms)
         style = which(uniforms[:, 0], len(self.styles))
@@ -154,7 +151,7 @@ OF_ONE_STYLE: Mapping[str, Partners] = {
 _TREMOR_SHARE = TREMOR_TARGET_RAD / TREMOR_TARGET_RAD[list(JOINTS).index("head_x")]
 
 
-def endow(people: People, partners: Rows) -> People:
+def endow(people: People, partners: IntArray) -> People:
     """The same people with what the bodies of partners (n,) are like: ranges, strength and tremor."""
     manner = MANNERS.of(partners, people.torso_height_m)
     share = like(_TREMOR_SHARE, people.torso_height_m)

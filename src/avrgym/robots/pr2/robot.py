@@ -4,8 +4,8 @@ from importlib.resources import files
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.models.robot import SIDES, Arm, BaseRange, Mount, Robot, Side
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.pr2.grips import GRIPS
@@ -35,7 +35,7 @@ def _joints(side: Side) -> tuple[str, ...]:
     return tuple(f"{side[0]}_{joint}_joint" for joint in JOINTS)
 
 
-def _pose(side: Side, left_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def _pose(side: Side, left_rad: FloatArray) -> FloatArray:
     return left_rad if side == "left" else MIRROR * left_rad
 
 

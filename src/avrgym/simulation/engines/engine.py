@@ -4,14 +4,11 @@ from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
 import mujoco
-import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from avrgym.array_types import IntArray
 from avrgym.system.engines import ENGINES, THREADS, WARP
 from avrgym.system.memory import available_bytes
-
-Ids = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -58,11 +55,11 @@ class Engine(Protocol):
     batch: Batch
     now: Arrays
 
-    def take_over(self, ids: Ids) -> None:
+    def take_over(self, ids: IntArray) -> None:
         """Go on with worlds ``ids`` (n,) as they are in ``batch`` now, models and states."""
         ...
 
-    def hand_back(self, ids: Ids) -> None:
+    def hand_back(self, ids: IntArray) -> None:
         """Have worlds ``ids`` (n,) in ``batch`` as they are now."""
         ...
 

@@ -1,15 +1,12 @@
 """MuJoCo on the host's threads: to the bit the same on any number of them."""
 
 import mujoco
-import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from avrgym.array_types import IntArray
 from avrgym.simulation.engines.batch import ForkSafeBatch
 from avrgym.simulation.engines.engine import Arrays, check_host_memory
 from avrgym.system.engines import THREADS
-
-Ids = NDArray[np.intp]
 
 
 class Threads:
@@ -23,10 +20,10 @@ class Threads:
         self.batch: Batch = ForkSafeBatch(model, num_worlds, num_threads, persistent=True)
         self.now = Arrays.of(self.batch)
 
-    def take_over(self, ids: Ids) -> None:
+    def take_over(self, ids: IntArray) -> None:
         """Nothing: they are there."""
 
-    def hand_back(self, ids: Ids) -> None:
+    def hand_back(self, ids: IntArray) -> None:
         """Nothing: they are there."""
 
     def step(self, substeps: int) -> None:

@@ -12,18 +12,15 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 import mujoco
-import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
-from numpy.typing import NDArray
 
+from avrgym.array_types import IntArray, NumpyArray
 from avrgym.geometry.arrays import on_host
 from avrgym.models.contacts import PARTICLE
 from avrgym.simulation.engines.batch import ForkSafeBatch
 from avrgym.simulation.engines.engine import NAMES, WRITTEN, Arrays, check_host_memory, check_memory
 from avrgym.system.engines import WARP
 from avrgym.system.memory import available_bytes
-
-Ids = NDArray[np.intp]
 
 CONTACTS, CONTACTS_PER_PARTICLE = 96, 8
 """What a world has room for, and how much more for each particle: twice the most that was seen in drinking."""
@@ -91,7 +88,7 @@ class Warp:
         self._varying: dict[str, Any] = {}
         self._graphs: dict[int, Any] = {}
 
-    def take_over(self, ids: Ids) -> None:
+    def take_over(self, ids: IntArray) -> None:
         """See ``Engine``.
 
         Raises:
@@ -112,7 +109,7 @@ class Warp:
             if not self._on_device:
                 getattr(self.now, name)[ids] = values
 
-    def hand_back(self, ids: Ids) -> None:
+    def hand_back(self, ids: IntArray) -> None:
         """See ``Engine``; what follows from positions and velocities is computed anew."""
         for name in WRITTEN:
             getattr(self._host, name)[ids] = on_host(getattr(self.now, name))[ids]
@@ -212,7 +209,7 @@ class Warp:
         """The memory of one of the data's arrays (N, ...) as a tensor."""
         return self._warp.to_torch(getattr(self._data, name))
 
-    def _put(self, tensor: Any, rows: Any, values: NDArray[Any]) -> None:
+    def _put(self, tensor: Any, rows: Any, values: NumpyArray) -> None:
         tensor[rows] = self._torch.as_tensor(values, dtype=tensor.dtype, device=self._place).reshape(
             len(values), *tensor.shape[1:]
         )

@@ -4,7 +4,8 @@ from collections.abc import Iterable
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
+
+from avrgym.array_types import FloatArray
 
 Block = tuple[int, int, int]
 """Numbers of units in a block: of all units, of units in the group, and of drawn units."""
@@ -16,7 +17,7 @@ def draws_p(blocks: Iterable[Block], drawn_in_group: int) -> float:
     The number of draws in the group is a sum of hypergeometric numbers, one for each block; p adds up the sums that are
     not more likely than the observed one.
     """
-    probabilities: NDArray[np.float64] = np.ones(1)
+    probabilities: FloatArray = np.ones(1)
     for block in blocks:
         probabilities = np.convolve(probabilities, _hypergeometric(*block))
     observed = probabilities[drawn_in_group] * (1.0 + 1e-9)

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from math import lcm
 
 import numpy as np
-from numpy.typing import NDArray
+
+from avrgym.array_types import IntArray
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ Order = tuple[Block, ...]
 """All blocks of one participant."""
 
 
-def williams_square(size: int) -> NDArray[np.intp]:
+def williams_square(size: int) -> IntArray:
     """Rows of 0 to ``size`` − 1, (size, size); (2 size, size) for an odd size above 1."""
     zigzag = [(i + 1) // 2 if i % 2 else -(i // 2) for i in range(size)]
     rows = (np.array(zigzag, np.intp) + np.arange(size)[:, None]) % size
@@ -55,17 +56,17 @@ def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tu
     )
 
 
-def _shuffled_square(size: int, rng: np.random.Generator) -> NDArray[np.intp]:
+def _shuffled_square(size: int, rng: np.random.Generator) -> IntArray:
     """A Williams square under other names and with its rows in another order, which keeps its balance."""
     return rng.permutation(rng.permutation(size)[williams_square(size)])
 
 
-def _variety(row_of: NDArray[np.intp]) -> int:
+def _variety(row_of: IntArray) -> int:
     """How many different rows each cell meets, summed over the cells."""
     return sum(len(set(rows)) for rows in row_of.tolist())
 
 
-def _spread(task_of: NDArray[np.intp], rows: int) -> NDArray[np.intp]:
+def _spread(task_of: IntArray, rows: int) -> IntArray:
     """A row of the conditions' square for each cell and place, (cells, places), from a Latin arrangement of tasks.
 
     Every row comes as often at each place, and as often for each task. Tasks and places are the two sides of a

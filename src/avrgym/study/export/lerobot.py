@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
+from avrgym.array_types import NumpyArray
 from avrgym.robots.registry import find_robot
 from avrgym.study.export import NOTICE
 from avrgym.study.export.trials import ExportedAttempt, scenes
@@ -26,7 +26,7 @@ FILE = "chunk-000/file-000.parquet"
 PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 """By the format's names; policies with quantile normalisation need q01 and q99."""
-Columns = Mapping[str, NDArray[Any]]
+Columns = Mapping[str, NumpyArray]
 
 
 def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
@@ -105,7 +105,7 @@ def _episode(
     }
 
 
-def statistics(values: NDArray[Any]) -> dict[str, list[float]]:
+def statistics(values: NumpyArray) -> dict[str, list[float]]:
     """The statistics of a feature over all these frames, each a list of the feature's size.
 
     Quantiles of a data set are those of its frames. They are not averages over episodes, which are too narrow.
@@ -121,7 +121,7 @@ def statistics(values: NDArray[Any]) -> dict[str, list[float]]:
     }
 
 
-def _arrow(values: NDArray[Any]) -> pa.Array:
+def _arrow(values: NumpyArray) -> pa.Array:
     if values.ndim == 1:
         return pa.array(values)
     return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
@@ -163,7 +163,7 @@ def _info(attempts: Sequence[ExportedAttempt], whole: Columns, tasks: int) -> di
     }
 
 
-def _feature(values: NDArray[Any], names: Sequence[str] | None) -> dict[str, Any]:
+def _feature(values: NumpyArray, names: Sequence[str] | None) -> dict[str, Any]:
     shape = list(values.shape[1:]) or [1]
     fit = names is not None and len(names) == shape[0]
     return {"dtype": values.dtype.name, "shape": shape, "names": list(names) if names and fit else None}

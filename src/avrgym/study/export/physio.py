@@ -7,8 +7,8 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.recording.records import Event, Stream
 from avrgym.recording.stream_clocks import Chunks, SampleTimes, sample_times
 from avrgym.recording.streams import Topics, chunks_of, described_streams
@@ -32,8 +32,6 @@ CORRECTED = (
     "Times are corrected where the device's clock jumped, by when samples arrived, and never decrease."
 )
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class Series:
@@ -47,8 +45,8 @@ class Series:
     columns: Sequence[str]
     labels: Sequence[str]
     units: Sequence[str]
-    time_s: Array
-    values: Array
+    time_s: FloatArray
+    values: FloatArray
     corrections: Mapping[str, Any]
 
     def rows(self) -> Iterator[list[float | None]]:
@@ -121,7 +119,7 @@ def corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
     }
 
 
-def _series(stream: Stream, times: SampleTimes, start_s: float, values: Array) -> Series:
+def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArray) -> Series:
     """The columns in the device's order, but for the coordinates of a gaze, which come first."""
     channels = range(values.shape[1])
     labels = [_at(stream.channels, channel, f"channel_{channel + 1}") for channel in channels]

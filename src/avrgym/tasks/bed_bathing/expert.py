@@ -3,17 +3,14 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.bed_bathing.reward import LIMB_GEOMS, is_wiped
 from avrgym.tasks.experts.guide import Guide
 from avrgym.tasks.task import RunningEpisodes
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.intp]
 
 UPPER_ARM, FOREARM = 0, 1
 SWEEPS = (
@@ -58,7 +55,7 @@ class BedBathingExpert:
         self._sweep, self._phase, self._waited = np.zeros((3, count), dtype=np.intp)
         self._depth_m, self._left_m = np.zeros(count), np.full(count, np.inf)
 
-    def __call__(self, observation: Array) -> Array:
+    def __call__(self, observation: FloatArray) -> FloatArray:
         state, sweep, phase = self._episodes.state(), self._sweep, self._phase
         self._press(state)
         share = np.where(phase <= TOUCH, self._first[sweep], self._last[sweep])
@@ -74,7 +71,7 @@ class BedBathingExpert:
         deeper = self._depth_m + YIELD_M_N * (FORCE_N - state.tool_force_n)
         self._depth_m = np.where(self._phase == WIPE, np.clip(deeper, *DEPTH_M), TOUCH_DEPTH_M)
 
-    def _advance(self, state: State, pos_w: Array, q_w: Array) -> None:
+    def _advance(self, state: State, pos_w: FloatArray, q_w: FloatArray) -> None:
         """On to the next phase on arrival, or where wiping gets no farther; else to the next sweep."""
         away, turn = norm(self._guide.pos_w - pos_w), transforms.angle_between(self._guide.q_w, q_w)
         arrived = (away < ARRIVED_M) & (turn < ARRIVED_RAD)
@@ -88,7 +85,7 @@ class BedBathingExpert:
         self._phase = np.where(over, np.where(rests, REST, COME), np.minimum(self._phase + on, REST))
         self._sweep = self._sweep + (over & ~rests)
 
-    def _is_stuck(self, left_m: Array) -> NDArray[np.bool_]:
+    def _is_stuck(self, left_m: FloatArray) -> BoolArray:
         """Who has made no progress for too long."""
         nearer = left_m < self._left_m - PROGRESS_M
         self._left_m = np.where(nearer, left_m, self._left_m)
@@ -97,8 +94,8 @@ class BedBathingExpert:
 
 
 def cloth_pose(
-    state: State, limb: Ids, angle_rad: Array, share: Array, above_m: Array
-) -> tuple[Array, Array]:
+    state: State, limb: IntArray, angle_rad: FloatArray, share: FloatArray, above_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Where the cloth's face is (N, 3) and how it is turned (N, 4), facing a limb; world frame.
 
     Args:
@@ -121,15 +118,15 @@ def cloth_pose(
 class LimbFrame(NamedTuple):
     """Where limbs begin and which way they run, their top and their outer side, (N, 3); length and radius (N,)."""
 
-    start_w: Array
-    along_w: Array
-    top_w: Array
-    outwards_w: Array
-    length_m: Array
-    radius_m: Array
+    start_w: FloatArray
+    along_w: FloatArray
+    top_w: FloatArray
+    outwards_w: FloatArray
+    length_m: FloatArray
+    radius_m: FloatArray
 
 
-def limb_frame(state: State, limb: Ids) -> LimbFrame:
+def limb_frame(state: State, limb: IntArray) -> LimbFrame:
     """The limb, 0 the upper arm and 1 the forearm, (N,), of each person in N worlds."""
     world, geom = np.arange(len(limb)), np.array(LIMB_GEOMS)[limb]
     end_w, start_w = state.person_segment_w[world, geom].swapaxes(0, 1)

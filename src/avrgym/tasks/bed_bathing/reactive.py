@@ -6,6 +6,7 @@ counted along both limbs: 0 to 1 on the upper arm, 1 to 2 across the elbow, 2 to
 
 import numpy as np
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
@@ -21,7 +22,7 @@ from avrgym.tasks.bed_bathing.expert import (
     limb_frame,
 )
 from avrgym.tasks.experts.guide import Guide
-from avrgym.tasks.experts.reactive import Aim, Array, funnel_m
+from avrgym.tasks.experts.reactive import Aim, funnel_m
 from avrgym.tasks.task import TaskState
 
 TOP_RAD, SIDE_RAD = np.radians([12.0, 75.0])
@@ -49,7 +50,7 @@ def wipe(state: State, task_state: TaskState, guide: Guide) -> Aim:
     border = BORDER_RAD + (ELBOW_BORDER_RAD - BORDER_RAD) * np.sqrt(elbow)
     back = _gradual((angle - border) / SOFT_RAD)
     side = np.maximum(back, _gradual((along - HAND_END) / SOFT_END))
-    turn: Array = np.clip(TOP_RAD + side * (SIDE_RAD - TOP_RAD) - angle, -AHEAD_RAD, AHEAD_RAD)
+    turn: FloatArray = np.clip(TOP_RAD + side * (SIDE_RAD - TOP_RAD) - angle, -AHEAD_RAD, AHEAD_RAD)
     advance = np.maximum(np.clip(1.0 - above_m / ADVANCING_M, SLOWEST, 1.0), np.minimum(1.0, 3.0 * elbow))
     next_along = np.clip(along + (1.0 - 2.0 * back) * AHEAD * advance, 0.0, 3.0)
     skin_w, q_w, out = _arm_pose(
@@ -65,12 +66,12 @@ def wipe(state: State, task_state: TaskState, guide: Guide) -> Aim:
     return pos_w, q_w, np.where(away, CARRY_M_S, speed)
 
 
-def _gradual(offset: Array) -> Array:
+def _gradual(offset: FloatArray) -> FloatArray:
     """From 0 to 1, half at 0."""
     return 0.5 + 0.5 * elementary.tanh(offset)
 
 
-def _on_arm(state: State) -> tuple[Array, Array, Array]:
+def _on_arm(state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the cloths are: along the arm, around it in radians from its top outwards, metres above the skin, (N,)."""
     worlds = len(state.tool_pos_w)
     upper, lower = (limb_frame(state, np.full(worlds, limb)) for limb in (UPPER_ARM, FOREARM))
@@ -78,7 +79,7 @@ def _on_arm(state: State) -> tuple[Array, Array, Array]:
     limb = ((from_elbow * (upper.along_w + lower.along_w)).sum(axis=-1) > 0.0).astype(np.intp)
     at = limb_frame(state, limb)
     offset, length = state.tool_pos_w - at.start_w, at.length_m
-    far: Array = (offset * at.along_w).sum(axis=-1)
+    far: FloatArray = (offset * at.along_w).sum(axis=-1)
     angle = elementary.arctan2((offset * at.outwards_w).sum(axis=-1), (offset * at.top_w).sum(axis=-1))
     share = np.clip((far - FROM_ENDS_M) / (length - 2.0 * FROM_ENDS_M), 0.0, 1.0)
     to_elbow = np.where(limb == 0, length - far, far)
@@ -87,7 +88,9 @@ def _on_arm(state: State) -> tuple[Array, Array, Array]:
     return along, angle, norm(offset - far[:, None] * at.along_w) - at.radius_m
 
 
-def _arm_pose(state: State, along: Array, angle_rad: Array) -> tuple[Array, Array, Array]:
+def _arm_pose(
+    state: State, along: FloatArray, angle_rad: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """A place on the arm's skin: the cloth's face (N, 3) and rotation (N, 4) there, and out of the skin (N, 3)."""
     skin = np.zeros(len(along))
     (upper_w, upper_q_w), (lower_w, lower_q_w) = (

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import capsules, elementary, transforms
 from avrgym.geometry.arrays import like, namespace, row_numbers, worth_computing
 from avrgym.geometry.transforms import norm
@@ -22,9 +22,6 @@ from avrgym.models.washcloth import NAP_M, PAD_CENTRE_M, PAD_HALF_SIZE_M
 from avrgym.simulation.worlds import State
 from avrgym.tasks.person import LIMBS, when_strong
 from avrgym.tasks.task import StepResult
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 MARKER_SPACING_M = 0.03
 WIPE_RADIUS_M = 0.025
@@ -53,9 +50,9 @@ class BedBathingState:
     (N, 2, ``MARKERS``).
     """
 
-    marker_pos: Array
-    exists: Bools
-    wiped: Bools
+    marker_pos: FloatArray
+    exists: BoolArray
+    wiped: BoolArray
 
 
 def _largest(measure: str) -> float:
@@ -74,7 +71,7 @@ MARKERS = RINGS * AROUND
 """Upper arms are longer and thicker than forearms."""
 
 
-def init_state(people: People, uniforms: Array) -> BedBathingState:
+def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
     """All markers, none of them wiped: rings 3 cm apart, as many around as fit 3 cm apart."""
     xp = namespace(uniforms)
     size = human.layout_of(people, RECLINED).geom_size
@@ -90,7 +87,7 @@ def init_state(people: People, uniforms: Array) -> BedBathingState:
     return BedBathingState(pos, exists, xp.zeros_like(exists))
 
 
-def evaluate_step(state: State, action: Array, task_state: BedBathingState) -> StepResult:
+def evaluate_step(state: State, action: FloatArray, task_state: BedBathingState) -> StepResult:
     """One control step.
 
     Only the cloth's face wipes. The force of the cloth's contacts within 2.5 cm of upper arm or forearm, on whatever
@@ -116,12 +113,12 @@ def evaluate_step(state: State, action: Array, task_state: BedBathingState) -> S
     return StepResult(after, terms, distance, state.total_force_n, is_wiped(after), wiped, nothing)
 
 
-def is_wiped(task_state: BedBathingState) -> Bools:
+def is_wiped(task_state: BedBathingState) -> BoolArray:
     """Whether enough of all markers are wiped (N,)."""
     return _count(task_state.wiped) >= SUCCESS_SHARE * _count(task_state.exists)
 
 
-def cloth_distance(state: State) -> Array:
+def cloth_distance(state: State) -> FloatArray:
     """From the cloth to the person's body (N,), metres; 0 where they touch."""
     centre_w = state.tool_pos_w + transforms.rotate(state.tool_q_w, PAD_CENTRE_M)
     begin_w, end_w = state.person_segment_w[:, :, 0], state.person_segment_w[:, :, 1]
@@ -132,7 +129,7 @@ def cloth_distance(state: State) -> Array:
     return xp.maximum(xp.min(to_axis - state.person_radius_m, axis=-1) - NAP_M, 0.0)
 
 
-def _contacts_of_limbs(state: State) -> tuple[Array, Bools]:
+def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
     """The cloth's contacts in the frames of both limbs (N, 2, C, 3), and which lie within 2.5 cm of the limb."""
     xp, limbs = namespace(state.tool_pos_w), like(LIMB_GEOMS, state.tool_pos_w)
     touching = state.tool_contact_force_n > 0.0
@@ -155,7 +152,7 @@ def _contacts_of_limbs(state: State) -> tuple[Array, Bools]:
     return contact_pos, near
 
 
-def _on_face(state: State) -> Bools:
+def _on_face(state: State) -> BoolArray:
     """Which of the cloth's contacts (N, C) lie on the face or its rim, and not on a side or the back.
 
     They lie in the front half of the pad, which gives way and tilts against the tool, and their normals point less
@@ -167,7 +164,7 @@ def _on_face(state: State) -> Bools:
     return (place[..., 0] > PAD_CENTRE_M[0]) & (normal[..., 0] > RIM_COSINE)
 
 
-def _touched(contact_pos: Array, near: Bools, marker_pos: Array) -> Bools:
+def _touched(contact_pos: FloatArray, near: BoolArray, marker_pos: FloatArray) -> BoolArray:
     """Which markers (N, 2, M) are within 2.5 cm of what the cloth touches of their limb."""
     xp = namespace(marker_pos)
     touching = xp.any(near, axis=-1)
@@ -181,7 +178,7 @@ def _touched(contact_pos: Array, near: Bools, marker_pos: Array) -> Bools:
     return touched & touching[..., None]
 
 
-def _ends(pos: Array, near: Bools) -> tuple[Array, Array]:
+def _ends(pos: FloatArray, near: BoolArray) -> tuple[FloatArray, FloatArray]:
     """The first and the last along the limb, (n, 3) each, of the near ones of contacts (n, C, 3)."""
     xp, row, along = namespace(pos), row_numbers(pos), -pos[..., 2]
     first = xp.where(near, along, np.inf).argmin(axis=-1)
@@ -189,5 +186,5 @@ def _ends(pos: Array, near: Bools) -> tuple[Array, Array]:
     return pos[row, first], pos[row, last]
 
 
-def _count(markers: Bools) -> Array:
+def _count(markers: BoolArray) -> FloatArray:
     return 1.0 * markers.sum(axis=(-2, -1))

@@ -3,8 +3,8 @@
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import like, namespace
 from avrgym.models import human
@@ -24,8 +24,6 @@ from avrgym.tasks.experts.reactive import Reactive
 from avrgym.tasks.observation import Observation
 from avrgym.tasks.person import ARM_SPREAD_RAD, above_clothes
 from avrgym.tasks.task import Marks, Task, View, Views
-
-Array = NDArray[np.float64]
 
 HAND_START_W = np.array([-0.5, -0.1, 1.0])
 START_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.radians(45.0))
@@ -50,7 +48,7 @@ def scene(robot: Robot) -> SceneConfig:
     return places.bed_scene(robot, "left", WASHCLOTH)
 
 
-def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """The hand right of and above the person's right arm, the base within reach of shoulder, elbow and wrist."""
     xp, count = namespace(uniforms), len(uniforms)
     hand, turned = like(HAND_START_W, uniforms), like(START_Q_W, uniforms)
@@ -72,7 +70,7 @@ def observation(scene: SceneConfig) -> Observation:
     )
 
 
-def marks_w(arm: RightArm, task_state: BedBathingState) -> Array:
+def marks_w(arm: RightArm, task_state: BedBathingState) -> FloatArray:
     """Where the markers not yet wiped are drawn (N, 2 × ``MARKERS``, 3), world frame; the others below the floor."""
     drawn = above_clothes(task_state.marker_pos)
     limb_pos_w, limb_q_w = arm.right_arm_pos_w[:, :2, None], arm.right_arm_q_w[:, :2, None]

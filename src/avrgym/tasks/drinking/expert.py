@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.cup import AXIS_X_M, RIM_RADIUS_M
@@ -14,8 +14,6 @@ from avrgym.tasks.experts.clearance import Clearance
 from avrgym.tasks.experts.guide import BLOCKED_S, Guide
 from avrgym.tasks.experts.head import heading, way_out
 from avrgym.tasks.task import RunningEpisodes
-
-Array = NDArray[np.float64]
 
 ASIDE_DEG = (0.0, 15.0, -15.0, 30.0, -30.0)
 ROLL_DEG = (0.0, -22.5, -45.0)
@@ -52,8 +50,8 @@ RIM = np.stack(
 class Way:
     """How a cup comes to each of N people, (N,): its heading from that of the face, its turn about its axis."""
 
-    aside_rad: Array
-    roll_rad: Array
+    aside_rad: FloatArray
+    roll_rad: FloatArray
 
 
 class DrinkingExpert:
@@ -67,7 +65,7 @@ class DrinkingExpert:
         self._tilt_rad, self._arrived = np.full(count, TIPPED_RAD), np.zeros(count, dtype=bool)
         self._way, self._before_rad = self._plan(self._episodes.state())
 
-    def __call__(self, observation: Array) -> Array:
+    def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         state, guide = self._episodes.state(), self._guide
         self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
@@ -79,7 +77,7 @@ class DrinkingExpert:
         into = guide.straight(pos_w, q_w, ENTER_M_S, TURN_RAD_S)
         return guide.ask(np.where(self._arrived[:, None], into, swing))
 
-    def _plan(self, state: State) -> tuple[Way, Array]:
+    def _plan(self, state: State) -> tuple[Way, FloatArray]:
         """Of all ways on which the arm can tilt the cup, one that is quick and brings the rim near to the mouth.
 
         Also the arm's angles (N, J) where it begins.
@@ -91,7 +89,7 @@ class DrinkingExpert:
         best = costs.argmin(axis=0)
         return Way(*ways[best].T), before_rad[best, worlds]
 
-    def _try(self, state: State, way: Way) -> tuple[Array, Array]:
+    def _try(self, state: State, way: Way) -> tuple[FloatArray, FloatArray]:
         """What a way costs, (N,), and the arm's angles (N, J) where it begins."""
         pos_w, q_w = at_mouth(state, way, np.full_like(way.roll_rad, TIPPED_RAD))
         before_w = pos_w - AWAY_M * transforms.rotate(yaw_q_w(state, way), FORWARD)
@@ -100,7 +98,7 @@ class DrinkingExpert:
         )
         return seconds + self._tilting_cost_s(state, way, angles), angles
 
-    def _tilting_cost_s(self, state: State, way: Way, angles_rad: Array) -> Array:
+    def _tilting_cost_s(self, state: State, way: Way, angles_rad: FloatArray) -> FloatArray:
         """What it costs, (N,), that the rim stays away from the mouth and the arm comes close to something."""
         gap_m = np.full(len(angles_rad), np.inf)
         poses = [at_mouth(state, way, np.full_like(way.roll_rad, tilt)) for tilt in TILTS_RAD.tolist()]
@@ -114,19 +112,19 @@ class DrinkingExpert:
         return SECONDS_PER_M * distance + BLOCKED_S * np.clip(1.0 - gap_m / CLEARANCE_M, 0.0, 1.0)
 
 
-def carried_tilt_rad(q_w: Array) -> Array:
+def carried_tilt_rad(q_w: FloatArray) -> FloatArray:
     """How far (N,) cups with rotations (N, 4) are tilted, or ``TIPPED_RAD`` where that is more."""
     z_w = transforms.rotate(q_w, UP)[:, 2]
     return np.maximum(elementary.arccos(np.clip(z_w, -1.0, 1.0)), TIPPED_RAD)
 
 
-def yaw_q_w(state: State, way: Way) -> Array:
+def yaw_q_w(state: State, way: Way) -> FloatArray:
     """The rotation (N, 4) of an upright cup whose x axis is the way's heading."""
     into = heading(state)
     return transforms.from_axis_angle(UP, elementary.arctan2(into[:, 1], into[:, 0]) + way.aside_rad)
 
 
-def at_mouth(state: State, way: Way, tilt_rad: Array) -> tuple[Array, Array]:
+def at_mouth(state: State, way: Way, tilt_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The cup's pose, (N, 3) and (N, 4), at a tilt, its lowest edge as near to the lips as the head lets it."""
     yaw = yaw_q_w(state, way)
     tilt = transforms.from_axis_angle([0.0, 1.0, 0.0], tilt_rad)
@@ -139,7 +137,7 @@ def at_mouth(state: State, way: Way, tilt_rad: Array) -> tuple[Array, Array]:
     return pos_w + way_out(rim_w, back, state, CLEARANCE_M)[:, None] * back, q_w
 
 
-def _edge_w(pos_w: Array, q_w: Array, way: Way) -> Array:
+def _edge_w(pos_w: FloatArray, q_w: FloatArray, way: Way) -> FloatArray:
     """The point (N, 3) of the rim over which a cup with this pose pours."""
     edge = [
         RIM_RADIUS_M * elementary.cos(way.roll_rad) + AXIS_X_M,

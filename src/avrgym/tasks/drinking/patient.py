@@ -13,8 +13,8 @@ turned: so the hand that holds it is lower, where the arm reaches farther.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.cup import RIM_RADIUS_M
@@ -28,9 +28,6 @@ from avrgym.tasks.experts.head import heading
 from avrgym.tasks.experts.reactive import FASTEST_M_S, SPEED_PER_M, TURN_RAD_S, PresentGuide, funnel_m
 from avrgym.tasks.particles import count
 from avrgym.tasks.task import RunningEpisodes
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 SLOWEST_M_S, RETREAT_M_S = 0.02, 0.10
 """How fast a cup goes at least that comes to the lips, and that makes room for them."""
@@ -75,7 +72,7 @@ class PatientExpert:
         state = episodes.state()
         self._mouth_w, self._first_turn_rad = state.mouth_pos_w, _turn_rad(state)
 
-    def __call__(self, observation: Array) -> Array:
+    def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         guide, state = self._guide, self._episodes.state()
         guide.relax()
@@ -86,7 +83,7 @@ class PatientExpert:
         awaited = _turned(state, np.where(away, _expected_rad(turn_rad) - turn_rad, 0.0))
         return self._bring(awaited, rests, away)
 
-    def _bring(self, state: State, rests: Bools, away: Bools) -> Array:
+    def _bring(self, state: State, rests: BoolArray, away: BoolArray) -> FloatArray:
         guide, way = self._guide, _way(np.full(len(rests), TURNED_M))
         tilt = expert.carried_tilt_rad(guide.q_w)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
@@ -109,12 +106,14 @@ class PatientExpert:
         return guide.toward(goal_w, q_w, speed, TURN_RAD_S)
 
 
-def _way(left_m: Array) -> Way:
+def _way(left_m: FloatArray) -> Way:
     """How cups come that pour over the part of their rim which puts them so far (N,) left of the lips."""
     return Way(np.zeros_like(left_m), -elementary.arcsin(left_m / RIM_RADIUS_M))
 
 
-def _next_tilt_rad(tilt: Array, pours_rad: Array, distance_m: Array, rests: Bools, away: Bools) -> Array:
+def _next_tilt_rad(
+    tilt: FloatArray, pours_rad: FloatArray, distance_m: FloatArray, rests: BoolArray, away: BoolArray
+) -> FloatArray:
     """The tilt (N,) that is aimed at, of cups with a tilt, with one at which they pour, and so far from the lips."""
     calm_rad = pours_rad - CALM_RAD
     pours = (distance_m < NEAR_M) & ~away & (rests | (tilt < calm_rad))
@@ -125,13 +124,13 @@ def _next_tilt_rad(tilt: Array, pours_rad: Array, distance_m: Array, rests: Bool
     return np.where(pours, on, np.where(distance_m > expert.AWAY_M, expert.TIPPED_RAD, waits))
 
 
-def _to_the_left(state: State) -> Array:
+def _to_the_left(state: State) -> FloatArray:
     """The direction (N, 3) from the right shoulder to the left."""
     shoulders_w = state.person_segment_w[:, [_RIGHT, _LEFT]].mean(axis=2)
     return transforms.normalize(shoulders_w[:, 1] - shoulders_w[:, 0])
 
 
-def _turn_rad(state: State) -> Array:
+def _turn_rad(state: State) -> FloatArray:
     """How far (N,) faces are turned to the left of where those are turned that look at the cup."""
     into, left = heading(state), _to_the_left(state)
     turn_rad = elementary.arctan2(
@@ -140,20 +139,20 @@ def _turn_rad(state: State) -> Array:
     return turn_rad - LOOKING_RAD
 
 
-def _expected_rad(turn_rad: Array) -> Array:
+def _expected_rad(turn_rad: FloatArray) -> FloatArray:
     """Where faces (N,) that look away are awaited."""
     share = (np.abs(turn_rad) - AWAY_RAD) / (FAR_AWAY_RAD - AWAY_RAD)
     return np.sign(turn_rad) * np.maximum(AWAY_RAD - share * (AWAY_RAD - EXPECTED_RAD), EXPECTED_RAD)
 
 
-def _turned(state: State, angle_rad: Array) -> State:
+def _turned(state: State, angle_rad: FloatArray) -> State:
     """The state with heads turned about the vertical by angles (N,)."""
     turn = transforms.from_axis_angle(expert.UP, angle_rad)
     mouth_w = state.head_pos_w + transforms.rotate(turn, state.mouth_pos_w - state.head_pos_w)
     return replace(state, mouth_pos_w=mouth_w, head_q_w=transforms.multiply(turn, state.head_q_w))
 
 
-def _aside_m(state: State, left: Array, tool_w: Array, at_lips_w: Array) -> Array:
+def _aside_m(state: State, left: FloatArray, tool_w: FloatArray, at_lips_w: FloatArray) -> FloatArray:
     """How far (N,) left of the lips cups go to stay on their side of the head's middle, where that is not too far.
 
     What is more than ``MOST_ASIDE_M`` is too far: the farther, the less is kept, and nothing from half as far again on.

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import namespace
 from avrgym.geometry.transforms import norm
@@ -15,9 +15,6 @@ from avrgym.simulation.worlds import State
 from avrgym.tasks.feeding.reward import strong_tool_force
 from avrgym.tasks.particles import GROUND_M, check_count, count, touching_person
 from avrgym.tasks.task import StepResult
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 MOUTH_RADIUS_M = 0.03
 SUCCESS_SHARE = 0.75
@@ -44,20 +41,20 @@ the angle between its axis and the vertical is from a quarter turn.
 class DrinkingState:
     """What happened to each particle of water, (N, 64) each; what is gone has left the scene."""
 
-    drunk: Bools
-    spilled: Bools
-    on_person: Bools
-    gone: Bools
+    drunk: BoolArray
+    spilled: BoolArray
+    on_person: BoolArray
+    gone: BoolArray
 
 
-def init_state(people: People, uniforms: Array, particles: int = len(WATER.start)) -> DrinkingState:
+def init_state(people: People, uniforms: FloatArray, particles: int = len(WATER.start)) -> DrinkingState:
     """All water is in the cup. The tool carries so many ``particles``."""
     xp = namespace(uniforms)
     nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)
     return DrinkingState(nothing, nothing, nothing, nothing)
 
 
-def evaluate_step(state: State, action: Array, task_state: DrinkingState) -> StepResult:
+def evaluate_step(state: State, action: FloatArray, task_state: DrinkingState) -> StepResult:
     """Water that is out of the cup and within 3 cm of the mouth is drunk; fallen below both it is spilled."""
     check_count(state, task_state.drunk)
     outside = ~(task_state.gone | in_cup(state))
@@ -90,7 +87,7 @@ def evaluate_step(state: State, action: Array, task_state: DrinkingState) -> Ste
     return StepResult(after, terms, distance, state.total_force_n, success, drunk.sum(axis=-1), gone)
 
 
-def in_cup(state: State) -> Bools:
+def in_cup(state: State) -> BoolArray:
     """Which water (N, 64) is between the cup's walls, below its rim."""
     to_cup = transforms.conjugate(state.tool_q_w)[:, None]
     pos = transforms.rotate(to_cup, state.particle_pos_w - state.tool_pos_w[:, None])
@@ -98,7 +95,7 @@ def in_cup(state: State) -> Bools:
     return ~beside & (pos[..., 2] < 0.0) & (pos[..., 2] > -HEIGHT_M)
 
 
-def _fallen(state: State) -> Bools:
+def _fallen(state: State) -> BoolArray:
     """Which water (N, 64) is lower than all of the cup and the mouth: it cannot come back."""
     middle = (
         transforms.rotate(state.tool_q_w, [AXIS_X_M, 0.0, -0.5 * HEIGHT_M])[:, 2] + state.tool_pos_w[:, 2]
@@ -108,7 +105,7 @@ def _fallen(state: State) -> Bools:
     return state.particle_pos_w[..., 2] < namespace(cup_low).minimum(cup_low, mouth_low)[:, None]
 
 
-def tilt_rad(state: State) -> Array:
+def tilt_rad(state: State) -> FloatArray:
     """The angle (N,) between the cup's axis and the vertical."""
     up = transforms.rotate(state.tool_q_w, [0.0, 0.0, 1.0])[:, 2]
     return elementary.arccos(namespace(up).clip(up, -1.0, 1.0))

@@ -3,8 +3,8 @@
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import like
 from avrgym.models.cup import CUP
@@ -23,8 +23,6 @@ from avrgym.tasks.observation import tool_at_the_mouth
 from avrgym.tasks.person import HEAD_TURNED
 from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
 
-Array = NDArray[np.float64]
-
 HAND_START_W = (-0.2, -0.5, 1.0)
 HAND_SPREAD_M = 0.05
 CUP_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
@@ -36,7 +34,7 @@ def scene(robot: Robot) -> SceneConfig:
     return places.wheelchair_scene(robot, "right", CUP, (0.2, 0.2))
 
 
-def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Hand within ±5 cm of a point before the person, cup upright."""
     hand = like(np.array(HAND_START_W), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, upright = places.held(scene, hand, CUP_Q_W)

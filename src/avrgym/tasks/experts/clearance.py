@@ -5,16 +5,14 @@ from functools import cache
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import capsules, kinematics, transforms
 from avrgym.models import contacts
 from avrgym.models.scene import TOOL_BODY, SceneConfig, robot_with_tool
 from avrgym.people.arm_clearance import Boxes
 from avrgym.simulation.worlds import Simulation, State
 from avrgym.tasks import places
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +24,10 @@ class ArmShape:
     """
 
     links: tuple[kinematics.Chain, ...]
-    link: NDArray[np.intp]
-    ends: Array
-    radius_m: Array
-    is_tool: NDArray[np.bool_]
+    link: IntArray
+    ends: FloatArray
+    radius_m: FloatArray
+    is_tool: BoolArray
 
 
 @cache
@@ -41,7 +39,7 @@ def arm_shape(scene: SceneConfig) -> ArmShape:
     bodies = [int(model.joint(name).bodyid[0]) for name in scene.arm.joints]
     tool = model.body(TOOL_BODY).id
     link: list[int] = []
-    ends: list[Array] = []
+    ends: list[FloatArray] = []
     radius: list[float] = []
     is_tool: list[bool] = []
     for geom in np.nonzero(model.geom_group == contacts.COLLISION_GROUP)[0]:
@@ -85,7 +83,7 @@ class Clearance:
         self._shape, self._boxes = arm_shape(simulation.scene), furniture_boxes(simulation)
         self._base_pos_w, self._base_q_w = (part[:, None, None, None] for part in simulation.robot_base())
 
-    def least_m(self, angles_rad: Array, state: State, *, tool: bool) -> Array:
+    def least_m(self, angles_rad: FloatArray, state: State, *, tool: bool) -> FloatArray:
         """The smallest distance (N, M) of the arm from person or furniture at angles (N, M, J), metres.
 
         Below 0 where they intersect. ``tool`` counts the tool to the arm; the hand always belongs to it.
@@ -100,7 +98,7 @@ class Clearance:
         to_axis = np.minimum(to_person, to_boxes.min(axis=-1))
         return (to_axis - self._shape.radius_m[counts]).min(axis=-1)
 
-    def _ends_w(self, angles_rad: Array) -> Array:
+    def _ends_w(self, angles_rad: FloatArray) -> FloatArray:
         """The ends (N, M, C, 2, 3) of the arm's capsules."""
         worlds, poses, joints = angles_rad.shape
         ends_w = np.empty((worlds, poses, len(self._shape.link), 2, 3))
@@ -122,7 +120,7 @@ def _carrier(model: mujoco.MjModel, body: int, bodies: list[int]) -> int | None:
     return bodies.index(body)
 
 
-def _capsule(kind: int, size: Array) -> tuple[Array, float]:
+def _capsule(kind: int, size: FloatArray) -> tuple[FloatArray, float]:
     """Half the axis (3,) and the radius of a capsule about a geom of this type and size."""
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return np.zeros(3), float(size[0])

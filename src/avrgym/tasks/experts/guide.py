@@ -1,15 +1,13 @@
 """Leading a tool through space: from where it should go to actions of the arm."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.tasks import places
 from avrgym.tasks.experts.clearance import Clearance
 from avrgym.tasks.task import RunningEpisodes
-
-Array = NDArray[np.float64]
 
 ITERATIONS = 8
 POSTURE_SHARE = 0.1
@@ -47,8 +45,12 @@ class Guide:
         self.posture_rad = self.angles_rad
 
     def toward(
-        self, target_pos_w: Array, target_q_w: Array, speed_m_s: Array | float, turn_rad_s: float
-    ) -> Array:
+        self,
+        target_pos_w: FloatArray,
+        target_q_w: FloatArray,
+        speed_m_s: FloatArray | float,
+        turn_rad_s: float,
+    ) -> FloatArray:
         """Actions (N, J) that bring the tool nearer to its target along a straight line.
 
         ``target_pos_w`` (N, 3) and ``target_q_w`` (N, 4); the tool moves and turns no faster than given, and as
@@ -57,8 +59,12 @@ class Guide:
         return self.ask(self.straight(target_pos_w, target_q_w, speed_m_s, turn_rad_s))
 
     def straight(
-        self, target_pos_w: Array, target_q_w: Array, speed_m_s: Array | float, turn_rad_s: float
-    ) -> Array:
+        self,
+        target_pos_w: FloatArray,
+        target_q_w: FloatArray,
+        speed_m_s: FloatArray | float,
+        turn_rad_s: float,
+    ) -> FloatArray:
         """The angles (N, J) of the next pose on the straight line to a target; see ``toward``."""
         self._see()
         step = target_pos_w - self.pos_w
@@ -70,7 +76,7 @@ class Guide:
         pull *= _share(pull, np.full(len(pull), POSTURE_SHARE))
         return self.angles_at(self.pos_w + step, q_w, self.angles_rad + pull)
 
-    def swing(self, target_rad: Array, speed_m_s: Array | float, tilt_rad: float) -> Array:
+    def swing(self, target_rad: FloatArray, speed_m_s: FloatArray | float, tilt_rad: float) -> FloatArray:
         """The angles (N, J) of the next pose on the way to others, all joints together.
 
         The tool moves no faster than given, and its z axis stays within ``tilt_rad`` of the vertical.
@@ -82,14 +88,16 @@ class Guide:
         pos_w, q_w = self.pose(self.angles_rad + step)
         return self.angles_at(pos_w, _upright(q_w, tilt_rad), self.angles_rad + step)
 
-    def ask(self, angles_rad: Array) -> Array:
+    def ask(self, angles_rad: FloatArray) -> FloatArray:
         """Actions (N, J) that bring the arms towards angles (N, J), all joints together, within their limits."""
         self._see()
         step = self._within_limits(angles_rad - self.angles_rad)
         self._put(self.angles_rad + step)
         return step / self._reach_rad
 
-    def find(self, pos_w: Array, q_w: Array, tilt_rad: float = np.pi) -> tuple[Array, Array]:
+    def find(
+        self, pos_w: FloatArray, q_w: FloatArray, tilt_rad: float = np.pi
+    ) -> tuple[FloatArray, FloatArray]:
         """Angles (N, K, J) for K tool poses per world, (N, K, 3) and (N, K, 4): near, and clear of all else.
 
         Returns:
@@ -116,14 +124,14 @@ class Guide:
         cost, angles = _least(cost, angles, 1)
         return angles[:, :, 0], cost[:, :, 0]
 
-    def _cost_level_s(self, angles_rad: Array, tilt_rad: float) -> Array:
+    def _cost_level_s(self, angles_rad: FloatArray, tilt_rad: float) -> FloatArray:
         """How long swings to angles (N, M, J) take at least, and what it costs that they tilt the tool, (N, M)."""
         way = angles_rad - self.angles_rad[:, None]
         tilt = [self._tilt_rad(self.angles_rad[:, None] + share * way) for share in PARTS_OF_THE_WAY]
         excess = np.maximum(0.0, np.max(tilt, axis=0) - tilt_rad)
         return CONTROL_STEP_S * np.abs(way / self._reach_rad).max(axis=-1) + TILTED_S_RAD * excess
 
-    def _cost_clear_s(self, angles_rad: Array) -> Array:
+    def _cost_clear_s(self, angles_rad: FloatArray) -> FloatArray:
         """What it costs that swings to angles (N, M, J) come close to something, (N, M)."""
         way = angles_rad - self.angles_rad[:, None]
         state, gap = self._episodes.state(), np.full(way.shape[:2], np.inf)
@@ -132,7 +140,7 @@ class Guide:
             gap = np.minimum(gap, self._clearance.least_m(there, state, tool=share < 1.0))
         return BLOCKED_S * np.maximum(0.0, 1.0 - gap / MARGIN_M)
 
-    def _tilt_rad(self, angles_rad: Array) -> Array:
+    def _tilt_rad(self, angles_rad: FloatArray) -> FloatArray:
         """How far (N, M) the tool's z axis is from the vertical at angles (N, M, J)."""
         _, q = kinematics.forward(self._chain, angles_rad.reshape(-1, angles_rad.shape[-1]))
         z_w = transforms.rotate(
@@ -140,16 +148,16 @@ class Guide:
         )
         return elementary.arccos(np.clip(z_w[..., 2], -1.0, 1.0))
 
-    def angles_at(self, pos_w: Array, q_w: Array, near_rad: Array) -> Array:
+    def angles_at(self, pos_w: FloatArray, q_w: FloatArray, near_rad: FloatArray) -> FloatArray:
         """Angles (N, J) for a tool pose not far from that of other angles."""
         pos, q = transforms.compose(*self._to_base, pos_w, q_w)
         return kinematics.solve(self._chain, pos, q, near_rad, iterations=ITERATIONS).angles_rad
 
-    def pose(self, angles_rad: Array) -> tuple[Array, Array]:
+    def pose(self, angles_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The tool's positions (N, 3) and rotations (N, 4) at angles (N, J), world frame."""
         return transforms.compose(*self._base_w, *kinematics.forward(self._chain, angles_rad))
 
-    def _unwound(self, angles_rad: Array) -> Array:
+    def _unwound(self, angles_rad: FloatArray) -> FloatArray:
         """The same angles (N, M, J) plus whole turns, as near to where the arm is as their ranges allow."""
         turns = np.round((self.angles_rad[:, None] - angles_rad) / (2.0 * np.pi))
         turned = angles_rad + 2.0 * np.pi * turns
@@ -160,33 +168,33 @@ class Guide:
         """Go on from where the servos aim, whoever has asked them to."""
         self._put(self._simulation.arm_targets_rad())
 
-    def _put(self, angles_rad: Array) -> None:
+    def _put(self, angles_rad: FloatArray) -> None:
         self.angles_rad = angles_rad
         self.pos_w, self.q_w = self.pose(angles_rad)
 
-    def _within_limits(self, step_rad: Array) -> Array:
+    def _within_limits(self, step_rad: FloatArray) -> FloatArray:
         return step_rad / np.maximum(1.0, np.abs(step_rad / self._reach_rad).max(axis=-1, keepdims=True))
 
 
-def _around(joints: int) -> Array:
+def _around(joints: int) -> FloatArray:
     """Where the search begins, ``STARTS`` rows (…, J): radians from where the arm is."""
     others = np.random.default_rng(0).uniform(-SPREAD_RAD, SPREAD_RAD, (STARTS - 1, joints))
     return np.concatenate([np.zeros((1, joints)), others])
 
 
-def _least(cost: Array, angles_rad: Array, count: int) -> tuple[Array, Array]:
+def _least(cost: FloatArray, angles_rad: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """The cheapest of costs (N, K, R) and their angles (N, K, R, J), as many as ``count``, the best first."""
     best = np.argsort(cost, axis=-1, kind="stable")[..., :count]
     return np.take_along_axis(cost, best, axis=-1), np.take_along_axis(angles_rad, best[..., None], axis=2)
 
 
-def _share(step: Array, longest: Array | float) -> Array:
+def _share(step: FloatArray, longest: FloatArray | float) -> FloatArray:
     """What share (N, 1) of steps (N, k) keeps them no longer than (N,)."""
     length = transforms.norm(step)
     return np.minimum(1.0, longest / np.maximum(length, 1e-9))[:, None]
 
 
-def _upright(q_w: Array, tilt_rad: float) -> Array:
+def _upright(q_w: FloatArray, tilt_rad: float) -> FloatArray:
     """Rotations (N, 4) turned back, the shortest way, to where their z axis is within a tilt of the vertical."""
     z_w = transforms.rotate(q_w, UP)
     axis = transforms.cross(z_w, UP)

@@ -1,24 +1,24 @@
 """Coming to a head without touching it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.human import GEOMS
 from avrgym.simulation.worlds import State
 
-Array = NDArray[np.float64]
-
 HEAD = [list(GEOMS).index(name) for name in ("jaw", "cranium")]
 
 
-def heading(state: State) -> Array:
+def heading(state: State) -> FloatArray:
     """The level direction (N, 3) into the face."""
     into = transforms.rotate(state.head_q_w, [0.0, 1.0, 0.0])
     return transforms.normalize(into * [1.0, 1.0, 0.0])
 
 
-def way_out(points_w: Array, out: Array, state: State, clearance_m: Array | float) -> Array:
+def way_out(
+    points_w: FloatArray, out: FloatArray, state: State, clearance_m: FloatArray | float
+) -> FloatArray:
     """How far (N,) points (N, P, 3) must move along ``out`` (N, 3) to be clear of the head by (N,) metres."""
     radius = state.person_radius_m[:, HEAD] + np.asarray(clearance_m)[..., None]
     offset = points_w[:, None] - state.person_segment_w[:, HEAD, :1]

@@ -3,15 +3,14 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.guide import Guide
 from avrgym.tasks.task import RunningEpisodes, TaskState
 
-Array = NDArray[np.float64]
-Aim = tuple[Array, Array, Array]
+Aim = tuple[FloatArray, FloatArray, FloatArray]
 """Where a tool should go: position (N, 3) and rotation (N, 4), world frame, and its speed (N,), m/s."""
 
 FASTEST_M_S, TURN_RAD_S = 0.35, 0.8
@@ -53,7 +52,7 @@ class Reactive:
         self._episodes, self._aim = episodes, aim
         self._guide = PresentGuide(episodes)
 
-    def __call__(self, observation: Array) -> Array:
+    def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         self._guide.relax()
         state, task_state = self._episodes.state(), self._episodes.task_state
@@ -61,16 +60,16 @@ class Reactive:
         return self._guide.toward(pos_w, q_w, speed, TURN_RAD_S)
 
 
-def funnel_m(offset: Array, axis: Array, free_m: float, most_m: float) -> Array:
+def funnel_m(offset: FloatArray, axis: FloatArray, free_m: float, most_m: float) -> FloatArray:
     """How far before its goal a tool should stay, (N,), that is beside the goal's axis by more than ``free_m``."""
     return before_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, most_m)
 
 
-def before_m(beside_m: Array, free_m: float, most_m: float) -> Array:
+def before_m(beside_m: FloatArray, free_m: float, most_m: float) -> FloatArray:
     """How far before its goal a tool should stay, (N,), that is beside it by (N,), more than ``free_m``."""
     return np.clip(FUNNEL * (beside_m - free_m), 0.0, most_m)
 
 
-def speed_m_s(offset: Array, slowest_m_s: float) -> Array:
+def speed_m_s(offset: FloatArray, slowest_m_s: float) -> FloatArray:
     """How fast a tool should go (N,) that is away from its goal by offsets (N, 3)."""
     return np.clip(SPEED_PER_M * norm(offset), slowest_m_s, FASTEST_M_S)

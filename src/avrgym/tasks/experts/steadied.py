@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import Simulation, State
 from avrgym.tasks.task import Controller, Expert, RunningEpisodes, TaskState
-
-Array = NDArray[np.float64]
 
 PLACES = ("head_pos_w", "mouth_pos_w", "person_segment_w", "right_arm_pos_w")
 ROTATIONS = ("head_q_w", "right_arm_q_w")
@@ -63,13 +61,13 @@ class _Steadied:
     def __init__(self, seen: _Seen, expert: Expert) -> None:
         self._seen, self._controller = seen, expert(seen)
 
-    def __call__(self, observation: Array) -> Array:
+    def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         self._seen.look()
         return self._controller(observation)
 
 
-def _between(a: Array, b: Array) -> Array:
+def _between(a: FloatArray, b: FloatArray) -> FloatArray:
     """The rotations (..., 4) half-way between others."""
     same = np.sign((a * b).sum(axis=-1, keepdims=True))
     return transforms.normalize(a + same * b)

@@ -1,8 +1,8 @@
 """Feeding by script: carry the spoon before the mouth, bring it in as far as the face allows."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.spoon import FOOD, OUTLINE
@@ -11,8 +11,6 @@ from avrgym.tasks.experts.guide import Guide
 from avrgym.tasks.experts.head import heading, way_out
 from avrgym.tasks.feeding.reward import MOUTH_RADIUS_M, SUCCESS_SHARE
 from avrgym.tasks.task import RunningEpisodes
-
-Array = NDArray[np.float64]
 
 TIP_FIRST = [(0.0, pitch, 0.0, rise) for pitch in (0.0, 15.0, -15.0) for rise in (0.0, 0.006, -0.006)]
 TURNED = [(turn, 0.0, 0.0, 0.0) for turn in (20.0, -20.0, -40.0)]
@@ -44,7 +42,7 @@ class FeedingExpert:
         self._clearance_m, self._arrived = np.full(count, CLEARANCE_M), np.zeros(count, dtype=bool)
         self._plan(episodes.state())
 
-    def __call__(self, observation: Array) -> Array:
+    def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         state, guide = self._episodes.state(), self._guide
         self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
@@ -75,7 +73,7 @@ class FeedingExpert:
         self._guide.posture_rad = self._before_rad
 
 
-def _spoon_q_w(state: State) -> Array:
+def _spoon_q_w(state: State) -> FloatArray:
     """The spoon's rotation in every way, (N, K, 4)."""
     into = heading(state)
     yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None]
@@ -85,7 +83,9 @@ def _spoon_q_w(state: State) -> Array:
     return transforms.multiply(turn, transforms.multiply(pitch, roll))
 
 
-def at_mouth(state: State, q_w: Array, rise_m: Array | float, clearance_m: Array) -> Array:
+def at_mouth(
+    state: State, q_w: FloatArray, rise_m: FloatArray | float, clearance_m: FloatArray
+) -> FloatArray:
     """Where (N, 3) the spoon is in the middle of the mouth, or as far in as it stays clear of the face."""
     pos_w = state.mouth_pos_w + np.multiply.outer(rise_m, UP)
     outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], OUTLINE)
@@ -93,7 +93,7 @@ def at_mouth(state: State, q_w: Array, rise_m: Array | float, clearance_m: Array
     return pos_w + way_out(outline_w, back, state, clearance_m)[:, None] * back
 
 
-def _is_hungry(state: State) -> NDArray[np.bool_]:
+def _is_hungry(state: State) -> BoolArray:
     """Whether the spoon may go on: too much food lies on it for a success, and the face feels little (N,)."""
     on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < ON_SPOON_M
     return (on_spoon.sum(axis=-1) > SPARE_PIECES) & (state.robot_force_n < GENTLE_N)

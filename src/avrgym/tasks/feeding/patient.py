@@ -5,8 +5,8 @@ the mouth moves, as when people lean to it or turn, and comes in again once it r
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry.transforms import norm
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
@@ -14,8 +14,6 @@ from avrgym.tasks.experts.guide import Guide
 from avrgym.tasks.experts.reactive import Aim, Reactive
 from avrgym.tasks.feeding.reactive import feed
 from avrgym.tasks.task import RunningEpisodes, TaskState
-
-Array = NDArray[np.float64]
 
 RESTING_M_S = 0.04
 """A mouth that is slower rests."""
@@ -31,7 +29,7 @@ class PatientExpert:
         self._mouth_w = episodes.state().mouth_pos_w
         self._follow = Reactive(episodes, self._aim)
 
-    def __call__(self, observation: Array) -> Array:
+    def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         return self._follow(observation)
 
@@ -41,6 +39,6 @@ class PatientExpert:
         return feed(state, task_state, guide, kept_off_m(speed_m_s))
 
 
-def kept_off_m(mouth_m_s: Array) -> Array:
+def kept_off_m(mouth_m_s: FloatArray) -> FloatArray:
     """How far before mouths (N,) the spoon stays at least that go at speeds (N,)."""
     return KEPT_OFF_M * np.clip(mouth_m_s / RESTING_M_S - 1.0, 0.0, 1.0)

@@ -2,12 +2,13 @@
 
 import numpy as np
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import angle_between, norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.guide import Guide
 from avrgym.tasks.experts.head import heading
-from avrgym.tasks.experts.reactive import FASTEST_M_S, Aim, Array, funnel_m, speed_m_s
+from avrgym.tasks.experts.reactive import FASTEST_M_S, Aim, funnel_m, speed_m_s
 from avrgym.tasks.feeding import expert
 from avrgym.tasks.task import TaskState
 
@@ -17,7 +18,7 @@ MISSED_M_RAD, TURNED_M_RAD = 0.1, 0.02
 """What a radian counts that the arm misses, and one that the spoon is turned, beside metres that the arm misses."""
 
 
-def feed(state: State, task_state: TaskState, guide: Guide, kept_off_m: Array | float = 0.0) -> Aim:
+def feed(state: State, task_state: TaskState, guide: Guide, kept_off_m: FloatArray | float = 0.0) -> Aim:
     """The level spoon through a funnel before the face into the mouth, turned as the arm gets there.
 
     A spoon that is kept off stays so far (N,) before the mouth at least, and goes there as fast as it can.
@@ -31,12 +32,12 @@ def feed(state: State, task_state: TaskState, guide: Guide, kept_off_m: Array | 
     return goal_w - back_m[:, None] * into, q_w, speed
 
 
-def _within_reach(state: State, guide: Guide, yaw_rad: Array) -> tuple[Array, Array]:
+def _within_reach(state: State, guide: Guide, yaw_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The place (N, 3) in the mouth and the rotation (N, 4) of the turn at which the arm misses least."""
     clearance_m = np.full(len(yaw_rad), expert.CLEARANCE_M)
-    goals_w: list[Array] = []
-    rotations_w: list[Array] = []
-    costs_m: list[Array] = []
+    goals_w: list[FloatArray] = []
+    rotations_w: list[FloatArray] = []
+    costs_m: list[FloatArray] = []
     for turn in TURNS_RAD.tolist():
         q_w = transforms.from_axis_angle(expert.UP, yaw_rad + turn)
         goal_w = expert.at_mouth(state, q_w, 0.0, clearance_m)

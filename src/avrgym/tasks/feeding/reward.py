@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.arrays import like, namespace
 from avrgym.geometry.transforms import norm
 from avrgym.models.furniture import BOWL_BODY, TABLE_HEIGHT_M
@@ -15,9 +15,6 @@ from avrgym.simulation.worlds import State
 from avrgym.tasks.particles import GROUND_M, check_count, count, touching_person
 from avrgym.tasks.person import when_strong
 from avrgym.tasks.task import StepResult
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 MOUTH_RADIUS_M = 0.02
 DROPPED_HEIGHT_M = 0.5
@@ -42,19 +39,19 @@ WEIGHTS: Mapping[str, float] = {
 class FeedingState:
     """What happened to each piece of food, (N, 8) each; eaten and dropped food has left the task."""
 
-    eaten: Bools
-    dropped: Bools
-    on_person: Bools
+    eaten: BoolArray
+    dropped: BoolArray
+    on_person: BoolArray
 
 
-def init_state(people: People, uniforms: Array, particles: int = len(FOOD.start)) -> FeedingState:
+def init_state(people: People, uniforms: FloatArray, particles: int = len(FOOD.start)) -> FeedingState:
     """Nothing has happened yet. The tool carries so many ``particles``."""
     xp = namespace(uniforms)
     nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)
     return FeedingState(nothing, nothing, nothing)
 
 
-def evaluate_step(state: State, action: Array, task_state: FeedingState) -> StepResult:
+def evaluate_step(state: State, action: FloatArray, task_state: FeedingState) -> StepResult:
     """Food within 2 cm of the mouth is eaten; below 0.5 m, on the table or in the bowl it is dropped.
 
     What is eaten, or has fallen to the floor, leaves the scene.
@@ -88,12 +85,12 @@ def evaluate_step(state: State, action: Array, task_state: FeedingState) -> Step
     return StepResult(after, terms, distance, state.total_force_n, success, eaten, gone)
 
 
-def strong_tool_force(state: State) -> Array:
+def strong_tool_force(state: State) -> FloatArray:
     """What the tool presses the person with, wherever, where that is strong, (N,) newtons."""
     return when_strong(state.tool_contact_force_n.sum(axis=-1))
 
 
-def _is_dropped(state: State) -> Bools:
+def _is_dropped(state: State) -> BoolArray:
     pos = state.particle_pos_w
     low, high = like(TABLE_LOW_M, pos), like(TABLE_HIGH_M, pos)
     over_table = ((pos[..., :2] > low) & (pos[..., :2] < high)).all(axis=-1)

@@ -3,8 +3,8 @@
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import like, namespace
 from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, add_table
@@ -24,8 +24,6 @@ from avrgym.tasks.observation import tool_at_the_mouth
 from avrgym.tasks.person import HEAD_TURNED
 from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
 
-Array = NDArray[np.float64]
-
 BOWL_SPREAD_M = 0.05
 HAND_SPREAD_M = 0.05
 HAND_FROM_BOWL_M = np.array([0.0, -0.1, 0.4])
@@ -40,7 +38,7 @@ def scene(robot: Robot) -> SceneConfig:
     return places.wheelchair_scene(robot, "right", SPOON, (0.1, 0.2), (add_table,), (BOWL_BODY,))
 
 
-def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Bowl within ±5 cm of its place, hand within ±5 cm of a point above and before it, spoon level."""
     bowl = like(np.array(BOWL_START_M), uniforms) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     hand = bowl + like(HAND_FROM_BOWL_M, uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
@@ -49,7 +47,7 @@ def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
     return places.start(scene, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
 
 
-def _goals(people: People) -> tuple[Array, Array]:
+def _goals(people: People) -> tuple[FloatArray, FloatArray]:
     """Where (n, 2, 3) and how (n, 2, 4) the spoon may come to the mouths: level, tip first or with its left side."""
     mouth, head_q = places.mouth(people)
     into = transforms.rotate(head_q, [0.0, 1.0, 0.0])

@@ -4,9 +4,7 @@ A reward that falls with the straight distance draws a tool to the near side of 
 there it stays. So it is with a hand that is where it has no room.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import namespace
 from avrgym.geometry.transforms import norm
@@ -15,14 +13,12 @@ from avrgym.tasks.scratch_itch import reactive
 from avrgym.tasks.scratch_itch.expert import ROD, surface
 from avrgym.tasks.scratch_itch.reward import ScratchItchState, limb_frame
 
-Array = NDArray[np.float64]
-
 SMALLEST_M = 1e-4
 HAND_M = 0.06
 """How far from the tip the hand begins."""
 
 
-def around_limb_m(state: State, task_state: ScratchItchState) -> Array:
+def around_limb_m(state: State, task_state: ScratchItchState) -> FloatArray:
     """How much longer the tool's way to the itch is around the limb than straight on, (N,), metres.
 
     The limb is an endless cylinder with the itch on its skin. Where the straight way would lead through it, the
@@ -43,7 +39,7 @@ def around_limb_m(state: State, task_state: ScratchItchState) -> Array:
     return xp.hypot(around, along) - xp.hypot(straight, along)
 
 
-def around_arm_m(state: State, task_state: ScratchItchState) -> Array:
+def around_arm_m(state: State, task_state: ScratchItchState) -> FloatArray:
     """How much longer the way around the limb is, (N,), metres, and how far the hand has to go about the tip.
 
     The hand is to be where it has room, as in ``reactive``.

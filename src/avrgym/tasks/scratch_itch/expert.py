@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import like
 from avrgym.geometry.transforms import norm
@@ -14,8 +14,6 @@ from avrgym.tasks.experts.guide import Guide
 from avrgym.tasks.person import SIDEWAYS
 from avrgym.tasks.scratch_itch.reward import ITCH_RADIUS_M, ScratchItchState, itch_pos_w, limb_frame
 from avrgym.tasks.task import RunningEpisodes
-
-Array = NDArray[np.float64]
 
 TILTS_RAD = np.radians([25.0, 50.0, 70.0])
 SIDES = 8
@@ -70,7 +68,7 @@ class ScratchItchExpert:
         self._detour_rad, cost_s = find_detour(self._guide, episodes.state())
         self._detour = hard & (cost_s < HARD_S)
 
-    def __call__(self, observation: Array) -> Array:
+    def __call__(self, observation: FloatArray) -> FloatArray:
         guide = self._guide
         if self._steps == DETOUR_STEPS and self._detour.any():
             self._plan(self._detour)
@@ -85,7 +83,7 @@ class ScratchItchExpert:
         straight = guide.straight(tip_w, q_w, speed, TURN_RAD_S)
         return guide.ask(np.where(self._arrived[:, None], straight, swing))
 
-    def _rub(self) -> tuple[Array, Array]:
+    def _rub(self) -> tuple[FloatArray, FloatArray]:
         """The tip's next place (N, 3) and the rod's rotation (N, 4)."""
         state, task_state = self._episodes.state(), self._episodes.task_state
         _, limb_q_w = limb_frame(state, task_state)
@@ -98,7 +96,7 @@ class ScratchItchExpert:
         rubbed_w = rub(state, task_state, self._guide.pos_w, rod_w, PRESS)
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
-    def _plan(self, worlds: NDArray[np.bool_]) -> Array:
+    def _plan(self, worlds: BoolArray) -> FloatArray:
         """Choose for some worlds, (N,), of all ways to point at the itch the quickest with room for the arm.
 
         The rod may turn about itself as it likes: the arm's last joint does that.
@@ -126,7 +124,7 @@ class ScratchItchExpert:
         return cost_s[world, best]
 
 
-def find_detour(guide: Guide, state: State) -> tuple[Array, Array]:
+def find_detour(guide: Guide, state: State) -> tuple[FloatArray, FloatArray]:
     """Angles (N, J) before and above the wrist, the rod pointing down, and what it costs to go there (N,)."""
     wrist_w = state.right_arm_pos_w[:, 2]
     turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
@@ -137,7 +135,9 @@ def find_detour(guide: Guide, state: State) -> tuple[Array, Array]:
     return angles[world, best], cost_s[world, best]
 
 
-def rub(state: State, task_state: ScratchItchState, pos_w: Array, rod_w: Array, press: Press) -> Array:
+def rub(
+    state: State, task_state: ScratchItchState, pos_w: FloatArray, rod_w: FloatArray, press: Press
+) -> FloatArray:
     """The next place (N, 3) of a tip that goes round and round about the itch.
 
     Where it goes depends on nothing but where it is, how deep on what it feels.
@@ -163,13 +163,13 @@ def rub(state: State, task_state: ScratchItchState, pos_w: Array, rod_w: Array, 
     return next_w + height[:, None] * out
 
 
-def surface(task_state: ScratchItchState, limb_q_w: Array) -> tuple[Array, Array]:
+def surface(task_state: ScratchItchState, limb_q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Unit vectors (N, 3), world frame, at the itch: out of the limb, and along it."""
     out = transforms.normalize(task_state.itch * like(SIDEWAYS, task_state.itch))
     return transforms.rotate(limb_q_w, out), transforms.rotate(limb_q_w, [0.0, 0.0, 1.0])
 
 
-def _ways(out: Array, along: Array) -> tuple[Array, Array]:
+def _ways(out: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Where the rod may point, (N, K, 3) unit vectors, and how tilted each way is, (K,) radians."""
     across = transforms.cross(out, along)
     sides = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
@@ -178,12 +178,12 @@ def _ways(out: Array, along: Array) -> tuple[Array, Array]:
     return np.stack([-out, *tilted], axis=1), np.concatenate([[0.0], np.repeat(TILTS_RAD, SIDES)])
 
 
-def tip(skin_w: Array, out: Array, into: Array) -> Array:
+def tip(skin_w: FloatArray, out: FloatArray, into: FloatArray) -> FloatArray:
     """Where the tip (..., 3) is when the round end of a rod that points ``into`` touches the skin there."""
     return skin_w + RADIUS_M * (out + into)
 
 
-def _turn(a: Array, b: Array) -> Array:
+def _turn(a: FloatArray, b: FloatArray) -> FloatArray:
     """The shortest rotations (..., 4) that take unit vectors a to unit vectors b, (..., 3)."""
     half = transforms.normalize(a + b)
     return np.concatenate([(a * half).sum(axis=-1, keepdims=True), transforms.cross(a, half)], axis=-1)

@@ -8,15 +8,13 @@ with its elbow up. It is the same way every time, so that it is soon learned.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.tasks.experts.reactive import TURN_RAD_S, PresentGuide, Reactive
 from avrgym.tasks.scratch_itch.expert import SWING_M_S, surface
 from avrgym.tasks.scratch_itch.reactive import Range, aim, faces_in, scratch
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from avrgym.tasks.task import Controller, RunningEpisodes
-
-Array = NDArray[np.float64]
 
 
 class Swing(NamedTuple):
@@ -58,7 +56,7 @@ class SwingsInFront:
         self._way_rad = np.array(swing.way_rad)
         self._swung = np.zeros(len(self._first_rad), dtype=bool)
 
-    def __call__(self, observation: Array) -> Array:
+    def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         guide, state, task_state = self._guide, self._episodes.state(), self._episodes.task_state
         guide.relax()
@@ -73,7 +71,7 @@ class SwingsInFront:
             angles_rad = np.where(swings[:, None], swing_rad, angles_rad)
         return guide.ask(angles_rad)
 
-    def _share_of_way(self) -> Array:
+    def _share_of_way(self) -> FloatArray:
         """How much (N,) of their way arms have gone, in their joints."""
         way_rad = self._way_rad
         return ((self._guide.angles_rad - self._first_rad) * way_rad).sum(axis=-1) / (way_rad * way_rad).sum()

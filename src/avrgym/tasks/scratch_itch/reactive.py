@@ -2,13 +2,14 @@
 
 import numpy as np
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import like, namespace
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.bed_bathing.expert import FOREARM
 from avrgym.tasks.experts.guide import Guide
-from avrgym.tasks.experts.reactive import Aim, Array, before_m, speed_m_s
+from avrgym.tasks.experts.reactive import Aim, before_m, speed_m_s
 from avrgym.tasks.scratch_itch import expert
 from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_pos_w, limb_frame
 
@@ -53,7 +54,7 @@ def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
     return aim(state, task_state, guide, faces_in(out_w) * (not guide.scene.mount.on_floor))
 
 
-def aim(state: State, task_state: ScratchItchState, guide: Guide, in_front: Array) -> Aim:
+def aim(state: State, task_state: ScratchItchState, guide: Guide, in_front: FloatArray) -> Aim:
     """Where tips go as in ``scratch``, of hands that come by a share (N,) from in front."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     out_w, _ = expert.surface(task_state, limb_q_w)
@@ -75,12 +76,12 @@ def aim(state: State, task_state: ScratchItchState, guide: Guide, in_front: Arra
     return pos_w, np.where(leans[:, None], guide.q_w, q_w), np.where(leans, BACK_M_S, speed)
 
 
-def faces_in(out_w: Array, inwards: Range = INWARDS, not_down: Range = NOT_DOWN) -> Array:
+def faces_in(out_w: FloatArray, inwards: Range = INWARDS, not_down: Range = NOT_DOWN) -> FloatArray:
     """What share (N,) of skin that faces (N, 3), world frame, is to be reached from in front: none or all, mostly."""
     return np.interp(out_w[:, 0], inwards, NONE_TO_ALL) * np.interp(out_w[:, 2], not_down, NONE_TO_ALL)
 
 
-def turn_rad(rod_w: Array, out_w: Array, in_front: Array | float = 0.0) -> Array:
+def turn_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
     """How a rod has to turn, rotation vectors (N, 3), world frame, for the hand to be where it has room.
 
     Args:
@@ -93,7 +94,7 @@ def turn_rad(rod_w: Array, out_w: Array, in_front: Array | float = 0.0) -> Array
     return axis * namespace(angle).maximum(angle - askew_rad, 0.0)[:, None]
 
 
-def hand(out_w: Array, in_front: Array | float = 0.0) -> Array:
+def hand(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
     """In which direction (N, 3) from an itch the hand should be, world frame, by where its skin faces (N, 3).
 
     Straight out of the skin, but drawn to where there is room: on the person's right, in front and above where the skin
@@ -110,7 +111,7 @@ def hand(out_w: Array, in_front: Array | float = 0.0) -> Array:
     return transforms.rotate(transforms.from_axis_angle(axis, xp.minimum(angle, slant_rad)), out_w)
 
 
-def around(tool: Array, task_state: ScratchItchState) -> Array:
+def around(tool: FloatArray, task_state: ScratchItchState) -> FloatArray:
     """Where a tip (N, 3) goes next (N, 3), limb's frame: around it, above the skin until it is at the itch."""
     radius = norm(task_state.itch[:, :2])
     now, there = (elementary.arctan2(place[:, 1], -place[:, 0]) for place in (tool, task_state.itch))
@@ -125,7 +126,7 @@ def around(tool: Array, task_state: ScratchItchState) -> Array:
     )
 
 
-def _turn(a: Array, b: Array) -> tuple[Array, Array]:
+def _turn(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The axis (N, 3) about which vectors a turn to vectors b, (N, 3), and by how much (N,)."""
     axis = transforms.cross(a, b)
     sine = norm(axis)

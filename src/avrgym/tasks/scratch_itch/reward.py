@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import like, namespace, row_numbers
 from avrgym.geometry.transforms import norm
@@ -14,8 +14,6 @@ from avrgym.models.human import People
 from avrgym.simulation.worlds import RightArm, State
 from avrgym.tasks.person import LIMBS, STRONG_FORCE_N, when_strong
 from avrgym.tasks.task import StepResult
-
-Array = NDArray[np.float64]
 
 ITCH_RADIUS_M = 0.025
 STROKE_M = 0.01
@@ -45,13 +43,13 @@ class ScratchItchState:
     that limb: they move with the person. ``scratches`` (N,).
     """
 
-    limb: NDArray[np.intp]
-    itch: Array
-    last_scratch: Array
-    scratches: NDArray[np.intp]
+    limb: IntArray
+    itch: FloatArray
+    last_scratch: FloatArray
+    scratches: IntArray
 
 
-def init_state(people: People, uniforms: Array) -> ScratchItchState:
+def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
     """An itch on the upper arm or the forearm with equal chance, uniform along it and around it."""
     xp = namespace(uniforms)
     limb = xp.astype(uniforms[:, 3] < 0.5, xp.int64)
@@ -65,7 +63,7 @@ def init_state(people: People, uniforms: Array) -> ScratchItchState:
     return ScratchItchState(limb, itch, xp.zeros_like(itch), xp.zeros_like(limb))
 
 
-def evaluate_step(state: State, action: Array, task_state: ScratchItchState) -> StepResult:
+def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState) -> StepResult:
     """At most one scratch in a control step.
 
     It is a contact of the tool within 2.5 cm of the itch, softer than 10 N, whose place (the mean of such
@@ -98,19 +96,19 @@ def evaluate_step(state: State, action: Array, task_state: ScratchItchState) -> 
     )
 
 
-def itch_pos_w(state: State, task_state: ScratchItchState) -> Array:
+def itch_pos_w(state: State, task_state: ScratchItchState) -> FloatArray:
     """Where it itches, (N, 3), world frame."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     return limb_pos_w + transforms.rotate(limb_q_w, task_state.itch)
 
 
-def limb_frame(arm: RightArm, task_state: ScratchItchState) -> tuple[Array, Array]:
+def limb_frame(arm: RightArm, task_state: ScratchItchState) -> tuple[FloatArray, FloatArray]:
     """The frame of the limb that itches: (N, 3) and (N, 4), world frame."""
     worlds = row_numbers(task_state.limb)
     return arm.right_arm_pos_w[worlds, task_state.limb], arm.right_arm_q_w[worlds, task_state.limb]
 
 
-def _touch(state: State, task_state: ScratchItchState, itch_w: Array) -> tuple[Array, Array]:
+def _touch(state: State, task_state: ScratchItchState, itch_w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """How strongly the tool touches the itch, (N,) newtons, and where, (N, 3) in the limb's frame."""
     xp = namespace(itch_w)
     near = norm(state.tool_contact_pos_w - itch_w[:, None]) < ITCH_RADIUS_M

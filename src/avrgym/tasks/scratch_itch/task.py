@@ -3,8 +3,8 @@
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import like, namespace
 from avrgym.models import human
@@ -35,8 +35,6 @@ from avrgym.tasks.scratch_itch.reward import (
 from avrgym.tasks.scratch_itch.training import TRAINING
 from avrgym.tasks.task import Marks, Task, View, Views
 
-Array = NDArray[np.float64]
-
 HAND_M, MOBILE_HAND_M = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
 HAND_SPREAD_M = 0.05
 SCRATCHER_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
@@ -56,7 +54,7 @@ def scene(robot: Robot) -> SceneConfig:
     )
 
 
-def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Hand within ±5 cm of a point beside the person's elbow; the goals are shoulder, elbow and wrist."""
     place = MOBILE_HAND_M if scene.mount.on_floor else HAND_M
     hand = like(np.array(place), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
@@ -81,7 +79,7 @@ def observation(scene: SceneConfig) -> Observation:
     )
 
 
-def marks_w(arm: RightArm, task_state: ScratchItchState) -> Array:
+def marks_w(arm: RightArm, task_state: ScratchItchState) -> FloatArray:
     """Where the itch is drawn, (N, 1, 3), world frame."""
     limb_pos_w, limb_q_w = limb_frame(arm, task_state)
     return (limb_pos_w + transforms.rotate(limb_q_w, above_clothes(task_state.itch)))[:, None]

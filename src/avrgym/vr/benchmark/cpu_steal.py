@@ -13,7 +13,8 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 
 import numpy as np
-from numpy.typing import NDArray
+
+from avrgym.array_types import BoolArray, FloatArray
 
 SLEEP_S = 0.001
 LEAST_S = 0.001
@@ -107,9 +108,7 @@ def within_s(spans: list[Span], began_s: float, ended_s: float) -> float:
     return sum(max(0.0, min(end_s, ended_s) - max(begin_s, began_s)) for begin_s, end_s in spans)
 
 
-def outside(
-    spans: list[Span], began_s: NDArray[np.float64], ended_s: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def outside(spans: list[Span], began_s: FloatArray, ended_s: FloatArray) -> BoolArray:
     """Which of n stretches of time, by their beginnings and ends (n,), no span touches; spans in order and apart."""
     begins_s, ends_s = np.array([*spans, (np.inf, np.inf)]).T
     return ended_s < begins_s[np.searchsorted(ends_s, began_s)]

@@ -17,9 +17,9 @@ from pathlib import Path
 from threading import Event, Thread
 
 import numpy as np
-from numpy.typing import NDArray
 from websockets.sync.client import ClientConnection, connect
 
+from avrgym.array_types import FloatArray
 from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.children import undisturbed
@@ -336,13 +336,11 @@ def _late_running(late: list[LateTick], stood_still: list[Span]) -> list[LateTic
     return running
 
 
-def _spread(seconds: NDArray[np.float64]) -> Spread:
+def _spread(seconds: FloatArray) -> Spread:
     return {name: float(1000.0 * np.percentile(seconds, share)) for name, share in PERCENTILES.items()}
 
 
-def _undisturbed(
-    stood_still: list[Span] | None, began_s: NDArray[np.float64], took_s: NDArray[np.float64]
-) -> Spread | None:
+def _undisturbed(stood_still: list[Span] | None, began_s: FloatArray, took_s: FloatArray) -> Spread | None:
     """The spread of what took place while no processor stood still."""
     if stood_still is None:
         return None

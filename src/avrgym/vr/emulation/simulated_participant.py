@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.furniture.real import REAL_AS_VIRTUAL, RealFurniture
@@ -27,9 +27,6 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, headset_from_head
 from avrgym.vr.session.attempt import Experience
-
-Array = NDArray[np.float64]
-
 
 PARTICIPANTS = DISTRIBUTIONS["participants"]
 SENSOR_NOISE_M = 1e-9
@@ -78,7 +75,7 @@ class Traits:
     trained: Policy | None = None
     range_share: float = 1.0
     strength_share: float = 1.0
-    tremor_rad: Array = field(default_factory=lambda: np.zeros(len(JOINTS)))
+    tremor_rad: FloatArray = field(default_factory=lambda: np.zeros(len(JOINTS)))
 
 
 def draw_traits(
@@ -130,10 +127,10 @@ def _with_body(
 class _Sight:
     """See ``people.behaviour.Sight``; of one person."""
 
-    tool_pos_w: Array
-    head_pos_w: Array
-    mouth_pos_w: Array
-    right_arm_pos_w: Array
+    tool_pos_w: FloatArray
+    head_pos_w: FloatArray
+    mouth_pos_w: FloatArray
+    right_arm_pos_w: FloatArray
 
 
 class SimulatedParticipant:
@@ -184,7 +181,7 @@ class SimulatedParticipant:
         elif isinstance(message, messages.State) and TOOL in self._bodies:
             self._see(message)
 
-    def _rest(self, posture: human.Posture, rest_rad: Array) -> None:
+    def _rest(self, posture: human.Posture, rest_rad: FloatArray) -> None:
         traits = self.traits
         people = distributions.repeat(Person(traits.sex, traits.torso_height_m, rest_rad), 1)
         self._people = impairments.with_ranges(people, np.array([traits.range_share]))
@@ -223,7 +220,9 @@ class SimulatedParticipant:
         else:
             self._mind = behaviour.see(self._mind, sight, self._offered, self._posture)
 
-    def _act(self, trained: Policy, sight: _Sight, bodies: Mapping[str, Array], marks_w: Array) -> None:
+    def _act(
+        self, trained: Policy, sight: _Sight, bodies: Mapping[str, FloatArray], marks_w: FloatArray
+    ) -> None:
         """Do for a tenth of a second as the network says, which is told of no forces: nothing presses in VR."""
         hips, head, tool = bodies[human.PREFIX + "hips"], bodies[human.PREFIX + "head"], bodies[TOOL]
         goal_w = sight.mouth_pos_w if self._offered == "mouth" else marks_w[0]
@@ -246,7 +245,7 @@ class SimulatedParticipant:
         )
         self._mind = replace(self._mind, targets_rad=self._possible(targets))
 
-    def _sight(self, bodies: Mapping[str, Array]) -> _Sight:
+    def _sight(self, bodies: Mapping[str, FloatArray]) -> _Sight:
         """From the poses (7,) of bodies by name."""
         head = bodies[human.PREFIX + "head"]
         head_centre, mouth = (
@@ -268,7 +267,7 @@ class SimulatedParticipant:
             angles = self._possible((angles + self._turned * LOOKING_AT_ARM_RAD)[None])[0]
         return self.frame_of(angles, time_s)
 
-    def frame_of(self, joint_angles_rad: Array, time_s: float) -> Tracking:
+    def frame_of(self, joint_angles_rad: FloatArray, time_s: float) -> Tracking:
         """The tracking frame of a pose, joint angles (20,)."""
         self._held_rad = joint_angles_rad
         self._data.qpos[:] = joint_angles_rad
@@ -290,7 +289,7 @@ class SimulatedParticipant:
         share = wanted + self.traits.leniency + self._random.normal(0.0, NOISE)
         return 1 + round(min(max(share, 0.0), 1.0) * (points - 1))
 
-    def _joint_angles(self, time_s: float, moving: bool) -> Array:
+    def _joint_angles(self, time_s: float, moving: bool) -> FloatArray:
         if not moving:
             return self._rest_rad
         traits, mind = self.traits, self._mind
@@ -304,11 +303,11 @@ class SimulatedParticipant:
         trembling = traits.tremor_rad * np.sin(2.0 * np.pi * TREMOR_HZ * time_s)
         return self._possible((angles + trembling)[None])[0]
 
-    def _possible(self, joint_angles_rad: Array) -> Array:
+    def _possible(self, joint_angles_rad: FloatArray) -> FloatArray:
         """Joint angles (1, 20) brought to where the participant's joints can go."""
         return impairments.limit(self._people, joint_angles_rad)
 
-    def _habits(self, time_s: float) -> Array:
+    def _habits(self, time_s: float) -> FloatArray:
         """What lean, sway and the way to hold the arms add to the joint angles (20,)."""
         traits = self.traits
         wave = traits.sway_deg * np.sin(

@@ -6,12 +6,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import pylsl
-from numpy.typing import NDArray
 from pylsl.util import LostError
 
+from avrgym.array_types import NumpyArray
 from avrgym.recording.records import Stream, StreamSamples
-
-Array = NDArray[Any]
 
 FIND_S = 1.0
 """How long each search for a stream lasts."""
@@ -76,7 +74,7 @@ class Inlet:
             chunk = StreamSamples(stream.stream, offset_s, corrected_s, **{kind: _plain(samples)})
             self._chunks.append((stream, chunk))
 
-    def _chunks_of(self, inlet: pylsl.StreamInlet, rate_hz: float) -> Iterator[tuple[Array, Array]]:
+    def _chunks_of(self, inlet: pylsl.StreamInlet, rate_hz: float) -> Iterator[tuple[NumpyArray, NumpyArray]]:
         """What comes, and its times on the device's clock; meanwhile ``present`` says whether the stream is silent."""
         patience_s = max(SILENT_S, SILENT_INTERVALS / rate_hz) if rate_hz > 0.0 else float("inf")
         silent_since_s = pylsl.local_clock()
@@ -101,7 +99,7 @@ def describe(name: str, info: pylsl.StreamInfo) -> Stream:
     )
 
 
-def _plain(samples: Array) -> list[list[Any]]:
+def _plain(samples: NumpyArray) -> list[list[Any]]:
     """Numbers as such; texts, which come as bytes, as what can be read of them."""
     if samples.dtype != object:
         return samples.tolist()

@@ -8,6 +8,7 @@ a step.
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.vr.protocol.messages import State, StateChange
 
 POSITION_STEP_M = 1e-4
@@ -71,7 +72,7 @@ class StateDecoder:
 class _Told:
     """Rows of numbers as one end of a connection was told them last, in whole steps."""
 
-    def __init__(self, steps: NDArray[np.float64]) -> None:
+    def __init__(self, steps: FloatArray) -> None:
         self._steps = steps
         self._whole: Integers = np.zeros((0, len(steps)), np.int64)
 

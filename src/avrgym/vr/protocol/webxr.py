@@ -11,13 +11,11 @@ from typing import Literal
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_AHEAD_M
 from avrgym.vr.protocol.messages import XRPose
-
-Array = NDArray[np.float64]
 
 MAX_DISTANCE_M = 10.0
 UNIT_TOLERANCE = 1e-2
@@ -31,19 +29,19 @@ WRIST_TO_HAND_M = 0.08
 class Pose:
     """A pose in the world: position (3,) in metres, quaternion (4,) w, x, y, z."""
 
-    pos_w: Array
-    q_w: Array
+    pos_w: FloatArray
+    q_w: FloatArray
 
 
 @dataclass(frozen=True)
 class Registration:
     """Where ``local-floor`` lies in the world: its origin (3,) and the yaw of its axes."""
 
-    origin_w: Array
+    origin_w: FloatArray
     yaw_rad: float
 
     @cached_property
-    def q_w(self) -> Array:
+    def q_w(self) -> FloatArray:
         """The rotation (4,) from ``local-floor`` axes to world axes."""
         yaw = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(self.yaw_rad))
         return transforms.multiply(yaw, Z_UP_FROM_Y_UP)
@@ -68,7 +66,7 @@ class Registration:
         return self.from_world(Pose(np.zeros(3), transforms.IDENTITY_QUATERNION))
 
 
-def register(head: XRPose, head_centre_w: Array) -> Registration:
+def register(head: XRPose, head_centre_w: FloatArray) -> Registration:
     """Put the participant's head at ``head_centre_w`` with their gaze along −y.
 
     The heads agree, and so do the seats: the floors then lie apart by as much as the seats' heights differ.
@@ -142,7 +140,7 @@ GRIP_FROM_WRIST_AXES = {
 }
 
 
-def _compose(outer: Pose, pos: Array, q: Array) -> Pose:
+def _compose(outer: Pose, pos: FloatArray, q: FloatArray) -> Pose:
     """``transforms.compose`` of one pose, in a tenth of its time; ``pos`` (3,), ``q`` (4,) are in the outer frame."""
     pos_w, q_w = np.empty(3), np.empty(4)
     mujoco.mju_mulPose(pos_w, q_w, outer.pos_w, outer.q_w, pos, q)

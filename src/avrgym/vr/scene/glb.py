@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from avrgym.array_types import NumpyArray
 
 _COMPONENT = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint32": 5125, "float32": 5126}
 _VECTOR = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
@@ -29,7 +28,7 @@ class Glb:
         elements.append(content)
         return len(elements) - 1
 
-    def add_vertices(self, values: Array, *, normalized: bool = False) -> int:
+    def add_vertices(self, values: NumpyArray, *, normalized: bool = False) -> int:
         """Add an accessor of one row (V, K) per vertex, padded to whole words."""
         width = values.shape[1] * values.itemsize
         padding = -width % _ALIGNMENT
@@ -39,13 +38,13 @@ class Glb:
         bounds = {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         return self._add_accessor(values, view, normalized=normalized, **bounds)
 
-    def add_indices(self, faces: Array) -> int:
+    def add_indices(self, faces: NumpyArray) -> int:
         """Add an accessor of the corners of triangles (F, 3)."""
         kind = np.uint16 if faces.max() < np.iinfo(np.uint16).max else np.uint32
         corners = faces.astype(kind).reshape(-1, 1)
         return self._add_accessor(corners, self._add_view(corners.tobytes(), target=34963))
 
-    def add_matrices(self, matrices: Array) -> int:
+    def add_matrices(self, matrices: NumpyArray) -> int:
         """Add an accessor of matrices (M, 4, 4)."""
         columns = np.swapaxes(matrices, 1, 2).astype(np.float32).reshape(-1, 16)
         return self._add_accessor(columns, self._add_view(columns.tobytes()))
@@ -76,7 +75,7 @@ class Glb:
         self._binary += data
         return self.add("bufferViews", buffer=0, byteOffset=offset, byteLength=len(data), **layout)
 
-    def _add_accessor(self, values: Array, view: int, **rest: Any) -> int:
+    def _add_accessor(self, values: NumpyArray, view: int, **rest: Any) -> int:
         return self.add(
             "accessors",
             bufferView=view,

@@ -9,11 +9,9 @@ from typing import cast
 import mujoco
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry.transforms import to_matrix
-
-Array = NDArray[np.float64]
 
 DETAILED_TRIANGLES = 2000
 """Meshes with more triangles keep these and a sixth of the rest: CAD meshes have far more than a headset shows."""
@@ -32,7 +30,7 @@ def geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
     return mesh
 
 
-def pose_matrix(pos: Array, q: Array) -> Array:
+def pose_matrix(pos: FloatArray, q: FloatArray) -> FloatArray:
     """The homogeneous matrix (4, 4) of a pose."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = to_matrix(q), pos

@@ -27,6 +27,7 @@ import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
+from avrgym.array_types import FloatArray
 from avrgym.models import human
 from avrgym.models.colours import geom_colours, linear_from_srgb, texture_of, texture_pixels
 from avrgym.models.contacts import VISUAL_GROUP
@@ -34,9 +35,7 @@ from avrgym.vr.scene.glb import Glb
 from avrgym.vr.scene.meshes import geom_mesh, pose_matrix
 from avrgym.vr.scene.skins import Bone, Skin, closed, joined, skins_of
 
-Array = NDArray[np.float64]
-
-Piece = tuple[trimesh.Trimesh, Array]
+Piece = tuple[trimesh.Trimesh, FloatArray]
 """A mesh and its colour (4,)."""
 
 HEAD = human.PREFIX + "head"
@@ -146,9 +145,9 @@ class _Export:
 
     def _surface(
         self,
-        vertices: Array,
-        normals: Array,
-        rgba: Array,
+        vertices: FloatArray,
+        normals: FloatArray,
+        rgba: FloatArray,
         scale: float,
         *,
         quantised: bool = True,
@@ -261,7 +260,7 @@ def _carrier(model: mujoco.MjModel, body: int) -> int:
     return body
 
 
-def _alike(model: mujoco.MjModel, colours: Array, carried: dict[int, list[int]]) -> list[list[int]]:
+def _alike(model: mujoco.MjModel, colours: FloatArray, carried: dict[int, list[int]]) -> list[list[int]]:
     """Bodies of one geom each that look the same, in groups."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for body, geoms in carried.items():
@@ -273,11 +272,11 @@ def _alike(model: mujoco.MjModel, colours: Array, carried: dict[int, list[int]])
     return [bodies for bodies in groups.values() if len(bodies) >= FEWEST_ALIKE]
 
 
-def _full_range(shares: Array, kind: type[np.unsignedinteger[Any]]) -> NDArray[np.unsignedinteger[Any]]:
+def _full_range(shares: FloatArray, kind: type[np.unsignedinteger[Any]]) -> NDArray[np.unsignedinteger[Any]]:
     return np.round(shares * np.iinfo(kind).max).astype(kind)
 
 
-def _weights(weight_of: Array) -> NDArray[np.uint8]:
+def _weights(weight_of: FloatArray) -> NDArray[np.uint8]:
     """Weights (V, 4) in bytes that sum to 255."""
     weights = np.round(255.0 * weight_of)
     weights[:, 0] += 255.0 - weights.sum(axis=1)

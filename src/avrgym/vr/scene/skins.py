@@ -14,11 +14,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray, NumpyArray
 from avrgym.models.colours import skin_colours
 from avrgym.vr.scene.meshes import pose_matrix
-
-Array = NDArray[np.float64]
-Numbers = NDArray[Any]
 
 BONES_PER_VERTEX = 4
 TWISTING = ("upper_arm", "forearm")
@@ -32,7 +30,7 @@ class Bone:
 
     body: str
     swing: bool
-    inverse_bind: Array
+    inverse_bind: FloatArray
 
 
 @dataclass(frozen=True)
@@ -42,14 +40,14 @@ class Skin:
 
     name: str
     material: int
-    rgba: Array
-    vertices: Array
-    normals: Array
-    uv: Array
+    rgba: FloatArray
+    vertices: FloatArray
+    normals: FloatArray
+    uv: FloatArray
     faces: NDArray[np.int32]
     bones: tuple[Bone, ...]
     bone_of: NDArray[np.int64]
-    weight_of: Array
+    weight_of: FloatArray
 
     @property
     def main_body(self) -> str:
@@ -143,13 +141,13 @@ def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
     return np.flatnonzero(near)[first[np.searchsorted(places, rim)]]
 
 
-def _near(points: Array, others: Array) -> NDArray[np.bool_]:
+def _near(points: FloatArray, others: FloatArray) -> BoolArray:
     """Which of some points (V, 3) may lie together with one of others (W, 3): those in the box around them."""
     low, high = others.min(axis=0) - TOGETHER_M, others.max(axis=0) + TOGETHER_M
     return ((points >= low) & (points <= high)).all(axis=1)
 
 
-def _places(points: Array) -> NDArray[np.int64]:
+def _places(points: FloatArray) -> NDArray[np.int64]:
     """A number (V,) for each point (V, 3), the same where they lie together, in the order of x, y and z."""
     steps = np.round(points / TOGETHER_M).astype(np.int64)
     steps -= steps.min(axis=0)
@@ -157,7 +155,7 @@ def _places(points: Array) -> NDArray[np.int64]:
     return np.unique(cells, return_inverse=True)[1]
 
 
-def _edges(faces: NDArray[np.integer[Any]], chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _edges(faces: NDArray[np.integer[Any]], chosen: BoolArray) -> NDArray[np.int64]:
     """The edges (E, 2) of triangles, each in its triangle's direction, between chosen vertices, by their numbers."""
     edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     return (np.cumsum(chosen) - 1)[edges[chosen[edges].all(axis=1)]]
@@ -168,20 +166,20 @@ def _edge_numbers(edges: NDArray[np.int64], places: int) -> NDArray[np.int64]:
     return edges[:, 0] * places + edges[:, 1]
 
 
-def _rows(values: Numbers, starts: Numbers, counts: Numbers, index: int) -> Numbers:
+def _rows(values: NumpyArray, starts: NumpyArray, counts: NumpyArray, index: int) -> NumpyArray:
     return values[starts[index] : starts[index] + counts[index]]
 
 
-def _uv(model: mujoco.MjModel, skin: int) -> Array:
+def _uv(model: mujoco.MjModel, skin: int) -> FloatArray:
     start, count = model.skin_texcoordadr[skin], model.skin_vertnum[skin]
     return np.zeros((count, 2)) if start < 0 else model.skin_texcoord[start : start + count]
 
 
-def _bones(model: mujoco.MjModel, skin: int) -> tuple[tuple[Bone, ...], Array]:
+def _bones(model: mujoco.MjModel, skin: int) -> tuple[tuple[Bone, ...], FloatArray]:
     """The bones of a skin and the weights (V, B) of its vertices."""
     vertices = _rows(model.skin_vert, model.skin_vertadr, model.skin_vertnum, skin)
     bones: list[Bone] = []
-    weights: list[Array] = []
+    weights: list[FloatArray] = []
     first = model.skin_boneadr[skin]
     for bone in range(first, first + model.skin_bonenum[skin]):
         body = model.body(model.skin_bonebodyid[bone])
@@ -207,9 +205,9 @@ def _end_z(model: mujoco.MjModel, body: int) -> float:
     return float(model.body_pos[child, 2])
 
 
-def _normals(model: mujoco.MjModel) -> list[Array]:
+def _normals(model: mujoco.MjModel) -> list[FloatArray]:
     """Normals (V, 3) of each skin, area-weighted over all triangles that share a place and a material."""
-    found: list[Array] = [np.zeros((0, 3))] * model.nskin
+    found: list[FloatArray] = [np.zeros((0, 3))] * model.nskin
     for material in np.unique(model.skin_matid):
         members = np.flatnonzero(model.skin_matid == material).tolist()
         parts = [_rows(model.skin_vert, model.skin_vertadr, model.skin_vertnum, skin) for skin in members]
@@ -222,7 +220,7 @@ def _normals(model: mujoco.MjModel) -> list[Array]:
     return found
 
 
-def _welded_normals(vertices: Array, faces: NDArray[np.int32]) -> Array:
+def _welded_normals(vertices: FloatArray, faces: NDArray[np.int32]) -> FloatArray:
     _, place = np.unique(vertices.round(5), axis=0, return_inverse=True)
     corners = vertices[faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

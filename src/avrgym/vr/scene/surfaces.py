@@ -10,21 +10,20 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.models.colours import geom_colours, texture_of, texture_pixels
 from avrgym.vr.scene.meshes import geom_mesh, pose_matrix
 from avrgym.vr.scene.scene_export import geoms_by_carrier
 from avrgym.vr.scene.skins import Skin, skins_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
     """Triangles (F, 3) of vertices (V, 3) in metres, in the frame of the body, with colours (V, 4) from 0 to 1."""
 
-    vertices: Array
+    vertices: FloatArray
     faces: NDArray[np.int64]
-    rgba: Array
+    rgba: FloatArray
 
 
 def body_surfaces(model: mujoco.MjModel) -> dict[str, list[Surface]]:
@@ -46,7 +45,7 @@ def body_surfaces(model: mujoco.MjModel) -> dict[str, list[Surface]]:
 
 
 def _of_geom(
-    model: mujoco.MjModel, data: mujoco.MjData, geom: int, from_world: Array, rgba: Array
+    model: mujoco.MjModel, data: mujoco.MjData, geom: int, from_world: FloatArray, rgba: FloatArray
 ) -> Surface:
     body = model.geom_bodyid[geom]
     mesh = geom_mesh(model, geom)
@@ -55,7 +54,7 @@ def _of_geom(
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), np.tile(rgba, (len(mesh.vertices), 1)))
 
 
-def _skin_colours(model: mujoco.MjModel, skin: Skin) -> Array:
+def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
     """The colour (V, 4) of each vertex: its material's, times that of the texture there."""
     colours, texture = skin.rgba.copy(), texture_of(model, skin.material)
     if texture >= 0:
@@ -68,7 +67,7 @@ def _skin_colours(model: mujoco.MjModel, skin: Skin) -> Array:
     return colours
 
 
-def _cut(skin: Skin, colours: Array) -> list[tuple[str, Surface]]:
+def _cut(skin: Skin, colours: FloatArray) -> list[tuple[str, Surface]]:
     """The parts of a skin by body, each in the frame of its body."""
     bodies = list(dict.fromkeys(bone.body for bone in skin.bones))
     of_bone = np.array([bodies.index(bone.body) for bone in skin.bones])
@@ -77,7 +76,7 @@ def _cut(skin: Skin, colours: Array) -> list[tuple[str, Surface]]:
         np.add.at(
             weights, (np.arange(len(weights)), of_bone[skin.bone_of[:, place]]), skin.weight_of[:, place]
         )
-    of_face: NDArray[np.intp] = weights[skin.faces].sum(axis=1).argmax(axis=1)
+    of_face: IntArray = weights[skin.faces].sum(axis=1).argmax(axis=1)
     parts: list[tuple[str, Surface]] = []
     for number in map(int, np.unique(of_face)):
         used, faces = np.unique(skin.faces[of_face == number], return_inverse=True)

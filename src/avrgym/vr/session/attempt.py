@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry.elementary import fingerprint_of_c_library
 from avrgym.models import human
 from avrgym.models.tracked import PARTS
@@ -24,7 +24,6 @@ from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.tracking.tracking_state import Followed
 from avrgym.vr.tracking.world import ControlStep, LiveWorld
 
-Array = NDArray[np.float64]
 Configuration = Callable[[int], Mapping[str, Any]]
 
 
@@ -82,7 +81,7 @@ class Attempt:
         self.trial = trial
         self.latest: ControlStep | None = None
         self._told_of_stall = False
-        self._targets_rad: Array | None = None
+        self._targets_rad: FloatArray | None = None
         self._records: list[tuple[str, int, records.Record]] = []
         self._finished: dict[str, Any] | None = None
         self.number, self._recording = _open(folder, trial, configuration, first_number)
@@ -140,7 +139,7 @@ class Attempt:
         state = records.Physics(self.steps, world.time_s, world.state_vector().tolist())
         self.record("/physics", state, now_s)
 
-    def record_targets(self, joint_targets_rad: Array, now_s: float) -> None:
+    def record_targets(self, joint_targets_rad: FloatArray, now_s: float) -> None:
         """Record where the person's joints are driven to, unless that was recorded last."""
         if self._targets_rad is None or not np.array_equal(joint_targets_rad, self._targets_rad):
             self._targets_rad = joint_targets_rad

@@ -4,14 +4,13 @@ from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.recording.headset_check import HeadsetCheck, TrackedPart
 from avrgym.recording.latency import percentiles_ms
 from avrgym.recording.records import Latency
 from avrgym.vr.protocol.messages import HeadsetFrames, StopWay, Tracking, XRPose
 
-Array = NDArray[np.float64]
 Take = Callable[[Tracking], XRPose | None]
 
 WINDOW_S = 0.5
@@ -97,7 +96,7 @@ class HeadsetMeasurement:
         )
 
 
-def dropped_share(intervals_ms: Array, display_hz: float | None) -> float:
+def dropped_share(intervals_ms: FloatArray, display_hz: float | None) -> float:
     """The share of a display's frames that were not drawn anew, from the times (N,) between those that were.
 
     Of a headset that does not tell its rate the median interval counts as the display's.
@@ -129,7 +128,7 @@ def jitter_mm(frames: Sequence[Tracking], take: Take) -> float | None:
     return 1000.0 * float(np.median(strays)) if strays else None
 
 
-def _stray_m(times_s: Array, positions: Array) -> float:
+def _stray_m(times_s: FloatArray, positions: FloatArray) -> float:
     """Root mean square distance of positions (N, 3) from the parabola that they follow in time, metres."""
     design = np.vander(times_s - times_s.mean(), 3)
     left = positions - design @ np.linalg.lstsq(design, positions, rcond=None)[0]

@@ -17,14 +17,12 @@ from time import process_time
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, UPPER_RAD, Person
 from avrgym.vr.protocol import axes
-
-Array = NDArray[np.float64]
 
 ARM_PARTS = ("shoulder_y", "shoulder_x", "shoulder_z", "elbow_x", "forearm_z", "wrist_x", "wrist_y")
 _RIGHT = [JOINT_INDEX[f"right_{part}"] for part in ARM_PARTS]
@@ -82,8 +80,12 @@ class ArmSolver:
         self._jacobian = np.zeros((6, self._model.nv))
 
     def solve(
-        self, hand_pos: Array, hand_axes: Array, start_rad: Array, turn_rad: float = MAX_TURN_RAD
-    ) -> Array:
+        self,
+        hand_pos: FloatArray,
+        hand_axes: FloatArray,
+        start_rad: FloatArray,
+        turn_rad: float = MAX_TURN_RAD,
+    ) -> FloatArray:
         """Angles (A, 7) of the joints ``ARM_PARTS`` that bring the hands of A arms to their poses.
 
         Args:
@@ -107,7 +109,13 @@ class ArmSolver:
                 angles[arm] = _clipped(angles[arm] + step, lower[arm], upper[arm])
         return angles
 
-    def _step(self, hand_pos: Array, hand_axes: Array, angles: Array, limits: tuple[Array, Array]) -> Array:
+    def _step(
+        self,
+        hand_pos: FloatArray,
+        hand_axes: FloatArray,
+        angles: FloatArray,
+        limits: tuple[FloatArray, FloatArray],
+    ) -> FloatArray:
         """A damped least-squares step (7,); a joint at a limit that the error pushes outwards stays."""
         data = self._data
         data.qpos[_RIGHT] = angles
@@ -132,7 +140,7 @@ DAMPING_M = 0.02
 _DAMPING = DAMPING_M**2 * np.eye(6)
 
 
-def _turn(from_axes: Array, target_axes: Array) -> Array:
+def _turn(from_axes: FloatArray, target_axes: FloatArray) -> FloatArray:
     """The rotation vector (3,) from axes (9,), row by row, to others (3, 3)."""
     difference, q, vector = np.empty(9), np.empty(4), np.empty(3)
     mujoco.mju_mulMatMatT(difference.reshape(3, 3), target_axes, from_axes.reshape(3, 3))
@@ -141,7 +149,7 @@ def _turn(from_axes: Array, target_axes: Array) -> Array:
     return vector
 
 
-def _within_reach(lengths: ArmLengths, hand_pos: Array, hand_axes: Array) -> Array:
+def _within_reach(lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArray) -> FloatArray:
     """The hands' centres (A, 3), moved on the lines from shoulders to wrists to where elbows can bring the wrists."""
     to_wrist = lengths.hand_m * hand_axes[:, :, 2]
     wrist = hand_pos + to_wrist
@@ -155,7 +163,9 @@ def _within_reach(lengths: ArmLengths, hand_pos: Array, hand_axes: Array) -> Arr
 _COS_MOST_BENT = cos(LOWER[ARM_PARTS.index("elbow_x")])
 
 
-def comfortable_angles(lengths: ArmLengths, hand_pos: Array, hand_axes: Array, start_rad: Array) -> Array:
+def comfortable_angles(
+    lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArray, start_rad: FloatArray
+) -> FloatArray:
     """Angles (A, 7) that bring hands to poses they can reach, whether or not shoulder and wrist can turn so.
 
     The arguments are those of ``ArmSolver.solve``. A few arms take little longer than one.
@@ -171,7 +181,9 @@ def comfortable_angles(lengths: ArmLengths, hand_pos: Array, hand_axes: Array, s
     return _solutions(coefficients @ finest, elbow, start_rad)[:, branches, range(len(best)), 0].T
 
 
-def _swivelling(lengths: ArmLengths, wrist: Array, hand_axes: Array, start_rad: Array) -> tuple[Array, Array]:
+def _swivelling(
+    lengths: ArmLengths, wrist: FloatArray, hand_axes: FloatArray, start_rad: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """How A arms can swivel: their elbows' angles (A,), and coefficients (A, 11, 3) for ``_harmonics``.
 
     A swivel turns the upper arm's axes, and those of the forearm before it turns, here seen from the hand. The
@@ -186,7 +198,7 @@ def _swivelling(lengths: ArmLengths, wrist: Array, hand_axes: Array, start_rad: 
     return np.array([elbow for elbow, _ in bends]), _ENTRIES @ coefficients.reshape(-1, 18, 3)
 
 
-def _entries() -> Array:
+def _entries() -> FloatArray:
     """A matrix (11, 18) that takes from two frames what tells their angles, and how the elbow lies to its rest.
 
     Of the angles that turn freely first the sines, then the cosines, each times a positive number; then the sines of
@@ -247,7 +259,7 @@ def _turning_axes(below: float) -> list[list[float]]:
     ]
 
 
-def _harmonics(swivels_rad: Sequence[float]) -> Array:
+def _harmonics(swivels_rad: Sequence[float]) -> FloatArray:
     """What the axes' coefficients are multiplied with, for K swivels: (3, K)."""
     return np.array(
         [
@@ -261,7 +273,7 @@ def _harmonics(swivels_rad: Sequence[float]) -> Array:
 _SWIVELS = _harmonics(np.arange(0.0, 2.0 * np.pi - 1e-9, SWIVEL_STEP_RAD).tolist())
 
 
-def _solutions(entries: Array, elbow: Array, start_rad: Array) -> Array:
+def _solutions(entries: FloatArray, elbow: FloatArray, start_rad: FloatArray) -> FloatArray:
     """Angles (7, 2, A, K) for the ``_ENTRIES`` (A, 11, K) of K swivels, with both ways to turn the shoulder."""
     read = entries.transpose(1, 0, 2)
     angles = np.empty((7, 2, *read.shape[1:]))
@@ -275,7 +287,7 @@ def _solutions(entries: Array, elbow: Array, start_rad: Array) -> Array:
     return angles
 
 
-def _per_arm(angles: Array) -> Array:
+def _per_arm(angles: FloatArray) -> FloatArray:
     """Angles (A, 7) to be broadcast with those of solutions, (7, 2, A, K)."""
     return angles.T[:, None, :, None]
 
@@ -283,7 +295,7 @@ def _per_arm(angles: Array) -> Array:
 _OTHER_WAY = np.pi, np.array([1.0, -1.0, 1.0])[:, None, None]
 
 
-def _rest_near_pole(angles: Array, ahead: Array, start_y_rad: Array) -> None:
+def _rest_near_pole(angles: FloatArray, ahead: FloatArray, start_y_rad: FloatArray) -> None:
     """Where the upper arm points nearly ahead, let shoulder y stay where it is, as far as the hand hardly moves.
 
     There y and z turn about the same axis: exactly following a hand that passes by would whirl them about. ``ahead``
@@ -295,7 +307,7 @@ def _rest_near_pole(angles: Array, ahead: Array, start_y_rad: Array) -> None:
     angles[2] -= rest
 
 
-def _costs(angles: Array, rests: Array, start_rad: Array) -> Array:
+def _costs(angles: FloatArray, rests: FloatArray, start_rad: FloatArray) -> FloatArray:
     """What each of the solutions costs, (A, 2, K); ``rests`` (A, K) is the last of the ``_ENTRIES``.
 
     That it moves and that it is not at ease are both squares about a place for each joint. Together they are, but
@@ -310,14 +322,14 @@ def _costs(angles: Array, rests: Array, start_rad: Array) -> Array:
 EASE = np.array([SHOULDER_Y, 0.0, SHOULDER_Z, 0.0, FOREARM, WRIST, WRIST])
 
 
-def _vertex(costs: Array, lowest: int) -> float:
+def _vertex(costs: FloatArray, lowest: int) -> float:
     """Where the parabola through the lowest cost and its neighbours is lowest, −0.5 to 0.5 from it."""
     before, here, after = costs[lowest - 1], costs[lowest], costs[(lowest + 1) % len(costs)]
     curvature = before - 2.0 * here + after
     return float(0.5 * (before - after) / curvature) if curvature > 1e-12 else 0.0
 
 
-def _clipped(x: Array, lower: Array | float, upper: Array | float) -> Array:
+def _clipped(x: FloatArray, lower: FloatArray | float, upper: FloatArray | float) -> FloatArray:
     """``numpy.clip``, which takes several times as long on a few numbers."""
     return np.minimum(np.maximum(x, lower), upper)
 

@@ -5,15 +5,13 @@ from functools import lru_cache
 from math import atan2, cos, radians, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, SEATED, UPPER_RAD, Person, Posture, Sex
 from avrgym.vr.protocol import axes, messages
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.arm import ARM_PARTS, MAX_TURN_RAD, ArmLengths, ArmSolver
-
-Array = NDArray[np.float64]
 
 WAIST_YAW_SHARE = 0.3
 """The share of the head's yaw that the waist takes over (paper, section III)."""
@@ -35,13 +33,13 @@ class BodyPose:
     right: Pose | None
 
 
-def resting_head_centre(person: Person, posture: Posture) -> Array:
+def resting_head_centre(person: Person, posture: Posture) -> FloatArray:
     """The centre of the head (3,) of a person who sits upright, or lies with their back on the bed; world frame."""
     pos_w, axes_w = hips_frame(person, posture)
     return pos_w + person.torso_height_m * axes_w[:, 2]
 
 
-def hips_frame(person: Person, posture: Posture) -> tuple[Array, Array]:
+def hips_frame(person: Person, posture: Posture) -> tuple[FloatArray, FloatArray]:
     """Where the hips are in the world: their origin (3,) and their axes (3, 3) as columns."""
     return _hips_frame(person.sex, posture)
 
@@ -69,11 +67,11 @@ def skeleton(person: Person, posture: Posture) -> messages.Skeleton:
 
 
 @lru_cache
-def _hips_frame(sex: Sex, posture: Posture) -> tuple[Array, Array]:
+def _hips_frame(sex: Sex, posture: Posture) -> tuple[FloatArray, FloatArray]:
     return posture.hips(PROPORTIONS[sex]), axes.of_xyz(radians(posture.hips_deg), 0.0, 0.0)
 
 
-def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> Array:
+def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> FloatArray:
     """Angles (6,) within their ranges of waist x, y, z and head x, y, z that bring the head to its pose.
 
     The waist tilts so that the head joints lie on the line to where the headset puts them: with joints in the
@@ -115,11 +113,11 @@ class _Aim:
     right shoulder, a left hand reflected. ``reflect`` (A, 7) are signs of the angles that do so.
     """
 
-    torso_rad: Array
+    torso_rad: FloatArray
     arms: list[list[int]]
-    hand_pos: Array
-    hand_axes: Array
-    reflect: Array
+    hand_pos: FloatArray
+    hand_axes: FloatArray
+    reflect: FloatArray
 
 
 class BodySolver:
@@ -135,7 +133,7 @@ class BodySolver:
         self._arm = ArmSolver(person)
         self._known: tuple[BodyPose, _Aim] | None = None
 
-    def solve(self, pose: BodyPose, start_rad: Array, turn_rad: float = MAX_TURN_RAD) -> Array:
+    def solve(self, pose: BodyPose, start_rad: FloatArray, turn_rad: float = MAX_TURN_RAD) -> FloatArray:
         """Joint angles (20,) within their ranges that bring head and hands to ``pose``.
 
         Waist and head follow at once; joints of arms turn from ``start_rad`` (20,) by ``turn_rad`` at most, so
@@ -170,7 +168,7 @@ class BodySolver:
             np.where(_ABOUT_X, 1.0, reflect[:, :1]),
         )
 
-    def _torso_frame(self, waist_rad: Array) -> tuple[Array, Array]:
+    def _torso_frame(self, waist_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Where the waist is in the world, (3,), and the torso's axes (3, 3) as columns."""
         hips_w, hips_axes_w = hips_frame(self.person, self.posture)
         return hips_w + hips_axes_w @ self._waist_h, hips_axes_w @ axes.of_xyz(*waist_rad.tolist())

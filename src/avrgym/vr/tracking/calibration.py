@@ -14,8 +14,8 @@ from math import radians, sin
 from statistics import fmean
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.models import human
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import PROPORTIONS, SEATED, Person, Posture, Sex
@@ -26,8 +26,6 @@ from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, head_pose
 from avrgym.vr.tracking.arm import ArmLengths
 from avrgym.vr.tracking.body import BodyPose, hips_frame, skeleton, torso_angles
-
-Array = NDArray[np.float64]
 
 
 def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: RealFurniture) -> float:
@@ -76,7 +74,7 @@ def arm_length_m(person: Person, posture: Posture, pose: BodyPose) -> float | No
 _RIGHT, _LEFT = np.array([1.0, 1.0, 1.0]), np.array([-1.0, 1.0, 1.0])
 
 
-def _wrist_w(hand: Pose, hand_m: float) -> Array:
+def _wrist_w(hand: Pose, hand_m: float) -> FloatArray:
     return hand.pos_w + hand_m * axes.of_quaternion(hand.q_w)[:, 2]
 
 

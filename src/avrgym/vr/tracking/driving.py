@@ -7,8 +7,8 @@ from queue import SimpleQueue
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.policies import controllers, registry
 from avrgym.policies.controllers import Controller, Foreign
 from avrgym.policies.hand import Hand
@@ -17,7 +17,6 @@ from avrgym.policies.trained import Policy
 from avrgym.tasks.episodes import Episodes
 from avrgym.vr.protocol.messages import Drive
 
-Array = NDArray[np.float64]
 Generators = Sequence[np.random.Generator]
 
 ANSWER_WITHIN_S = 0.08
@@ -31,7 +30,7 @@ NOTHING = np.zeros((1, 0))
 """The action of a robot that is not known yet."""
 
 
-def still(episodes: Episodes) -> Array:
+def still(episodes: Episodes) -> FloatArray:
     """The action (1, A) that holds a robot still."""
     return np.zeros((1, episodes.action_size))
 
@@ -53,11 +52,11 @@ class Driver(Protocol):
         """Prepare for the episode that has begun in a world, drawn from its generator."""
         ...
 
-    def act(self, observation: Array) -> Array:
+    def act(self, observation: FloatArray) -> FloatArray:
         """The action (1, A) with which a control step begins that sees ``observation`` (1, O)."""
         ...
 
-    def amend(self) -> Array | None:
+    def amend(self) -> FloatArray | None:
         """Asked at every other tick of the step: another action (1, A), if there is one since."""
         ...
 
@@ -93,7 +92,7 @@ class InTick:
         self.failure, self._act = "", None
         self._begun, self._still = (episodes, generators), still(episodes)
 
-    def act(self, observation: Array) -> Array:
+    def act(self, observation: FloatArray) -> FloatArray:
         """The action (1, A) with which a control step begins that sees ``observation`` (1, O)."""
         try:
             act = self._act = self._act or registry.actor(self._policy, *self._begun)
@@ -104,7 +103,7 @@ class InTick:
         self.failure = ""
         return action
 
-    def amend(self) -> Array | None:
+    def amend(self) -> FloatArray | None:
         """Nothing comes later."""
 
     def close(self) -> None:
@@ -144,7 +143,7 @@ class Guarded:
         self._asked, self._still = None, still(episodes)
         self._hold("")
 
-    def act(self, observation: Array) -> Array:
+    def act(self, observation: FloatArray) -> FloatArray:
         """The action (1, A) with which a control step begins that sees ``observation`` (1, O)."""
         self._hear()
         if self._ready is None or not self._ready.done:
@@ -157,7 +156,7 @@ class Guarded:
             self._hear()
         return self._action
 
-    def amend(self) -> Array | None:
+    def amend(self) -> FloatArray | None:
         """Asked at every other tick of the step: another action (1, A), if there is one since."""
         before = self._action
         self._hear()
@@ -194,7 +193,7 @@ class Guarded:
         self._action, self.failure = self._still, failure
 
 
-Work = Callable[[Controller], Array | None]
+Work = Callable[[Controller], FloatArray | None]
 
 
 class Request:
@@ -203,7 +202,7 @@ class Request:
     def __init__(self, work: Work) -> None:
         self._work, self._asked_s, self._ended_s = work, time.monotonic(), 0.0
         self._done = threading.Event()
-        self.answer: Array | None = None
+        self.answer: FloatArray | None = None
         self.failure = ""
 
     @property
@@ -283,7 +282,7 @@ class Operator:
     def __init__(self) -> None:
         self._hand: Hand | None = None
         self._still = NOTHING
-        self._wish: tuple[Array, Array] | None = None
+        self._wish: tuple[FloatArray, FloatArray] | None = None
         self._heard_s = 0.0
         self._changed = False
 
@@ -304,7 +303,7 @@ class Operator:
         else:
             self.let_go()
 
-    def drive(self, linear: Array, angular: Array, now_s: float) -> None:
+    def drive(self, linear: FloatArray, angular: FloatArray, now_s: float) -> None:
         """Move the hand so from now on, both (3,) as ``Hand.action`` takes them."""
         self._wish, self._heard_s = (linear, angular), now_s
         self._changed = True
@@ -318,14 +317,14 @@ class Operator:
         if self._wish is not None and now_s - self._heard_s > OPERATOR_HEARD_S:
             self.let_go()
 
-    def act(self, observation: Array) -> Array:
+    def act(self, observation: FloatArray) -> FloatArray:
         """The action (1, A) with which a control step begins, whatever it sees."""
         self._changed = False
         if self._hand is None or self._wish is None:
             return self._still
         return self._hand.action(*self._wish)[None]
 
-    def amend(self) -> Array | None:
+    def amend(self) -> FloatArray | None:
         """What the operator wants, where that has changed during the step."""
         return self.act(self._still) if self._changed else None
 
@@ -334,7 +333,7 @@ class Operator:
         self.let_go()
 
 
-def _in_world(direction: Sequence[float]) -> Array:
+def _in_world(direction: Sequence[float]) -> FloatArray:
     """A vector (3,) in the world frame that is given ahead of the person, to their left and up."""
     ahead, left, up = direction
     return np.array([left, -ahead, up])

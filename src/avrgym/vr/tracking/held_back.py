@@ -5,16 +5,14 @@ servos lag behind too, but τ is zero: so what is in the way is told from what i
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.models import human
 from avrgym.models.human import JOINTS
 from avrgym.models.tracked import PARTS, Part
 from avrgym.simulation.worlds import Simulation
 from avrgym.vr.protocol.messages import Skeleton
 from avrgym.vr.tracking.body import ARMS, HEAD, WAIST
-
-Array = NDArray[np.float64]
 
 HELD_M, FREE_M = 0.008, 0.004
 """A part that is moved so far out of its way is held back, until it is nearer than the other."""
@@ -49,7 +47,7 @@ class HeldBack:
         self._held = moved_m > np.where(self._held, FREE_M, HELD_M)
         return tuple(part for part, held in zip(PARTS, self._held.tolist(), strict=True) if held)
 
-    def _moved(self) -> Array:
+    def _moved(self) -> FloatArray:
         """By how much contacts move each point (P, 3), metres: of each joint the turn times the point's lever."""
         turns = self._torque[0, self._dofs] / self._stiffness
         axes_w, anchors_w = self._axis[0, self._joints], self._anchor[0, self._joints]

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.models.human import Person, Posture
 from avrgym.vr.protocol import axes
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import HEAD, WAIST, resting_head_centre, skeleton
-
-Array = NDArray[np.float64]
 
 LOOK_EVERY_TICKS = 10
 LOOKS_AT_REST = 11
@@ -36,7 +34,7 @@ GLIDE_M_S = 0.05
 class Glide:
     """By how much (3,) the participant's floor moves in the world, evenly, and how long that takes."""
 
-    shift_w: Array
+    shift_w: FloatArray
     seconds: float
 
 
@@ -50,9 +48,9 @@ class Sliding:
         self._waist_w = np.array(measures.hips_pos_w) + self._hips_axes_w @ np.array(measures.waist)
         self._neck_t, self._head_centre_m = np.array(measures.neck), measures.head_centre_m
         self._rest_w = resting_head_centre(person, posture)
-        self._seen: deque[Array] = deque(maxlen=LOOKS_AT_REST)
+        self._seen: deque[FloatArray] = deque(maxlen=LOOKS_AT_REST)
 
-    def look(self, head: Pose, joint_angles_rad: Array) -> Glide | None:
+    def look(self, head: Pose, joint_angles_rad: FloatArray) -> Glide | None:
         """How to follow a head that is tracked at a pose and solved with these angles (20,); ``None``: not at all."""
         self._seen.append(head.pos_w)
         if len(self._seen) < LOOKS_AT_REST or np.ptp(np.array(self._seen), axis=0).max() > STEADY_M:
@@ -66,7 +64,7 @@ class Sliding:
         """What was seen before says nothing of what comes."""
         self._seen.clear()
 
-    def head_centre_w(self, joint_angles_rad: Array) -> Array:
+    def head_centre_w(self, joint_angles_rad: FloatArray) -> FloatArray:
         """Where joint angles (20,) bring the head's centre, (3,)."""
         waist, head = joint_angles_rad[WAIST].tolist(), joint_angles_rad[HEAD].tolist()
         torso_axes_w = self._hips_axes_w @ axes.of_xyz(*waist)

@@ -13,13 +13,12 @@ from typing import Literal
 import msgspec
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.vr.protocol.messages import Modality, Tracking, XRPose
 from avrgym.vr.protocol.webxr import grip_from_wrist
 
-Array = NDArray[np.float64]
 Side = Literal["left", "right"]
 
 SAME_M, SAME_RAD = 0.15, float(np.radians(75.0))
@@ -38,8 +37,8 @@ METRES_PER_RADIAN = 0.15
 class Correction:
     """From a grip as the present device has it to the grip that is followed: position (3,), rotation vector (3,)."""
 
-    pos: Array
-    turn_rad: Array
+    pos: FloatArray
+    turn_rad: FloatArray
 
     @property
     def size_m(self) -> float:
@@ -139,11 +138,11 @@ def _held(modality: Modality) -> Modality:
     return "controller" if modality == "hand" else modality
 
 
-def _arrays(pose: XRPose) -> tuple[Array, Array]:
+def _arrays(pose: XRPose) -> tuple[FloatArray, FloatArray]:
     x, y, z, w = pose.orientation
     return np.array(pose.position), transforms.normalize([w, x, y, z])
 
 
-def _pose(pos: Array, q: Array) -> XRPose:
+def _pose(pos: FloatArray, q: FloatArray) -> XRPose:
     (px, py, pz), (w, x, y, z) = pos.tolist(), q.tolist()
     return XRPose((px, py, pz), (x, y, z, w))

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.human import SEATED, Person, Posture
 from avrgym.models.tracked import PARTS, Part
@@ -18,8 +18,6 @@ from avrgym.vr.tracking.jumps import Limbs
 from avrgym.vr.tracking.sliding import LOOK_EVERY_TICKS, Glide, Sliding
 from avrgym.vr.tracking.switches import Hands
 from avrgym.vr.tracking.world import TICK_S, LiveWorld
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -151,7 +149,7 @@ class TrackingState:
         there = replace(self.registration, origin_w=self.registration.origin_w + self._glide.shift_w)
         return messages.Placed(there.xr_from_world(), self._glide.seconds)
 
-    def follow_seat(self, joint_angles_rad: Array) -> Glide | None:
+    def follow_seat(self, joint_angles_rad: FloatArray) -> Glide | None:
         """Let the seat follow who has slid on it, by what a tick allows; call it once a tick after ``follow``.
 
         ``joint_angles_rad`` (20,) is where the body was brought. Gives how the seat will follow, when it begins to.

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
@@ -22,13 +22,11 @@ from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 from avrgym.vr.tracking.driving import Driver, still
 
-Array = NDArray[np.float64]
-
 TICK_S = PHYSICS_STEP_S
 BRAKED_TICKS = 30
 """So long the brakes hold between what drove the robot and its retreat, until it is at rest."""
-Act = Callable[[Array], Array]
-Amend = Callable[[], Array | None]
+Act = Callable[[FloatArray], FloatArray]
+Amend = Callable[[], FloatArray | None]
 
 
 @dataclass(frozen=True)
@@ -38,8 +36,8 @@ class ControlStep:
     ``withdrawing``: the robot withdrew after success, or waited withdrawn.
     """
 
-    observation: Array
-    action: Array
+    observation: FloatArray
+    action: FloatArray
     outcome: Step
     withdrawing: bool = False
 
@@ -52,9 +50,9 @@ class ControlSteps:
         self._observation = np.zeros((1, episodes.observation.size))
         self._action = np.zeros((1, episodes.action_size))
         self._substep = 0
-        self._seen: Array | None = None
+        self._seen: FloatArray | None = None
         """The observation (1, O) of the present state, where the last control step ended with it."""
-        self.begun: Array | None = None
+        self.begun: FloatArray | None = None
         """The action (7,) that the latest tick began with, if it gave the robot one."""
         self.braked = False
         """Whether the brakes hold the robot where its latest action is zero."""
@@ -83,7 +81,7 @@ class ControlSteps:
         self._seen = outcome.observation
         return ControlStep(self._observation[0], self._action[0], outcome)
 
-    def move(self, action: Array | None, *, brakes: bool = False) -> None:
+    def move(self, action: FloatArray | None, *, brakes: bool = False) -> None:
         """Advance by 10 ms outside all control steps; with an action (1, A) the robot goes so from now on."""
         self.begun = None
         if action is not None:
@@ -101,11 +99,11 @@ class ControlSteps:
             self._episodes.command_robot(action)
             self._note(action, brakes)
 
-    def _command(self, action: Array, brakes: bool) -> None:
+    def _command(self, action: FloatArray, brakes: bool) -> None:
         self._episodes.command(action)
         self._note(action, brakes)
 
-    def _note(self, action: Array, brakes: bool) -> None:
+    def _note(self, action: FloatArray, brakes: bool) -> None:
         self._action, self.begun = action, action[0]
         self.braked = brakes and not action.any()
         if self.braked:
@@ -147,7 +145,7 @@ class LiveWorld:
         self.begin(seed=0)
 
     @property
-    def action_begun(self) -> Array | None:
+    def action_begun(self) -> FloatArray | None:
         """The action (7,) that the latest tick began with, if it gave the robot one."""
         return self._steps.begun
 
@@ -265,17 +263,17 @@ class LiveWorld:
         self._withdrawal.see(step.outcome.success, step.outcome.events)
         return replace(step, withdrawing=withdrew)
 
-    def _withdraw(self, _seen: Array) -> Array:
+    def _withdraw(self, _seen: FloatArray) -> FloatArray:
         return self._withdrawal.led(np.zeros((1, self._episodes.action_size)))
 
     def _unless_held(self, act: Act, amend: Amend, *, held: bool) -> tuple[Act, Amend]:
         """The same, but a robot that is held stands still; who drives it sees all that happens meanwhile."""
 
-        def act_unless_held(seen: Array) -> Array:
+        def act_unless_held(seen: FloatArray) -> FloatArray:
             self._asked = act(seen)
             return still(self._episodes) if held else self._asked
 
-        def amend_unless_held() -> Array | None:
+        def amend_unless_held() -> FloatArray | None:
             asked = amend()
             self._asked = self._asked if asked is None else asked
             if held == self._held:
@@ -284,7 +282,7 @@ class LiveWorld:
 
         return act_unless_held, amend_unless_held
 
-    def _amended(self, asked: Array | None) -> Array | None:
+    def _amended(self, asked: FloatArray | None) -> FloatArray | None:
         return self.guard.given if self.guard.amend(asked)[0] else None
 
     def _tick_retreat(self, ticks: int, *, held: bool) -> None:
@@ -297,7 +295,7 @@ class LiveWorld:
         self._retreated_ticks = None if due and action is None else ticks + 1
         self._steps.move(None if action is None else action[None])
 
-    def state_vector(self) -> Array:
+    def state_vector(self) -> FloatArray:
         """The simulator's integration state."""
         return self._episodes.simulation.integration_state()
 

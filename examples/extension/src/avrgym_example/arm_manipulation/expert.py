@@ -3,8 +3,8 @@
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.simulation.worlds import RightArm, State
 from avrgym.tasks.experts.guide import Guide
@@ -12,7 +12,6 @@ from avrgym.tasks.experts.reactive import Aim, Reactive, funnel_m
 from avrgym.tasks.task import Controller, RunningEpisodes
 from avrgym_example.arm_manipulation.reward import ArmState, taken_w, to_armrest, under_w
 
-Array = NDArray[np.float64]
 Heading = tuple[float, float, float]
 
 HEADING_W: dict[bool, Heading] = {False: (1.0, 0.0, 0.0), True: (1.0, -0.4, 0.0)}
@@ -27,7 +26,7 @@ HIGH_M = 0.04
 """So little below its goal the forearm is also pushed to the person's left."""
 
 
-def cradling_q_w(arm: RightArm, heading_w: Heading) -> Array:
+def cradling_q_w(arm: RightArm, heading_w: Heading) -> FloatArray:
     """The hook's rotation, (N, 4), whose stops point past the forearm, and whose handle leads along a direction."""
     z_w = -under_w(arm)
     x_w = transforms.normalize(heading_w - z_w * (z_w * heading_w).sum(axis=-1)[:, None])

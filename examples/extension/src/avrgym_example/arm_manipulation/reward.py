@@ -3,15 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.human import People
 from avrgym.simulation.worlds import RightArm, State
 from avrgym.tasks.task import StepResult
-
-Array = NDArray[np.float64]
 
 ELBOW, WRIST = 1, 2
 ALONG = 0.75
@@ -28,27 +26,27 @@ STRONG_FORCE_N = 30.0
 class ArmState:
     """For how many control steps on end the forearm has been above the armrest, and whether for long enough, (N,)."""
 
-    steps: NDArray[np.intp]
-    done: NDArray[np.bool_]
+    steps: IntArray
+    done: BoolArray
 
 
-def init_state(people: People, uniforms: Array) -> ArmState:
+def init_state(people: People, uniforms: FloatArray) -> ArmState:
     """Not lifted yet."""
     return ArmState(np.zeros(len(uniforms), np.intp), np.zeros(len(uniforms), bool))
 
 
-def taken_w(arm: RightArm) -> Array:
+def taken_w(arm: RightArm) -> FloatArray:
     """Where the hook takes the forearm, on its axis, (N, 3), world frame."""
     elbow_w, wrist_w = arm.right_arm_pos_w[:, ELBOW], arm.right_arm_pos_w[:, WRIST]
     return elbow_w + ALONG * (wrist_w - elbow_w)
 
 
-def under_w(arm: RightArm) -> Array:
+def under_w(arm: RightArm) -> FloatArray:
     """The direction out of the forearm's lower side, (N, 3), world frame."""
     return transforms.rotate(arm.right_arm_q_w[:, ELBOW], UNDER)
 
 
-def to_armrest(arm: RightArm) -> Array:
+def to_armrest(arm: RightArm) -> FloatArray:
     """How far the forearm still has to go to the person's left and up, (N, 2)."""
     x, _, z = taken_w(arm).T
     return np.stack([ARMREST_X_M - x, np.maximum(ABOVE_M - z, 0.0)], axis=-1)
@@ -59,7 +57,7 @@ WEIGHTS = {
 }  # fmt: skip
 
 
-def evaluate_step(state: State, action: Array, task_state: ArmState) -> StepResult:
+def evaluate_step(state: State, action: FloatArray, task_state: ArmState) -> StepResult:
     """Success is a forearm that was above the armrest for a second on end."""
     way = to_armrest(state)
     lifted = (np.abs(way[:, 0]) < BESIDE_M) & (way[:, 1] == 0.0)

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import People
@@ -30,8 +30,6 @@ from avrgym_example.arm_manipulation.reward import (
     under_w,
 )
 
-Array = NDArray[np.float64]
-
 POSE = Pose(
     rest_rad=human.joint_angles(right_shoulder_y=38.0, right_shoulder_x=25.0, right_elbow_x=-55.0),
     spread_rad=0.5 * ARM_SPREAD_RAD,
@@ -56,7 +54,7 @@ def scene(robot: Robot) -> SceneConfig:
     return found
 
 
-def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """The hook within ±3 cm of a point below the forearm; the base from where the armrest is within reach too."""
     pos_w, q_w = human.body_frames(people, scene.posture)
     arm = RightArm(*(np.stack([part[name] for name in human.RIGHT_ARM], axis=1) for part in (pos_w, q_w)))

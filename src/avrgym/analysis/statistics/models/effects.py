@@ -6,7 +6,8 @@ from itertools import combinations
 
 import numpy as np
 
-from avrgym.analysis.statistics.models.fitted import Array, NoFit
+from avrgym.analysis.statistics.models.fitted import NoFit
+from avrgym.array_types import FloatArray
 from avrgym.study.design.design import Design
 
 POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER = "policies", "robots", "learning", "order", "carry-over"
@@ -53,9 +54,9 @@ class Columns:
 
     names: tuple[Group, ...]
     bases: frozenset[Group]
-    matrix: Array
+    matrix: FloatArray
 
-    def contrast(self, effect: Effect) -> Array:
+    def contrast(self, effect: Effect) -> FloatArray:
         """What an effect is of the coefficients (p,); raises ``NoFit`` where the trials do not tell it."""
         weights = np.zeros(len(self.names))
         for group, sign in (((effect.kind, effect.group_a), 1.0), ((effect.kind, effect.group_b), -1.0)):
@@ -99,7 +100,7 @@ def columns(design: Design, observed: Sequence[Observed]) -> Columns:
     return Columns(tuple(names), frozenset(bases), kept[:, 1:])
 
 
-def _candidates(design: Design, observed: Sequence[Observed]) -> Iterator[tuple[Group, Array | None]]:
+def _candidates(design: Design, observed: Sequence[Observed]) -> Iterator[tuple[Group, FloatArray | None]]:
     """A column for each group but the first of its kind, which the others are compared with."""
     yield from _indicators(POLICIES, design.policies, [each.policy for each in observed])
     yield from _indicators(ROBOTS, design.robots, [each.robot for each in observed])
@@ -114,7 +115,7 @@ def _candidates(design: Design, observed: Sequence[Observed]) -> Iterator[tuple[
 
 def _indicators(
     kind: str, groups: Sequence[str], given: Sequence[str | None]
-) -> Iterator[tuple[Group, Array | None]]:
+) -> Iterator[tuple[Group, FloatArray | None]]:
     """1 for trials of a group, 0 for those of others; trials of none lie in the middle of all."""
     present = [group for group in groups if group in given]
     for number, group in enumerate(present):

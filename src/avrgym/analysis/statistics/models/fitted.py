@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-Array = NDArray[np.floating]
+from avrgym.array_types import FloatArray
+
 LEVEL = 0.95
 
 
@@ -44,6 +44,6 @@ class Estimate:
 class Fitted(Protocol):
     """A model that was fitted."""
 
-    def estimate(self, contrast: Array) -> Estimate:
+    def estimate(self, contrast: FloatArray) -> Estimate:
         """The effect ``contrast @ coefficients``, of the columns of the model's design matrix."""
         ...

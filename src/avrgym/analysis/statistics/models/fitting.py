@@ -14,9 +14,10 @@ from avrgym.analysis.statistics.models.effects import (
     Observed,
     columns,
 )
-from avrgym.analysis.statistics.models.fitted import Array, Estimate, Fitted, NoFit
+from avrgym.analysis.statistics.models.fitted import Estimate, Fitted, NoFit
 from avrgym.analysis.statistics.models.mixed import fit_mixed
 from avrgym.analysis.statistics.models.ordinal import fit_ordinal
+from avrgym.array_types import FloatArray
 from avrgym.study.design.design import Design
 
 ORDINAL, LOGISTIC, MIXED = "ordinal", "logistic", "mixed"
@@ -104,7 +105,7 @@ class _WithConstant:
     def __init__(self, fitted: Fitted, note: str) -> None:
         self._fitted, self._note = fitted, note
 
-    def estimate(self, contrast: Array) -> Estimate:
+    def estimate(self, contrast: FloatArray) -> Estimate:
         return replace(self._fitted.estimate(np.concatenate([[0.0], contrast])), note=self._note)
 
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from avrgym.analysis.statistics.models.fitted import Array, Estimate, NoFit
+from avrgym.analysis.statistics.models.fitted import Estimate, NoFit
+from avrgym.array_types import FloatArray
 
 ITERATIONS = 30
 HALVINGS = 8
@@ -31,12 +32,12 @@ class MixedFit:
     ``covariance`` changes with each variance, ``of_variances`` (v, v) is the covariance of these.
     """
 
-    coefficients: Array
-    variances: Array
-    covariance: Array
-    adjusted: Array
-    slopes: Array
-    of_variances: Array
+    coefficients: FloatArray
+    variances: FloatArray
+    covariance: FloatArray
+    adjusted: FloatArray
+    slopes: FloatArray
+    of_variances: FloatArray
 
     @property
     def at_zero(self) -> list[int]:
@@ -44,7 +45,7 @@ class MixedFit:
         *groups, single = self.variances.tolist()
         return [place for place, variance in enumerate(groups) if variance <= SINGULAR * abs(single)]
 
-    def estimate(self, contrast: Array) -> Estimate:
+    def estimate(self, contrast: FloatArray) -> Estimate:
         """The effect of a contrast (p,), by Student's t."""
         plain = float(contrast @ self.covariance @ contrast)
         slopes = np.einsum("i,vij,j->v", contrast, self.slopes, contrast)
@@ -59,9 +60,9 @@ class MixedFit:
 class _Cluster:
     """Values (n,), their design (n, p), and what each variance multiplies (v, n, n)."""
 
-    values: Array
-    design: Array
-    parts: Array
+    values: FloatArray
+    design: FloatArray
+    parts: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,16 +70,16 @@ class _State:
     """What follows from variances: the restricted log-likelihood, its score and information, and the estimates."""
 
     likelihood: float
-    score: Array
-    information: Array
-    coefficients: Array
-    covariance: Array
-    singles: Array
-    pairs: Array
+    score: FloatArray
+    information: FloatArray
+    coefficients: FloatArray
+    covariance: FloatArray
+    singles: FloatArray
+    pairs: FloatArray
 
 
 def fit_mixed(
-    values: ArrayLike, design: Array, clusters: ArrayLike, groupings: Sequence[ArrayLike]
+    values: ArrayLike, design: FloatArray, clusters: ArrayLike, groupings: Sequence[ArrayLike]
 ) -> MixedFit:
     """Fit values (n,) by a design matrix (n, p) with its constant.
 
@@ -116,7 +117,7 @@ def fit_mixed(
 
 
 def _clusters(
-    values: Array, design: Array, clusters: Array, groupings: Sequence[ArrayLike]
+    values: FloatArray, design: FloatArray, clusters: FloatArray, groupings: Sequence[ArrayLike]
 ) -> list[_Cluster]:
     found: list[_Cluster] = []
     for name in np.unique(clusters):
@@ -126,14 +127,14 @@ def _clusters(
     return found
 
 
-def _part(grouping: Array) -> Array:
+def _part(grouping: FloatArray) -> FloatArray:
     """What a variance multiplies in a cluster's covariance: 1 where labels are equal, or products of covariates."""
     if grouping.ndim == 1:
         return (grouping[:, None] == grouping).astype(float)
     return grouping @ grouping.T
 
 
-def _restricted(clusters: Sequence[_Cluster], count: int) -> tuple[_State, Array]:
+def _restricted(clusters: Sequence[_Cluster], count: int) -> tuple[_State, FloatArray]:
     """State and variances of the greatest restricted likelihood."""
     variances = np.full(count, 0.5 / max(count - 1, 1))
     variances[-1] = 0.5
@@ -149,8 +150,8 @@ def _restricted(clusters: Sequence[_Cluster], count: int) -> tuple[_State, Array
 
 
 def _along(
-    clusters: Sequence[_Cluster], variances: Array, state: _State, step: Array
-) -> tuple[Array, _State | None]:
+    clusters: Sequence[_Cluster], variances: FloatArray, state: _State, step: FloatArray
+) -> tuple[FloatArray, _State | None]:
     """Variances and state after as much of a step as is no step back; no state where there is none."""
     for _ in range(HALVINGS):
         tried = _state(clusters, variances + step)
@@ -160,13 +161,13 @@ def _along(
     return variances, None
 
 
-def _state(clusters: Sequence[_Cluster], variances: Array) -> _State | None:
+def _state(clusters: Sequence[_Cluster], variances: FloatArray) -> _State | None:
     """``None`` where a covariance is not positive definite.
 
     With W the inverse of a cluster's covariance and G_a what variance a multiplies there, ``singles`` sums
     Xᵀ W G_a W X and ``pairs`` Xᵀ W G_a W G_b W X over clusters.
     """
-    weights: list[Array] = []
+    weights: list[FloatArray] = []
     determinant = 0.0
     for each in clusters:
         covariance = np.tensordot(variances, each.parts, 1)
@@ -186,10 +187,10 @@ def _state(clusters: Sequence[_Cluster], variances: Array) -> _State | None:
 
 def _derived(
     clusters: Sequence[_Cluster],
-    weights: Sequence[Array],
+    weights: Sequence[FloatArray],
     determinant: float,
-    coefficients: Array,
-    covariance: Array,
+    coefficients: FloatArray,
+    covariance: FloatArray,
 ) -> _State:
     count, width = len(clusters[0].parts), len(coefficients)
     traces, squares = np.zeros(count), np.zeros(count)
@@ -215,7 +216,7 @@ def _derived(
     return _State(likelihood, 0.5 * (squares - traces), 0.5 * both, coefficients, covariance, singles, pairs)
 
 
-def _inverse(matrix: Array) -> Array:
+def _inverse(matrix: FloatArray) -> FloatArray:
     try:
         return np.linalg.inv(matrix)
     except np.linalg.LinAlgError as error:

@@ -11,9 +11,10 @@ Statist. Assoc. 96, 2001).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from avrgym.analysis.statistics.models.fitted import Array, Estimate, NoFit
+from avrgym.analysis.statistics.models.fitted import Estimate, NoFit
+from avrgym.array_types import FloatArray, IntArray
 
 ITERATIONS = 60
 CONVERGED = 1e-12
@@ -28,19 +29,19 @@ UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0
 class OrdinalFit:
     """Thresholds (k,) between the categories, coefficients (p,), and the covariance (p, p) of the coefficients."""
 
-    thresholds: Array
-    coefficients: Array
-    covariance: Array
+    thresholds: FloatArray
+    coefficients: FloatArray
+    covariance: FloatArray
     clusters: int
 
-    def estimate(self, contrast: Array) -> Estimate:
+    def estimate(self, contrast: FloatArray) -> Estimate:
         """The effect of a contrast (p,) in log odds, by Student's t with one degree of freedom less than clusters."""
         variance = float(contrast @ self.covariance @ contrast)
         return Estimate.of(float(contrast @ self.coefficients), variance, self.clusters - 1)
 
 
 def fit_ordinal(
-    values: ArrayLike, design: Array, clusters: ArrayLike, correction: float = KAUERMANN_CARROLL
+    values: ArrayLike, design: FloatArray, clusters: ArrayLike, correction: float = KAUERMANN_CARROLL
 ) -> OrdinalFit:
     """Fit answers (n,) by the columns of a design matrix (n, p) without a constant, with clusters (n,).
 
@@ -54,40 +55,40 @@ def fit_ordinal(
     parameters = _most_likely(answered, design, thresholds)
     _, scores, information = _derivatives(parameters, answered, design, thresholds)
     names, members = np.unique(np.asarray(clusters), return_inverse=True)
-    of_cluster: Array = np.eye(len(names))[:, members]
+    of_cluster: FloatArray = np.eye(len(names))[:, members]
     covariance = clustered_covariance(
         of_cluster @ scores, np.einsum("cn,nij->cij", of_cluster, information), correction
     )[thresholds:, thresholds:]
     return OrdinalFit(parameters[:thresholds], parameters[thresholds:], covariance, len(of_cluster))
 
 
-def clustered_covariance(scores: Array, information: Array, correction: float) -> Array:
+def clustered_covariance(scores: FloatArray, information: FloatArray, correction: float) -> FloatArray:
     """The covariance (p, p) of estimates from each cluster's score (c, p) and expected information (c, p, p).
 
     With the root L of the inverse of all information, Lᵀ information L is a cluster's leverage.
     """
     root = _root_of_inverse(information.sum(axis=0))
-    leverage: Array = root.T @ information @ root
+    leverage: FloatArray = root.T @ information @ root
     shares, axes = np.linalg.eigh(leverage)
     left = 1.0 - shares
     if correction and left.min() < 1e-9:
         raise NoFit("one participant alone determines an effect")
-    along: Array = np.einsum("cij,ci->cj", axes, scores @ root) * left**-correction
-    corrected: Array = np.einsum("cij,cj->ci", axes, along) @ root.T
+    along: FloatArray = np.einsum("cij,ci->cj", axes, scores @ root) * left**-correction
+    corrected: FloatArray = np.einsum("cij,cj->ci", axes, along) @ root.T
     return corrected.T @ corrected
 
 
-def _root_of_inverse(matrix: Array) -> Array:
+def _root_of_inverse(matrix: FloatArray) -> FloatArray:
     try:
         return np.linalg.cholesky(np.linalg.inv(matrix))
     except np.linalg.LinAlgError as error:
         raise NoFit(NOT_APART) from error
 
 
-def _most_likely(answered: NDArray[np.intp], design: Array, thresholds: int) -> Array:
+def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> FloatArray:
     """The parameters (thresholds, then coefficients) of the greatest likelihood, by Fisher's scoring."""
     below = np.array([np.mean(answered <= k) for k in range(thresholds)])
-    parameters: Array = np.concatenate([np.log(below / (1.0 - below)), np.zeros(design.shape[1])])
+    parameters: FloatArray = np.concatenate([np.log(below / (1.0 - below)), np.zeros(design.shape[1])])
     likelihood, scores, information = _derivatives(parameters, answered, design, thresholds)
     for _ in range(ITERATIONS):
         score = scores.sum(axis=0)
@@ -104,7 +105,7 @@ def _most_likely(answered: NDArray[np.intp], design: Array, thresholds: int) -> 
     raise NoFit("groups are separated: in one of them all values are at the same end, an effect has no bound")
 
 
-def _solved(information: Array, score: Array) -> Array:
+def _solved(information: FloatArray, score: FloatArray) -> FloatArray:
     try:
         return np.linalg.solve(information, score)
     except np.linalg.LinAlgError as error:
@@ -112,8 +113,8 @@ def _solved(information: Array, score: Array) -> Array:
 
 
 def _derivatives(
-    parameters: Array, answered: NDArray[np.intp], design: Array, thresholds: int
-) -> tuple[float, Array, Array]:
+    parameters: FloatArray, answered: IntArray, design: FloatArray, thresholds: int
+) -> tuple[float, FloatArray, FloatArray]:
     """Log-likelihood, each answer's score (n, q) and expected information (n, q, q); −∞ for disordered thresholds."""
     count, width = design.shape
     below = 0.5 + 0.5 * np.tanh(0.5 * (parameters[:thresholds] - (design @ parameters[thresholds:])[:, None]))

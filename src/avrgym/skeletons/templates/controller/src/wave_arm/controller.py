@@ -1,8 +1,8 @@
 """The controller WaveArm: it turns the first joint to and fro, whatever it sees."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray
 from avrgym.tasks.registry import sizes
 
 TURN_RAD = 0.2
@@ -20,7 +20,7 @@ class WaveArm:
         self._random = np.random.default_rng(seed)
         self._steps = 0
 
-    def act(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+    def act(self, observation: FloatArray) -> FloatArray:
         """From an observation (O,) to an action (A,): each joint's speed as a share, -1 to 1, of its limit."""
         self._steps += 1
         action = self._random.normal(0.0, TREMBLING, self._joints)

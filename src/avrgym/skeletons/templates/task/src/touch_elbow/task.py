@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
@@ -25,8 +25,6 @@ from avrgym.tasks.person import ARM_SPREAD_RAD, when_strong
 from avrgym.tasks.task import Marks, StepResult, Task, View, Views
 from avrgym.tasks.training_settings import TrainingSettings
 
-Array = NDArray[np.float64]
-
 ELBOW = 1
 REACHED_M, TOUCHES = 0.08, 5
 POSE = Pose(rest_rad=human.joint_angles(right_shoulder_y=30.0), spread_rad=ARM_SPREAD_RAD)
@@ -38,7 +36,7 @@ POINTING_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np
 class TouchState:
     """In how many control steps the elbow was touched, (N,)."""
 
-    touches: NDArray[np.intp]
+    touches: IntArray
 
 
 def scene(robot: Robot) -> SceneConfig:
@@ -48,7 +46,7 @@ def scene(robot: Robot) -> SceneConfig:
     )
 
 
-def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """The hand within ±5 cm of a point beside the elbow; the base from where the elbow is within reach."""
     hand_w = np.array(HAND_W) + 0.05 * (2.0 * uniforms[:, :3] - 1.0)
     tool_w, tool_q_w = places.held(scene, hand_w, POINTING_Q_W)
@@ -58,12 +56,12 @@ def start(scene: SceneConfig, people: People, uniforms: Array) -> Start:
     )
 
 
-def init_state(people: People, uniforms: Array) -> TouchState:
+def init_state(people: People, uniforms: FloatArray) -> TouchState:
     """Not touched yet."""
     return TouchState(np.zeros(len(uniforms), dtype=np.intp))
 
 
-def elbow_w(arm: RightArm) -> Array:
+def elbow_w(arm: RightArm) -> FloatArray:
     """The right elbow, (N, 3), world frame."""
     return arm.right_arm_pos_w[:, ELBOW]
 
@@ -85,7 +83,7 @@ def observation(scene: SceneConfig) -> Observation:
 WEIGHTS = {"distance_m": -1.0, "action_squared": -0.01, "touched": 1.0, "strong_force_n": -0.05}
 
 
-def evaluate_step(state: State, action: Array, task_state: TouchState) -> StepResult:
+def evaluate_step(state: State, action: FloatArray, task_state: TouchState) -> StepResult:
     """A touch is a contact of the tool within 8 cm of the elbow's middle; five steps of it are a success."""
     near = norm(state.tool_contact_pos_w - elbow_w(state)[:, None]) < REACHED_M
     touched = (near & (state.tool_contact_force_n > 0.0)).any(axis=-1)
