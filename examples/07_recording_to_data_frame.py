@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import msgspec
 import pandas as pd
 
-from avrgym.recording.files import read_recording
+from avrgym.recording.reader import read_recording
 
 recording = read_recording(sys.argv[1])
 print(f"{recording.metadata['environment']}, policy {recording.metadata['policy']}, {recording.end}")

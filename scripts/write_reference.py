@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 from avrgym.cli.main import app
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.networks.policy import HumanRole, PolicyMetadata
-from avrgym.recording import records
-from avrgym.recording.questionnaire import Item, Questionnaire
-from avrgym.recording.stop_rules import StopRule
+from avrgym.questionnaires.questionnaire import Item, Questionnaire
+from avrgym.questionnaires.stop_rules import StopRule
+from avrgym.recording import schema
 from avrgym.study.design import design
 from avrgym.vr.protocol import messages
 
@@ -38,7 +38,7 @@ STUDY_TABLES = {
 NAMES: dict[type, str] = {kind: name for name, kind in STUDY_TABLES.items()} | {
     HumanRole: "what a human's says",
     messages.XRPose: "a pose",
-    records.Pose: "a pose",
+    schema.Pose: "a pose",
 }
 """What structs are called where they are fields."""
 WORDS: dict[type[types.Type], str] = {
@@ -60,7 +60,7 @@ def main() -> None:
         "commands": commands(get_command(app)),
         "messages": _messages(),
         "recording": structs(
-            [*((f"`{topic}`", kind) for topic, kind in records.TOPICS.items()), ("A pose", records.Pose)]
+            [*((f"`{topic}`", kind) for topic, kind in schema.TOPICS.items()), ("A pose", schema.Pose)]
         ),
         "study_file": structs(STUDY_TABLES.items()),
         "policy_file": structs([("The header", PolicyMetadata), ("A human", HumanRole)]),

@@ -24,8 +24,8 @@ from msgspec import inspect
 
 from avrgym.models import human
 from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
-from avrgym.recording.latency import STAGE_WORDS
 from avrgym.texts.texts import read_texts, shipped
+from avrgym.vr.latency import STAGE_WORDS
 from avrgym.vr.protocol import messages, state_changes, webxr
 from avrgym.vr.session.phases import where
 from avrgym.vr.tracking import arm, body, switches

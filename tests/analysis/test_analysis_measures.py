@@ -12,8 +12,8 @@ from avrgym.analysis.reading import observations
 from avrgym.analysis.reading.measures import head_centres, measure
 from avrgym.models import human
 from avrgym.models.human import JOINTS, LOWER_RAD, RECLINED, SEATED, UPPER_RAD, People, Person, Posture
-from avrgym.recording.files import Recording
-from avrgym.recording.records import BodyTargets, Control
+from avrgym.recording.reader import Recording
+from avrgym.recording.schema import BodyTargets, Control
 
 METADATA = {"person": {"sex": "woman", "torso_height_m": 0.55}, "joints": list(JOINTS)}
 

@@ -19,9 +19,9 @@ from avrgym.analysis.statistics.objective_tests import offered_objective
 from avrgym.analysis.statistics.offered import offered_tests
 from avrgym.analysis.statistics.tests import clustered_interval, holm, signed_rank
 from avrgym.analysis.study import Analysis, analyse
-from avrgym.recording.latency import STAGES, TOTAL
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage.store import Store
+from avrgym.vr.latency import STAGES, TOTAL
 from helpers.browser.html_page import Page
 from helpers.studies.known_results import ITEMS, break_off, latency_of, run_trials, take_part
 from helpers.studies.small_studies import small_study

@@ -18,7 +18,7 @@ from avrgym.analysis.report.by_design import by_design
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
-from avrgym.recording.records import Answer
+from avrgym.recording.schema import Answer
 from avrgym.study.design.differences import shown
 from avrgym.study.people import participants
 from avrgym.study.storage import database, sessions

@@ -30,8 +30,8 @@ from avrgym.analysis.rows import AnswerRow, ObjectiveRow, TrialRow
 from avrgym.analysis.statistics.biomechanics import measured_groups
 from avrgym.analysis.statistics.session_answers import session_families, session_likert_rows
 from avrgym.analysis.statistics.subjective import answer_families, likert_rows, subjective_rows
-from avrgym.recording.instruments.registry import INSTRUMENTS
-from avrgym.recording.questionnaire import MOMENTS, Item, Questionnaire
+from avrgym.questionnaires.questionnaire import MOMENTS, Item, Questionnaire
+from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.study.design.design import Design, default_text, parse_design
 
 PEOPLE = 8

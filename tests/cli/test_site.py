@@ -110,7 +110,7 @@ def test_every_kind_of_page_is_accessible(site: dict[Path, Page]) -> None:
 
 @pytest.mark.slow
 def test_the_reference_has_every_command_message_and_topic(site: dict[Path, Page]) -> None:
-    from avrgym.recording.records import TOPICS
+    from avrgym.recording.schema import TOPICS
     from write_typescript import UNIONS
 
     anchors = {file.stem: page.anchors for file, page in site.items()}

@@ -3,7 +3,7 @@
 import pytest
 
 from avrgym.demo.events import folded
-from avrgym.recording.records import Event
+from avrgym.recording.schema import Event
 
 SECOND_NS = 1_000_000_000
 

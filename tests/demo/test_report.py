@@ -5,9 +5,10 @@ import pytest
 from msgspec.structs import asdict
 
 from avrgym.demo.report import summarise, telling_moment_s, write_report
-from avrgym.recording.files import RecordingWriter, read_recording
-from avrgym.recording.questionnaire import LIKERT_ITEMS
-from avrgym.recording.records import Answer, Control, Event, Latency, TrackingFrame
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
+from avrgym.recording.reader import read_recording
+from avrgym.recording.schema import Answer, Control, Event, Latency, TrackingFrame
+from avrgym.recording.writer import RecordingWriter
 from helpers.browser.html_page import Page
 
 METADATA = {

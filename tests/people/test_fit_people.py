@@ -16,8 +16,8 @@ from avrgym.learning.evaluation import evaluate
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEXES, Sex
 from avrgym.people import distributions
 from avrgym.people.files import PeopleFileError, parse_people, read_people
-from avrgym.recording.files import RecordingWriter
-from avrgym.recording.records import Answer, BodyTargets, Control, Event, TrackingFrame
+from avrgym.recording.schema import Answer, BodyTargets, Control, Event, TrackingFrame
+from avrgym.recording.writer import RecordingWriter
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
 from avrgym.study.storage.answers import record_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt

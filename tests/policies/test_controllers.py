@@ -18,8 +18,8 @@ from avrgym.policies import controllers
 from avrgym.policies.controllers import ControllerError, Foreign
 from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, PolicyError
-from avrgym.recording.files import Recording, read_recording
-from avrgym.recording.records import Control
+from avrgym.recording.reader import Recording, read_recording
+from avrgym.recording.schema import Control
 from avrgym.replay.verification import verify
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.storage.store import Store

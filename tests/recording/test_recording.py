@@ -14,9 +14,10 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import MCAP0_MAGIC, Writer
 
-from avrgym.recording import files, records
-from avrgym.recording.files import Recording, RecordingError, RecordingWriter, read_recording
-from avrgym.recording.records import (
+from avrgym.recording import schema
+from avrgym.recording import writer as writing
+from avrgym.recording.reader import Recording, RecordingError, read_recording
+from avrgym.recording.schema import (
     TOPICS,
     Answer,
     BodyTargets,
@@ -34,6 +35,7 @@ from avrgym.recording.records import (
     encode,
     json_schema,
 )
+from avrgym.recording.writer import RecordingWriter
 from helpers.system.processes import die_with_parent
 
 METADATA = {
@@ -80,7 +82,7 @@ def write_trial(path: Path, steps: int = 40, outcome=OUTCOME) -> dict[str, list]
 
 @pytest.fixture
 def small_chunks(monkeypatch):
-    monkeypatch.setattr(files, "FLUSH_INTERVAL_S", 0.001)
+    monkeypatch.setattr(writing, "FLUSH_INTERVAL_S", 0.001)
 
 
 # Records
@@ -280,7 +282,7 @@ def test_a_foreign_file_is_refused(tmp_path, content):
 def test_a_recording_with_another_topic_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "trial.mcap"
     write_trial(path)
-    monkeypatch.delitem(records.TOPICS, "/answers")
+    monkeypatch.delitem(schema.TOPICS, "/answers")
     with pytest.raises(RecordingError, match=r"foreign '/answers'.* allowed: /physics, /tracking"):
         read_recording(path)
 
@@ -289,8 +291,9 @@ def test_a_recording_with_another_topic_is_refused(tmp_path, monkeypatch):
 
 CHILD = """
 import os, random, resource, sys, time
-from avrgym.recording.files import RecordingError, RecordingWriter
-from avrgym.recording.records import Physics
+from avrgym.recording.reader import RecordingError
+from avrgym.recording.writer import RecordingWriter
+from avrgym.recording.schema import Physics
 path, size_limit = sys.argv[1], int(sys.argv[2])
 resource.setrlimit(resource.RLIMIT_FSIZE, (size_limit or resource.RLIM_INFINITY, resource.RLIM_INFINITY))
 writer = RecordingWriter(path, {"environment": "made up"})
@@ -355,14 +358,14 @@ def test_a_full_disk_raises_an_alarm_within_a_second_and_never_completes(tmp_pat
 def stalled_disk(monkeypatch):
     """A disk that takes nothing until the event is set."""
     goes_on = threading.Event()
-    write = files._Disk.write
+    write = writing._Disk.write
 
     def wait_and_write(self, data):
         if threading.current_thread() is not threading.main_thread():
             goes_on.wait()
         write(self, data)
 
-    monkeypatch.setattr(files._Disk, "write", wait_and_write)
+    monkeypatch.setattr(writing._Disk, "write", wait_and_write)
     return goes_on
 
 
@@ -382,8 +385,8 @@ def test_a_stall_raises_an_alarm_within_a_second_and_may_pass(tmp_path, stalled_
 
 
 def test_a_disk_too_slow_loses_records_loudly_and_never_blocks(tmp_path, stalled_disk, monkeypatch):
-    monkeypatch.setattr(files, "CAPACITY_MESSAGES", 50)
-    monkeypatch.setattr(files, "FLUSH_INTERVAL_S", 0)
+    monkeypatch.setattr(writing, "CAPACITY_MESSAGES", 50)
+    monkeypatch.setattr(writing, "FLUSH_INTERVAL_S", 0)
     writer = RecordingWriter(tmp_path / "trial.mcap", METADATA)
     for step in range(500):
         writer.write("/physics", step, Physics(step, 0.0, []))
@@ -397,7 +400,7 @@ def test_a_disk_too_slow_loses_records_loudly_and_never_blocks(tmp_path, stalled
 
 
 def test_a_disk_that_never_takes_the_data_does_not_hold_up_the_close(tmp_path, stalled_disk, monkeypatch):
-    monkeypatch.setattr(files, "CLOSE_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(writing, "CLOSE_TIMEOUT_S", 0.05)
     writer = RecordingWriter(tmp_path / "trial.mcap", METADATA)
     writer.write("/answers", 0, RECORDS["/answers"])
     with pytest.raises(RecordingError, match="takes no data"):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.recording.files import read_recording
+from avrgym.recording.reader import read_recording
 from avrgym.replay.trial import ReplayError
 from avrgym.replay.verification import verify
 from avrgym.tasks.registry import TASKS, find_environment

@@ -18,7 +18,7 @@ for package in ("foxglove_schemas_protobuf", "mcap_protobuf"):
 from mcap_protobuf.decoder import DecoderFactory  # noqa: E402
 
 from avrgym.geometry import transforms  # noqa: E402
-from avrgym.recording.files import Recording, read_recording  # noqa: E402
+from avrgym.recording.reader import Recording, read_recording  # noqa: E402
 from avrgym.replay.foxglove import NO_DATE, TRACKING, WORLD, write_foxglove  # noqa: E402
 from helpers.system.places import OLD_RECORDING  # noqa: E402
 from helpers.vr.visit import Visit, plan  # noqa: E402

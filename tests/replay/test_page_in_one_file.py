@@ -15,7 +15,7 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.recording.files import read_recording
+from avrgym.recording.reader import read_recording
 from avrgym.replay.packing import STEP, pack_poses
 from avrgym.replay.page import PLACE, ReplayedTrial, write_page
 from avrgym.replay.timeline import aligned, timeline_of

@@ -13,8 +13,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
-from avrgym.recording import files
-from avrgym.recording.files import Recording, RecordingWriter, read_recording
+from avrgym.recording import writer as writing
+from avrgym.recording.reader import Recording, read_recording
+from avrgym.recording.writer import RecordingWriter
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.trial import ReplayError
 from avrgym.replay.verification import STATE_QUANTITIES, verify
@@ -60,7 +61,7 @@ def visited(folder: Path, environment: str) -> list[Path]:
 def paths(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """In many small chunks, as a trial in real time has them."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(files, "FLUSH_INTERVAL_S", 0.001)
+        patch.setattr(writing, "FLUSH_INTERVAL_S", 0.001)
         return visited(tmp_path_factory.mktemp("feeding"), ENVIRONMENT)
 
 

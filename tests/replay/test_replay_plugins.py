@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from avrgym.cli import replay as command
-from avrgym.recording.files import Recording, read_recording
+from avrgym.recording.reader import Recording, read_recording
 from avrgym.replay.playback import Playback
 from avrgym.replay.trial import ReplayError
 from avrgym.replay.verification import verify

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image, ImageSequence
 from playwright.sync_api import expect, sync_playwright
 
-from avrgym.recording.files import Recording, read_recording
+from avrgym.recording.reader import Recording, read_recording
 from avrgym.replay.pictures import (
     CAPTION_PX,
     FRAMES_PER_S,

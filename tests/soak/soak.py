@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.recording.files import read_recording
+from avrgym.recording.reader import read_recording
 from avrgym.study.storage import database
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation.in_process import InProcessClient

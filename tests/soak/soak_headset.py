@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from avrgym.recording.files import read_recording
-from avrgym.recording.latency import TOTAL, percentiles_ms
-from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
+from avrgym.recording.reader import read_recording
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation import headset
 from avrgym.vr.emulation.headset import BrowserAttendance
+from avrgym.vr.latency import TOTAL, percentiles_ms
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.browser.journey import Journey
 

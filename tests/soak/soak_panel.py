@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.browser.journey import WATCH_SCENES, Journey, draw_triangles

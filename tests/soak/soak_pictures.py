@@ -15,7 +15,7 @@ import pytest
 from PIL import Image, ImageDraw
 
 from avrgym.models import human
-from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation import headset
 from avrgym.vr.emulation.headset import BrowserAttendance

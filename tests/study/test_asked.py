@@ -5,7 +5,7 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from avrgym.recording.questionnaire import LIKERT_ITEMS, Item, Questionnaire
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item, Questionnaire
 from avrgym.study.design.design import Design, default_text, parse_design
 from avrgym.study.storage.versions import Catalogue, in_order
 

@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 from avrgym.analysis.reading.flow import flows
 from avrgym.analysis.reading.observations import Observations
 from avrgym.cli.main import app
-from avrgym.recording.files import read_recording
+from avrgym.recording.reader import read_recording
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.rebuilding import rebuild_study

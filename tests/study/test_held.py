@@ -6,8 +6,8 @@ import pytest
 
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import analyse
-from avrgym.recording.files import Recording
-from avrgym.recording.records import Control, Event, TrackingFrame
+from avrgym.recording.reader import Recording
+from avrgym.recording.schema import Control, Event, TrackingFrame
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.held import held_share
 from avrgym.study.design.design import DesignError, default_text, parse_design

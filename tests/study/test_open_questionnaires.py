@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.recording import late_answers
-from avrgym.recording.files import read_recording
-from avrgym.recording.records import Answer
+from avrgym.recording import answers_file
+from avrgym.recording.reader import read_recording
+from avrgym.recording.schema import Answer
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.rebuilding import rebuild_study
 from avrgym.study.checking.summary import summarise_study
@@ -111,7 +111,7 @@ def test_a_lost_database_is_rebuilt_with_late_answers(left: Callable[[], tuple[S
     day.end()
     folder = store.folder
     (attempt,) = store.attempts(pseudonym)
-    late = late_answers.times(folder / attempt.recording)
+    late = answers_file.answer_times(folder / attempt.recording)
     store.close()
     for path in folder.glob(f"{database.FILE}*"):
         path.unlink()

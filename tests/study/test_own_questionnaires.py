@@ -13,7 +13,7 @@ import sqlalchemy as sa
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.statistics.tests import holm
 from avrgym.analysis.study import analyse
-from avrgym.recording.records import Answer
+from avrgym.recording.schema import Answer
 from avrgym.study.checking.checks import check_study
 from avrgym.study.design.design import DesignError, parse_design
 from avrgym.study.export import export_study

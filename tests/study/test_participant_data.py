@@ -12,7 +12,7 @@ from test_adverse_events import DIZZY
 from typer.testing import CliRunner
 
 from avrgym.cli import app
-from avrgym.recording.records import Answer
+from avrgym.recording.schema import Answer
 from avrgym.study.export.one_person import FILE_CONTENTS, write_participant_data
 from avrgym.study.export.records import WITHOUT, event_rows
 from avrgym.study.merge.merging import merge_studies

@@ -235,9 +235,9 @@ def test_a_trusted_time_stamp_from_before_the_first_recording_proves_a_plan(
     stored = study("freeze", folder, "--timestamp", file)
     assert stored.exit_code == 0, stored.output
     with Store(folder) as store:
-        monkeypatch.setattr("avrgym.recording.files.datetime", Later)
+        monkeypatch.setattr("avrgym.recording.writer.datetime", Later)
         run_participant(store, take_in(store), trials=1)
-        monkeypatch.setattr("avrgym.recording.files.datetime", datetime)
+        monkeypatch.setattr("avrgym.recording.writer.datetime", datetime)
     lose_database(folder)
     frozen = frozen_plan(folder)
     assert not frozen.confirms

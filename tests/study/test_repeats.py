@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
-from avrgym.recording.outcomes import AttemptEnd, Metrics
+from avrgym.recording.schema import AttemptEnd, Metrics
 from avrgym.study.checking.exact_draws import draws_p
 from avrgym.study.checking.repeat_checks import REPEATS, check_repeats, repeat_findings
 from avrgym.study.checking.repeats import (

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.recording.streams import StreamChoice, stream_choice
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.storage.store import Store
+from avrgym.vr.lab_streaming.choice import StreamChoice, stream_choice
 from helpers.browser.documentation import DOCS, blocks
 from helpers.studies.small_studies import make_study
 

@@ -10,7 +10,7 @@ import pytest
 
 from avrgym.analysis.reading.observations import observe
 from avrgym.analysis.stream_rows import StreamRow
-from avrgym.recording.records import StreamSamples
+from avrgym.recording.schema import StreamSamples
 from avrgym.study.checking.checks import check_study
 from avrgym.study.export import export_study
 from avrgym.study.storage.store import Store

@@ -12,8 +12,8 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
 from avrgym.policies.trained import packaged_policies
-from avrgym.recording.files import RecordingWriter
-from avrgym.recording.records import Answer
+from avrgym.recording.schema import Answer
+from avrgym.recording.writer import RecordingWriter
 from avrgym.study.checking.checks import check_study
 from avrgym.study.storage import database, keyfile, schema
 from avrgym.study.storage.answers import record_answer

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.models.furniture.real import RealFurniture
-from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import create_study

@@ -8,12 +8,12 @@ import pytest
 
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import analyse
-from avrgym.recording.headset_check import HeadsetCheck, TrackedPart
-from avrgym.recording.latency import STAGES
 from avrgym.study.design.design import default_text, parse_design
 from avrgym.study.sessions.live import StudyVisit, plan_session
 from avrgym.study.storage.sessions import store_headset_check
 from avrgym.study.storage.store import Store
+from avrgym.vr.headset_check import HeadsetCheck, TrackedPart
+from avrgym.vr.latency import STAGES
 from avrgym.vr.session import events
 from helpers.studies.known_results import take_part
 from helpers.studies.small_studies import make_study

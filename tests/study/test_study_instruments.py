@@ -11,9 +11,9 @@ import pytest
 
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import analyse
-from avrgym.recording.instruments.registry import INSTRUMENTS
-from avrgym.recording.instruments.workload import FACTORS, PAIRS
-from avrgym.recording.records import Answer
+from avrgym.questionnaires.nasa_tlx import FACTORS, PAIRS
+from avrgym.questionnaires.registry import INSTRUMENTS
+from avrgym.recording.schema import Answer
 from avrgym.study.checking.results import summarise_results
 from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
 from avrgym.study.export import export_study

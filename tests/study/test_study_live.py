@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.policies.trained import PolicyError
-from avrgym.recording.files import read_recording
+from avrgym.recording.reader import read_recording
 from avrgym.study.checking.checks import check_study
 from avrgym.study.people.participants import enrol, record_consent, withdraw
 from avrgym.study.sessions.live import StudyVisit

@@ -11,8 +11,8 @@ from msgspec.structs import asdict
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
-from avrgym.recording.files import read_recording
-from avrgym.recording.records import Answer
+from avrgym.recording.reader import read_recording
+from avrgym.recording.schema import Answer
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.rebuilding import rebuild_study
 from avrgym.study.people.deletion import delete_participant

@@ -17,8 +17,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 
-from avrgym.recording.outcomes import Metrics
-from avrgym.recording.records import Answer
+from avrgym.recording.schema import Answer, Metrics
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw

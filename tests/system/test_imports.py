@@ -21,8 +21,9 @@ LIBRARIES = {
 }  # fmt: skip
 OURS = {
     "avrgym.analysis", "avrgym.demo", "avrgym.doctor", "avrgym.learning", "avrgym.models.human", "avrgym.people.files",
-    "avrgym.policies.registry", "avrgym.recording", "avrgym.replay", "avrgym.robots", "avrgym.simulation",
-    "avrgym.skeletons", "avrgym.study.storage.store", "avrgym.tasks.registry", "avrgym.vr.server.server",
+    "avrgym.policies.registry", "avrgym.questionnaires", "avrgym.recording", "avrgym.replay", "avrgym.robots",
+    "avrgym.simulation", "avrgym.skeletons", "avrgym.study.storage.store", "avrgym.tasks.registry",
+    "avrgym.vr.server.server",
 }  # fmt: skip
 SERVING = {
     "alembic", "cryptography", "fastapi", "matplotlib", "mcap", "segno", "sqlalchemy", "starlette", "uvicorn",

@@ -18,8 +18,8 @@ from PIL import Image
 from avrgym.geometry import transforms
 from avrgym.models import human, robot
 from avrgym.models.furniture.real import RealFurniture
-from avrgym.recording.files import read_recording
-from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
+from avrgym.recording.reader import read_recording
 from avrgym.vr.emulation.headset import DONE, EmulatedHeadset
 from avrgym.vr.protocol.messages import Tracking
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, hand_pose, head_pose

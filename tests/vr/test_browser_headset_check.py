@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.recording.latency import STAGES
 from avrgym.texts.texts import ENGLISH
+from avrgym.vr.latency import STAGES
 from avrgym.vr.session import events
 from avrgym.vr.session.phases.checking import FAULTS_SHOWN
 from avrgym.vr.session.plan import HeadsetCheckPlan

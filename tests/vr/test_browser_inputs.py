@@ -11,8 +11,8 @@ import pytest
 
 from avrgym.geometry import transforms
 from avrgym.models.human import SKIN_TONES
-from avrgym.recording.files import read_recording
-from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
+from avrgym.recording.reader import read_recording
 from avrgym.vr.emulation.headset import AGAIN, BACK, DONE, GO_ON
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session import events

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from avrgym.models.human import SKIN_TONES
-from avrgym.recording.files import read_recording
-from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
+from avrgym.recording.reader import read_recording
 from avrgym.vr.emulation.headset import BrowserAttendance
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan

@@ -14,8 +14,8 @@ import pytest
 from test_loop import FakeClock, FakeSession, await_that
 from test_server import make_server, participant, sit_down
 
-from avrgym.recording.files import Recording, read_recording
-from avrgym.recording.records import TrackingFrame
+from avrgym.recording.reader import Recording, read_recording
+from avrgym.recording.schema import TrackingFrame
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Command, Phase, Ready, StateChange, Tracking
 from avrgym.vr.server.loop import RealTimeLoop

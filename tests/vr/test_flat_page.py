@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from avrgym.recording.questionnaire import LIKERT_ITEMS, Item
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session import events

@@ -13,7 +13,7 @@ from avrgym.analysis.reading.observations import guard_interventions
 from avrgym.cli.main import app
 from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.policies.force_guard import ACTS, GUARD_SHARE, RESTS
-from avrgym.recording.files import Recording, read_recording
+from avrgym.recording.reader import Recording, read_recording
 from avrgym.replay.region_loads import region_loads
 from avrgym.replay.verification import verify
 from avrgym.tasks.registry import TASKS

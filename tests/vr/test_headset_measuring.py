@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace as replace_frame
 
 from avrgym.array_types import FloatArray
-from avrgym.recording.latency import STAGES
+from avrgym.vr.latency import STAGES
 from avrgym.vr.protocol.messages import (
     Answer,
     Command,

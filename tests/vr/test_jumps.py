@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from avrgym.recording.files import Recording
-from avrgym.recording.records import TrackingFrame
+from avrgym.recording.reader import Recording
+from avrgym.recording.schema import TrackingFrame
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import is_valid
 from avrgym.vr.tracking.frames import TrackingFeed

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from avrgym.models.body_regions import BODY_REGIONS
-from avrgym.recording.records import Stream
-from avrgym.recording.streams import StreamChoice, stream_figures, times_of
+from avrgym.recording.schema import Stream
+from avrgym.recording.streams import stream_figures, times_of
+from avrgym.vr.lab_streaming.choice import StreamChoice
 from avrgym.vr.protocol.messages import Entered, Ready, Status
 from avrgym.vr.session.events import StreamFound, StreamLost
 from helpers.vr.lab_streams import POSED, RATE_HZ, Device, LiveVisit, lab_streams, pylsl

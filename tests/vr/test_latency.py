@@ -6,8 +6,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from avrgym.recording.latency import STAGES, percentiles_ms
-from avrgym.recording.records import LONGEST_MS, MOST_FRAMES, Latency
+from avrgym.recording.schema import LONGEST_MS, MOST_FRAMES, Latency
+from avrgym.vr.latency import STAGES, percentiles_ms
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import State, Status
 from avrgym.vr.server.connection import FRAMES_REMEMBERED, Passage

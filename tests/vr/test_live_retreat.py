@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrgym.recording.files import Recording
+from avrgym.recording.reader import Recording
 from avrgym.replay.verification import verify
 from avrgym.simulation.retreat import LONGEST_S
 from avrgym.vr.protocol.messages import ClientMessage, Command, ExperimenterMessage, Question, Stop

@@ -7,8 +7,8 @@ import pytest
 
 from avrgym.policies.force_guard import ACTS
 from avrgym.policies.names import OPERATOR
-from avrgym.recording.files import Recording
-from avrgym.recording.records import Control
+from avrgym.recording.reader import Recording
+from avrgym.recording.schema import Control
 from avrgym.replay.verification import verify
 from avrgym.simulation.withdrawal import SETTLED_STEPS, WITHDRAWAL, WITHDRAWS
 from avrgym.study.design.design import DesignError, default_text, parse_design

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.recording import late_answers
-from avrgym.recording.files import Recording, read_recording
+from avrgym.recording import answers_file
+from avrgym.recording.reader import Recording, read_recording
 from avrgym.vr.protocol.messages import (
     Answer,
     Back,
@@ -155,7 +155,7 @@ def test_an_answer_that_cannot_be_stored_is_asked_again(
         raise OSError("the disk is full")
 
     with monkeypatch.context() as broken:
-        broken.setattr(late_answers, "append", fail)
+        broken.setattr(answers_file, "append_answer", fail)
         visit.tell(Answer("L3", 4, 1.0))
     assert "the disk is full" in visit.problems[-1]
     assert visit.said(Question)[-1].item == "L3"
@@ -176,7 +176,7 @@ def test_a_page_that_comes_back_shows_the_question(tmp_path: Path) -> None:
 def test_a_line_that_a_crash_cut_off_is_left_out(tmp_path: Path) -> None:
     recording = tmp_path / "trial.mcap"
     for value in (3, 5):
-        late_answers.append(recording, Answer("L1", value, 1.0))
-    with open(late_answers.beside(recording), "ab") as file:
+        answers_file.append_answer(recording, Answer("L1", value, 1.0))
+    with open(answers_file.answers_path(recording), "ab") as file:
         file.write(b'{"item":"L2","val')
-    assert [answer.value for answer in late_answers.read(recording)] == [3, 5]
+    assert [answer.value for answer in answers_file.read_answers(recording)] == [3, 5]

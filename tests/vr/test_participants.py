@@ -18,8 +18,8 @@ from avrgym.networks.policy import Policy
 from avrgym.people.distributions import find_distribution
 from avrgym.people.names import IMPAIRMENTS, Impairment
 from avrgym.people.zoo.movement import SPEED_RAD_S
-from avrgym.recording.files import read_recording
-from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
+from avrgym.recording.reader import read_recording
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
 from avrgym.vr.emulation.in_process import STATE_EVERY_TICKS, InProcessClient

@@ -11,7 +11,7 @@ from msgspec.structs import replace as replace_frame
 from avrgym.models import human
 from avrgym.models.human import SEATED, Person
 from avrgym.models.human_shape import shapes
-from avrgym.recording.files import read_recording
+from avrgym.recording.reader import read_recording
 from avrgym.replay.verification import verify
 from avrgym.study.design.design import default_text, parse_design
 from avrgym.vr.protocol.messages import Phase, Ready

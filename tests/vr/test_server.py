@@ -30,7 +30,7 @@ from websockets.typing import Origin
 from websockets.uri import parse_uri
 
 from avrgym.models.human import Person
-from avrgym.recording.files import read_recording
+from avrgym.recording.reader import read_recording
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (

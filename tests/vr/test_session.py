@@ -19,8 +19,9 @@ from avrgym.models.human import Person, Sex
 from avrgym.models.scene import TOOL
 from avrgym.policies.approach import effective_mass_kg
 from avrgym.policies.force_guard import ACTS, GUARD_SHARE
-from avrgym.recording.files import Recording, RecordingWriter
-from avrgym.recording.questionnaire import LIKERT_ITEMS
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
+from avrgym.recording.reader import Recording
+from avrgym.recording.writer import RecordingWriter
 from avrgym.simulation.brakes import HOLDING
 from avrgym.simulation.retreat import LONGEST_S
 from avrgym.simulation.worlds import MAX_LEAD_RAD
@@ -705,7 +706,7 @@ def test_a_trial_whose_recording_cannot_be_ended_is_repeated(
     visitor = visit()
     visitor.go_to("questionnaire")
     with monkeypatch.context() as broken:
-        broken.setattr("avrgym.recording.files.os.fsync", fail)
+        broken.setattr("avrgym.recording.writer.os.fsync", fail)
         visitor.answer(4, 4, 4, 4)
     assert visitor.phase == "paused"
     assert "the disk is gone" in visitor.problems[-1]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from avrgym.models import human
-from avrgym.recording.files import read_recording
+from avrgym.recording.reader import read_recording
 from avrgym.replay.verification import verify
 from avrgym.vr.protocol.messages import Placed, Scene
 from avrgym.vr.protocol.webxr import Registration, head_pose

@@ -13,7 +13,7 @@ from avrgym.models.human import SEATED_RAD
 from avrgym.models.tracked import PART_WORDS, PARTS, Part
 from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.people.names import IMPAIRMENTS, Impairment
-from avrgym.recording.files import Recording
+from avrgym.recording.reader import Recording
 from avrgym.study.checking.held import held_share, too_much_held
 from avrgym.study.design.design import default_text, parse_design
 from avrgym.tasks.registry import TASKS, find_environment

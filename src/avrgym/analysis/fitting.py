@@ -21,7 +21,7 @@ import tomlkit
 from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
 from avrgym.people.files import PeopleFile, Range, Source, TorsoHeights
-from avrgym.recording.files import Recording
+from avrgym.recording.reader import Recording
 from avrgym.study.checking.held import too_much_held
 from avrgym.study.export.trials import ExportedAttempt, completed_attempts
 from avrgym.study.storage.states import StudyError

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from avrgym.recording.headset_check import HeadsetCheck
 from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
+from avrgym.vr.headset_check import HeadsetCheck
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeadsetRow:
-    """The latest check of the headset in one session; see ``recording.headset_check``.
+    """The latest check of the headset in one session; see ``vr.headset_check``.
 
     ``latency_p50_ms`` and ``latency_p95_ms`` are from pose to picture; ``faults`` in words, empty where it was ready.
     ``stop_with`` is how the participant stopped the robot in the check (``StopWay``), ``stop_worked`` whether they did

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from avrgym.analysis.rows import TrialRow
-from avrgym.recording.latency import TOTAL, percentiles_ms
-from avrgym.recording.records import Latency
+from avrgym.recording.schema import Latency
+from avrgym.vr.latency import TOTAL, percentiles_ms
 
 Latencies = Mapping[tuple[str, int], Sequence[Latency]]
 """What the client told during trials, by pseudonym and position."""

@@ -21,7 +21,7 @@ from avrgym.cli.terminal import (
 from avrgym.vr.server.addresses import PORT
 
 if TYPE_CHECKING:
-    from avrgym.recording.files import Recording
+    from avrgym.recording.reader import Recording
     from avrgym.replay.verification import Verification
 
 WHERE_RECORDINGS_ARE = "give one of the .mcap files that `avrgym serve` writes into STUDY/recordings"
@@ -108,7 +108,7 @@ def replay(
 @contextmanager
 def _naming(file: Path) -> Generator[None]:
     """Say which recording cannot be read or replayed."""
-    from avrgym.recording.files import RecordingError
+    from avrgym.recording.reader import RecordingError
     from avrgym.replay.trial import ReplayError
 
     try:
@@ -120,7 +120,7 @@ def _naming(file: Path) -> Generator[None]:
 
 
 def _read(file: Path) -> "Recording":
-    from avrgym.recording.files import read_recording
+    from avrgym.recording.reader import read_recording
     from avrgym.replay.trial import trial_of
 
     if file.is_dir():

@@ -19,9 +19,9 @@ from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
 
 if TYPE_CHECKING:
     from avrgym.models.furniture.real import RealFurniture
-    from avrgym.recording.streams import StreamChoice
     from avrgym.study.dashboard.logging import LiveLog
     from avrgym.study.sessions.serving import StudySessions
+    from avrgym.vr.lab_streaming.choice import StreamChoice
     from avrgym.vr.protocol.messages import Send
     from avrgym.vr.server.access import Caller
     from avrgym.vr.server.certificate import Certificate
@@ -116,8 +116,8 @@ def serve(
     from concurrent.futures import ThreadPoolExecutor
 
     from avrgym.models.furniture.real import REAL_AS_VIRTUAL, real_furniture
-    from avrgym.recording.streams import stream_choice
     from avrgym.system.data_folder import data_folder
+    from avrgym.vr.lab_streaming.choice import stream_choice
     from avrgym.vr.server.certificate import certificate_for, lan_names
     from avrgym.vr.server.server import LiveServer
 
@@ -265,7 +265,7 @@ def _free_session(
     reach: bool,
 ) -> "Callable[[Send], Session]":
     """What makes a session outside of any study."""
-    from avrgym.recording.questionnaire import LIKERT_ITEMS, translate
+    from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, translate
     from avrgym.texts.texts import read_texts
     from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, load_policies, practised_trials
     from avrgym.vr.session.session import Session

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from avrgym.recording.records import Event
+from avrgym.recording.schema import Event
 
 ENDS: Mapping[str, str] = {"tracking_lost": "tracking_found", "pose_held": "pose_followed"}
 """What lasts, and the event that ends it."""

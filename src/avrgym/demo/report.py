@@ -25,9 +25,9 @@ from avrgym.analysis.page import (
 )
 from avrgym.demo.events import folded
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.recording.files import Recording, RecordingError, read_recording
-from avrgym.recording.latency import STAGE_WORDS, STAGES, percentiles_ms
-from avrgym.recording.records import Answer, TrackingFrame
+from avrgym.recording.reader import Recording, RecordingError, read_recording
+from avrgym.recording.schema import Answer, TrackingFrame
+from avrgym.vr.latency import STAGE_WORDS, STAGES, percentiles_ms
 
 PICTURE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
 

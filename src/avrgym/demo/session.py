@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from avrgym.demo.report import telling_moment_s, write_report
-from avrgym.recording.files import read_recording
+from avrgym.recording.reader import read_recording
 from avrgym.replay.pictures import draw_moment
 from avrgym.replay.trial import ReplayError
 from avrgym.vr.emulation.headset import BrowserAttendance, BrowserMissingError, EmulatedHeadset

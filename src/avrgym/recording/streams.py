@@ -1,56 +1,135 @@
-"""Streams of other devices: which of them a session takes, and how well their samples lie in time."""
+"""The samples of other devices' streams in a recording: when each was taken, and how regular they are.
 
-import re
+A stream's clock may jump (a reset). Times after a reset are corrected; corrected times never decrease. A gap
+separates samples and their arrivals alike. At a reset, the delay between a sample and its arrival on the session's
+clock changes by the jump.
+"""
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.recording.records import Stream
-from avrgym.recording.stream_clocks import GAP_INTERVALS, Chunks, SampleTimes, sample_times
+from avrgym.recording.schema import Stream, StreamSamples
 
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,39}")
-"""A stream's name also stands in the names of files."""
-QUERY = re.compile(r"{one}( and {one})*".format(one=r"(name|type|source_id|hostname)='[^'<>&\"]{1,80}'"))
-QUERIES = "name='…', type='…', source_id='…' or hostname='…', several of them joined by \"and\""
+GAP_INTERVALS = 5.0
+"""Samples of a regular stream that are further apart than so many intervals have others missing between them."""
+AHEAD_S, BACK_S = 0.25, 0.05
+"""Smaller jumps ahead count as gaps, and smaller steps back as jitter."""
+OLDEST_S = 60.0
+"""A sample that is older when it arrives has a wrong time; Lab Streaming Layer keeps no more."""
 FEWEST = 10
 """Of fewer samples nothing is said about jitter."""
 
 Topics = Mapping[str, Sequence[tuple[int, Any]]]
+Chunks = Sequence[tuple[int, StreamSamples]]
+"""The samples of one stream with the time of their arrival, in nanoseconds on the session's clock."""
 
 
-class StreamChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a session exchanges with other devices by Lab Streaming Layer.
+@dataclass(frozen=True)
+class ClockReset:
+    """A jump of a stream's clock: ``time_s`` is the corrected time of the first sample after it.
 
-    ``send``: events, poses and forces go out. ``receive``: a query for each stream that comes in, by its name.
+    ``jump_s`` is how far the clock is ahead from then on; it is negative for a clock that is behind.
     """
 
-    send: bool = False
-    receive: Mapping[str, str] = {}
+    time_s: float
+    jump_s: float
 
 
-def stream_fault(name: str, query: str) -> str:
-    """What is wrong with a stream to be received and what is allowed; empty where nothing is."""
-    if not NAME.fullmatch(name):
-        return f"{name!r} is no name of a stream; allowed: a letter, then up to 39 letters and digits"
-    return "" if QUERY.fullmatch(query) else f"{query!r} finds no stream; allowed: {QUERIES}"
+@dataclass(frozen=True, eq=False)
+class SampleTimes:
+    """The times (n,) of a stream's samples in seconds, which never decrease.
+
+    ``raised`` counts the samples that would have been earlier than the one before by jitter alone.
+    """
+
+    time_s: FloatArray
+    resets: tuple[ClockReset, ...]
+    raised: int
 
 
-def stream_choice(send: bool, received: Sequence[str]) -> StreamChoice:
-    """The choice that options of a command make; ``ValueError`` for one that is not ``NAME=QUERY``."""
-    receive = dict(_named(each) for each in received)
-    return StreamChoice(send, receive)
+@dataclass(frozen=True)
+class _Stretch:
+    """Samples ``first`` to ``end`` without a reset between them; ``delay_s`` is the least from sample to arrival."""
+
+    first: int
+    end: int
+    delay_s: float
 
 
-def _named(option: str) -> tuple[str, str]:
-    name, _, query = option.partition("=")
-    fault = stream_fault(name, query)
-    if fault:
-        raise ValueError(f"--receive {option}: {fault}, as in --receive \"heart=type='ECG'\"")
-    return name, query
+def sample_times(chunks: Chunks, rate_hz: float) -> SampleTimes:
+    """Correct the times of a stream's samples.
+
+    Args:
+        chunks: all of its samples in the order they came.
+        rate_hz: the rate that the device promises; 0 for samples at any time.
+    """
+    given = np.concatenate([np.empty(0), *(np.array(chunk.time_s, float) for _, chunk in chunks)])
+    arrived = np.repeat([time_ns / 1e9 for time_ns, _ in chunks], [len(chunk.time_s) for _, chunk in chunks])
+    if not len(given):
+        return SampleTimes(given, (), 0)
+    stretches = _stretches(given, arrived, rate_hz)
+    usual_s = next((each.delay_s for each in stretches if _is_plausible(each)), 0.0)
+    corrected, resets, ahead_s = given.copy(), list[ClockReset](), 0.0
+    for each in stretches:
+        before_s = ahead_s
+        ahead_s = _ahead_s(each, given, corrected, usual_s, rate_hz)
+        corrected[each.first : each.end] -= ahead_s
+        if each.first or ahead_s:
+            resets.append(ClockReset(float(corrected[each.first]), ahead_s - before_s))
+    rising = np.maximum.accumulate(corrected)
+    return SampleTimes(rising, tuple(resets), int((rising > corrected).sum()))
+
+
+def _is_plausible(stretch: _Stretch) -> bool:
+    return -AHEAD_S <= stretch.delay_s <= OLDEST_S
+
+
+def _stretches(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_Stretch]:
+    """The samples between resets of the clock."""
+    steps_s = np.diff(given)
+    apart = np.flatnonzero((steps_s > _gap_s(rate_hz)) | (steps_s < -BACK_S)) + 1
+    ends = [*apart.tolist(), len(given)]
+    found: list[_Stretch] = []
+    for first, end in zip([0, *ends], ends, strict=False):
+        delay_s = float((arrived - given)[first:end].min())
+        before = found[-1] if found else None
+        if before is None or _is_reset(before.delay_s, delay_s, steps_s[first - 1], rate_hz):
+            found.append(_Stretch(first, end, delay_s))
+        else:
+            found[-1] = _Stretch(before.first, end, min(before.delay_s, delay_s))
+    return found
+
+
+def _is_reset(before_s: float, after_s: float, step_s: float, rate_hz: float) -> bool:
+    """Whether the clock jumped where the least delay of samples changes from ``before_s`` to ``after_s``.
+
+    Single samples that come late look like a jump ahead too: of those at any time only one from the future is certain.
+    """
+    if step_s < -BACK_S:
+        return True
+    return before_s - after_s > step_s / 2.0 and (rate_hz > 0.0 or after_s < -AHEAD_S <= before_s)
+
+
+def _gap_s(rate_hz: float) -> float:
+    """The least step between samples that may be a jump ahead."""
+    return max(GAP_INTERVALS / rate_hz, AHEAD_S) if rate_hz > 0.0 else AHEAD_S
+
+
+def _ahead_s(
+    stretch: _Stretch, given: FloatArray, corrected: FloatArray, usual_s: float, rate_hz: float
+) -> float:
+    """How far the clock is ahead in a stretch: by arrivals, or exactly where a regular stream goes on at its rate."""
+    by_arrival_s = usual_s - stretch.delay_s
+    if not stretch.first:
+        return 0.0 if _is_plausible(stretch) else by_arrival_s
+    going_on_s = corrected[stretch.first - 1] + (1.0 / rate_hz if rate_hz > 0.0 else inf)
+    by_rate_s = float(given[stretch.first] - going_on_s)
+    return by_rate_s if abs(by_rate_s - by_arrival_s) <= _gap_s(rate_hz) else by_arrival_s
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,8 @@ from numpy.typing import NDArray
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.recording.files import Recording
-from avrgym.recording.records import TOPICS, TrackingFrame, encode, json_schema
+from avrgym.recording.reader import Recording
+from avrgym.recording.schema import TOPICS, TrackingFrame, encode, json_schema
 from avrgym.replay.output import check_new
 from avrgym.replay.timeline import recorded_scene, timeline_of
 from avrgym.system.files import write_whole

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from avrgym.recording.files import Recording
+from avrgym.recording.reader import Recording
 from avrgym.replay.output import check_new
 from avrgym.replay.packing import STEP, pack_poses
 from avrgym.replay.timeline import Timeline, aligned, render_recorded

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from avrgym.envs.rendering import Camera
-from avrgym.recording.files import Recording
+from avrgym.recording.reader import Recording
 from avrgym.replay.output import check_new
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.trial import Trial, driven_span_s, trial_of

@@ -8,8 +8,8 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINTS, Person
-from avrgym.recording.files import Recording
-from avrgym.recording.records import Control, Event, Physics
+from avrgym.recording.reader import Recording
+from avrgym.recording.schema import Control, Event, Physics
 from avrgym.replay.trial import ReplayError
 from avrgym.system.used_plugins import differences, stored
 from avrgym.tasks.episodes import Episodes

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from avrgym.recording.files import Recording
+from avrgym.recording.reader import Recording
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.simulation.region_forces import RegionLoads, RegionWatch
 

@@ -8,7 +8,7 @@ from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
-from avrgym.recording.files import Recording
+from avrgym.recording.reader import Recording
 from avrgym.replay.timeline import Timeline, render_recorded
 from avrgym.vr.server.access import OwnPagesOnly, Tokens
 from avrgym.vr.server.addresses import LOOPBACK

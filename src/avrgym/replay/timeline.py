@@ -7,8 +7,8 @@ import msgspec
 import numpy as np
 
 from avrgym.models.human import Person
-from avrgym.recording.files import Recording
-from avrgym.recording.records import Answer
+from avrgym.recording.reader import Recording
+from avrgym.recording.schema import Answer
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.trial import Trial, phases, trial_of
 from avrgym.vr.protocol import messages

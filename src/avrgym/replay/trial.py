@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from avrgym.recording.files import Recording
+from avrgym.recording.reader import Recording
 
 
 class ReplayError(ValueError):

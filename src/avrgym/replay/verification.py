@@ -13,8 +13,8 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry.elementary import fingerprint_of_c_library
-from avrgym.recording.files import Recording
-from avrgym.recording.records import Control
+from avrgym.recording.reader import Recording
+from avrgym.recording.schema import Control
 from avrgym.replay.playback import Playback, StateAgain, StepAgain, changed_plugins
 from avrgym.system.used_plugins import stored
 from avrgym.vr.session.attempt import versions

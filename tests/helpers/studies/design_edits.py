@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from avrgym.policies.trained import packaged_policies
-from avrgym.recording.instruments.robots import JIAN_TRUST
-from avrgym.recording.instruments.workload import NASA_TLX
+from avrgym.questionnaires.jian_trust import JIAN_TRUST
+from avrgym.questionnaires.nasa_tlx import NASA_TLX
 from avrgym.study.design.design import default_text
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
 from avrgym.study.storage.store import Store

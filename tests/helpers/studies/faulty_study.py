@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.recording.files import read_recording
+from avrgym.recording.reader import read_recording
 from avrgym.study.checking.checks import check_study
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage.answers import open_attempts

@@ -10,10 +10,8 @@ from msgspec.structs import asdict
 
 from avrgym.models import human
 from avrgym.models.human import JOINTS, Sex
-from avrgym.recording.files import RecordingWriter
-from avrgym.recording.latency import STAGES
-from avrgym.recording.outcomes import Metrics
-from avrgym.recording.records import Answer, BodyTargets, Control, Latency, TrackingFrame
+from avrgym.recording.schema import Answer, BodyTargets, Control, Latency, Metrics, TrackingFrame
+from avrgym.recording.writer import RecordingWriter
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
 from avrgym.study.storage.answers import record_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
@@ -21,6 +19,7 @@ from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.vr.latency import STAGES
 from helpers.studies.small_studies import fitting_answers
 
 STEPS = 5

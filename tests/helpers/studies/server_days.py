@@ -5,7 +5,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from avrgym.recording.files import read_recording
+from avrgym.recording.reader import read_recording
 from avrgym.study.sessions import live
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage.store import Store

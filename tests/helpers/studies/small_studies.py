@@ -16,18 +16,18 @@ import psycopg
 import sqlalchemy as sa
 from msgspec.structs import asdict
 
-from avrgym.recording.files import RecordingWriter
-from avrgym.recording.outcomes import Metrics
-from avrgym.recording.records import (
+from avrgym.recording.schema import (
     Answer,
     BodyTargets,
     Control,
     Event,
+    Metrics,
     Pose,
     Stream,
     StreamSamples,
     TrackingFrame,
 )
+from avrgym.recording.writer import RecordingWriter
 from avrgym.study.design.design import default_text
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
 from avrgym.study.storage.answers import record_answer

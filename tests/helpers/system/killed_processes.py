@@ -14,8 +14,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from avrgym.recording.files import RecordingError, RecordingWriter, read_recording
-from avrgym.recording.outcomes import Metrics
+from avrgym.recording.reader import RecordingError, read_recording
+from avrgym.recording.schema import Metrics
+from avrgym.recording.writer import RecordingWriter
 from avrgym.study.checking.checks import check_study
 from avrgym.study.export import export_study
 from avrgym.study.sessions import live

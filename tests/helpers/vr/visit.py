@@ -9,7 +9,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.models.human import Sex
 from avrgym.policies.trained import Policy, PolicyMetadata
-from avrgym.recording.files import Recording, read_recording
+from avrgym.recording.reader import Recording, read_recording
 from avrgym.tasks.registry import sizes
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages

@@ -32,7 +32,7 @@ from avrgym.analysis.statistics.objective import ALL
 from avrgym.analysis.statistics.primary import PRIMARY
 from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, change_question
 from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, policies_question
-from avrgym.recording.questionnaire import SESSION_MOMENTS, Item, Questionnaire
+from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Item, Questionnaire
 from avrgym.study.design.design import Design
 
 LINE = 0.55

@@ -9,7 +9,7 @@ from html import escape
 from itertools import accumulate
 
 from avrgym.analysis.page import Markup, figure, tag
-from avrgym.recording.records import Control
+from avrgym.recording.schema import Control
 
 WIDTH, HEIGHT = 460, 200
 LEFT, RIGHT, TOP, BOTTOM = 52, 8, 10, 38

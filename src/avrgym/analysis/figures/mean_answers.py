@@ -20,7 +20,7 @@ from avrgym.analysis.figures.drawing import (
     p_words,
 )
 from avrgym.analysis.rows import SubjectiveRow, TestedRow
-from avrgym.recording.questionnaire import Item, Questionnaire
+from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
 
 ROW_WIDTH_IN = 4.2

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.recording.questionnaire import Item
+from avrgym.questionnaires.questionnaire import Item
 from avrgym.study.design.allocation import cell_orders, least_filled_cell
 from avrgym.study.design.design import Design
 from avrgym.study.design.orders import Order

@@ -14,7 +14,7 @@ from avrgym.analysis.statistics.subjective import DIGITS, middle_question, polic
 from avrgym.analysis.statistics.tests import signed_rank
 from avrgym.array_types import FloatArray
 from avrgym.learning.evaluation import wilson_interval
-from avrgym.recording.questionnaire import Questionnaire
+from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.design.design import Design
 from avrgym.system.jobs import report, run_all

@@ -5,7 +5,7 @@ from dataclasses import fields
 
 from avrgym.analysis.rows import AnswerRow, ProblemRow
 from avrgym.analysis.score_rows import ScoreRow
-from avrgym.recording.questionnaire import SESSION_MOMENTS
+from avrgym.questionnaires.questionnaire import SESSION_MOMENTS
 from avrgym.study.export.scores import scores_of
 from avrgym.study.export.trials import ExportedAnswer, ExportedAttempt, answers_of
 from avrgym.study.storage.asked import Asked

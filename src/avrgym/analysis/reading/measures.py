@@ -10,8 +10,8 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEXES, People, Posture
-from avrgym.recording.files import Recording
-from avrgym.recording.records import Control
+from avrgym.recording.reader import Recording
+from avrgym.recording.schema import Control
 from avrgym.vr.session.attempt import versions
 
 WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]

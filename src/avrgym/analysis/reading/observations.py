@@ -15,8 +15,8 @@ from avrgym.analysis.rows import AnswerRow, AttemptRow, ParticipantRow, ProblemR
 from avrgym.analysis.score_rows import ScoreRow
 from avrgym.analysis.stream_rows import StreamRow
 from avrgym.policies.force_guard import ACTS
-from avrgym.recording.files import Recording, RecordingError
-from avrgym.recording.records import Latency
+from avrgym.recording.reader import Recording, RecordingError
+from avrgym.recording.schema import Latency
 from avrgym.recording.streams import stream_figures
 from avrgym.robots.registry import find_robot
 from avrgym.study.checking.held import held_share, too_much_held

@@ -3,7 +3,7 @@
 from avrgym.analysis.page import Markup, table, tag
 from avrgym.analysis.report.results import captioned
 from avrgym.analysis.study import Analysis
-from avrgym.recording.latency import STAGE_WORDS, TOTAL
+from avrgym.vr.latency import STAGE_WORDS, TOTAL
 
 METHOD = (
     "Latency: for every tracking frame the client reports when its pose was read and sent, when the state that follows "

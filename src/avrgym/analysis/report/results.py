@@ -15,7 +15,7 @@ from avrgym.analysis.statistics.paper_tables import PaperTable, paper_tables
 from avrgym.analysis.statistics.session_answers import WORDS, about_sessions, change_question
 from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at, policies_question
 from avrgym.analysis.study import Analysis
-from avrgym.recording.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
 
 Drawings = Mapping[str, Drawing]
 TestTables = dict[str, Markup]

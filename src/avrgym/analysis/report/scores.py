@@ -8,8 +8,8 @@ from avrgym.analysis.score_rows import ScoreRow, ScoreSummaryRow
 from avrgym.analysis.statistics.scores import tests_of
 from avrgym.analysis.statistics.session_answers import CHANGE, WORDS
 from avrgym.analysis.study import Analysis
-from avrgym.recording.instruments.instrument import Instrument
-from avrgym.recording.questionnaire import Questionnaire
+from avrgym.questionnaires.instrument import Instrument
+from avrgym.questionnaires.questionnaire import Questionnaire
 
 NOTE = (
     "A scale of one item has the values and the p of that item, which the section Answers tests too. After correction "

@@ -16,7 +16,7 @@ from avrgym.analysis.statistics.subjective import (
     middle_question,
     policies_question,
 )
-from avrgym.recording.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.study.plan.plan import Hypothesis
 

@@ -8,7 +8,7 @@ from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL, Family, Ques
 from avrgym.analysis.statistics.session_answers import AFTER, BEFORE, CHANGE, changed, values_at
 from avrgym.analysis.statistics.subjective import AFTER_TRIAL, Key, between_policies
 from avrgym.analysis.statistics.tests import spread
-from avrgym.recording.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
 
 

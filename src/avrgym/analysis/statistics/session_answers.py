@@ -9,7 +9,7 @@ from avrgym.analysis.rows import AnswerRow, LikertRow, SessionAnswerRow
 from avrgym.analysis.statistics.families import PARTICIPANT, Compared, Family, Question, corrected
 from avrgym.analysis.statistics.subjective import DIGITS, counts
 from avrgym.analysis.statistics.tests import signed_rank, spread
-from avrgym.recording.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
 
 BEFORE, AFTER = SESSION_MOMENTS

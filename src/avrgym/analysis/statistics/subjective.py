@@ -10,7 +10,7 @@ from avrgym.analysis.rows import AnswerRow, LikertRow, SubjectiveRow
 from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL, Compared, Family, Question, corrected
 from avrgym.analysis.statistics.objective import ALL
 from avrgym.analysis.statistics.tests import signed_rank, spread
-from avrgym.recording.questionnaire import Item, Questionnaire
+from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.study.storage.versions import first_name
 

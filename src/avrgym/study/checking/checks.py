@@ -5,12 +5,11 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from avrgym.recording import late_answers
-from avrgym.recording.files import Recording, RecordingError, read_recording
-from avrgym.recording.outcomes import Metrics
-from avrgym.recording.questionnaire import SESSION_MOMENTS
-from avrgym.recording.stream_clocks import SampleTimes
-from avrgym.recording.streams import described_streams, times_of
+from avrgym.questionnaires.questionnaire import SESSION_MOMENTS
+from avrgym.recording import answers_file
+from avrgym.recording.reader import Recording, RecordingError, read_recording
+from avrgym.recording.schema import Metrics
+from avrgym.recording.streams import SampleTimes, described_streams, times_of
 from avrgym.study.checking.consent_checks import check_consents
 from avrgym.study.checking.database_checks import check_database, check_private
 from avrgym.study.checking.design_checks import check_design, check_stored_designs
@@ -69,7 +68,7 @@ def check_strays(store: Store) -> Iterator[Finding]:
     people = [participant.pseudonym for participant in store.participants()]
     recordings = [attempt.recording for person in people for attempt in store.attempts(person)]
     gone = {pseudonym_of(each.number) for each in store.tombstones()}  # named as persons
-    expected = {*recordings, *(late_answers.beside(name).as_posix() for name in recordings)}
+    expected = {*recordings, *(answers_file.answers_path(name).as_posix() for name in recordings)}
     return (
         _check_stray(store, name) for name in _files(store) if name not in expected and not _is_of(name, gone)
     )

@@ -1,8 +1,8 @@
 """How much of a trial its person was held, because tracking was lost, late, or not to be believed."""
 
 from avrgym.models.tracked import PART_WORDS, PARTS, Part
-from avrgym.recording.files import Recording
-from avrgym.recording.records import TrackingFrame
+from avrgym.recording.reader import Recording
+from avrgym.recording.schema import TrackingFrame
 from avrgym.study.design.design import Design
 from avrgym.vr.tracking.frames import STALE_S
 

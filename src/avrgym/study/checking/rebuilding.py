@@ -10,14 +10,9 @@ from typing import Any
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.recording import late_answers
-from avrgym.recording.files import (
-    Recording,
-    RecordingError,
-    end_cut_recording,
-    read_configuration,
-    read_recording,
-)
+from avrgym.recording import answers_file
+from avrgym.recording.reader import Recording, RecordingError, read_configuration, read_recording
+from avrgym.recording.writer import end_cut_recording
 from avrgym.study.checking.list_faults import list_fault, recordings_came_back
 from avrgym.study.design.allocation import PlannedTrial, cell_orders, plan_trials
 from avrgym.study.design.design import FILE as DESIGN
@@ -330,7 +325,7 @@ class _Rebuilding:
             record_event(connection, OPEN, ", ".join(missing), event)
             self._opened = True
         latest = {answer.item: (time_ns, answer) for time_ns, answer in answers}
-        late = late_answers.times(self._store.folder / kept.name)
+        late = answers_file.answer_times(self._store.folder / kept.name)
         for time_ns, answer in latest.values():
             given = late.get(answer.item) or _stored(kept.began + timedelta(seconds=time_ns / 1e9))
             row = msgspec.structs.asdict(answer)

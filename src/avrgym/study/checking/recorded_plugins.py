@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from avrgym.policies import controllers
-from avrgym.recording.files import RecordingError, read_configuration
+from avrgym.recording.reader import RecordingError, read_configuration
 from avrgym.study.checking.finding import Finding
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from avrgym.models.furniture.real import RealFurniture
-from avrgym.recording.outcomes import Metrics
+from avrgym.recording.schema import Metrics
 from avrgym.study.checking.results import ConditionResults, summarise_results
 from avrgym.study.checking.summary import StudySummary, summarise_study
 from avrgym.study.design.design import Design

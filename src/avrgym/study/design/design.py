@@ -11,9 +11,8 @@ import msgspec
 import numpy as np
 
 from avrgym.models.furniture.real import RealFurniture
-from avrgym.recording.questionnaire import Item, Questionnaire, items_to_ask
-from avrgym.recording.stop_rules import StopRule, StopRules
-from avrgym.recording.streams import StreamChoice, stream_fault
+from avrgym.questionnaires.questionnaire import Item, Questionnaire, items_to_ask
+from avrgym.questionnaires.stop_rules import StopRule, StopRules
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.instruments import with_items
 from avrgym.study.design.languages import check_languages
@@ -25,6 +24,7 @@ from avrgym.study.design.wrong import Wrong, check_id, check_known, check_patter
 from avrgym.system.toml_places import Place
 from avrgym.tasks.known import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault
 
 FILE = "study.toml"
 PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps")

@@ -12,9 +12,9 @@ import msgspec
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from avrgym.recording.instruments.instrument import Instrument, InstrumentItem, check_weights
-from avrgym.recording.instruments.registry import INSTRUMENTS
-from avrgym.recording.questionnaire import Item, Questionnaire
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, check_weights
+from avrgym.questionnaires.questionnaire import Item, Questionnaire
+from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.study.design.wrong import Wrong, check_fields, check_known
 from avrgym.system.plain_values import is_array, is_table
 from avrgym.system.toml_places import Place

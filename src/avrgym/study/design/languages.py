@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from avrgym.recording.questionnaire import Questionnaire
+from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design import functioning
 from avrgym.study.design.wrong import Wrong, check_unique
 from avrgym.tasks.registry import TASKS

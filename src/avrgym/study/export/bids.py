@@ -11,8 +11,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from avrgym.recording.questionnaire import Item, Questionnaire
-from avrgym.recording.records import Event, Pose, TrackingFrame
+from avrgym.questionnaires.questionnaire import Item, Questionnaire
+from avrgym.recording.schema import Event, Pose, TrackingFrame
 from avrgym.study.export import LEFT_OUT, NOTICE
 from avrgym.study.export.physio import Series, corrected_marks, marks, recorded_series
 from avrgym.study.export.records import WITHOUT, Extras, records_of, write_table

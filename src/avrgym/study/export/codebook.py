@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from avrgym.models.human import SEXES
-from avrgym.recording.instruments.registry import INSTRUMENTS
-from avrgym.recording.questionnaire import ITEM_ORDERS, MOMENTS
+from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS
+from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.study.design.design import Design
 from avrgym.study.design.functioning import LEVELS, QUESTIONS

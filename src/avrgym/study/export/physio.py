@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.recording.records import Event, Stream
-from avrgym.recording.stream_clocks import Chunks, SampleTimes, sample_times
-from avrgym.recording.streams import Topics, chunks_of, described_streams
+from avrgym.recording.schema import Event, Stream
+from avrgym.recording.streams import Chunks, SampleTimes, Topics, chunks_of, described_streams, sample_times
 
 GAZE = "gaze"
 """The kind of streams of eye trackers in Lab Streaming Layer's list of kinds."""

@@ -6,8 +6,8 @@ from typing import Any
 
 import msgspec
 
-from avrgym.recording.instruments.instrument import Instrument, Scale
-from avrgym.recording.questionnaire import Questionnaire
+from avrgym.questionnaires.instrument import Instrument, Scale
+from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.study.export.trials import ExportedAnswer
 from avrgym.study.storage.answers import visit_of

@@ -4,15 +4,15 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from avrgym.recording.files import (
+from avrgym.questionnaires.questionnaire import Item, Questionnaire
+from avrgym.recording.reader import (
     Recording,
     RecordingError,
     read_configuration,
     read_recording,
     torso_height_m,
 )
-from avrgym.recording.questionnaire import Item, Questionnaire
-from avrgym.recording.records import Control
+from avrgym.recording.schema import Control
 from avrgym.study.storage.answers import answer_moments
 from avrgym.study.storage.asked import Asked
 from avrgym.study.storage.attempts import CHANGED, sha256_of

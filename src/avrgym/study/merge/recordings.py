@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from avrgym.recording import late_answers
+from avrgym.recording import answers_file
 from avrgym.study.merge.sources import Row, Source
 from avrgym.study.plan.freezing import sha256
 from avrgym.study.storage.attempts import CHANGED
@@ -63,9 +63,9 @@ class Recording:
         if self.sha256 not in (None, sha256(data)):
             raise StudyError(f"{self.name} {CHANGED} while it was copied")
         make_private_folder(self.target.parent)
-        late = late_answers.beside(self.source)
+        late = answers_file.answers_path(self.source)
         if late.is_file():
-            write_whole(late_answers.beside(self.target), late.read_bytes(), PRIVATE_FILE)
+            write_whole(answers_file.answers_path(self.target), late.read_bytes(), PRIVATE_FILE)
         if self.target.is_file() and self.target.read_bytes() == data:
             return False
         write_whole(self.target, data, PRIVATE_FILE)

@@ -10,7 +10,7 @@ from datetime import datetime
 
 import msgspec
 
-from avrgym.recording.files import RecordingError, read_beginning
+from avrgym.recording.reader import RecordingError, read_beginning
 from avrgym.study.plan.evidence import (
     Registration,
     TimeStamp,

@@ -11,9 +11,8 @@ import msgspec
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Person
 from avrgym.policies.registry import plugins_used
-from avrgym.recording.outcomes import Metrics
-from avrgym.recording.questionnaire import Item, translate
-from avrgym.recording.records import Answer
+from avrgym.questionnaires.questionnaire import Item, translate
+from avrgym.recording.schema import Answer, Metrics
 from avrgym.simulation.room import NoRoomError
 from avrgym.study.checking.policy_files import USED as POLICIES_USED
 from avrgym.study.checking.policy_files import policy_files

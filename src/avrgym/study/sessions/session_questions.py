@@ -2,7 +2,7 @@
 
 from concurrent.futures import Future
 
-from avrgym.recording.stop_rules import THEN, Verdict
+from avrgym.questionnaires.stop_rules import THEN, Verdict
 from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.storage.states import StudyError
 from avrgym.texts.texts import Said
@@ -121,7 +121,7 @@ class SessionQuestions:
 
     def _heed(self, answer: Answer) -> None:
         """Keep and tell what the stop rules say to an answer; an end is stronger than a pause."""
-        verdict = self._visit.store.design.rules.verdict(answer)
+        verdict = self._visit.store.design.rules.verdict(answer.item, answer.value)
         if verdict is None:
             return
         if self.verdict is None or THEN.index(verdict.then) >= THEN.index(self.verdict.then):

@@ -18,7 +18,7 @@ from avrgym.people.kinds import Kind, find_kinds, people_name
 from avrgym.people.names import Impairment
 from avrgym.policies.registry import Operated
 from avrgym.policies.trained import PolicyError
-from avrgym.recording.records import Answer
+from avrgym.recording.schema import Answer
 from avrgym.study.checking.preflight import load_study_policy, policies_needed
 from avrgym.study.design.design import FILE
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion

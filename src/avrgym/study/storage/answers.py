@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import sqlalchemy as sa
 from msgspec.structs import asdict
 
-from avrgym.recording.questionnaire import SESSION_MOMENTS, Item, validate_answer
-from avrgym.recording.records import Answer
+from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Item, validate_answer
+from avrgym.recording.schema import Answer
 from avrgym.study.design.design import Design
 from avrgym.study.storage import ledger, schema
 from avrgym.study.storage.rows import GivenAnswer, StudyEvent, StudySession, Trial, TrialAttempt, pseudonym_of

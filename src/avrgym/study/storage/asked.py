@@ -12,8 +12,8 @@ from typing import Any
 
 import msgspec
 
-from avrgym.recording.files import RecordingError, read_configuration
-from avrgym.recording.questionnaire import MOST_POINTS, Item, Questionnaire
+from avrgym.questionnaires.questionnaire import MOST_POINTS, Item, Questionnaire
+from avrgym.recording.reader import RecordingError, read_configuration
 from avrgym.study.design.design import Design
 from avrgym.study.design.fixed import Wordings
 from avrgym.study.storage.recorded_design import as_recorded

@@ -8,9 +8,10 @@ from pathlib import Path
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.recording import late_answers
-from avrgym.recording.files import RecordingError, end_cut_recording, read_recording
-from avrgym.recording.outcomes import ATTEMPT_ENDS, AttemptEnd, Metrics
+from avrgym.recording import answers_file
+from avrgym.recording.reader import RecordingError, read_recording
+from avrgym.recording.schema import ATTEMPT_ENDS, AttemptEnd, Metrics
+from avrgym.recording.writer import end_cut_recording
 from avrgym.study.storage import ledger, schema
 from avrgym.study.storage.answers import OPEN, reconcile_answers, unanswered
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
@@ -162,7 +163,7 @@ def finished_metrics(
             return None
         answers = [answer for _, answer in recording.topics["/answers"]]
         for answer in reconcile_answers(store, connection, attempt, answers):
-            late_answers.append(path, answer)
+            answers_file.append_answer(path, answer)
     except RecordingError:
         return None
     except OSError as error:

@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 
 from avrgym.models.furniture.real import RealFurniture
-from avrgym.recording.questionnaire import Item, Questionnaire
-from avrgym.recording.stop_rules import StopRule
+from avrgym.questionnaires.questionnaire import Item, Questionnaire
+from avrgym.questionnaires.stop_rules import StopRule
 from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import Trial
 from avrgym.tasks.registry import TASKS, find_environment

@@ -7,10 +7,9 @@ from typing import Any
 import msgspec
 
 from avrgym.models.human import Sex
-from avrgym.recording.headset_check import HeadsetCheck
-from avrgym.recording.outcomes import Metrics
-from avrgym.recording.records import Answer
+from avrgym.recording.schema import Answer, Metrics
 from avrgym.study.storage.states import StudyError
+from avrgym.vr.headset_check import HeadsetCheck
 
 RECORDINGS = "recordings"
 

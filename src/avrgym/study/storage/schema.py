@@ -91,7 +91,7 @@ SESSION = Table(
     _salt(),
     UniqueConstraint("participant", "number"),
 )
-"""``headset_check``: the figures of the latest check of the headset, as ``recording.headset_check`` has them."""
+"""``headset_check``: the figures of the latest check of the headset, as ``vr.headset_check`` has them."""
 
 DESIGN = Table(
     "design",

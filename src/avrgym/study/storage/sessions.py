@@ -5,8 +5,7 @@ import os
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.recording.headset_check import HeadsetCheck
-from avrgym.recording.outcomes import AttemptEnd
+from avrgym.recording.schema import AttemptEnd
 from avrgym.study.storage import ledger, schema
 from avrgym.study.storage.answers import is_open
 from avrgym.study.storage.attempts import NOTHING, finish_attempt, finished_metrics
@@ -27,6 +26,7 @@ from avrgym.study.storage.store import (
     store_design,
 )
 from avrgym.system.processes import is_running
+from avrgym.vr.headset_check import HeadsetCheck
 
 
 def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> StudySession:

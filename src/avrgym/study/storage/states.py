@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from avrgym.recording.outcomes import ATTEMPT_ENDS
+from avrgym.recording.schema import ATTEMPT_ENDS
 
 Transitions = Mapping[str, tuple[str, ...]]
 

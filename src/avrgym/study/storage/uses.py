@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from avrgym.recording.files import RecordingError, read_configuration
+from avrgym.recording.reader import RecordingError, read_configuration
 from avrgym.study.design.design import Design, InclusionQuestion
 from avrgym.study.design.fixed import Wordings, from_stored
 from avrgym.study.storage.recorded_design import as_recorded

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from avrgym.recording.questionnaire import MOMENTS, Item, Questionnaire
+from avrgym.questionnaires.questionnaire import MOMENTS, Item, Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.study.storage.recorded_design import translated
 

@@ -9,7 +9,7 @@ import pylsl
 from pylsl.util import LostError
 
 from avrgym.array_types import NumpyArray
-from avrgym.recording.records import Stream, StreamSamples
+from avrgym.recording.schema import Stream, StreamSamples
 
 FIND_S = 1.0
 """How long each search for a stream lasts."""

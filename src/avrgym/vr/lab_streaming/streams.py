@@ -6,8 +6,8 @@ from contextlib import contextmanager
 import msgspec
 import pylsl
 
-from avrgym.recording.records import Stream, StreamSamples
-from avrgym.recording.streams import StreamChoice
+from avrgym.recording.schema import Stream, StreamSamples
+from avrgym.vr.lab_streaming.choice import StreamChoice
 from avrgym.vr.lab_streaming.inlets import Inlet
 from avrgym.vr.lab_streaming.outlets import Outlets
 from avrgym.vr.session.events import SessionEvent

@@ -12,7 +12,7 @@ import msgspec
 
 from avrgym.models.human import Sex
 from avrgym.models.tracked import Part
-from avrgym.recording import records
+from avrgym.recording import schema
 
 PROTOCOL = 12
 
@@ -155,7 +155,7 @@ class OriginReset(Message, frozen=True, tag="origin_reset"):
     """The reference space's origin jumped: earlier registration is void."""
 
 
-class Answer(Message, records.Answer, frozen=True, tag="answer"):
+class Answer(Message, schema.Answer, frozen=True, tag="answer"):
     """The answer to one item of the questionnaire, with the time from its appearance to the press."""
 
 
@@ -170,7 +170,7 @@ class ChooseBody(Message, frozen=True, tag="choose_body"):
     skin_tone: Annotated[str, msgspec.Meta(max_length=32)]
 
 
-class Latency(Message, records.Latency, frozen=True, tag="latency"):
+class Latency(Message, schema.Latency, frozen=True, tag="latency"):
     """How long the frames of the last second took from pose to picture."""
 
 

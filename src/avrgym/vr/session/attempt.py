@@ -13,12 +13,13 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.elementary import fingerprint_of_c_library
 from avrgym.models import human
 from avrgym.models.tracked import PARTS
-from avrgym.recording import records
-from avrgym.recording.files import RecordingError, RecordingWriter
-from avrgym.recording.headset_check import HeadsetCheck
+from avrgym.recording import schema
+from avrgym.recording.reader import RecordingError
+from avrgym.recording.writer import RecordingWriter
 from avrgym.system.files import make_private_folder
 from avrgym.system.used_plugins import UsedPlugin, own_version
 from avrgym.tasks.known import WORLD_VERSION
+from avrgym.vr.headset_check import HeadsetCheck
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.tracking.tracking_state import Followed
@@ -82,7 +83,7 @@ class Attempt:
         self.latest: ControlStep | None = None
         self._told_of_stall = False
         self._targets_rad: FloatArray | None = None
-        self._records: list[tuple[str, int, records.Record]] = []
+        self._records: list[tuple[str, int, schema.Record]] = []
         self._finished: dict[str, Any] | None = None
         self.number, self._recording = _open(folder, trial, configuration, first_number)
 
@@ -114,7 +115,7 @@ class Attempt:
         """Wait until little is left to be written, for sessions faster than real time."""
         self._recording.catch_up()
 
-    def record(self, topic: str, record: records.Record, now_s: float) -> None:
+    def record(self, topic: str, record: schema.Record, now_s: float) -> None:
         """Record anything that happened at ``now_s``; it goes to the disk with the next ``hand_over``."""
         self._records.append((topic, round((now_s - self.began_s) * 1e9), record))
 
@@ -135,18 +136,18 @@ class Attempt:
         """Record the simulator's whole state, and before it the action that this tick began with."""
         if world.action_begun is not None:
             action = world.action_begun.tolist()
-            self.record("/commands", records.Command(self.steps + 1, action, world.braked), now_s)
-        state = records.Physics(self.steps, world.time_s, world.state_vector().tolist())
+            self.record("/commands", schema.Command(self.steps + 1, action, world.braked), now_s)
+        state = schema.Physics(self.steps, world.time_s, world.state_vector().tolist())
         self.record("/physics", state, now_s)
 
     def record_targets(self, joint_targets_rad: FloatArray, now_s: float) -> None:
         """Record where the person's joints are driven to, unless that was recorded last."""
         if self._targets_rad is None or not np.array_equal(joint_targets_rad, self._targets_rad):
             self._targets_rad = joint_targets_rad
-            self.record("/body_targets", records.BodyTargets(joint_targets_rad.tolist()), now_s)
+            self.record("/body_targets", schema.BodyTargets(joint_targets_rad.tolist()), now_s)
 
     def record_step(self, step: ControlStep, driver: str, idle: bool, now_s: float) -> None:
-        """Count a finished control step and record it; see ``records.Control``."""
+        """Count a finished control step and record it; see ``schema.Control``."""
         outcome = step.outcome
         self.latest = step
         self.steps += 1
@@ -163,7 +164,7 @@ class Attempt:
         held = [part for part in PARTS if part in followed.held or part in followed.lost]
         for frame in followed.arrived:
             tracking, applied = frame.tracking, frame is followed.newest
-            record = records.TrackingFrame(
+            record = schema.TrackingFrame(
                 sequence=tracking.sequence,
                 client_time_ms=tracking.client_time_ms,
                 received_time_s=frame.received_s - self.began_s,
@@ -198,10 +199,10 @@ class Attempt:
         }
 
 
-def control_record(number: int, step: ControlStep, driver: str, idle: bool) -> records.Control:
+def control_record(number: int, step: ControlStep, driver: str, idle: bool) -> schema.Control:
     """The record of the attempt's control step with this number, from 1."""
     outcome = step.outcome
-    return records.Control(
+    return schema.Control(
         step=number,
         observation=step.observation.tolist(),
         action=step.action.tolist(),
@@ -289,5 +290,5 @@ def _open(folder: Path, trial: int, configuration: Configuration, number: int) -
             number += 1
 
 
-def _recorded(pose: XRPose | None) -> records.Pose | None:
-    return None if pose is None else records.Pose(list(pose.position), list(pose.orientation))
+def _recorded(pose: XRPose | None) -> schema.Pose | None:
+    return None if pose is None else schema.Pose(list(pose.position), list(pose.orientation))

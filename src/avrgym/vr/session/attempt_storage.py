@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from avrgym.recording import late_answers, records
-from avrgym.recording.files import RecordingError
-from avrgym.recording.outcomes import AttemptEnd
+from avrgym.recording import answers_file, schema
+from avrgym.recording.reader import RecordingError
+from avrgym.recording.schema import AttemptEnd
 from avrgym.vr.session import events
 from avrgym.vr.session.attempt import Attempt, Configuration, Experience
 from avrgym.vr.session.events import EventSink
@@ -61,9 +61,9 @@ class AttemptStorage:
     def record_event(self, name: str, detail: str, now_s: float) -> None:
         """Record anything that happened at one instant of a running attempt."""
         if self.attempt is not None:
-            self.attempt.record("/events", records.Event(name, detail), now_s)
+            self.attempt.record("/events", schema.Event(name, detail), now_s)
 
-    def record_answer(self, answer: records.Answer, now_s: float) -> None:
+    def record_answer(self, answer: schema.Answer, now_s: float) -> None:
         """Record an answer in the running attempt, or next to the recording of one that has ended.
 
         Raises:
@@ -72,7 +72,7 @@ class AttemptStorage:
         if self.attempt is not None:
             self.attempt.record("/answers", answer, now_s)
         elif self.answering is not None:
-            late_answers.append(self.answering.recording, answer)
+            answers_file.append_answer(self.answering.recording, answer)
 
     def end(self, result: AttemptEnd, arrived: Sequence[Frame], now_s: float) -> RecordingError | None:
         """End a running attempt; what keeps its recording from being complete, if anything does.

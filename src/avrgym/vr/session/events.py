@@ -11,9 +11,8 @@ from typing import Literal
 
 from avrgym.models.human import Sex
 from avrgym.models.tracked import Part
-from avrgym.recording.headset_check import HeadsetCheck
-from avrgym.recording.outcomes import AttemptEnd
-from avrgym.recording.records import Answer
+from avrgym.recording.schema import Answer, AttemptEnd
+from avrgym.vr.headset_check import HeadsetCheck
 from avrgym.vr.protocol.messages import PhaseName, StopWay, Visibility
 
 Who = Literal["participant", "experimenter"]

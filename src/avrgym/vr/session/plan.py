@@ -7,8 +7,8 @@ from pathlib import Path
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.registry import AnyPolicy, find_for_session
-from avrgym.recording.questionnaire import LIKERT_ITEMS, Item
-from avrgym.recording.stop_rules import StopRules
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
+from avrgym.questionnaires.stop_rules import StopRules
 from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.texts.texts import ENGLISH, Texts

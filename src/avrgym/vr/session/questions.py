@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from avrgym.recording.questionnaire import Item, validate_answer
-from avrgym.recording.records import Answer
+from avrgym.questionnaires.questionnaire import Item, validate_answer
+from avrgym.recording.schema import Answer
 from avrgym.vr.protocol import messages
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from avrgym.models import human
 from avrgym.models.human import Person
 from avrgym.models.tracked import PARTS, Part
-from avrgym.recording.stop_rules import Verdict
+from avrgym.questionnaires.stop_rules import Verdict
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName, Send
 from avrgym.vr.protocol.received import Received

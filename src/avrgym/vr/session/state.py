@@ -10,14 +10,14 @@ from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.models.tracked import Part
 from avrgym.policies.force_guard import ACTS, RESTS
-from avrgym.recording import records
-from avrgym.recording.files import RecordingError
-from avrgym.recording.headset_check import HeadsetCheck
-from avrgym.recording.latency import is_whole, percentiles_ms
-from avrgym.recording.outcomes import AttemptEnd
-from avrgym.recording.stop_rules import Verdict
+from avrgym.questionnaires.stop_rules import Verdict
+from avrgym.recording import schema
+from avrgym.recording.reader import RecordingError
+from avrgym.recording.schema import AttemptEnd
 from avrgym.simulation.withdrawal import WITHDRAWS
 from avrgym.texts.texts import Said
+from avrgym.vr.headset_check import HeadsetCheck
+from avrgym.vr.latency import is_whole, percentiles_ms
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
 from avrgym.vr.protocol.webxr import Registration
@@ -77,7 +77,7 @@ class SessionState:
     def __post_init__(self) -> None:
         self._told_scene = self.scene_message()
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
-        self._latencies: deque[records.Latency] = deque(maxlen=LATENCIES_KEPT)
+        self._latencies: deque[schema.Latency] = deque(maxlen=LATENCIES_KEPT)
         self.latency: list[messages.StageLatency] = []
 
     @property
@@ -165,8 +165,8 @@ class SessionState:
             place = after.xr_from_world()
             self._told_scene = msgspec.structs.replace(self._told_scene, xr_from_world=place)
             if self.storage.attempt is not None:
-                pose = records.Pose(list(place.position), list(place.orientation))
-                self.storage.attempt.record("/placement", records.Placement(pose), self.now_s)
+                pose = schema.Pose(list(place.position), list(place.orientation))
+                self.storage.attempt.record("/placement", schema.Placement(pose), self.now_s)
 
     def obey(self, verdict: Verdict) -> None:
         """Let no further trial begin, because of an answer; what is asked now is asked to its end."""
@@ -247,9 +247,9 @@ class SessionState:
 
     # How late pictures are ---------------------------------------------------------------------------------------
 
-    def take_latency(self, told: messages.Latency) -> records.Latency | None:
+    def take_latency(self, told: messages.Latency) -> schema.Latency | None:
         """Record what the client tells of the last second, if it is whole; those who watch see percentiles."""
-        latency = records.Latency(*(getattr(told, name) for name in records.Latency.__struct_fields__))
+        latency = schema.Latency(*(getattr(told, name) for name in schema.Latency.__struct_fields__))
         if not is_whole(latency):
             self.report("a latency needs an entry of each stage for each frame")
             return None

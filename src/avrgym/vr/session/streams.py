@@ -5,7 +5,7 @@ from typing import Protocol
 
 import msgspec
 
-from avrgym.recording.records import Stream, StreamSamples
+from avrgym.recording.schema import Stream, StreamSamples
 from avrgym.vr.protocol.messages import StreamStatus
 from avrgym.vr.session.events import SessionEvent, StreamFound, StreamLost
 from avrgym.vr.session.state import SessionState

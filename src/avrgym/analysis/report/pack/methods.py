@@ -17,7 +17,7 @@ from avrgym.analysis.rows import ParticipantRow
 from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS
 from avrgym.analysis.statistics.sites import site_of
 from avrgym.analysis.study import Analysis
-from avrgym.recording.questionnaire import Questionnaire
+from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.study.design.words import blinding, conditions, description, randomization
 from avrgym.study.storage.uses import Use

@@ -8,7 +8,7 @@ from avrgym.analysis.rows import AttemptRow
 from avrgym.analysis.statistics.models.effects import EFFECTS, Observed, effects
 from avrgym.analysis.statistics.models.fitting import LOGISTIC, MIXED, ORDINAL
 from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at
-from avrgym.recording.questionnaire import Item, Questionnaire
+from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
 
 MOST_ORDERED = 11

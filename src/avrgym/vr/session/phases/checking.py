@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Self
 
-from avrgym.recording.questionnaire import Item, translate
+from avrgym.questionnaires.questionnaire import Item, translate
 from avrgym.texts.texts import Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases

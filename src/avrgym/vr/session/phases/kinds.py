@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Self
 
-from avrgym.recording.outcomes import AttemptEnd
+from avrgym.recording.schema import AttemptEnd
 from avrgym.texts.texts import Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases

@@ -167,7 +167,7 @@ class Questionnaire(Helped):
             happened = events.Answered if earlier is None else events.AnswerChanged
             whose = storage.answering.trial, storage.answering.attempt
             self.state.sink.tell(happened(now_s, *whose, given))
-            verdict = self.state.plan.stop_rules.verdict(given)
+            verdict = self.state.plan.stop_rules.verdict(given.item, given.value)
             if verdict is not None:
                 self.state.obey(verdict)
         if self._questions.done:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from avrgym.recording.records import Latency
+from avrgym.recording.schema import Latency
 
 STAGE_WORDS = {
     "sample_ms": "pose",

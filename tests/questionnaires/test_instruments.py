@@ -4,9 +4,9 @@ from itertools import combinations
 
 import pytest
 
-from avrgym.recording.instruments.instrument import Instrument, Scale, check_weights
-from avrgym.recording.instruments.registry import INSTRUMENTS
-from avrgym.recording.instruments.workload import FACTORS
+from avrgym.questionnaires.instrument import Instrument, Scale, check_weights
+from avrgym.questionnaires.nasa_tlx import FACTORS
+from avrgym.questionnaires.registry import INSTRUMENTS
 
 SCALES = [(each, scale) for each in INSTRUMENTS.values() for scale in each.scales]
 WEIGHTS = {"mental": 3, "physical": 0, "temporal": 5, "performance": 1, "effort": 3, "frustration": 3}

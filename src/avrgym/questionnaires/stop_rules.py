@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from avrgym.recording.questionnaire import Item, Questionnaire
-from avrgym.recording.records import Answer
+from avrgym.questionnaires.questionnaire import Item, Questionnaire
 
 THEN = ("pause", "end")
 """What a session does, the stronger last."""
@@ -37,14 +36,14 @@ class StopRules:
     rules: tuple[StopRule, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()
 
-    def verdict(self, answer: Answer) -> Verdict | None:
-        """What the rules say to an answer; the strongest, where several are met."""
-        met = [rule for rule in self.rules if rule.item == answer.item and self._is_met(rule, answer)]
+    def verdict(self, item_id: str, value: int) -> Verdict | None:
+        """The verdict of the rules on an answer; the strongest, where several are met."""
+        met = [rule for rule in self.rules if rule.item == item_id and self._is_met(rule, value)]
         if not met:
             return None
         rule = max(met, key=lambda each: THEN.index(each.then))
-        questionnaire, item = self.find(answer.item)
-        given = item.labels[answer.value - 1] if item.labels else _of_most(questionnaire, item, answer.value)
+        questionnaire, item = self.find(item_id)
+        given = item.labels[value - 1] if item.labels else _of_most(questionnaire, item, value)
         return Verdict(
             rule.then, f"{item.text!r} was answered {given!r}; a stop rule holds from {rule.at_least:g} on"
         )
@@ -62,8 +61,8 @@ class StopRules:
                     return questionnaire, each
         raise KeyError(item)
 
-    def _is_met(self, rule: StopRule, answer: Answer) -> bool:
-        return _count(self.find(rule.item)[0], answer.value) >= rule.at_least
+    def _is_met(self, rule: StopRule, value: int) -> bool:
+        return _count(self.find(rule.item)[0], value) >= rule.at_least
 
 
 def _of_most(questionnaire: Questionnaire, item: Item, value: int) -> str:

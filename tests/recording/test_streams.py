@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avrgym.array_types import FloatArray
-from avrgym.recording.records import Stream, StreamSamples
-from avrgym.recording.stream_clocks import AHEAD_S, GAP_INTERVALS, sample_times
-from avrgym.recording.streams import stream_figures
+from avrgym.recording.schema import Stream, StreamSamples
+from avrgym.recording.streams import AHEAD_S, GAP_INTERVALS, sample_times, stream_figures
 from avrgym.study.export.physio import corrected_marks, marks, recorded_series
 
 RATES_HZ = st.sampled_from([1.0, 10.0, 50.0, 100.0, 512.0])

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import msgspec
 
-from avrgym.recording.latency import STAGE_WORDS
 from avrgym.texts.texts import ENGLISH, Said
+from avrgym.vr.latency import STAGE_WORDS
 
 SLOWEST_DISPLAY_HZ = 60.0
 MOST_DROPPED = 0.05
@@ -40,7 +40,7 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
     ``device`` is the device that the browser reports, ``profiles`` its controllers; ``emulated``: there was no
     headset. ``display_hz`` is ``None`` if the headset does not report it. ``seconds`` were measured, in which so many
     ``frames`` were drawn, at ``frame_rate_hz`` and with ``dropped_share`` missing. ``latency_ms``: percentiles by stage
-    as of ``recording.latency``. ``haptics`` and ``sound``: the participant felt and heard them; ``None`` where nobody
+    as of ``vr.latency``. ``haptics`` and ``sound``: the participant felt and heard them; ``None`` where nobody
     asked.
     ``stop``: how the participant tried the stop, ``none`` where they did not; ``None`` where nobody asked them to.
     ``stop_after_s``: the time from the request to the stop; ``None`` where there was no stop.

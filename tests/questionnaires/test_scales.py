@@ -2,11 +2,10 @@
 
 import pytest
 
-from avrgym.recording.instruments.instrument import Instrument, Scale
-from avrgym.recording.instruments.registry import INSTRUMENTS
-from avrgym.recording.questionnaire import Item, Questionnaire, translate
-from avrgym.recording.records import Answer
-from avrgym.recording.stop_rules import StopRule, StopRules
+from avrgym.questionnaires.instrument import Instrument, Scale
+from avrgym.questionnaires.questionnaire import Item, Questionnaire, translate
+from avrgym.questionnaires.registry import INSTRUMENTS
+from avrgym.questionnaires.stop_rules import StopRule, StopRules
 from avrgym.texts.texts import read_texts, shipped
 
 PUBLISHED = {
@@ -93,7 +92,7 @@ def test_a_scale_is_named_with_its_words() -> None:
 def test_a_stop_rule_names_the_answer_on_its_scale() -> None:
     questionnaire = asked(INSTRUMENTS["ipq"])
     rules = StopRules((StopRule("ipq_g1", 4.0, "pause"),), (questionnaire,))
-    verdict = rules.verdict(Answer("ipq_g1", 5, 1.0))
+    verdict = rules.verdict("ipq_g1", 5)
     assert verdict is not None
     assert "was answered '4 of 6'; a stop rule holds from 4 on" in verdict.why
-    assert rules.verdict(Answer("ipq_g1", 4, 1.0)) is None
+    assert rules.verdict("ipq_g1", 4) is None

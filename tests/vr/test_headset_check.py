@@ -6,9 +6,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from avrgym.recording.headset_check import HeadsetCheck, TrackedPart
-from avrgym.recording.latency import STAGES
 from avrgym.texts.texts import read_texts, shipped
+from avrgym.vr.headset_check import HeadsetCheck, TrackedPart
+from avrgym.vr.latency import STAGES
 
 READY = HeadsetCheck(
     device="test",

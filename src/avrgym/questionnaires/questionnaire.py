@@ -7,8 +7,8 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from avrgym.recording.instruments.instrument import Instrument, Response
-from avrgym.recording.instruments.registry import INSTRUMENTS
+from avrgym.questionnaires.instrument import Instrument, Response
+from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.texts.texts import Texts
 
 MOMENTS = ("before_session", "after_trial", "after_session")

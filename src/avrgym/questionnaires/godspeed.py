@@ -1,12 +1,7 @@
-"""What people make of a robot: RoSAS, Godspeed and trust."""
+"""Godspeed questionnaire series: how people perceive a robot, on five scales of opposite adjectives."""
 
-from avrgym.recording.instruments.instrument import Instrument, InstrumentItem, Response, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
 
-ATTRIBUTES = {
-    "warmth": ("happy", "feeling", "social", "organic", "compassionate", "emotional"),
-    "competence": ("capable", "responsive", "interactive", "reliable", "competent", "knowledgeable"),
-    "discomfort": ("scary", "strange", "awkward", "dangerous", "awful", "aggressive"),
-}
 OPPOSITES = {
     "anthropomorphism": (
         ("fake", "natural"), ("machinelike", "humanlike"), ("unconscious", "conscious"), ("artificial", "lifelike"),
@@ -27,28 +22,6 @@ OPPOSITES = {
     "safety": (("anxious", "relaxed"), ("agitated", "calm"), ("quiescent", "surprised")),
 }  # fmt: skip
 """By scale the words at both ends, of which the right one counts more; as printed, none is reversed."""
-
-ROSAS = Instrument(
-    name="rosas",
-    title="Robotic Social Attributes Scale",
-    source=(
-        "Carpinella, Wyman, Perez and Stroessner (2017), The Robotic Social Attributes Scale (RoSAS), "
-        "doi:10.1145/2909824.3020208"
-    ),
-    licence="single adjectives, which nobody owns; the question is worded by AVR Gym",
-    response=Response(points=9, lowest=1),
-    items=tuple(
-        InstrumentItem(
-            f"rosas_{word}",
-            f"How closely do you associate this word with the robot: {word}?",
-            "definitely not associated",
-            "definitely associated",
-        )
-        for words in ATTRIBUTES.values()
-        for word in words
-    ),
-    scales=tuple(Scale(name, tuple(f"rosas_{word}" for word in words)) for name, words in ATTRIBUTES.items()),
-)
 
 
 def _opposites_id(scale: str, low: str) -> str:
@@ -74,20 +47,4 @@ GODSPEED = Instrument(
         Scale(scale, tuple(_opposites_id(scale, low) for low, _ in pairs))
         for scale, pairs in OPPOSITES.items()
     ),
-)
-
-_TRUST_ITEMS = tuple(f"trust_{number}" for number in range(1, 13))
-
-JIAN_TRUST = Instrument(
-    name="jian-trust",
-    title="Checklist for trust between people and automation",
-    source=(
-        "Jian, Bisantz and Drury (2000), Foundations for an empirically determined scale of trust in automated "
-        "systems, doi:10.1207/S15327566IJCE0401_04"
-    ),
-    licence="the publisher's; AVR Gym does not include the statements",
-    texts="the article, whose twelve statements are numbered as here",
-    response=Response(points=7, lowest=1),
-    items=tuple(InstrumentItem(item, low="not at all", high="extremely") for item in _TRUST_ITEMS),
-    scales=(Scale("trust", _TRUST_ITEMS, reversed=_TRUST_ITEMS[:5]),),
 )

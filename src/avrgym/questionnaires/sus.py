@@ -1,30 +1,6 @@
-"""What being there and using a system is like: IPQ and SUS."""
+"""System Usability Scale (SUS): ten statements about a system, one score from 0 to 100."""
 
-from avrgym.recording.instruments.instrument import Instrument, InstrumentItem, Response, Scale
-
-SPATIAL = tuple(f"ipq_sp{number}" for number in range(1, 6))
-INVOLVEMENT = tuple(f"ipq_inv{number}" for number in range(1, 5))
-REALISM = tuple(f"ipq_real{number}" for number in range(1, 5))
-FROM_THE_OTHER_END = ("ipq_sp2", "ipq_inv3", "ipq_real1")
-
-IPQ = Instrument(
-    name="ipq",
-    title="igroup Presence Questionnaire",
-    source=(
-        "Schubert, Friedmann and Regenbrecht (2001), The experience of presence: factor analytic insights, "
-        "doi:10.1162/105474601300343603"
-    ),
-    licence="none is stated with its items; AVR Gym does not include their words",
-    texts="https://www.igroup.org/pq/ipq/",
-    response=Response(points=7, lowest=0),
-    items=tuple(InstrumentItem(item) for item in ("ipq_g1", *SPATIAL, *INVOLVEMENT, *REALISM)),
-    scales=(
-        Scale("general", ("ipq_g1",)),
-        Scale("spatial", SPATIAL, reversed=FROM_THE_OTHER_END),
-        Scale("involvement", INVOLVEMENT, reversed=FROM_THE_OTHER_END),
-        Scale("realism", REALISM, reversed=FROM_THE_OTHER_END),
-    ),
-)
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
 
 _STATEMENTS = (
     "I think that I would like to use this system frequently.",

@@ -3,7 +3,7 @@
 from itertools import combinations
 from types import MappingProxyType
 
-from avrgym.recording.instruments.instrument import Instrument, InstrumentItem, Response, Scale, Weighting
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale, Weighting
 
 SOURCE = (
     "Hart and Staveland (1988), Development of NASA-TLX (Task Load Index), doi:10.1016/S0166-4115(08)62386-9; "

@@ -5,11 +5,11 @@ JSON keeps every finite double bit for bit. Numbers that are not finite are writ
 """
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
-from avrgym.recording.questionnaire import MOST_POINTS
+from avrgym.questionnaires.questionnaire import MOST_POINTS
 from avrgym.system.plain_values import is_array, is_table
 
 MOST_FRAMES, LONGEST_MS = 256, 60_000
@@ -199,6 +199,28 @@ TOPICS: dict[str, type[Record]] = {
     "/samples": StreamSamples,
     "/placement": Placement,
 }
+
+AttemptEnd = Literal[
+    "completed", "stopped", "paused", "interrupted", "repeated", "skipped", "ended", "failed"
+]
+"""How an attempt ended. Only ``completed`` counts: its recording is whole and the robot has finished.
+
+Its questionnaire may be open."""
+ATTEMPT_ENDS: tuple[AttemptEnd, ...] = get_args(AttemptEnd)
+
+
+class Metrics(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What an attempt gave; ``None`` where nobody could tell.
+
+    ``steps`` counts the control steps, ``reward`` sums up their rewards, ``success`` says whether the robot has
+    succeeded, ``seconds`` is how long the attempt took, free movement and questions included.
+    """
+
+    steps: int | None = None
+    reward: float | None = None
+    success: bool | None = None
+    seconds: float | None = None
+
 
 _encoder = msgspec.json.Encoder()
 _decoders = {kind: msgspec.json.Decoder(kind, strict=False) for kind in TOPICS.values()}

@@ -1,6 +1,6 @@
 import pytest
 
-from avrgym.recording.questionnaire import LIKERT_ITEMS, MOST_POINTS, validate_answer
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, MOST_POINTS, validate_answer
 from avrgym.vr.protocol.messages import Answer, decode_client, encode
 
 

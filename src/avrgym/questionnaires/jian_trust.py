@@ -1,0 +1,19 @@
+"""Checklist for trust between people and automation (Jian, Bisantz and Drury): twelve statements."""
+
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
+
+_TRUST_ITEMS = tuple(f"trust_{number}" for number in range(1, 13))
+
+JIAN_TRUST = Instrument(
+    name="jian-trust",
+    title="Checklist for trust between people and automation",
+    source=(
+        "Jian, Bisantz and Drury (2000), Foundations for an empirically determined scale of trust in automated "
+        "systems, doi:10.1207/S15327566IJCE0401_04"
+    ),
+    licence="the publisher's; AVR Gym does not include the statements",
+    texts="the article, whose twelve statements are numbered as here",
+    response=Response(points=7, lowest=1),
+    items=tuple(InstrumentItem(item, low="not at all", high="extremely") for item in _TRUST_ITEMS),
+    scales=(Scale("trust", _TRUST_ITEMS, reversed=_TRUST_ITEMS[:5]),),
+)

@@ -1,0 +1,31 @@
+"""Robotic Social Attributes Scale (RoSAS): warmth, competence and discomfort of a robot."""
+
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Response, Scale
+
+ATTRIBUTES = {
+    "warmth": ("happy", "feeling", "social", "organic", "compassionate", "emotional"),
+    "competence": ("capable", "responsive", "interactive", "reliable", "competent", "knowledgeable"),
+    "discomfort": ("scary", "strange", "awkward", "dangerous", "awful", "aggressive"),
+}
+
+ROSAS = Instrument(
+    name="rosas",
+    title="Robotic Social Attributes Scale",
+    source=(
+        "Carpinella, Wyman, Perez and Stroessner (2017), The Robotic Social Attributes Scale (RoSAS), "
+        "doi:10.1145/2909824.3020208"
+    ),
+    licence="single adjectives, which nobody owns; the question is worded by AVR Gym",
+    response=Response(points=9, lowest=1),
+    items=tuple(
+        InstrumentItem(
+            f"rosas_{word}",
+            f"How closely do you associate this word with the robot: {word}?",
+            "definitely not associated",
+            "definitely associated",
+        )
+        for words in ATTRIBUTES.values()
+        for word in words
+    ),
+    scales=tuple(Scale(name, tuple(f"rosas_{word}" for word in words)) for name, words in ATTRIBUTES.items()),
+)

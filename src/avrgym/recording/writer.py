@@ -1,0 +1,237 @@
+"""Write the recording of a trial: an MCAP file that grows while the trial runs and survives a crash."""
+
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from io import FileIO
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import IO, Any, cast
+
+from mcap import records as mcap_records
+from mcap.data_stream import RecordBuilder
+from mcap.writer import MCAP0_MAGIC, Writer
+
+from avrgym.recording.reader import (
+    CONFIGURATION,
+    ORIGIN,
+    OUTCOME,
+    ROBOT_FINISHED,
+    RecordingError,
+    intact_records,
+    read_recording,
+)
+from avrgym.recording.schema import TOPICS, Record, encode, json_schema
+from avrgym.system.files import private_opener
+
+FLUSH_INTERVAL_S = 0.1
+STALL_S = 0.75
+CAPACITY_MESSAGES = 4000
+FEW_MESSAGES = 100
+CLOSE_TIMEOUT_S = 10.0
+
+
+class RecordingWriter:
+    """Writes one trial's recording on a thread of its own, so that the caller never waits for the disk.
+
+    What was written reaches the file within half a second. A disk that fails shows in ``error`` within a
+    second, and the file is never marked complete then.
+
+    Args:
+        path: The new file; an existing one raises ``FileExistsError``.
+        metadata: The trial's whole configuration, plain values.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], metadata: Mapping[str, Any]):
+        self.path = Path(path)
+        self._failure: Exception | None = None
+        self._queue: SimpleQueue[tuple[str, int, Record] | dict[str, Any] | None] = SimpleQueue()
+        self._disk = _Disk(self.path)
+        self._mcap = Writer(cast(IO[bytes], self._disk), enable_data_crcs=True)
+        self._written = 0
+        self._channels = self._start(metadata)
+        self._alive_at = time.monotonic()
+        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
+        self._thread.start()
+
+    @property
+    def error(self) -> Exception | None:
+        """What keeps the recording from being complete, or ``None``. Only a stall can pass."""
+        silent_s = time.monotonic() - self._alive_at
+        if self._failure is None and self._thread.is_alive() and silent_s > STALL_S:
+            return TimeoutError(f"{self.path}: the disk has taken no data for {silent_s:.1f} s")
+        return self._failure
+
+    def write(self, topic: str, log_time_ns: int, record: Record) -> None:
+        """Queue one record, without waiting; ``log_time_ns`` is on the trial's monotonic clock.
+
+        The record and its lists must not change afterwards. After a failure of the disk this does nothing.
+        """
+        if type(record) is not TOPICS.get(topic):
+            allowed = ", ".join(f"{name}: {kind.__name__}" for name, kind in TOPICS.items())
+            raise RecordingError(f"no topic {topic!r} for {type(record).__name__}; allowed: {allowed}")
+        if self._disk.closed:
+            raise RecordingError(f"{self.path}: closed; a record for {topic} came too late")
+        if self._failure is None and self._queue.qsize() >= CAPACITY_MESSAGES:
+            self._failure = RecordingError(f"{self.path}: a record is lost: the disk is too slow")
+        if self._failure is None:
+            self._queue.put((topic, log_time_ns, record))
+
+    def robot_finished(self, outcome: Mapping[str, Any]) -> None:
+        """Queue the outcome of a trial whose robot has finished, without waiting.
+
+        Once it is in the file, ``end_cut_recording`` completes that if this process is killed. Waiting for the disk
+        itself here would keep later records from the file.
+        """
+        self._queue.put(dict(outcome))
+
+    def catch_up(self) -> None:
+        """Wait until little is queued, for callers faster than real time; no longer than the disk takes data."""
+        while self._queue.qsize() > FEW_MESSAGES and self.error is None:
+            time.sleep(0.001)
+
+    def close(self, outcome: Mapping[str, Any] | None = None) -> None:
+        """Write what is queued and end the file; with an outcome, and all data on disk, mark it complete.
+
+        Raises ``RecordingError`` when there is an outcome but the file could not be completed. Closing a
+        closed writer does nothing.
+        """
+        if self._disk.closed:
+            return
+        self._queue.put(None)
+        self._thread.join(CLOSE_TIMEOUT_S)
+        if self._thread.is_alive():
+            raise RecordingError(f"{self.path}: not complete: the disk takes no data")
+        if outcome is not None and self._failure is None:
+            self._attempt(lambda: self._complete(outcome))
+        self._disk.close()
+        if outcome is not None and self._failure is not None:
+            raise RecordingError(f"{self.path}: not complete: {self._failure}") from self._failure
+
+    def _start(self, metadata: Mapping[str, Any]) -> dict[str, int]:
+        try:
+            self._mcap.start(profile="", library="avrgym")
+            self._mcap.add_metadata(CONFIGURATION, _to_text(metadata))
+            self._mcap.add_metadata(ORIGIN, _to_text({"began_at": datetime.now(UTC).isoformat()}))
+        except BaseException:
+            self._disk.close()
+            self.path.unlink()
+            raise
+        return {topic: self._register(topic) for topic in TOPICS}
+
+    def _register(self, topic: str) -> int:
+        schema = self._mcap.register_schema(
+            name=f"avrgym.{TOPICS[topic].__name__}", encoding="jsonschema", data=json_schema(topic)
+        )
+        return self._mcap.register_channel(topic=topic, message_encoding="json", schema_id=schema)
+
+    def _run(self) -> None:
+        self._attempt(self._write_queued)
+
+    def _attempt(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except Exception as error:
+            self._failure = self._failure or error
+
+    def _write_queued(self) -> None:
+        flush_at = time.monotonic() + FLUSH_INTERVAL_S
+        going_on = True
+        while going_on:
+            with suppress(Empty):
+                going_on = self._write_next(max(0.0, flush_at - time.monotonic()))
+            self._alive_at = time.monotonic()
+            if self._alive_at >= flush_at or not going_on:
+                self._mcap.flush()
+                flush_at = time.monotonic() + FLUSH_INTERVAL_S
+
+    def _write_next(self, timeout_s: float) -> bool:
+        entry = self._queue.get(timeout=timeout_s)
+        if entry is None:
+            return False
+        if isinstance(entry, dict):
+            self._mcap.flush()
+            self._mcap.add_metadata(ROBOT_FINISHED, _to_text(entry))
+            return True
+        topic, log_time_ns, record = entry
+        self._written += 1
+        self._mcap.add_message(
+            self._channels[topic],
+            log_time_ns,
+            encode(record),
+            publish_time=log_time_ns,
+            sequence=self._written,
+        )
+        return True
+
+    def _complete(self, outcome: Mapping[str, Any]) -> None:
+        self._disk.sync()
+        end_of_data = self._disk.tell()
+        try:
+            self._mcap.add_metadata(OUTCOME, _to_text(outcome))
+            self._mcap.finish()
+            self._disk.sync()
+        except BaseException:
+            self._disk.cut(end_of_data)
+            raise
+
+
+class _Disk:
+    """A new file without a buffer: what fails to reach it is never tried again behind the writer's back."""
+
+    def __init__(self, path: Path):
+        self._file = FileIO(path, "x", opener=private_opener)
+
+    @property
+    def closed(self) -> bool:
+        return self._file.closed
+
+    def write(self, data: bytes) -> None:
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self._file.write(rest) :]
+
+    def flush(self) -> None:
+        """Nothing is held back."""
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def sync(self) -> None:
+        os.fsync(self._file.fileno())
+
+    def cut(self, size: int) -> None:
+        with suppress(OSError):
+            self._file.truncate(size)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def end_cut_recording(path: str | os.PathLike[str]) -> None:
+    """Complete a recording that was cut off after the robot had finished; any other stays as it is.
+
+    The end replaces an unreadable rest. Nobody may write the recording any more.
+    """
+    recording = read_recording(path)
+    if recording.complete or recording.robot_finished is None:
+        return
+    end = RecordBuilder()
+    if recording.outcome is None:
+        outcome = {**recording.robot_finished, "cut_off": True}
+        mcap_records.Metadata(OUTCOME, _to_text(outcome)).write(end)
+    mcap_records.DataEnd(0).write(end)
+    mcap_records.Footer(0, 0, 0).write(end)
+    with open(path, "r+b") as file:
+        file.truncate(intact_records(path)[2])
+        file.seek(0, os.SEEK_END)
+        file.write(end.end() + MCAP0_MAGIC)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _to_text(values: Mapping[str, Any]) -> dict[str, str]:
+    return {name: encode(value).decode() for name, value in values.items()}

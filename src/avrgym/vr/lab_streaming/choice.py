@@ -1,0 +1,42 @@
+"""Which streams a session sends and receives by Lab Streaming Layer."""
+
+import re
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,39}")
+"""A stream's name also stands in the names of files."""
+QUERY = re.compile(r"{one}( and {one})*".format(one=r"(name|type|source_id|hostname)='[^'<>&\"]{1,80}'"))
+QUERIES = "name='…', type='…', source_id='…' or hostname='…', several of them joined by \"and\""
+
+
+class StreamChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a session exchanges with other devices by Lab Streaming Layer.
+
+    ``send``: events, poses and forces go out. ``receive``: a query for each stream that comes in, by its name.
+    """
+
+    send: bool = False
+    receive: Mapping[str, str] = {}
+
+
+def stream_fault(name: str, query: str) -> str:
+    """What is wrong with a stream to be received and what is allowed; empty where nothing is."""
+    if not NAME.fullmatch(name):
+        return f"{name!r} is no name of a stream; allowed: a letter, then up to 39 letters and digits"
+    return "" if QUERY.fullmatch(query) else f"{query!r} finds no stream; allowed: {QUERIES}"
+
+
+def stream_choice(send: bool, received: Sequence[str]) -> StreamChoice:
+    """The choice that options of a command make; ``ValueError`` for one that is not ``NAME=QUERY``."""
+    receive = dict(_named(each) for each in received)
+    return StreamChoice(send, receive)
+
+
+def _named(option: str) -> tuple[str, str]:
+    name, _, query = option.partition("=")
+    fault = stream_fault(name, query)
+    if fault:
+        raise ValueError(f"--receive {option}: {fault}, as in --receive \"heart=type='ECG'\"")
+    return name, query
