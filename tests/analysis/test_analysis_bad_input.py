@@ -16,7 +16,7 @@ from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.storage import ledger, schema
+from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.attempts import sha256_of
 from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.states import StudyError
@@ -70,7 +70,7 @@ def take_as_recorded(store: Store, pseudonym: str, position: int) -> None:
     found = attempt(store, pseudonym, position)
     with store.database.write() as connection:
         checksum = sha256_of(store, found.recording)
-        ledger.update(connection, schema.ATTEMPT, found.id, sha256=checksum)
+        hash_chain.update(connection, schema.ATTEMPT, found.id, sha256=checksum)
 
 
 def rewrite(store: Store, pseudonym: str, position: int, **changes) -> None:

@@ -19,16 +19,16 @@ from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
 from avrgym.recording.schema import Answer
-from avrgym.study.design.differences import shown
+from avrgym.study.design.comparison import shown
 from avrgym.study.people import participants
 from avrgym.study.storage import database, sessions
 from avrgym.study.storage.answers import record_answer
-from avrgym.study.storage.asked import Asked
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
+from avrgym.study.storage.item_versions import Asked
 from avrgym.study.storage.rows import Participant, Trial
+from avrgym.study.storage.session_designs import designs_used
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
-from avrgym.study.storage.uses import designs_used
 from helpers.browser.html_page import Page
 from helpers.studies.known_results import ITEMS, record_trial, run_trials, take_part
 from helpers.studies.small_studies import make_study

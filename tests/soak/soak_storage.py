@@ -17,7 +17,7 @@ from avrgym.study.checking.checks import check_study
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
-from avrgym.study.storage import database, ledger
+from avrgym.study.storage import database, hash_chain
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.store import Store
 from helpers.studies.flipped_bits import flip_bit, noticed
@@ -201,7 +201,7 @@ def rows(folder: Path) -> dict[str, list]:
     with Store(folder) as store, store.database.read() as connection:
         return {
             name: [tuple(row) for row in connection.execute(sa.select(table))]
-            for name, table in ledger.TABLES.items()
+            for name, table in hash_chain.TABLES.items()
         }
 
 
@@ -215,7 +215,7 @@ def test_each_bit_flipped_in_a_value_is_noticed(kind: str, tmp_path: Path) -> No
             with store.database._engine.connect() as connection, connection.begin() as transaction:
                 if not flip_value(connection, chance):
                     continue
-                faults = list(ledger.faults(connection))
+                faults = list(hash_chain.faults(connection))
                 transaction.rollback()
             assert faults
             found += 1
@@ -224,13 +224,13 @@ def test_each_bit_flipped_in_a_value_is_noticed(kind: str, tmp_path: Path) -> No
 
 def flip_value(connection: sa.Connection, chance: random.Random) -> bool:
     """Flip a bit of a value; whether that could be stored."""
-    table = chance.choice(list(ledger.TABLES.values()))
+    table = chance.choice(list(hash_chain.TABLES.values()))
     found = connection.execute(sa.select(table)).all()
     if not found:
         return False
     row = chance.choice(found)._mapping
     column = chance.choice([each for each in table.columns if row[each.name] is not None])
-    own = ledger.key_of(table) == row[ledger.key_of(table).name]
+    own = hash_chain.key_of(table) == row[hash_chain.key_of(table).name]
     with suppress(SQLAlchemyError, UnicodeError), connection.begin_nested():
         value = _flipped(row[column.name], chance)
         return connection.execute(sa.update(table).where(own).values({column.name: value})).rowcount == 1

@@ -7,7 +7,7 @@ import pytest
 
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item, Questionnaire
 from avrgym.study.design.design import Design, default_text, parse_design
-from avrgym.study.storage.versions import Catalogue, in_order
+from avrgym.study.storage.item_versions import Catalogue, in_order
 
 DESIGN = parse_design(default_text())
 TLX = parse_design(

@@ -33,9 +33,9 @@ from avrgym.study.people.participants import (
     texts_of,
     withdraw,
 )
-from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.sessions.simulation import Cast, simulated_participant
-from avrgym.study.storage import ledger, schema
+from avrgym.study.sessions.visit import StudyVisit
+from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -182,7 +182,7 @@ def test_another_text_under_another_version_is_no_error(folder: Path) -> None:
 def test_a_changed_archive_is_noticed(store: Store) -> None:
     take_in(store)
     with store.database.write() as connection:
-        ledger.update(connection, schema.CONSENT_TEXT, 1, text="I agree to everything")
+        hash_chain.update(connection, schema.CONSENT_TEXT, 1, text="I agree to everything")
     assert "does not have the checksum that it was archived with" in [
         each.what for each in about_consent(store.folder) if each.where == "consent_text 1"
     ]
@@ -323,9 +323,9 @@ def test_exports_hold_every_decision_and_every_text(folder: Path, tmp_path: Path
 def before_the_archive(store: Store) -> None:
     """Make a study like one of the version that stored version and checksum of each consent, and no text."""
     with store.database.write() as connection:
-        ledger.delete(connection, schema.CONSENT_TEXT)
-        ledger.delete(connection, schema.CONSENT)
-        ledger.delete(connection, schema.DESIGN)
+        hash_chain.delete(connection, schema.CONSENT_TEXT)
+        hash_chain.delete(connection, schema.CONSENT)
+        hash_chain.delete(connection, schema.DESIGN)
     with store.database.write() as connection:
         for table in ("link", "consent", "consent_text", "design"):
             connection.execute(sa.text(f"DROP TABLE {table}"))
@@ -436,8 +436,8 @@ def test_different_texts_of_one_site_under_one_version_are_an_error(tmp_path: Pa
         with store.database.write() as connection:
             text = {"version": "1", "language": "en", "text": "Another", "at": "2026-01-01"}
             sha256 = hashlib.sha256(b"Another").hexdigest()
-            ledger.insert(connection, schema.CONSENT_TEXT, sha256=sha256, **text)
-            ledger.update(connection, schema.CONSENT, store.consents(second)[0].id, sha256=sha256)
+            hash_chain.insert(connection, schema.CONSENT_TEXT, sha256=sha256, **text)
+            hash_chain.update(connection, schema.CONSENT, store.consents(second)[0].id, sha256=sha256)
     assert first
     merge_studies([folder, other], tmp_path / "all")
     (wrong,) = wrong_about_consent(tmp_path / "all")

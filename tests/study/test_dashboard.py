@@ -12,10 +12,10 @@ import pytest
 from fastapi.routing import APIRoute
 from playwright.sync_api import Page, expect, sync_playwright
 
-from avrgym.study.checking.results import summarise_results
+from avrgym.study.checking.summary import summarise_results
 from avrgym.study.dashboard.application import ACTIONS, MAX_BODY_BYTES, dashboard_app
 from avrgym.study.people.participants import withdraw
-from avrgym.study.storage.keyfile import Identity, read_key
+from avrgym.study.storage.identity_file import Identity, read_key
 from avrgym.study.storage.store import Store
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.access import Caller, Tokens

@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.study.checking.checks import check_study
-from avrgym.study.people.doubles import PossibleDouble
+from avrgym.study.people.identities import PossibleDouble
 from avrgym.study.people.participants import enrol, set_identity, withdraw
-from avrgym.study.storage.keyfile import read_key
+from avrgym.study.storage.identity_file import read_key
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import small_study
 

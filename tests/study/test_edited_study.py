@@ -16,9 +16,9 @@ from avrgym.study.checking.design_checks import check_design
 from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.policy_files import check_policies_used
 from avrgym.study.design.design import Reporting
-from avrgym.study.plan.design_deviations import frozen_design
-from avrgym.study.plan.origin import read_frozen
-from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.plan.deviations import frozen_design
+from avrgym.study.plan.frozen_plan import read_frozen
+from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session

@@ -21,7 +21,7 @@ from avrgym.study.design.design import DesignError, read_design
 from avrgym.study.export import export_study
 from avrgym.study.export.tables import write_csv
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.origin import read_frozen
+from avrgym.study.plan.frozen_plan import read_frozen
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.texts.texts import read_texts

@@ -9,7 +9,7 @@ from avrgym.analysis.study import analyse
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control, Event, TrackingFrame
 from avrgym.study.checking.checks import check_study
-from avrgym.study.checking.held import held_share
+from avrgym.study.checking.tracking_loss import held_share
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.storage.store import Store
 from helpers.studies.known_results import STEPS, run_trials, take_part

@@ -17,7 +17,7 @@ from avrgym.recording.schema import Answer
 from avrgym.study.checking.checks import check_study
 from avrgym.study.design.design import DesignError, parse_design
 from avrgym.study.export import export_study
-from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database, schema
 from avrgym.study.storage.answers import record_answer, record_session_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt

@@ -19,7 +19,7 @@ from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people.adverse_events import record_adverse_event
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, set_identity
-from avrgym.study.storage import keyfile
+from avrgym.study.storage import identity_file
 from avrgym.study.storage.answers import change_answer, record_answer
 from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import close_session, open_session
@@ -128,7 +128,7 @@ def test_an_archive_is_private_and_never_overwritten(store: Store, tmp_path: Pat
 
 def test_the_command_states_whether_the_name_is_there(store: Store, tmp_path: Path) -> None:
     merge_studies([store.folder], tmp_path / "merged")
-    keyfile.remove_entry(store.folder, "sub-002")
+    identity_file.remove_entry(store.folder, "sub-002")
     for folder, pseudonym, words in (
         (store.folder, "sub-001", "with name, contact and free text"),
         (store.folder, "sub-002", "without name and contact: the identity file has none"),

@@ -10,15 +10,13 @@ from typer.testing import CliRunner, Result
 from avrgym.analysis.statistics.offered import offered_tests, suggested_hypotheses
 from avrgym.cli.main import app
 from avrgym.policies.trained import packaged_policies
+from avrgym.study.design.comparison import differences
 from avrgym.study.design.design import DesignError, default_text, parse_design
-from avrgym.study.design.differences import differences
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
-from avrgym.study.plan.design_deviations import changed
-from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.freezing import FROZEN
-from avrgym.study.plan.origin import Frozen, read_frozen
+from avrgym.study.plan.deviations import changed, deviations
+from avrgym.study.plan.frozen_plan import FROZEN, Frozen, read_frozen
 from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, parse_plan
-from avrgym.study.plan.template import template
+from avrgym.study.plan.plan_template import template
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import fitting_answers, make_study, run_participant, small_study, take_in
@@ -284,7 +282,7 @@ def test_other_software_is_a_deviation(tmp_path: Path, monkeypatch: pytest.Monke
     assert frozen is not None
     assert frozen.record is not None
     before = frozen.record.versions["scipy"]
-    monkeypatch.setattr("avrgym.study.plan.freezing.version", lambda name: f"{name} 0")
+    monkeypatch.setattr("avrgym.study.plan.frozen_plan.version", lambda name: f"{name} 0")
     assert f"software: scipy was {before}, is scipy 0" in study("status", folder).stdout
 
 

@@ -13,10 +13,9 @@ from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
 from avrgym.study.checking.rebuilding import rebuild_study
-from avrgym.study.plan import evidence
-from avrgym.study.plan.evidence import REGISTRATION, STAMP, verified
-from avrgym.study.plan.freezing import FROZEN, sha256
-from avrgym.study.plan.origin import Frozen, read_frozen
+from avrgym.study.plan import timestamps
+from avrgym.study.plan.frozen_plan import FROZEN, Frozen, read_frozen, sha256
+from avrgym.study.plan.timestamps import REGISTRATION, STAMP, verified
 from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -90,7 +89,7 @@ def analysed(folder: Path, out: Path) -> tuple[Analysis, str]:
 
 def trust(authority: Authority, monkeypatch: pytest.MonkeyPatch) -> None:
     root = x509.load_pem_x509_certificate(authority.root)
-    monkeypatch.setattr(evidence, "_system_roots", lambda: [root])
+    monkeypatch.setattr(timestamps, "_system_roots", lambda: [root])
 
 
 # Unknown origin
@@ -173,7 +172,7 @@ def test_a_registration_is_a_claim_and_proves_nothing(folder: Path) -> None:
     address = "https://osf.io/abcde"
     assert study("freeze", folder, "--registered", address, "--registered-on", "2026-01-02").exit_code == 0
     frozen = frozen_plan(folder)
-    assert frozen.registration == evidence.Registration(address, date(2026, 1, 2))
+    assert frozen.registration == timestamps.Registration(address, date(2026, 1, 2))
     assert (
         f"The researchers claim a registration of 2026-01-02 at {address}; this is not verified."
         in frozen.words
@@ -253,7 +252,7 @@ def test_a_trusted_time_stamp_from_before_the_first_recording_proves_a_plan(
     assert "proves nothing" in " ".join(frozen_plan(folder).faults)
     (folder / STAMP).write_bytes(authority.stamp(forged))
     monkeypatch.setattr(
-        "avrgym.study.plan.origin.read_beginning", lambda path: datetime(2026, 1, 1, tzinfo=UTC)
+        "avrgym.study.plan.frozen_plan.read_beginning", lambda path: datetime(2026, 1, 1, tzinfo=UTC)
     )
     assert not frozen_plan(folder).confirms
 

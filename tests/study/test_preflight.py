@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from avrgym.cli.main import app
 from avrgym.policies.trained import packaged_policies
 from avrgym.study.checking.preflight import policies_needed, policy_faults
-from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import make_study, take_in

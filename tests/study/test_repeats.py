@@ -18,8 +18,7 @@ from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
 from avrgym.recording.schema import AttemptEnd, Metrics
-from avrgym.study.checking.exact_draws import draws_p
-from avrgym.study.checking.repeat_checks import REPEATS, check_repeats, repeat_findings
+from avrgym.study.checking.repeat_checks import REPEATS, check_repeats, draws_p, repeat_findings
 from avrgym.study.checking.repeats import (
     EXPERIMENTER,
     NOT_LOGGED,
@@ -31,10 +30,10 @@ from avrgym.study.checking.repeats import (
     tried_trials,
 )
 from avrgym.study.design.design import Design, default_text, parse_design
-from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
-from avrgym.study.storage.log import OWN_TOKEN, Actor, add_entry
+from avrgym.study.storage.audit_log import OWN_TOKEN, Actor, add_entry
 from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store

@@ -11,8 +11,8 @@ from avrgym.questionnaires.stop_rules import Verdict
 from avrgym.recording.reader import read_recording
 from avrgym.study.checking.checks import check_study
 from avrgym.study.design.design import DesignError, default_text, parse_design
-from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.sessions.serving import StudySessions
+from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Answer, Command, Phase, Problem, Ready, Sent, Status

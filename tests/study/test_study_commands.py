@@ -15,7 +15,7 @@ from avrgym.policies.trained import packaged_policies
 from avrgym.recording.schema import Answer
 from avrgym.recording.writer import RecordingWriter
 from avrgym.study.checking.checks import check_study
-from avrgym.study.storage import database, keyfile, schema
+from avrgym.study.storage import database, identity_file, schema
 from avrgym.study.storage.answers import record_answer
 from avrgym.study.storage.attempts import begin_attempt
 from avrgym.study.storage.sessions import open_session
@@ -163,7 +163,7 @@ DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
         lambda s: s.path("private/identities.json").chmod(0o644), "private/identities.json", "others than its owner",
     ),
     "stranger": (
-        lambda s: keyfile.write_entry(s.folder, "sub-009", keyfile.Identity("Ada", "")),
+        lambda s: identity_file.write_entry(s.folder, "sub-009", identity_file.Identity("Ada", "")),
         "private/identities.json", "names sub-009, who is not in this study",
     ),
 }  # fmt: skip

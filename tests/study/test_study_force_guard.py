@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.study.design.design import DesignError, default_text, parse_design
-from avrgym.study.sessions.live import plan_session
+from avrgym.study.sessions.visit import plan_session
 from avrgym.study.storage.store import Store
 from helpers.studies.known_results import take_part
 from helpers.studies.small_studies import make_study

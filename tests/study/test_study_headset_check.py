@@ -9,7 +9,7 @@ import pytest
 from avrgym.analysis.report.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.study.design.design import default_text, parse_design
-from avrgym.study.sessions.live import StudyVisit, plan_session
+from avrgym.study.sessions.visit import StudyVisit, plan_session
 from avrgym.study.storage.sessions import store_headset_check
 from avrgym.study.storage.store import Store
 from avrgym.vr.headset_check import HeadsetCheck, TrackedPart

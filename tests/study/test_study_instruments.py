@@ -14,7 +14,7 @@ from avrgym.analysis.study import analyse
 from avrgym.questionnaires.nasa_tlx import FACTORS, PAIRS
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.recording.schema import Answer
-from avrgym.study.checking.results import summarise_results
+from avrgym.study.checking.summary import summarise_results
 from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
 from avrgym.study.export import export_study
 from avrgym.study.storage import database

@@ -13,7 +13,7 @@ from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.finding import Finding
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, withdraw
-from avrgym.study.storage import database, schema, seal
+from avrgym.study.storage import database, integrity_files, schema
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
@@ -211,7 +211,7 @@ def test_a_change_before_a_session_is_still_noticed_after_it(on_sqlite: Path) ->
     with Store(on_sqlite) as store:
         enrol(store, "man")
     assert [finding.where for finding in wrong(on_sqlite)] == ["study.db"]
-    (on_sqlite / seal.MISMATCH).unlink()
+    (on_sqlite / integrity_files.MISMATCH).unlink()
     assert wrong(on_sqlite) == []
 
 

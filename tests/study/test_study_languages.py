@@ -15,7 +15,7 @@ from avrgym.study.dashboard.views import overview, participant_view
 from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
 from avrgym.study.export import export_study
 from avrgym.study.people.participants import add_note, edit_note, enrol, record_consent, record_inclusion
-from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.texts import Said, TextsError, normal, read_texts

@@ -16,7 +16,7 @@ from avrgym.policies.trained import PolicyError
 from avrgym.recording.reader import read_recording
 from avrgym.study.checking.checks import check_study
 from avrgym.study.people.participants import enrol, record_consent, withdraw
-from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -257,7 +257,7 @@ def test_withdrawal_elsewhere_stops_robot_and_recording_in_mid_trial(store: Stor
 def test_nothing_is_stored_of_who_withdrew_elsewhere_even_before_that_is_known_here(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("avrgym.study.sessions.watch.LOOK_EVERY_S", 3600.0)
+    monkeypatch.setattr("avrgym.study.sessions.threads.LOOK_EVERY_S", 3600.0)
     pseudonym = take_in(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
@@ -344,7 +344,7 @@ def test_what_the_database_cannot_keep_is_repeated(store: Store, monkeypatch: py
         attended.tell(Entered())
         attended.sit_down()
         with monkeypatch.context() as broken:
-            broken.setattr("avrgym.study.sessions.live.complete_attempt", fail)
+            broken.setattr("avrgym.study.sessions.visit.complete_attempt", fail)
             attended.until("paused")
         assert "disk I/O error" in attended.problems[-1]
         attended.tell(Ready())

@@ -22,7 +22,7 @@ from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
 from avrgym.study.checking.checks import check_study
 from avrgym.study.dashboard.application import dashboard_app
-from avrgym.study.dashboard.logging import LiveLog
+from avrgym.study.dashboard.request_log import LiveLog
 from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.export import export_study
 from avrgym.study.export.codebook import KNOWN_BY, TABLES
@@ -37,10 +37,10 @@ from avrgym.study.people.experimenters import (
     revoke_experimenter,
 )
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.origin import read_frozen
-from avrgym.study.sessions.storing import StoringThread
-from avrgym.study.storage import database, ledger, schema
-from avrgym.study.storage.log import (
+from avrgym.study.plan.frozen_plan import read_frozen
+from avrgym.study.sessions.threads import StoringThread
+from avrgym.study.storage import database, hash_chain, schema
+from avrgym.study.storage.audit_log import (
     ACCOUNT,
     ADD_EXPERIMENTER,
     OWN_TOKEN,
@@ -270,7 +270,7 @@ def test_an_entry_that_something_else_changed_is_found(store: Store, change: str
 def test_the_ledger_names_an_entry_that_was_written_twice(store: Store) -> None:
     add_entry(store, ADA, "stop")
     with store.database.write() as connection:
-        ledger.update(connection, schema.LOG, 1, person="eve")
+        hash_chain.update(connection, schema.LOG, 1, person="eve")
     assert store.database.faults() == [("log 1", "was changed or deleted: entries of the log are only added")]
 
 

@@ -15,9 +15,8 @@ from avrgym.study.people import deletion
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.freezing import adopt, freeze
-from avrgym.study.plan.origin import read_frozen
-from avrgym.study.plan.template import write_template
+from avrgym.study.plan.frozen_plan import adopt, freeze, read_frozen
+from avrgym.study.plan.plan_template import write_template
 from avrgym.study.storage import database
 from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import close_session, open_session

@@ -16,8 +16,8 @@ from avrgym.study.design.allocation import (
     plan_trials,
     practice_robots_of,
 )
+from avrgym.study.design.counterbalancing import Block, balanced_orders, williams_square
 from avrgym.study.design.design import Design, default_text, parse_design
-from avrgym.study.design.orders import Block, balanced_orders, williams_square
 from avrgym.tasks.registry import ENVIRONMENTS
 
 SIZES = range(2, 9)

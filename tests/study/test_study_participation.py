@@ -27,8 +27,8 @@ from avrgym.study.people.participants import (
     record_inclusion,
     withdraw,
 )
-from avrgym.study.storage import database, reconciling, signing
-from avrgym.study.storage.losses import loss_words
+from avrgym.study.storage import database, reconciliation, signing
+from avrgym.study.storage.data_loss import loss_words
 from avrgym.study.storage.participation import FILE, ParticipationList
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -330,7 +330,7 @@ def test_where_nothing_can_be_signed_a_study_goes_on_and_its_list_proves_nothing
 
 def _withdraw_and_die(folder: Path) -> None:
     """Withdraw somebody, and be killed between the list and the database."""
-    following = reconciling.follow
+    following = reconciliation.follow
 
     def follow_and_die(*arguments: object) -> None:
         following(*arguments)  # pyright: ignore[reportArgumentType]
@@ -391,7 +391,7 @@ def test_the_list_outlasts_a_rebuilding_that_a_kill_broke_off(folder: Path) -> N
 def test_a_kill_in_the_first_enrolment_keeps_no_study_from_opening(tmp_path: Path, written: bool) -> None:
     folder = small_study(tmp_path / "new")
     with Store(folder) as store, pytest.MonkeyPatch.context() as patch:
-        follow = reconciling.follow
+        follow = reconciliation.follow
 
         def fail(*arguments: object) -> None:
             follow(*arguments)  # pyright: ignore[reportArgumentType]

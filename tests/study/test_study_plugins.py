@@ -13,12 +13,11 @@ from avrgym.analysis.reading.observations import observe
 from avrgym.analysis.report.pack.methods import _plugins
 from avrgym.cli.main import app
 from avrgym.study.checking.finding import Finding
-from avrgym.study.checking.recorded_plugins import check_plugins
+from avrgym.study.checking.plugin_checks import check_plugins
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.freezing import Record, freeze
-from avrgym.study.plan.origin import read_frozen
-from avrgym.study.plan.template import write_template
-from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.plan.frozen_plan import Record, freeze, read_frozen
+from avrgym.study.plan.plan_template import write_template
+from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage.store import Store
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin

@@ -12,7 +12,7 @@ import pytest
 from avrgym.study.people import deletion
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, set_identity
-from avrgym.study.storage import database, keyfile, schema, sqlite
+from avrgym.study.storage import database, identity_file, schema, sqlite
 from avrgym.study.storage.database import Database
 from avrgym.study.storage.sessions import close_session, open_session, tell
 from avrgym.study.storage.states import StudyError
@@ -85,7 +85,7 @@ def test_names_are_nowhere_in_plain_text_and_only_their_owner_may_read_their_fil
     private = store.folder / "private"
     holders = [name for name, data in files(store.folder).items() if b"Unverwechselbar" in data]
     assert holders == []
-    assert keyfile.read_key(store.folder)["sub-002"] == keyfile.Identity(NAME, CONTACT)
+    assert identity_file.read_key(store.folder)["sub-002"] == identity_file.Identity(NAME, CONTACT)
     assert stat.S_IMODE(private.stat().st_mode) == 0o700
     assert stat.S_IMODE((private / "identities.json").stat().st_mode) == 0o600
     assert list(exposed(private)) == []
@@ -152,7 +152,7 @@ def test_a_deletion_that_broke_off_is_finished_by_deleting_again(
     store: Store, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
     before = others(store)
-    owner = {"remove_entry": keyfile, "_remove": deletion, "erase_traces": Database}[step]
+    owner = {"remove_entry": identity_file, "_remove": deletion, "erase_traces": Database}[step]
     with monkeypatch.context() as crash:
         crash.setattr(owner, step, lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):

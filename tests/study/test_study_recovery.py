@@ -17,7 +17,7 @@ from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.rebuilding import rebuild_study
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import confirm_participation, enrol
-from avrgym.study.storage import database, keyfile, store
+from avrgym.study.storage import database, identity_file, store
 from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -101,7 +101,7 @@ def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None
         ]
         assert enrol(again, "man") == "sub-003"
         delete_participant(again, "sub-002")
-    assert keyfile.read_key(old) == {}
+    assert identity_file.read_key(old) == {}
     assert b"Example Person" not in b"".join(contents(old).values())
 
 

@@ -12,7 +12,7 @@ import sqlalchemy as sa
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.study.checking.checks import check_study
 from avrgym.study.people.participants import enrol, withdraw
-from avrgym.study.sessions import serving, watch
+from avrgym.study.sessions import serving, threads
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage import database, schema
 from avrgym.study.storage.sessions import open_session
@@ -290,7 +290,7 @@ def test_the_loop_never_waits_for_a_new_link(
 def test_a_link_ends_with_a_session_that_is_ended_elsewhere(
     store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(watch, "LOOK_EVERY_S", 0.01)
+    monkeypatch.setattr(threads, "LOOK_EVERY_S", 0.01)
     loop.ask(loop.sessions.begin, take_in(store))
     withdraw(store, "sub-001", "at another station")
     while loop.sessions.participant is not None:

@@ -16,7 +16,6 @@ from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.summary import summarise_study
 from avrgym.study.people.participants import withdraw
 from avrgym.study.sessions import simulation
-from avrgym.study.sessions.live import StudyVisit
 from avrgym.study.sessions.simulation import (
     Cast,
     cast_of,
@@ -24,6 +23,7 @@ from avrgym.study.sessions.simulation import (
     simulated_participant,
     traits_of,
 )
+from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store

@@ -21,7 +21,7 @@ from avrgym.recording.schema import Answer, Metrics
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
-from avrgym.study.storage import database, ledger, schema
+from avrgym.study.storage import database, hash_chain, schema
 from avrgym.study.storage.answers import record_answer, record_session_answer
 from avrgym.study.storage.attempts import BROKEN_OFF, begin_attempt, complete_attempt, end_attempt
 from avrgym.study.storage.rows import Trial
@@ -567,10 +567,10 @@ def test_attempts_from_before_torso_heights_had_a_column_keep_their_rows_and_led
     pseudonym = take_in(store)
     run_participant(store, pseudonym, trials=2)
     with store.database.write() as connection:
-        ledger.update(connection, schema.PARTICIPANT, 1, language=None)  # nobody said, in those days
-        ledger.delete(connection, schema.DESIGN)  # nor was that stored
-        ledger.delete(connection, schema.CONSENT_TEXT)
-        ledger.update(connection, schema.CONSENT, 1, language=None)
+        hash_chain.update(connection, schema.PARTICIPANT, 1, language=None)  # nobody said, in those days
+        hash_chain.delete(connection, schema.DESIGN)  # nor was that stored
+        hash_chain.delete(connection, schema.CONSENT_TEXT)
+        hash_chain.update(connection, schema.CONSENT, 1, language=None)
     before, consents = contents(store), store.consents(pseudonym)
     with store.database.write() as connection:
         for change in (

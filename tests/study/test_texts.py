@@ -8,9 +8,9 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.study.people.participants import add_note, enrol, set_identity, withdraw
+from avrgym.study.storage.free_text import MOST_IN_LINE, MOST_IN_NOTE
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.study.storage.texts import MOST_IN_LINE, MOST_IN_NOTE
 from helpers.studies.small_studies import make_study
 
 ENTRANCES: dict[str, tuple[int, Callable[[Store, str], object]]] = {

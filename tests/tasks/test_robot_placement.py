@@ -16,7 +16,7 @@ from avrgym.learning.evaluation import evaluate
 from avrgym.models.robot import Robot
 from avrgym.robots import registry as robots
 from avrgym.robots.jaco.robot import JACO
-from avrgym.study.checking.start_checks import check_starts as check_study_starts
+from avrgym.study.checking.preflight import check_starts as check_study_starts
 from avrgym.study.people.participants import enrol
 from avrgym.study.sessions.simulation import cast_of, simulate_participant, simulated_participant
 from avrgym.study.storage.states import StudyError
@@ -150,7 +150,7 @@ def test_a_task_whose_starts_cannot_be_drawn_is_wrong(folder: Path, monkeypatch:
     def broken(environment: str) -> None:
         raise KeyError("elbow")
 
-    monkeypatch.setattr("avrgym.study.checking.start_checks.draws_by_body", broken)
+    monkeypatch.setattr("avrgym.study.checking.preflight.draws_by_body", broken)
     with Store(folder) as store:
         (found,) = check_study_starts(store)
     assert (found.wrong, found.what) == (True, "no start can be drawn: KeyError: 'elbow'")

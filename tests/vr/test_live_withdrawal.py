@@ -12,7 +12,7 @@ from avrgym.recording.schema import Control
 from avrgym.replay.verification import verify
 from avrgym.simulation.withdrawal import SETTLED_STEPS, WITHDRAWAL, WITHDRAWS
 from avrgym.study.design.design import DesignError, default_text, parse_design
-from avrgym.study.sessions.live import plan_session
+from avrgym.study.sessions.visit import plan_session
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Status
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies

@@ -14,7 +14,7 @@ from avrgym.models.tracked import PART_WORDS, PARTS, Part
 from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.people.names import IMPAIRMENTS, Impairment
 from avrgym.recording.reader import Recording
-from avrgym.study.checking.held import held_share, too_much_held
+from avrgym.study.checking.tracking_loss import held_share, too_much_held
 from avrgym.study.design.design import default_text, parse_design
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits

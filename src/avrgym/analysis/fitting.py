@@ -22,7 +22,7 @@ from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
 from avrgym.people.files import PeopleFile, Range, Source, TorsoHeights
 from avrgym.recording.reader import Recording
-from avrgym.study.checking.held import too_much_held
+from avrgym.study.checking.tracking_loss import too_much_held
 from avrgym.study.export.trials import ExportedAttempt, completed_attempts
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from avrgym.study.storage.asked import Asked
+from avrgym.study.storage.item_versions import Asked
 from avrgym.study.storage.store import Store
 
 

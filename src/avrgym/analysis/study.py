@@ -48,14 +48,14 @@ from avrgym.study.export.functioning import functioning_rows
 from avrgym.study.export.records import WITHOUT, adverse_event_rows
 from avrgym.study.export.scores import uses_instruments
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.origin import read_frozen
+from avrgym.study.plan.frozen_plan import read_frozen
 from avrgym.study.plan.plan import EXPLORATORY, NOT_PLANNED, Plan
 from avrgym.study.plan.plan import FILE as PLAN_FILE
-from avrgym.study.storage.asked import Asked
-from avrgym.study.storage.losses import loss_words
-from avrgym.study.storage.manifest import FORMAT_NAME
+from avrgym.study.storage.analysis_files import FORMAT_NAME
+from avrgym.study.storage.data_loss import loss_words
+from avrgym.study.storage.item_versions import Asked
+from avrgym.study.storage.session_designs import Use, designs_recorded
 from avrgym.study.storage.store import Store
-from avrgym.study.storage.uses import Use, designs_recorded
 from avrgym.vr.session.attempt import versions
 
 IN_TABLES_ONLY = ("control_steps", "people")

@@ -20,7 +20,7 @@ def add_experimenter(folder: Folder, name: Name) -> None:
     The token is printed once; the study stores only its checksum.
     """
     from avrgym.study.people.experimenters import add_experimenter as add
-    from avrgym.study.storage.log import ADD_EXPERIMENTER
+    from avrgym.study.storage.audit_log import ADD_EXPERIMENTER
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
@@ -57,7 +57,7 @@ def revoke_experimenter(folder: Folder, name: Name) -> None:
     Pages that use it are closed within seconds.
     """
     from avrgym.study.people.experimenters import revoke_experimenter as revoke
-    from avrgym.study.storage.log import REVOKE_EXPERIMENTER
+    from avrgym.study.storage.audit_log import REVOKE_EXPERIMENTER
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:

@@ -16,12 +16,12 @@ KEPT = "Keep a copy of it outside the study: without it the names are lost, but 
 
 def names(folder: Folder) -> None:
     """Show names and contacts of the participants."""
-    from avrgym.study.storage import keyfile
+    from avrgym.study.storage import identity_file
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
         unlock(folder)
-        known = keyfile.read_key(store.folder)
+        known = identity_file.read_key(store.folder)
         log(store, "read names")
     if not known:
         say("no names are stored")
@@ -45,7 +45,7 @@ def encrypt_names(
     The file that was not encrypted is removed once the encrypted one was read back. Names that are encrypted already
     get the new key.
     """
-    from avrgym.study.people.names import encrypt_names as encrypt
+    from avrgym.study.people.identities import encrypt_names as encrypt
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
@@ -62,22 +62,22 @@ def encrypt_names(
 
 def unlock(folder: Path) -> None:
     """Ask for the passphrase of the names on a terminal, where one is needed and none was given."""
-    from avrgym.study.storage import identity_keys, keyfile
+    from avrgym.study.storage import identity_file, identity_keys
 
-    lock = keyfile.lock_of(folder)
+    lock = identity_file.lock_of(folder)
     is_needed = lock is not None and lock.kind == "passphrase"
     if is_needed and identity_keys.given_passphrase(folder) is None and sys.stdin.isatty():
         question = "Passphrase of the names (Enter leaves them locked)"
         if passphrase := typer.prompt(question, default="", show_default=False, hide_input=True):
             identity_keys.give_passphrase(folder, passphrase)
-            keyfile.read_key(folder)
+            identity_file.read_key(folder)
 
 
 def print_key(folder: Path) -> None:
     """Say what the names are encrypted with, and what is lost without it."""
-    from avrgym.study.storage import identity_keys, keyfile
+    from avrgym.study.storage import identity_file, identity_keys
 
-    lock = keyfile.lock_of(folder)
+    lock = identity_file.lock_of(folder)
     if lock is None:
         return
     what = "a passphrase" if lock.kind == "passphrase" else f"the key file {identity_keys.key_path(lock)}"
@@ -86,9 +86,9 @@ def print_key(folder: Path) -> None:
 
 def _new_passphrase(folder: Path) -> str:
     """A new passphrase, from the environment unless that contains the present one, else from the terminal."""
-    from avrgym.study.storage import identity_keys, keyfile
+    from avrgym.study.storage import identity_file, identity_keys
 
-    lock = keyfile.lock_of(folder)
+    lock = identity_file.lock_of(folder)
     if (lock is None or lock.kind == "file") and (given := os.environ.get(identity_keys.PASSPHRASE)):
         return given
     if not sys.stdin.isatty():

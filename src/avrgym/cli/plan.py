@@ -60,8 +60,8 @@ def freeze(
     Without a plan, write one to fill in. A plan that another station froze is adopted.
     """
     from avrgym.analysis.statistics.offered import nameable
-    from avrgym.study.plan.freezing import FROZEN, adopt, may_adopt
-    from avrgym.study.plan.freezing import freeze as freeze_plan
+    from avrgym.study.plan.frozen_plan import FROZEN, adopt, may_adopt
+    from avrgym.study.plan.frozen_plan import freeze as freeze_plan
     from avrgym.study.plan.plan import FILE
     from avrgym.study.plan.preregistration import write_preregistration
     from avrgym.study.storage.store import Store
@@ -86,7 +86,7 @@ def freeze(
 
 def _say_deposit(record: Path) -> None:
     """How others can see later that the plan is not newer than it claims."""
-    from avrgym.study.plan.freezing import sha256
+    from avrgym.study.plan.frozen_plan import sha256
 
     say(f"SHA-256   {sha256(record.read_bytes())}")
     say(
@@ -99,8 +99,8 @@ def _say_deposit(record: Path) -> None:
 def _store_evidence(
     store: "Store", timestamp: Path | None, registered: str | None, registered_on: datetime | None
 ) -> None:
-    from avrgym.study.plan.evidence import store_registration, store_time_stamp
-    from avrgym.study.plan.freezing import FROZEN
+    from avrgym.study.plan.frozen_plan import FROZEN
+    from avrgym.study.plan.timestamps import store_registration, store_time_stamp
     from avrgym.study.storage.states import StudyError
 
     record = store.folder / FROZEN
@@ -121,8 +121,8 @@ def _store_evidence(
 
 def _write_template(store: "Store") -> Path:
     from avrgym.analysis.statistics.offered import nameable, suggested_hypotheses
-    from avrgym.study.plan.freezing import check_untouched
-    from avrgym.study.plan.template import write_template
+    from avrgym.study.plan.frozen_plan import check_untouched
+    from avrgym.study.plan.plan_template import write_template
 
     check_untouched(store)
     return write_template(
@@ -186,14 +186,14 @@ def power(
 
 def plan_of(store: "Store", left_out: "Sequence[LeftOut]" = ()) -> "tuple[str | None, list[Finding]]":
     """When a study's plan was frozen, if it was, and in what the study deviates from it."""
-    from avrgym.study.plan.origin import read_frozen
+    from avrgym.study.plan.frozen_plan import read_frozen
 
     frozen = read_frozen(store)
     if frozen is None:
         return None, []
     from avrgym.analysis.statistics.offered import offered_tests, optional_tests
     from avrgym.study.plan.deviations import deviations
-    from avrgym.study.storage.asked import Asked
+    from avrgym.study.storage.item_versions import Asked
 
     design = Asked(store).design
     return frozen.at, deviations(store, frozen, offered_tests(design), left_out, optional_tests(design))

@@ -59,7 +59,7 @@ def record_adverse_event(
     A follow-up is stored after the reports before it and replaces none; it states only what has changed.
     """
     from avrgym.study.people import adverse_events
-    from avrgym.study.storage.log import account
+    from avrgym.study.storage.audit_log import account
     from avrgym.study.storage.store import Store
 
     stated = {
@@ -200,7 +200,7 @@ def participant_data(
     It is for the participant who asks for their data, with an index, recordings, notes and name.
     """
     from avrgym.study.export.one_person import write_participant_data
-    from avrgym.study.storage.keyfile import pseudonyms
+    from avrgym.study.storage.identity_file import pseudonyms
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:

@@ -19,7 +19,7 @@ from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
 
 if TYPE_CHECKING:
     from avrgym.models.furniture.real import RealFurniture
-    from avrgym.study.dashboard.logging import LiveLog
+    from avrgym.study.dashboard.request_log import LiveLog
     from avrgym.study.sessions.serving import StudySessions
     from avrgym.vr.lab_streaming.choice import StreamChoice
     from avrgym.vr.protocol.messages import Send
@@ -181,13 +181,13 @@ def _serve_study(
 ) -> None:
     """Serve a study's dashboard, and one after another the sessions that it begins, a participant's at once."""
     from avrgym.study.dashboard.application import dashboard_app
-    from avrgym.study.dashboard.logging import LiveLog
+    from avrgym.study.dashboard.request_log import LiveLog
     from avrgym.study.dashboard.tokens import StudyTokens
     from avrgym.study.people.experimenters import Experimenters
     from avrgym.study.sessions.links import session_links
     from avrgym.study.sessions.serving import StudySessions
-    from avrgym.study.sessions.storing import StoringThread
-    from avrgym.study.storage.keyfile import FOLDER as PRIVATE
+    from avrgym.study.sessions.threads import StoringThread
+    from avrgym.study.storage.identity_file import FOLDER as PRIVATE
     from avrgym.study.storage.store import Store
     from avrgym.vr.server.server import LiveServer
 

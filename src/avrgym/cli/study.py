@@ -136,13 +136,13 @@ def enrol(
     A person with the same name and contact is refused, because each person takes part once.
     """
     from avrgym.study.people.participants import enrol as take_in
-    from avrgym.study.storage import keyfile
+    from avrgym.study.storage import identity_file
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
         if body not in SEXES:
             raise ValueError(f"unknown body model {body!r}; allowed: {', '.join(SEXES)}")
-        first = not keyfile.path_of(folder).exists()
+        first = not identity_file.path_of(folder).exists()
         if name or contact:
             unlock(folder)
         pseudonym = take_in(

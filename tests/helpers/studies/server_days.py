@@ -6,7 +6,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from avrgym.recording.reader import read_recording
-from avrgym.study.sessions import live
+from avrgym.study.sessions import visit
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage.store import Store
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
@@ -88,7 +88,7 @@ def _attend(folder: Path, pseudonym: str, phase: str, answers: int, stored: int,
         day.until("questionnaire" if answers else phase)
         day.answer(min(stored, answers))
         if stored < answers:
-            live.record_answer = lambda *_: None
+            visit.record_answer = lambda *_: None
             day.answer(answers - stored)
         day.tick()
         (attempt,) = store.attempts(pseudonym)

@@ -9,7 +9,7 @@ from typing import Any
 
 from avrgym.study.checking.checks import check_study
 from avrgym.study.merge.merging import merge_studies
-from avrgym.study.storage import ledger
+from avrgym.study.storage import hash_chain
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import run_participant, small_study, take_in
 
@@ -92,8 +92,8 @@ def _merge(folders: Sequence[Path], out: Path, steps: int | None) -> None:
     if steps is not None:
         left = iter(range(steps))
         os.replace = _killing(os.replace, left)
-        ledger.insert = _killing(ledger.insert, left)
-        ledger.close_entries = _killing(ledger.close_entries, left)
+        hash_chain.insert = _killing(hash_chain.insert, left)
+        hash_chain.close_entries = _killing(hash_chain.close_entries, left)
     merge_studies(folders, out)
 
 

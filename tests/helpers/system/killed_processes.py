@@ -19,7 +19,7 @@ from avrgym.recording.schema import Metrics
 from avrgym.recording.writer import RecordingWriter
 from avrgym.study.checking.checks import check_study
 from avrgym.study.export import export_study
-from avrgym.study.sessions import live
+from avrgym.study.sessions import visit
 from avrgym.study.sessions.simulation import Cast, simulate_participant, simulated_participant
 from avrgym.study.storage.rows import Trial
 from avrgym.study.storage.store import Store
@@ -36,8 +36,8 @@ def make_quick() -> None:
     """Let simulated participants waste no time in this process."""
     in_process.CALIBRATION_S = 0.6
     in_process.ANSWER_AFTER_S = 0.05
-    plan_session: Callable[..., SessionPlan] = live.plan_session
-    live.plan_session = lambda *given, **how: replace(plan_session(*given, **how), countdown_s=0.1)
+    plan_session: Callable[..., SessionPlan] = visit.plan_session
+    visit.plan_session = lambda *given, **how: replace(plan_session(*given, **how), countdown_s=0.1)
 
 
 def take_part(folder: Path, pseudonym: str, seed: int, journal: Path) -> None:

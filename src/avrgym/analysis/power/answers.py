@@ -9,8 +9,8 @@ from avrgym.analysis.statistics.subjective import AFTER_TRIAL, asked_at
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.questionnaires.questionnaire import Item
 from avrgym.study.design.allocation import cell_orders, least_filled_cell
+from avrgym.study.design.counterbalancing import Order
 from avrgym.study.design.design import Design
-from avrgym.study.design.orders import Order
 
 Answers = NDArray[np.int_]
 """Of participants who have finished: (participants, tasks, robots, policies, items)."""

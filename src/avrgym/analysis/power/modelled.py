@@ -8,8 +8,8 @@ from avrgym.analysis.statistics.models.fitted import Estimate
 from avrgym.analysis.statistics.models.fitting import estimates
 from avrgym.analysis.statistics.models.quantities import sources
 from avrgym.array_types import FloatArray
+from avrgym.study.design.counterbalancing import Order
 from avrgym.study.design.design import Design
-from avrgym.study.design.orders import Order
 
 
 def modelled(design: Design, answers: Answers, orders: Sequence[Order]) -> tuple[str, float | None]:

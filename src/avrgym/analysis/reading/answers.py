@@ -8,7 +8,7 @@ from avrgym.analysis.score_rows import ScoreRow
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS
 from avrgym.study.export.scores import scores_of
 from avrgym.study.export.trials import ExportedAnswer, ExportedAttempt, answers_of
-from avrgym.study.storage.asked import Asked
+from avrgym.study.storage.item_versions import Asked
 from avrgym.study.storage.rows import Participant
 from avrgym.study.storage.states import TAKES_PART
 from avrgym.study.storage.store import Store

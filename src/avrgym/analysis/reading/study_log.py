@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from avrgym.study.checking.interim_looks import check_interim_looks, is_interim
-from avrgym.study.storage.log import person_words, site_names
+from avrgym.study.storage.audit_log import person_words, site_names
 from avrgym.study.storage.store import Store
 
 

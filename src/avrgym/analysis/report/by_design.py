@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 
 from avrgym.study.design.design import Design
-from avrgym.study.storage.uses import Use, listed
+from avrgym.study.storage.session_designs import Use, listed
 
 
 def by_design(uses: Iterable[Use], design: Design, words: Callable[[Design], str]) -> str:

@@ -2,7 +2,7 @@
 
 from avrgym.analysis.page import Markup, listing, notice, table, tag
 from avrgym.analysis.study import Analysis
-from avrgym.study.storage.versions import first_name
+from avrgym.study.storage.item_versions import first_name
 
 TITLE = "Differences between participants"
 NOTICE = (

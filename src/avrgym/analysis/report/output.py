@@ -10,7 +10,7 @@ from avrgym.analysis.report.pack.writing import FOLDER as PACK
 from avrgym.analysis.report.pack.writing import write_pack
 from avrgym.analysis.report.study_page import write_study_page
 from avrgym.analysis.study import Analysis
-from avrgym.study.storage.manifest import RESULTS, UNFINISHED, made_before, remove_files
+from avrgym.study.storage.analysis_files import RESULTS, UNFINISHED, made_before, remove_files
 from avrgym.study.storage.states import StudyError
 from avrgym.system.files import make_private, make_private_folder
 

@@ -12,7 +12,7 @@ from avrgym.analysis.statistics.objective import ALL
 from avrgym.analysis.statistics.tests import signed_rank, spread
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
-from avrgym.study.storage.versions import first_name
+from avrgym.study.storage.item_versions import first_name
 
 AFTER_TRIAL = "after_trial"
 DIGITS = 9

@@ -14,14 +14,13 @@ from avrgym.study.checking.consent_checks import check_consents
 from avrgym.study.checking.database_checks import check_database, check_private
 from avrgym.study.checking.design_checks import check_design, check_stored_designs
 from avrgym.study.checking.finding import Finding, left_out
-from avrgym.study.checking.held import too_much_held
 from avrgym.study.checking.interim_looks import check_interim_looks
 from avrgym.study.checking.participation_checks import check_participation
+from avrgym.study.checking.plugin_checks import check_plugins
 from avrgym.study.checking.policy_files import check_policies_used
-from avrgym.study.checking.preflight import policy_faults
-from avrgym.study.checking.recorded_plugins import check_plugins
+from avrgym.study.checking.preflight import check_starts, policy_faults
 from avrgym.study.checking.repeat_checks import check_repeats
-from avrgym.study.checking.start_checks import check_starts
+from avrgym.study.checking.tracking_loss import too_much_held
 from avrgym.study.design.design import Design
 from avrgym.study.people.retention import due_words, recordings_deleted, today
 from avrgym.study.storage.answers import answered_in_visit, is_open, was_opened
@@ -36,10 +35,10 @@ from avrgym.study.storage.rows import (
     TrialAttempt,
     pseudonym_of,
 )
+from avrgym.study.storage.session_designs import designs_used
 from avrgym.study.storage.sites import LEFT_OUT
 from avrgym.study.storage.states import TAKES_PART, UNKNOWN, StudyError
 from avrgym.study.storage.store import Store, find_all
-from avrgym.study.storage.uses import designs_used
 
 _NAMED = 3
 """As many jumps of a clock are listed."""

@@ -3,17 +3,17 @@
 from collections.abc import Iterator
 
 from avrgym.study.checking.finding import Finding
-from avrgym.study.people.doubles import possible_doubles
-from avrgym.study.storage import keyfile
+from avrgym.study.people.identities import possible_doubles
+from avrgym.study.storage import identity_file
+from avrgym.study.storage.analysis_files import FOLDER as ANALYSIS
+from avrgym.study.storage.analysis_files import unfinished_analyses
 from avrgym.study.storage.database import BACKUPS, LEDGER_BEGUN
 from avrgym.study.storage.database import FILE as DATABASE
 from avrgym.study.storage.identity_keys import Locked
-from avrgym.study.storage.manifest import FOLDER as ANALYSIS
-from avrgym.study.storage.manifest import unfinished_analyses
+from avrgym.study.storage.integrity_files import CHECKSUM, HEAD
 from avrgym.study.storage.participation import FILE as PARTICIPATION
 from avrgym.study.storage.participation import REBUILT
 from avrgym.study.storage.rows import RECORDINGS
-from avrgym.study.storage.seal import CHECKSUM, HEAD
 from avrgym.study.storage.sites import DIFFERS
 from avrgym.study.storage.states import UNKNOWN, StudyError
 from avrgym.study.storage.store import Store
@@ -41,7 +41,7 @@ def check_database(store: Store) -> Iterator[Finding]:
 
 def check_private(store: Store) -> Iterator[Finding]:
     """Who may read what, and whether names lie where they should not."""
-    for path in exposed(store.folder / keyfile.FOLDER):
+    for path in exposed(store.folder / identity_file.FOLDER):
         yield Finding(str(path.relative_to(store.folder)), "others than its owner may use it")
     for name in _PRIVATE:
         others = len(list(exposed(store.folder / name)))
@@ -49,16 +49,20 @@ def check_private(store: Store) -> Iterator[Finding]:
             what = f"others than their owner may use {others} files or folders; --fix-permissions ends that"
             yield Finding(name, what, wrong=False)
     analysis = store.folder / ANALYSIS
-    for path in [*keyfile.unfinished(store.folder), *unfinished(analysis), *unfinished_analyses(analysis)]:
+    for path in [
+        *identity_file.unfinished(store.folder),
+        *unfinished(analysis),
+        *unfinished_analyses(analysis),
+    ]:
         yield Finding(str(path.relative_to(store.folder)), "was left by a broken-off write; remove it")
     yield from _check_names(store)
 
 
 def _check_names(store: Store) -> Iterator[Finding]:
     states = {participant.pseudonym: participant.state for participant in store.participants()}
-    where = str(keyfile.path_of(store.folder).relative_to(store.folder))
+    where = str(identity_file.path_of(store.folder).relative_to(store.folder))
     try:
-        named = keyfile.pseudonyms(store.folder)
+        named = identity_file.pseudonyms(store.folder)
     except StudyError as error:
         yield Finding(where, str(error))
         return
@@ -66,7 +70,7 @@ def _check_names(store: Store) -> Iterator[Finding]:
         yield Finding(where, f"names {pseudonym}, who is not in this study: delete-participant removes that")
     yield from _check_encryption(store)
     try:
-        key = keyfile.read_key(store.folder)
+        key = identity_file.read_key(store.folder)
     except Locked as error:
         yield Finding(where, f"was not searched for people who take part twice: {error}", wrong=False)
         return
@@ -83,12 +87,12 @@ def _check_names(store: Store) -> Iterator[Finding]:
 
 def _check_encryption(store: Store) -> Iterator[Finding]:
     """Whether names can be read without a key."""
-    plain = keyfile.plain_path(store.folder)
+    plain = identity_file.plain_path(store.folder)
     if plain is None:
         return
     where = str(plain.relative_to(store.folder))
     command = f"`avrgym study encrypt-names {store.folder}`"
-    if keyfile.lock_of(store.folder) is None:
+    if identity_file.lock_of(store.folder) is None:
         yield Finding(where, f"contains names that are not encrypted; {command} encrypts them", wrong=False)
     else:
         yield Finding(where, f"is a copy of names that is not encrypted; {command} removes it")
@@ -96,5 +100,5 @@ def _check_encryption(store: Store) -> Iterator[Finding]:
 
 def fix_permissions(store: Store) -> None:
     """Take a study's data away from everybody but their owner; ``OSError`` where that is not allowed."""
-    for name in (keyfile.FOLDER, *_PRIVATE):
+    for name in (identity_file.FOLDER, *_PRIVATE):
         make_private(store.folder / name)

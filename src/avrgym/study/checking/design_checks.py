@@ -7,13 +7,19 @@ from typing import Any
 import msgspec
 
 from avrgym.study.checking.finding import Finding
+from avrgym.study.design.comparison import Wordings, differences, fixed_values, named, read_wordings, shown
 from avrgym.study.design.design import FILE, Design
-from avrgym.study.design.differences import differences, named, shown
-from avrgym.study.design.fixed import Wordings, fixed_values, read_wordings
 from avrgym.study.design.languages import sentences
 from avrgym.study.storage.rows import pseudonym_of
+from avrgym.study.storage.session_designs import (
+    Use,
+    design_of,
+    designs_recorded,
+    designs_used,
+    is_of_sites,
+    listed,
+)
 from avrgym.study.storage.store import Store
-from avrgym.study.storage.uses import Use, design_of, designs_recorded, designs_used, is_of_sites, listed
 from avrgym.system.toml_places import Place
 from avrgym.texts.texts import FOLDER as TEXTS
 from avrgym.texts.texts import TextsError, normal

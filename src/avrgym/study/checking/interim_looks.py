@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from avrgym.study.checking.finding import Finding
-from avrgym.study.storage.log import person_words, site_names
+from avrgym.study.storage.audit_log import person_words, site_names
 from avrgym.study.storage.rows import LogEntry
 from avrgym.study.storage.store import Store
 

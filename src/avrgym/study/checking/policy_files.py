@@ -12,9 +12,9 @@ from avrgym.policies.trained import PolicyError, packaged_policies
 from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.preflight import policies_needed
 from avrgym.study.storage.rows import StudyEvent
+from avrgym.study.storage.session_designs import Use, designs_used, is_of_sites, listed
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.study.storage.uses import Use, designs_used, is_of_sites, listed
 from avrgym.system import plugins
 
 USED = "policies used"

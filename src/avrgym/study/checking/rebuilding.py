@@ -13,23 +13,23 @@ import sqlalchemy as sa
 from avrgym.recording import answers_file
 from avrgym.recording.reader import Recording, RecordingError, read_configuration, read_recording
 from avrgym.recording.writer import end_cut_recording
-from avrgym.study.checking.list_faults import list_fault, recordings_came_back
+from avrgym.study.checking.participation_checks import list_fault, recordings_came_back
 from avrgym.study.design.allocation import PlannedTrial, cell_orders, plan_trials
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import read_design
 from avrgym.study.people.consents import restore_consents
-from avrgym.study.storage import ledger, schema
+from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.answers import OPEN
 from avrgym.study.storage.attempts import BROKEN_OFF, sha256_of
 from avrgym.study.storage.database import FILE, database_url
+from avrgym.study.storage.integrity_files import Seal
 from avrgym.study.storage.participation import DELETED, REBUILT, Content
-from avrgym.study.storage.reconciling import participant_values
-from avrgym.study.storage.remains import known_numbers
+from avrgym.study.storage.reconciliation import participant_values
 from avrgym.study.storage.rows import RECORDINGS, pseudonym_of
 from avrgym.study.storage.schema import now
-from avrgym.study.storage.seal import Seal
 from avrgym.study.storage.states import TAKES_PART, UNKNOWN, StudyError
 from avrgym.study.storage.store import Store, record_event
+from avrgym.study.storage.study_folder import known_numbers
 
 Plan = tuple[PlannedTrial, ...]
 LOST = (
@@ -131,7 +131,7 @@ class _Rebuilding:
     def rebuild(self, connection: sa.Connection) -> None:
         """Insert all participants, and the events of this rebuilding and of earlier ones."""
         for each in self._listed.rebuilds() if self._listed else ():
-            ledger.insert(connection, schema.EVENT, at=each["at"], name=REBUILT, detail=each["detail"])
+            hash_chain.insert(connection, schema.EVENT, at=each["at"], name=REBUILT, detail=each["detail"])
         record_event(connection, REBUILT, f"lost: {self._lost}", {})
         if self._fault and self._listed:
             self._store.database.participation.set_aside()
@@ -169,7 +169,7 @@ class _Rebuilding:
 
     def _insert_tombstone(self, connection: sa.Connection, number: int, content: Content) -> None:
         row = {"number": number, "simulated": content.get("simulated", False), "deleted_at": content["at"]}
-        ledger.insert(connection, schema.TOMBSTONE, **row)
+        hash_chain.insert(connection, schema.TOMBSTONE, **row)
         if self._visits[number]:
             self._left_out.append(f"{pseudonym_of(number)}: {recordings_came_back(content['at'])}")
 
@@ -234,11 +234,11 @@ class _Rebuilding:
                 if self._insert_attempt(connection, trial, session, attempts[trial], each, again=again):
                     completed.add(trial)
         for trial in completed:
-            ledger.update(connection, schema.TRIAL, trial, state="completed")
+            hash_chain.update(connection, schema.TRIAL, trial, state="completed")
         all_answered = bool(trials) and completed == set(trials.values()) and not self._opened
         if self._known_state(content) in TAKES_PART:
             state = "completed" if all_answered else "allocated"
-            ledger.update(connection, schema.PARTICIPANT, number, state=state)
+            hash_chain.update(connection, schema.PARTICIPANT, number, state=state)
 
     def _known_state(self, content: Content | None) -> str:
         """A participant's state in a valid list."""
@@ -265,7 +265,7 @@ class _Rebuilding:
         if state in TAKES_PART and not plan:
             state = UNKNOWN
         row = values | {"number": number, "state": state, "cell": cell}
-        ledger.insert(connection, schema.PARTICIPANT, **row)
+        hash_chain.insert(connection, schema.PARTICIPANT, **row)
         self._unknown += state == UNKNOWN
         consents = self._listed.consents(number) if self._listed and not self._fault else []
         recorded = [each.recording.metadata.get("consent") for each in kept]
@@ -273,7 +273,7 @@ class _Rebuilding:
         claimed = f"the unsound list has them as {content['state']}" if content and self._fault else ""
         record_event(connection, "participant rebuilt", claimed, {"participant": number})
         return {
-            _planned(trial): ledger.insert(
+            _planned(trial): hash_chain.insert(
                 connection, schema.TRIAL, **asdict(trial), participant=number, state="planned"
             )
             for trial in plan
@@ -282,7 +282,7 @@ class _Rebuilding:
     def _insert_session(
         self, connection: sa.Connection, participant: int, number: int, kept: list[_Kept]
     ) -> int:
-        return ledger.insert(
+        return hash_chain.insert(
             connection,
             schema.SESSION,
             participant=participant,
@@ -305,7 +305,7 @@ class _Rebuilding:
         missing = sorted(asked - {answer.item for _, answer in answers})
         completed = end == "completed" and kept.recording.complete and not again
         broken_off = end if end in BROKEN_OFF else "interrupted"
-        attempt = ledger.insert(
+        attempt = hash_chain.insert(
             connection,
             schema.ATTEMPT,
             trial=trial,
@@ -329,7 +329,7 @@ class _Rebuilding:
         for time_ns, answer in latest.values():
             given = late.get(answer.item) or _stored(kept.began + timedelta(seconds=time_ns / 1e9))
             row = msgspec.structs.asdict(answer)
-            ledger.insert(
+            hash_chain.insert(
                 connection, schema.ANSWER, session=session, attempt=attempt, answered_at=given, **row
             )
             self._answers += 1

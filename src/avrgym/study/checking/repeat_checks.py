@@ -1,17 +1,45 @@
-"""Repeats that experimenters ordered: more often than the design allows, by policy, or by outcome.
+"""Check repeated trials that experimenters requested: too many, or dependent on policy or outcome.
 
-The tests are exact. Within a participant and task each trial is equally likely to be repeated if repeats depend neither
-on policy nor on outcome. All tests together then raise a finding in at most 1 % of studies.
+The tests are exact. Under the null hypothesis each trial of a participant and task is equally likely to be repeated.
+All tests together raise a finding in at most 1 % of studies.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from math import comb
 
-from avrgym.study.checking.exact_draws import draws_p
+import numpy as np
+
+from avrgym.array_types import FloatArray
 from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.repeats import TriedTrial, tried_trials
 from avrgym.study.design.design import Design
 from avrgym.study.storage.store import Store
+
+Block = tuple[int, int, int]
+"""Numbers of units in a block: of all units, of units in the group, and of drawn units."""
+
+
+def draws_p(blocks: Iterable[Block], drawn_in_group: int) -> float:
+    """The two-sided probability of so many draws from the group, if in each block every unit is equally likely.
+
+    The number of draws in the group is a sum of hypergeometric numbers, one for each block; p adds up the sums that are
+    not more likely than the observed one.
+    """
+    probabilities: FloatArray = np.ones(1)
+    for block in blocks:
+        probabilities = np.convolve(probabilities, _hypergeometric(*block))
+    observed = probabilities[drawn_in_group] * (1.0 + 1e-9)
+    return min(1.0, float(probabilities[probabilities <= observed].sum()))
+
+
+def _hypergeometric(units: int, members: int, drawn: int) -> list[float]:
+    """The probabilities of 0, 1 and so on up to ``drawn`` draws from the members."""
+    return [
+        comb(members, hits) * comb(units - members, drawn - hits) / comb(units, drawn)
+        for hits in range(drawn + 1)
+    ]
+
 
 REPEATS = "repeats"
 """The subject of these findings."""

@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from avrgym.study.storage.log import person_words, site_names
+from avrgym.study.storage.audit_log import person_words, site_names
 from avrgym.study.storage.rows import LogEntry, Participant, StudyEvent, Trial, TrialAttempt
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import find_environment

@@ -14,10 +14,10 @@ from fastapi.concurrency import run_in_threadpool
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.trained import PolicyError
-from avrgym.study.dashboard.logging import VIEW_RESULTS, DashboardLog
+from avrgym.study.dashboard.request_log import VIEW_RESULTS, DashboardLog
 from avrgym.study.dashboard.views import link_view, overview, participant_view, results_view
 from avrgym.study.people.adverse_events import Report, record_adverse_event
-from avrgym.study.people.doubles import PossibleDouble
+from avrgym.study.people.identities import PossibleDouble
 from avrgym.study.people.participants import (
     add_note,
     decline_consent,
@@ -28,9 +28,9 @@ from avrgym.study.people.participants import (
     set_identity,
     withdraw,
 )
+from avrgym.study.storage.free_text import MOST_IN_LINE, MOST_IN_NOTE
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.study.storage.texts import MOST_IN_LINE, MOST_IN_NOTE
 from avrgym.vr.server.access import Caller, Tokens
 from avrgym.vr.server.links import SessionLinks
 from avrgym.vr.server.posted import posted_json

@@ -8,8 +8,7 @@ from typing import Any
 
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.recording.schema import Metrics
-from avrgym.study.checking.results import ConditionResults, summarise_results
-from avrgym.study.checking.summary import StudySummary, summarise_study
+from avrgym.study.checking.summary import ConditionResults, StudySummary, summarise_results, summarise_study
 from avrgym.study.design.design import Design
 from avrgym.study.export.scores import scores_of, uses_instruments
 from avrgym.study.export.trials import answers_of, attempts_of
@@ -24,8 +23,8 @@ from avrgym.study.people.adverse_events import (
 from avrgym.study.people.participants import consent_text, texts_of
 from avrgym.study.people.retention import due_words, today
 from avrgym.study.storage.answers import open_attempts
-from avrgym.study.storage.asked import Asked
-from avrgym.study.storage.keyfile import pseudonyms
+from avrgym.study.storage.identity_file import pseudonyms
+from avrgym.study.storage.item_versions import Asked
 from avrgym.study.storage.rows import Note, Participant, Trial, TrialAttempt
 from avrgym.study.storage.states import PARTICIPANT
 from avrgym.study.storage.store import Store

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from avrgym.study.design.counterbalancing import Block, Order, balanced_orders
 from avrgym.study.design.design import Design
-from avrgym.study.design.orders import Block, Order, balanced_orders
 from avrgym.tasks.known import environment_id
 
 

@@ -18,9 +18,17 @@ from avrgym.study.design.instruments import with_items
 from avrgym.study.design.languages import check_languages
 from avrgym.study.design.questionnaires import check_questionnaires, check_stop_rules
 from avrgym.study.design.retention import Retention, check_retention
-from avrgym.study.design.toml import DesignError as DesignError
-from avrgym.study.design.toml import Tables, parse, read_text
-from avrgym.study.design.wrong import Wrong, check_id, check_known, check_pattern, check_unique
+from avrgym.study.design.validation import DesignError as DesignError
+from avrgym.study.design.validation import (
+    Tables,
+    Wrong,
+    check_id,
+    check_known,
+    check_pattern,
+    check_unique,
+    parse,
+    read_text,
+)
 from avrgym.system.toml_places import Place
 from avrgym.tasks.known import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS

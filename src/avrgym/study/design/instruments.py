@@ -15,7 +15,7 @@ from tomlkit.exceptions import TOMLKitError
 from avrgym.questionnaires.instrument import Instrument, InstrumentItem, check_weights
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.questionnaires.registry import INSTRUMENTS
-from avrgym.study.design.wrong import Wrong, check_fields, check_known
+from avrgym.study.design.validation import Wrong, check_fields, check_known
 from avrgym.system.plain_values import is_array, is_table
 from avrgym.system.toml_places import Place
 from avrgym.system.user_text import read_user_text

@@ -1,4 +1,4 @@
-"""In which languages a study is read, and whether all that participants read is there in each."""
+"""Check that each language of a study has all texts that participants read."""
 
 from __future__ import annotations
 
@@ -8,9 +8,15 @@ from typing import TYPE_CHECKING
 
 from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design import functioning
-from avrgym.study.design.wrong import Wrong, check_unique
+from avrgym.study.design.instruments import FOLDER as INSTRUMENTS
+from avrgym.study.design.validation import Wrong, check_unique
 from avrgym.tasks.registry import TASKS
 from avrgym.texts.texts import FOLDER, TextsError, read_texts
+from avrgym.texts.texts import FOLDER as TEXTS
+
+if TYPE_CHECKING:
+    from avrgym.study.design.design import Design
+
 
 ENGLISH = "en"
 """In which AVR Gym's own sentences are: tasks, and the instruments whose words it brings."""
@@ -78,5 +84,12 @@ def _words(questionnaire: Questionnaire) -> Iterator[str]:
         yield from (item.text, item.low, item.high, *item.labels)
 
 
-if TYPE_CHECKING:
-    from avrgym.study.design.design import Design
+def word_files(design: Design, folder: Path) -> list[str]:
+    """Translations, and words of instruments that AVR Gym may not bring, as far as a design takes them from a folder.
+
+    Names are relative to the folder, with ``/``.
+    """
+    used = dict.fromkeys(each.use for each in design.questionnaires if each.use)
+    names = [f"{TEXTS}/{language}.toml" for language in design.languages]
+    names += [f"{INSTRUMENTS}/{name}.toml" for name in used]
+    return [name for name in names if (folder / name).is_file()]

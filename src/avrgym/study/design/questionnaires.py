@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire
 from avrgym.questionnaires.stop_rules import THEN, StopRules
 from avrgym.study.design.instruments import check_use
-from avrgym.study.design.wrong import Wrong, check_choice, check_id, check_known, check_unique
+from avrgym.study.design.validation import Wrong, check_choice, check_id, check_known, check_unique
 from avrgym.system.toml_places import Place
 
 

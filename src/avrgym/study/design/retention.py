@@ -7,7 +7,7 @@ from typing import Annotated
 
 import msgspec
 
-from avrgym.study.design.wrong import Wrong
+from avrgym.study.design.validation import Wrong
 
 Period = Annotated[int, msgspec.Meta(ge=0, le=1200)]
 IDENTITIES, RECORDINGS, DATA = "identities", "recordings", "data"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from avrgym.study.export.records import WITHOUT, Extras
 from avrgym.study.export.trials import ExportedAttempt, LeftOut, completed_attempts, verified
-from avrgym.study.storage.losses import loss_words
+from avrgym.study.storage.data_loss import loss_words
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import write_folder_whole

@@ -19,7 +19,7 @@ from avrgym.study.export.records import WITHOUT, Extras, records_of, write_table
 from avrgym.study.export.separated import cell, write_json, write_rows
 from avrgym.study.export.trials import ExportedAttempt
 from avrgym.study.storage.answers import answer_moments
-from avrgym.study.storage.asked import Asked
+from avrgym.study.storage.item_versions import Asked
 from avrgym.study.storage.store import Store
 
 VERSION = "1.11.1"

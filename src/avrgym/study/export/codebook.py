@@ -11,7 +11,7 @@ from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.study.design.design import Design
 from avrgym.study.design.functioning import LEVELS, QUESTIONS
 from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES
-from avrgym.study.storage.log import KNOWN_BY
+from avrgym.study.storage.audit_log import KNOWN_BY
 from avrgym.study.storage.states import ATTEMPT, PARTICIPANT, TRIAL
 from avrgym.tasks.registry import TASKS
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from avrgym.study.export.records import Extras
-from avrgym.study.storage.log import ADD_EXPERIMENTER, REVOKE_EXPERIMENTER, site_names
+from avrgym.study.storage.audit_log import ADD_EXPERIMENTER, REVOKE_EXPERIMENTER, site_names
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.sites import ROWS_PER_SITE
 from avrgym.study.storage.store import Store

@@ -11,7 +11,7 @@ from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.study.export.trials import ExportedAnswer
 from avrgym.study.storage.answers import visit_of
-from avrgym.study.storage.asked import Asked
+from avrgym.study.storage.item_versions import Asked
 from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
 

@@ -17,7 +17,7 @@ from avrgym.study.export.records import WITHOUT, Extras, records_of
 from avrgym.study.export.scores import scales, scores_of, uses_instruments
 from avrgym.study.export.separated import neutral
 from avrgym.study.export.trials import ExportedAttempt, all_attempts, answers_of
-from avrgym.study.storage.asked import Asked
+from avrgym.study.storage.item_versions import Asked
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.user_text import new_table

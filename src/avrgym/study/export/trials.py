@@ -14,8 +14,8 @@ from avrgym.recording.reader import (
 )
 from avrgym.recording.schema import Control
 from avrgym.study.storage.answers import answer_moments
-from avrgym.study.storage.asked import Asked
 from avrgym.study.storage.attempts import CHANGED, sha256_of
+from avrgym.study.storage.item_versions import Asked
 from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store

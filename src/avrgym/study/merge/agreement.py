@@ -7,12 +7,11 @@ from typing import Any
 import msgspec
 
 from avrgym.study.checking.policy_files import policy_files
+from avrgym.study.design.comparison import differences, named, shown
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import LOCAL
-from avrgym.study.design.differences import differences, named, shown
-from avrgym.study.design.toml import read_text
-from avrgym.study.plan.freezing import FROZEN
-from avrgym.study.plan.origin import read_frozen
+from avrgym.study.design.validation import read_text
+from avrgym.study.plan.frozen_plan import FROZEN, read_frozen
 from avrgym.study.plan.plan import FILE as PLAN
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store

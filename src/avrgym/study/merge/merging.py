@@ -6,20 +6,29 @@ one with nothing new changes nothing. A participant's recordings come first, the
 """
 
 import os
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import sqlalchemy as sa
+import tomlkit
 
+from avrgym.study.checking.preflight import policies_needed
+from avrgym.study.design.design import FILE as DESIGN
+from avrgym.study.design.design import LOCAL
+from avrgym.study.design.languages import word_files
+from avrgym.study.design.validation import read_text
 from avrgym.study.merge.agreement import disagreements
-from avrgym.study.merge.new_study import make_merged_study
-from avrgym.study.merge.recordings import Recording, recordings_of
-from avrgym.study.merge.rows import Rows, rows_by_participant, store_rows
-from avrgym.study.merge.sources import Source, check_continues, check_told_apart, read_source
+from avrgym.study.merge.source_studies import Source, check_continues, check_told_apart, read_source
+from avrgym.study.merge.transfer import Recording, Rows, recordings_of, rows_by_participant, store_rows
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.storage import ledger, schema
+from avrgym.study.plan.frozen_plan import FROZEN
+from avrgym.study.plan.plan import FILE as PLAN
+from avrgym.study.plan.timestamps import REGISTRATION, STAMP
+from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.database import FILE as DATABASE
 from avrgym.study.storage.database import URL_VARIABLE
 from avrgym.study.storage.rows import RECORDINGS, Site, Tombstone, pseudonym_of
@@ -32,7 +41,44 @@ from avrgym.study.storage.sites import (
 )
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all
-from avrgym.system.files import remove_unfinished
+from avrgym.system.files import make_private_folder, remove_unfinished, write_folder_whole, write_new
+
+
+def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
+    """Make a study like one of its sites, in a new folder; ``names`` are those of its sites by number."""
+
+    def write(folder: Path) -> None:
+        write_new(folder / DESIGN, _without_local(read_text(like.folder / DESIGN)))
+        for name in _own_files(like):
+            make_private_folder((folder / name).parent)
+            shutil.copyfile(like.folder / name, folder / name)
+        with Store(folder) as store, store.database.write() as connection:
+            for number, name in names.items():
+                hash_chain.insert(connection, schema.SITE, number=number, name=name, entries=0, digest="")
+
+    write_folder_whole(out, write)
+
+
+def _without_local(design: str) -> str:
+    """The text of a design without what a site says for itself alone; all else stays as it is, byte by byte."""
+    document: Any = tomlkit.parse(design)
+    if not any(document.get(name) for name in LOCAL):
+        return design
+    for name in LOCAL:
+        document.pop(name, None)
+    return tomlkit.dumps(document)
+
+
+def _own_files(store: Store) -> Iterator[Path]:
+    """The files of a study, relative to its folder, that its design and plan need."""
+    own = [
+        store.folder / name
+        for name in (PLAN, FROZEN, STAMP, REGISTRATION, *word_files(store.design, store.folder))
+    ]
+    own += [Path(store.policy_source(*needed)) for needed in policies_needed(store)]
+    for path in dict.fromkeys(own):
+        if path.is_relative_to(store.folder) and path.is_file():
+            yield path.relative_to(store.folder)
 
 
 @dataclass(frozen=True)
@@ -205,7 +251,7 @@ def _enter(connection: sa.Connection, site: _Merging) -> None:
             raise StudyError(f"{known.name!r} was merged meanwhile; merge {site.source.name!r} again")
         return
     row = {"number": site.number, "name": site.source.name, "entries": 0, "digest": ""}
-    ledger.insert(connection, schema.SITE, **row)
+    hash_chain.insert(connection, schema.SITE, **row)
 
 
 def _merge_participant(
@@ -243,13 +289,13 @@ def _merge_rest(connection: sa.Connection, site: _Merging) -> None:
     for row in site.source.rows["tombstone"]:
         number = merged_number(site.number, row["number"])
         if not find_all(connection, Tombstone, number=number):
-            ledger.insert(connection, schema.TOMBSTONE, **{**row, "number": number})
+            hash_chain.insert(connection, schema.TOMBSTONE, **{**row, "number": number})
     for words in site.differing:
         record_once(connection, DIFFERS, words)
     head = site.source.head
     (before,) = find_all(connection, Site, number=site.number)
     if (before.entries, before.digest) != (head.number, head.digest):
-        ledger.update(connection, schema.SITE, site.number, entries=head.number, digest=head.digest)
+        hash_chain.update(connection, schema.SITE, site.number, entries=head.number, digest=head.digest)
 
 
 def _range(numbers: Sequence[int]) -> str:

@@ -11,12 +11,12 @@ from datetime import UTC, datetime, timedelta
 
 import msgspec
 
-from avrgym.study.storage import ledger, schema
+from avrgym.study.storage import hash_chain, schema
+from avrgym.study.storage.free_text import check_line, check_note
 from avrgym.study.storage.rows import AdverseEvent, Trial
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find, find_participant, record_event
-from avrgym.study.storage.texts import check_line, check_note
 
 SEVERITIES = ("mild", "moderate", "severe", "life-threatening", "fatal")
 SERIOUSNESS = (
@@ -120,7 +120,7 @@ def record_adverse_event(
                 connection, AdverseEvent, f"adverse event {follows} of {pseudonym}", id=follows, **own
             )
             follows = first.follows or first.id
-        row = ledger.insert(
+        row = hash_chain.insert(
             connection,
             schema.ADVERSE_EVENT,
             **msgspec.structs.asdict(report) | own | {"trial": trial, "began_at": _utc(report.began_at)},

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import sqlalchemy as sa
 
-from avrgym.study.storage import ledger, schema
+from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.rows import Consent, ConsentText, Participant, pseudonym_of
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
@@ -69,7 +69,7 @@ def store_consent(
         )
     at, sha256 = now(), _archived(connection, shown, archive)
     row = {"at": at, "agreed": agreed, "version": shown.version, "language": shown.language, "sha256": sha256}
-    key = ledger.insert(connection, schema.CONSENT, participant=participant.number, **row)
+    key = hash_chain.insert(connection, schema.CONSENT, participant=participant.number, **row)
     return Consent(key, at, participant.number, agreed, shown.version, shown.language, sha256)
 
 
@@ -92,9 +92,9 @@ def restore_consents(
     consents = {each["at"]: each for each in recorded}
     for _, each in sorted(consents.items()):
         values = {name: each.get(name) for name in RECORDED}
-        ledger.insert(connection, schema.CONSENT, participant=number, agreed=True, **values)
+        hash_chain.insert(connection, schema.CONSENT, participant=number, agreed=True, **values)
         stored = {f"consent_{name}": each.get(name) for name in ("version", "sha256")}
-        ledger.update(connection, schema.PARTICIPANT, number, consented_at=each["at"], **stored)
+        hash_chain.update(connection, schema.PARTICIPANT, number, consented_at=each["at"], **stored)
         shown = present_text(store, each.get("language", ""))
         if shown and (shown.version, shown.sha256) == (each.get("version"), each.get("sha256")):
             _archived(connection, shown, find_all(connection, ConsentText))
@@ -122,5 +122,5 @@ def _archived(connection: sa.Connection, shown: ShownText, archive: Iterable[Con
         if same_use and normal(kept.text) == normal(shown.text):
             return kept.sha256
     row = {"version": shown.version, "language": shown.language, "text": shown.text}
-    ledger.insert(connection, schema.CONSENT_TEXT, at=now(), sha256=shown.sha256, **row)
+    hash_chain.insert(connection, schema.CONSENT_TEXT, at=now(), sha256=shown.sha256, **row)
     return shown.sha256

@@ -4,15 +4,15 @@ import shutil
 
 import sqlalchemy as sa
 
-from avrgym.study.storage import keyfile, ledger, schema
+from avrgym.study.storage import hash_chain, identity_file, schema
+from avrgym.study.storage.analysis_files import FOLDER, remove_analysis
 from avrgym.study.storage.database import BACKUPS
-from avrgym.study.storage.manifest import FOLDER, remove_analysis
-from avrgym.study.storage.remains import known_numbers
 from avrgym.study.storage.rows import RECORDINGS, Participant, StudySession, Tombstone, participant_number
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.sessions import may_run
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all, find_participant
+from avrgym.study.storage.study_folder import known_numbers
 
 
 def delete_participant(store: Store, pseudonym: str) -> None:
@@ -27,8 +27,10 @@ def delete_participant(store: Store, pseudonym: str) -> None:
     with store.database.write() as connection:
         if not find_all(connection, Tombstone, number=number):
             simulated = _is_row(store, connection, number) and _delete_rows(store, connection, pseudonym)
-            ledger.insert(connection, schema.TOMBSTONE, number=number, simulated=simulated, deleted_at=now())
-        keyfile.remove_entry(store.folder, pseudonym)
+            hash_chain.insert(
+                connection, schema.TOMBSTONE, number=number, simulated=simulated, deleted_at=now()
+            )
+        identity_file.remove_entry(store.folder, pseudonym)
     with store.database.write():
         store.database.participation.erase(number)
     _remove(store, f"{RECORDINGS}/{pseudonym}")
@@ -65,7 +67,7 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> boo
         (schema.SESSION, own),
         (schema.PARTICIPANT, schema.PARTICIPANT.c.number == number),
     ):
-        ledger.delete(connection, table, condition)
+        hash_chain.delete(connection, table, condition)
     return participant.simulated
 
 

@@ -6,9 +6,9 @@ import threading
 from contextlib import suppress
 from typing import Self
 
-from avrgym.study.design.wrong import NAME
-from avrgym.study.storage import ledger, schema
-from avrgym.study.storage.log import UNNAMED
+from avrgym.study.design.validation import NAME
+from avrgym.study.storage import hash_chain, schema
+from avrgym.study.storage.audit_log import UNNAMED
 from avrgym.study.storage.rows import Experimenter
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
@@ -35,7 +35,7 @@ def add_experimenter(store: Store, name: str) -> str:
                 f"{name} has a token; `avrgym study revoke-experimenter` revokes it, then they can have another"
             )
         row = {"name": name, "token_sha256": _sha256(token), "created_at": now()}
-        ledger.insert(connection, schema.EXPERIMENTER, **row)
+        hash_chain.insert(connection, schema.EXPERIMENTER, **row)
     return token
 
 
@@ -47,7 +47,7 @@ def revoke_experimenter(store: Store, name: str) -> None:
         if not own:
             names = ", ".join(each.name for each in valid) or "nobody"
             raise StudyError(f"{name!r} has no token; those who have one: {names}")
-        ledger.update(connection, schema.EXPERIMENTER, own[0].id, revoked_at=now())
+        hash_chain.update(connection, schema.EXPERIMENTER, own[0].id, revoked_at=now())
 
 
 def list_experimenters(store: Store) -> list[Experimenter]:

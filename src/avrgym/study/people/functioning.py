@@ -3,10 +3,10 @@
 import msgspec
 
 from avrgym.study.design.functioning import DECLINED, DEVICES, LEVELS, NONE, QUESTIONS
-from avrgym.study.storage import ledger, schema
+from avrgym.study.storage import hash_chain, schema
+from avrgym.study.storage.free_text import check_line
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_participant, record_event
-from avrgym.study.storage.texts import check_line
 
 
 class Functioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -36,7 +36,7 @@ def record_functioning(store: Store, pseudonym: str, answers: Functioning) -> No
         if participant.consented_at is None:
             raise StudyError(f"{pseudonym} has not consented; consent comes first")
         given = msgspec.to_builtins(answers)
-        ledger.update(connection, schema.PARTICIPANT, participant.number, functioning=given)
+        hash_chain.update(connection, schema.PARTICIPANT, participant.number, functioning=given)
         record_event(connection, "functioning recorded", "", {"participant": participant.number})
 
 

@@ -8,12 +8,12 @@ import sqlalchemy as sa
 from avrgym.models.human import SEXES, Sex
 from avrgym.study.design.allocation import least_filled_cell, order_of_cells, plan_trials
 from avrgym.study.design.design import Design
-from avrgym.study.design.wrong import NAME
+from avrgym.study.design.validation import NAME
 from avrgym.study.people.consents import ShownText, restore_consents, store_consent
-from avrgym.study.people.doubles import confirmed_doubles
-from avrgym.study.storage import keyfile, ledger, schema
-from avrgym.study.storage.losses import CONFIRMED
-from avrgym.study.storage.remains import known_numbers
+from avrgym.study.people.identities import confirmed_doubles
+from avrgym.study.storage import hash_chain, identity_file, schema
+from avrgym.study.storage.data_loss import CONFIRMED
+from avrgym.study.storage.free_text import check_line, check_note
 from avrgym.study.storage.rows import Consent, Note, Participant, StudySession, pseudonym_of
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.sessions import check_consent, end_open_sessions, has_finished
@@ -26,7 +26,7 @@ from avrgym.study.storage.store import (
     record_event,
     store_design,
 )
-from avrgym.study.storage.texts import check_line, check_note
+from avrgym.study.storage.study_folder import known_numbers
 from avrgym.texts.texts import Texts, TextsError, read_texts
 
 CONSENTED_AGAIN = "participant consented again"
@@ -69,14 +69,14 @@ def enrol(
     _check_identity(name, contact)
     if site and not NAME.fullmatch(site):
         raise StudyError(f"{site!r} is no site; allowed: at most 40 letters, digits, - and _")
-    identity = keyfile.Identity(name, contact)
+    identity = identity_file.Identity(name, contact)
     with store.write() as connection:
         told_apart = confirmed_doubles(store.folder, identity, confirmed=confirm_double)
         if name or contact:
-            keyfile.prepare(store.folder)
+            identity_file.prepare(store.folder)
         number = _next_number(store, connection)
         pseudonym = pseudonym_of(number)
-        ledger.insert(
+        hash_chain.insert(
             connection,
             schema.PARTICIPANT,
             number=number,
@@ -91,7 +91,7 @@ def enrol(
         record_event(connection, "participant enrolled", told_apart, {"participant": number})
     if name or contact:
         with store.write():  # after the row is on disk: a crash leaves no name of nobody
-            keyfile.write_entry(store.folder, pseudonym, identity)
+            identity_file.write_entry(store.folder, pseudonym, identity)
     return pseudonym
 
 
@@ -106,13 +106,13 @@ def set_identity(
         Locked: when the identity file's key is not at hand.
     """
     _check_identity(name, contact)
-    identity = keyfile.Identity(name, contact)
+    identity = identity_file.Identity(name, contact)
     with store.write() as connection:  # one writer at a time, for the identity file as well
         number = find_participant(connection, pseudonym).number
         told_apart = confirmed_doubles(store.folder, identity, confirmed=confirm_double, pseudonym=pseudonym)
         if told_apart:
             record_event(connection, "identity corrected", told_apart, {"participant": number})
-        keyfile.write_entry(store.folder, pseudonym, identity)
+        identity_file.write_entry(store.folder, pseudonym, identity)
 
 
 def texts_of(store: Store, participant: Participant) -> Texts:
@@ -150,7 +150,7 @@ def record_consent(store: Store, pseudonym: str) -> None:
             "consent_sha256": given.sha256,
         }
         if again:
-            ledger.update(connection, schema.PARTICIPANT, participant.number, **values)
+            hash_chain.update(connection, schema.PARTICIPANT, participant.number, **values)
             record_event(connection, CONSENTED_AGAIN, detail, about)
         else:
             change_state(connection, participant, "consented", about, detail, **values)
@@ -258,7 +258,7 @@ def add_note(store: Store, pseudonym: str, text: str, session: int | None = None
         if session is not None and session not in {visit.id for visit in own}:
             raise StudyError(f"session {session} is not one of {participant}")
         note = {"at": now(), "participant": participant.number, "session": session, "text": text}
-        ledger.insert(connection, schema.NOTE, **note)
+        hash_chain.insert(connection, schema.NOTE, **note)
 
 
 def edit_note(store: Store, pseudonym: str, note_id: int, text: str) -> None:
@@ -272,7 +272,7 @@ def edit_note(store: Store, pseudonym: str, note_id: int, text: str) -> None:
         participant = find_participant(connection, pseudonym)
         if not find_all(connection, Note, id=note_id, participant=participant.number):
             raise StudyError(f"{pseudonym} has no note {note_id}")
-        ledger.update(connection, schema.NOTE, note_id, text=text)
+        hash_chain.update(connection, schema.NOTE, note_id, text=text)
         record_event(connection, "note changed", f"note {note_id}", {"participant": participant.number})
 
 
@@ -301,4 +301,4 @@ def _free_cell(connection: sa.Connection, design: Design, participant: Participa
 def _plan(connection: sa.Connection, design: Design, cell: int, participant: Participant) -> None:
     number = participant.number
     for trial in plan_trials(design, cell, number, participant.site):
-        ledger.insert(connection, schema.TRIAL, **asdict(trial), participant=number, state="planned")
+        hash_chain.insert(connection, schema.TRIAL, **asdict(trial), participant=number, state="planned")

@@ -7,7 +7,7 @@ from datetime import UTC, date, datetime
 
 from avrgym.study.design.retention import DATA, IDENTITIES, RECORDINGS
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.storage import keyfile
+from avrgym.study.storage import identity_file
 from avrgym.study.storage.rows import RECORDINGS as FOLDER
 from avrgym.study.storage.rows import StudyEvent, participant_number
 from avrgym.study.storage.states import StudyError
@@ -39,7 +39,7 @@ def today() -> date:
 def schedule(store: Store) -> list[Scheduled]:
     """Each kind of data of people with the day on which it is due."""
     people = [each.pseudonym for each in store.participants() if not each.simulated]
-    known = keyfile.pseudonyms(store.folder)
+    known = identity_file.pseudonyms(store.folder)
     held = {
         IDENTITIES: [name for name in people if name in known],
         RECORDINGS: [name for name in people if (store.folder / FOLDER / name).exists()],
@@ -103,7 +103,7 @@ def _delete(store: Store, what: str, pseudonym: str) -> None:
     with store.database.write() as connection:
         record_event(connection, EVENTS[what], "", {"participant": participant_number(pseudonym)})
         if what == IDENTITIES:
-            keyfile.remove_entry(store.folder, pseudonym)
+            identity_file.remove_entry(store.folder, pseudonym)
     folder = store.folder / FOLDER / pseudonym
     if what == RECORDINGS and folder.is_symlink():
         folder.unlink()

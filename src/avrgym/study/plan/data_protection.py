@@ -7,8 +7,8 @@ files are drafts: the controller completes and judges them.
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from avrgym.study.design.description import description
 from avrgym.study.design.design import Design
-from avrgym.study.design.words import description
 from avrgym.study.plan.preregistration import as_markdown, write_draft
 from avrgym.study.storage.store import Store
 

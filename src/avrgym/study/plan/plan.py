@@ -8,8 +8,7 @@ import msgspec
 
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design
-from avrgym.study.design.toml import Tables, parse, read_text
-from avrgym.study.design.wrong import Wrong
+from avrgym.study.design.validation import Tables, Wrong, parse, read_text
 from avrgym.study.storage.states import StudyError
 from avrgym.system.toml_places import Place
 

@@ -7,10 +7,9 @@ The fields are those of OSF's standard form (Bowman et al. 2016, doi 10.31222/os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
+from avrgym.study.design.description import blinding, conditions, description, randomization
 from avrgym.study.design.design import Design
-from avrgym.study.design.words import blinding, conditions, description, randomization
-from avrgym.study.plan.freezing import FROZEN, check_untouched
-from avrgym.study.plan.origin import read_frozen
+from avrgym.study.plan.frozen_plan import FROZEN, check_untouched, read_frozen
 from avrgym.study.plan.plan import Offered, Plan, read_plan
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store

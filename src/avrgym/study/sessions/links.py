@@ -1,13 +1,30 @@
-"""The links of a study's sessions, with the links of earlier sessions."""
+"""Links of participants: a random one for each session. The study stores only its checksum."""
 
 from avrgym.study.people.participants import texts_of
-from avrgym.study.storage.links import participants_by_link
-from avrgym.study.storage.rows import Participant
+from avrgym.study.storage import hash_chain, schema
+from avrgym.study.storage.rows import Participant, ParticipantLink, StudySession
+from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import Store, find_all, find_open_session
 from avrgym.texts.texts import ENGLISH, Texts
 from avrgym.vr.protocol.messages import Language
-from avrgym.vr.server.links import SessionLinks
+from avrgym.vr.server.links import SessionLinks, link_sha256, new_link
+
+
+def make_link(store: Store, session_id: int) -> str:
+    """A new link for an open session; ``StudyError`` for one that has ended."""
+    link = new_link()
+    with store.database.write() as connection:
+        session = find_open_session(connection, session_id)
+        hash_chain.insert(connection, schema.LINK, session=session.id, at=now(), sha256=link_sha256(link))
+    return link
+
+
+def participants_by_link(store: Store) -> dict[str, int]:
+    """The participant's number of every link that was ever made, by the link's checksum."""
+    with store.database.read() as connection:
+        sessions = {each.id: each.participant for each in find_all(connection, StudySession)}
+        return {each.sha256: sessions[each.session] for each in find_all(connection, ParticipantLink)}
 
 
 def session_links(store: Store) -> SessionLinks:

@@ -7,9 +7,9 @@ from queue import Empty, SimpleQueue
 
 from avrgym.models.furniture.real import RealFurniture
 from avrgym.models.human import Person
-from avrgym.study.sessions.live import StudyVisit, has_more
+from avrgym.study.sessions.links import make_link
 from avrgym.study.sessions.session_questions import SessionQuestions
-from avrgym.study.storage.links import make_link
+from avrgym.study.sessions.visit import StudyVisit, has_more
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.texts import Said, Texts, read_texts

@@ -3,7 +3,7 @@
 from concurrent.futures import Future
 
 from avrgym.questionnaires.stop_rules import THEN, Verdict
-from avrgym.study.sessions.live import StudyVisit
+from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage.states import StudyError
 from avrgym.texts.texts import Said
 from avrgym.vr.protocol.messages import (

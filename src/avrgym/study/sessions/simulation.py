@@ -22,7 +22,7 @@ from avrgym.recording.schema import Answer
 from avrgym.study.checking.preflight import load_study_policy, policies_needed
 from avrgym.study.design.design import FILE
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion
-from avrgym.study.sessions.live import StudyVisit, has_more
+from avrgym.study.sessions.visit import StudyVisit, has_more
 from avrgym.study.storage.rows import Participant
 from avrgym.study.storage.states import UNKNOWN, StudyError
 from avrgym.study.storage.store import Store

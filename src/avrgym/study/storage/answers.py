@@ -10,7 +10,7 @@ from msgspec.structs import asdict
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Item, validate_answer
 from avrgym.recording.schema import Answer
 from avrgym.study.design.design import Design
-from avrgym.study.storage import ledger, schema
+from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.rows import GivenAnswer, StudyEvent, StudySession, Trial, TrialAttempt, pseudonym_of
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
@@ -231,7 +231,7 @@ def _change(
     if earlier is None:
         raise StudyError(f"{answer.item} is not answered yet; only an answer that was given can be changed")
     changed = {"value": answer.value, "response_time_s": answer.response_time_s, "answered_at": now()}
-    ledger.update(connection, schema.ANSWER, earlier.id, **changed)
+    hash_chain.update(connection, schema.ANSWER, earlier.id, **changed)
     record_event(connection, CHANGED, f"{answer.item} from {earlier.value} to {answer.value}", event)
 
 
@@ -246,7 +246,7 @@ def _insert_answer(
     _check(items, answer)
     if any(earlier.item == answer.item for earlier in given):
         raise StudyError(f"{answer.item} is answered already; only the participant changes it, by going back")
-    ledger.insert(connection, schema.ANSWER, **asdict(answer), answered_at=now(), **about)
+    hash_chain.insert(connection, schema.ANSWER, **asdict(answer), answered_at=now(), **about)
 
 
 def _check(items: tuple[Item, ...], answer: Answer) -> None:

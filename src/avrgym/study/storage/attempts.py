@@ -12,7 +12,7 @@ from avrgym.recording import answers_file
 from avrgym.recording.reader import RecordingError, read_recording
 from avrgym.recording.schema import ATTEMPT_ENDS, AttemptEnd, Metrics
 from avrgym.recording.writer import end_cut_recording
-from avrgym.study.storage import ledger, schema
+from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.answers import OPEN, reconcile_answers, unanswered
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
 from avrgym.study.storage.schema import now
@@ -67,7 +67,7 @@ def begin_attempt(
         _check_idle(connection, session)
         number = len(find_all(connection, TrialAttempt, trial=trial.id)) + 1
         name = _name(store, session, recording) if recording else _free_name(store, session, trial, number)
-        attempt = ledger.insert(
+        attempt = hash_chain.insert(
             connection,
             schema.ATTEMPT,
             trial=trial.id,

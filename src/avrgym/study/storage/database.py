@@ -17,14 +17,14 @@ from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy.exc import SQLAlchemyError
 
-from avrgym.study.storage import ledger, sqlite
+from avrgym.study.storage import hash_chain, sqlite
+from avrgym.study.storage.integrity_files import HEAD, MISMATCH, Seal, SealError
 from avrgym.study.storage.participation import FILE as PARTICIPATION
 from avrgym.study.storage.participation import REBUILT, ParticipationList
-from avrgym.study.storage.reconciling import compare, first_digest, follow, reconcile
-from avrgym.study.storage.remains import remains
+from avrgym.study.storage.reconciliation import compare, first_digest, follow, reconcile
 from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, SITE, TOMBSTONE, now
-from avrgym.study.storage.seal import HEAD, MISMATCH, Seal, SealError
 from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.study_folder import remains
 from avrgym.system.files import make_private_folder, write_new
 
 FILE = "study.db"
@@ -97,10 +97,10 @@ class Database:
     def _write(self) -> Generator[sa.Connection]:
         with self._lock() as connection:
             self._unseal(connection)
-            ledger.open_entries(connection)
+            hash_chain.open_entries(connection)
             yield connection
-            written = ledger.written(connection)
-            head = ledger.close_entries(connection)
+            written = hash_chain.written(connection)
+            head = hash_chain.close_entries(connection)
             if not self.read_only:
                 follow(self.participation, connection, written)
         if head is not None and not self.read_only:
@@ -157,13 +157,13 @@ class Database:
         """Where, and what is wrong with the database: its file, its rows, or what stands beside it."""
         faults = [*self._faults_of_seal(), *self._faults_of_file()]
         with self.read() as connection:
-            faults += ledger.faults(connection)
+            faults += hash_chain.faults(connection)
         return faults
 
-    def head(self) -> ledger.Head:
+    def head(self) -> hash_chain.Head:
         """The end of the ledger's chain."""
         with self.read() as connection:
-            return ledger.head(connection)
+            return hash_chain.head(connection)
 
     def close(self) -> None:
         """Seal what was written, and give all connections back."""
@@ -199,8 +199,8 @@ class Database:
         """
         with self._lock(wait_s=SEAL_WAIT_S) as connection:
             with suppress(SealError):
-                ends = ledger.lost(connection, self._seal.heads() or ())
-                self._seal.set_heads([*ends, *({ledger.head(connection)} - {ledger.Head()})])
+                ends = hash_chain.lost(connection, self._seal.heads() or ())
+                self._seal.set_heads([*ends, *({hash_chain.head(connection)} - {hash_chain.Head()})])
             if self.is_sqlite:
                 self._seal.set_checksum(sqlite.checksum(connection))
 
@@ -213,8 +213,8 @@ class Database:
             with self._lock() as connection:
                 if self.is_sqlite and self._seal.checksum not in (None, self._checksum(connection)):
                     yield FILE, "was changed by something other than AVR Gym: its checksum is another"
-                known = ledger.head(connection)
-                lost = ledger.lost(connection, heads or ())
+                known = hash_chain.head(connection)
+                lost = hash_chain.lost(connection, heads or ())
         except (SealError, StudyError) as error:
             yield "database", str(error)
             return
@@ -292,9 +292,9 @@ class Database:
         upgrade(configuration, "head")
         if begins and current is not None:
             self._ledger_is_in_copy = self.read_only
-            ledger.begin(connection)
+            hash_chain.begin(connection)
             begun = {"at": now(), "name": LEDGER_BEGUN, "detail": f"tables of {current} brought up to date"}
-            ledger.insert(connection, EVENT, **begun)
+            hash_chain.insert(connection, EVENT, **begun)
 
     def _back_up(self, connection: sa.Connection, revision: str) -> None:
         """Copy the database as it is: SQLite as a file, others as the rows of all tables."""

@@ -6,7 +6,7 @@ import msgspec
 import sqlalchemy as sa
 
 from avrgym.recording.schema import AttemptEnd
-from avrgym.study.storage import ledger, schema
+from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.answers import is_open
 from avrgym.study.storage.attempts import NOTHING, finish_attempt, finished_metrics
 from avrgym.study.storage.rows import Participant, StudySession, Trial, TrialAttempt
@@ -118,7 +118,7 @@ def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> N
     """Store what a check of the headset measured; the latest of a session counts, and events tell of all."""
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
-        ledger.update(connection, schema.SESSION, session.id, headset_check=msgspec.to_builtins(check))
+        hash_chain.update(connection, schema.SESSION, session.id, headset_check=msgspec.to_builtins(check))
         detail = f"{check.words()} {check.figures()}"
         record_event(connection, "headset checked", detail, about(session))
 
@@ -154,7 +154,7 @@ def _insert_session(
         "process": os.getpid(),
         "opened_at": now(),
     }
-    session = find_session(connection, ledger.insert(connection, schema.SESSION, **row))
+    session = find_session(connection, hash_chain.insert(connection, schema.SESSION, **row))
     record_event(connection, "session open", session.name, about(session))
     store_design(store, connection, about(session))
     return session

@@ -6,7 +6,7 @@ the merged study's own.
 
 import sqlalchemy as sa
 
-from avrgym.study.storage import ledger, schema
+from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.rows import StudyEvent
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.store import find_all
@@ -39,4 +39,4 @@ def record_once(connection: sa.Connection, name: str, detail: str, **about: int)
     if any((each.name, each.detail, each.attempt) == (name, detail, about.get("attempt")) for each in events):
         return
     own = max((each.id for each in events if each.id < ROWS_PER_SITE), default=0)
-    ledger.insert(connection, schema.EVENT, id=own + 1, at=now(), name=name, detail=detail, **about)
+    hash_chain.insert(connection, schema.EVENT, id=own + 1, at=now(), name=name, detail=detail, **about)

@@ -14,9 +14,9 @@ from avrgym.policies.names import OPERATOR
 from avrgym.policies.onnx import ONNX_SUFFIX
 from avrgym.policies.registry import named_policies
 from avrgym.policies.trained import FILE_SUFFIX, PolicyError
+from avrgym.study.design.comparison import as_stored, read_wordings
 from avrgym.study.design.design import FILE, Design, default_text, read_design
-from avrgym.study.design.fixed import as_stored, read_wordings
-from avrgym.study.storage import keyfile, ledger, schema
+from avrgym.study.storage import hash_chain, identity_file, schema
 from avrgym.study.storage.database import FILE as DATABASE_FILE
 from avrgym.study.storage.database import Database, database_url
 from avrgym.study.storage.participation import FILE as PARTICIPATION
@@ -74,7 +74,7 @@ def create_study(folder: Path) -> Path:
         StudyError: when the folder holds a study already; nothing in it is changed.
         OSError: when it cannot be written.
     """
-    names = (FILE, DATABASE_FILE, PARTICIPATION, RECORDINGS, keyfile.FOLDER)
+    names = (FILE, DATABASE_FILE, PARTICIPATION, RECORDINGS, identity_file.FOLDER)
     held = [name for name in names if (folder / name).exists()]
     if held:
         raise StudyError(f"{folder} holds {held[0]} already; choose another folder")
@@ -113,9 +113,9 @@ class Store:
             self._check_protocol()
             if not anew:
                 self.database.reconcile()
-            if keyfile.unfinished(self.folder) and not self.database.read_only:
+            if identity_file.unfinished(self.folder) and not self.database.read_only:
                 with self.database.write():  # one writer at a time, for the identity file as well
-                    keyfile.remove_unfinished(self.folder)
+                    identity_file.remove_unfinished(self.folder)
         except BaseException:
             self.close()
             raise
@@ -266,8 +266,8 @@ class Store:
                 f"{self.folder / FILE}: {', '.join(changed)} changed after the first participant; "
                 f"it was {stored[changed[0]]!r} and must stay so"
             )
-        ledger.delete(connection, schema.STUDY)
-        ledger.insert(connection, schema.STUDY, created_at=now(), protocol=protocol)
+        hash_chain.delete(connection, schema.STUDY)
+        hash_chain.insert(connection, schema.STUDY, created_at=now(), protocol=protocol)
 
 
 def _can_write(folder: Path) -> bool:
@@ -322,7 +322,7 @@ def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row
     query = sa.select(*(table.c[name] for name in names))
     query = query.where(*(table.c[name] == value for name, value in key.items()))
     try:
-        rows = connection.execute(query.order_by(ledger.key_of(table))).all()
+        rows = connection.execute(query.order_by(hash_chain.key_of(table))).all()
         return [_as(kind, dict(zip(names, row, strict=True))) for row in rows]
     except ValueError as error:
         raise StudyError(f"the study's database: a row of {table.name} is damaged: {error}") from error
@@ -337,11 +337,11 @@ def change_state(
         StudyError: when its present state does not allow that.
     """
     table = TABLES[type(row)]
-    key = getattr(row, ledger.key_of(table).name)
-    own = ledger.key_of(table) == key
+    key = getattr(row, hash_chain.key_of(table).name)
+    own = hash_chain.key_of(table) == key
     before = connection.execute(sa.select(table.c.state).where(own)).scalar_one()
     check_transition(table.name, str(row), before, after)
-    ledger.update(connection, table, key, state=after, **values)
+    hash_chain.update(connection, table, key, state=after, **values)
     record_event(connection, f"{table.name} {after}", detail, about)
 
 
@@ -352,7 +352,7 @@ def about(session: StudySession) -> dict[str, int]:
 
 def store_design(store: Store, connection: sa.Connection, about: Mapping[str, int]) -> None:
     """Store the design as it is now; ``about`` names the participant, and the session if one begins with it."""
-    ledger.insert(
+    hash_chain.insert(
         connection,
         schema.DESIGN,
         stored_at=now(),
@@ -364,7 +364,7 @@ def store_design(store: Store, connection: sa.Connection, about: Mapping[str, in
 
 def record_event(connection: sa.Connection, name: str, detail: str, about: Mapping[str, int]) -> None:
     """Store that something happened; ``about`` names participant, session and attempt."""
-    ledger.insert(connection, schema.EVENT, at=now(), name=name, detail=detail, **about)
+    hash_chain.insert(connection, schema.EVENT, at=now(), name=name, detail=detail, **about)
 
 
 def _as(kind: type[Row], row: Mapping[str, Any]) -> Row:

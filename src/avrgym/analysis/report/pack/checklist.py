@@ -12,7 +12,7 @@ from avrgym.analysis.report.by_design import by_design
 from avrgym.analysis.report.pack.methods import days_of, inclusion_answers, uses_of
 from avrgym.analysis.study import Analysis
 from avrgym.policies.names import OPERATOR
-from avrgym.study.design.words import blinding, conditions, randomization
+from avrgym.study.design.description import blinding, conditions, randomization
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,10 @@ from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS
 from avrgym.analysis.statistics.sites import site_of
 from avrgym.analysis.study import Analysis
 from avrgym.questionnaires.questionnaire import Questionnaire
+from avrgym.study.design.description import blinding, conditions, description, randomization
 from avrgym.study.design.design import Design
-from avrgym.study.design.words import blinding, conditions, description, randomization
-from avrgym.study.storage.uses import Use
-from avrgym.study.storage.versions import first_name
+from avrgym.study.storage.item_versions import first_name
+from avrgym.study.storage.session_designs import Use
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.session.attempt import versions
 

@@ -3,7 +3,7 @@
 import sqlalchemy as sa
 from alembic import op
 
-from avrgym.study.storage import ledger, schema
+from avrgym.study.storage import hash_chain, schema
 
 revision = "0009_consents"
 down_revision = "0008_log"
@@ -41,7 +41,7 @@ def _keep_earlier_consents() -> None:
     people = sa.table("participant", *map(sa.column, _COLUMNS))
     given = sa.select(people).where(people.c.consented_at.is_not(None)).order_by(people.c.consented_at)
     for person in connection.execute(given).all():
-        ledger.insert(
+        hash_chain.insert(
             connection,
             schema.CONSENT,
             at=person.consented_at,

@@ -3,19 +3,19 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from avrgym.study.storage import keyfile
+from avrgym.study.storage import identity_file
+from avrgym.study.storage.integrity_files import HEAD
 from avrgym.study.storage.participation import FILE as PARTICIPATION
 from avrgym.study.storage.participation import ParticipationList
 from avrgym.study.storage.rows import RECORDINGS, participant_number
-from avrgym.study.storage.seal import HEAD
 from avrgym.study.storage.states import StudyError
 
 
 def remains(folder: Path) -> list[str]:
     """What is there, in words, that only a study with a database leaves."""
     found: list[str] = []
-    if keyfile.pseudonyms(folder):
-        found.append(f"names in {keyfile.path_of(folder).relative_to(folder)}")
+    if identity_file.pseudonyms(folder):
+        found.append(f"names in {identity_file.path_of(folder).relative_to(folder)}")
     if any(path.is_file() for path in (folder / RECORDINGS).rglob("*")):
         found.append(RECORDINGS)
     found += [name for name in (HEAD, PARTICIPATION) if (folder / name).exists()]
@@ -25,7 +25,7 @@ def remains(folder: Path) -> list[str]:
 def known_numbers(folder: Path) -> set[int]:
     """The numbers of participants in the identity file, the participation list or the folders of recordings."""
     listed = ParticipationList(folder).read()
-    known = set(_numbers([*keyfile.pseudonyms(folder), *_names(folder / RECORDINGS)]))
+    known = set(_numbers([*identity_file.pseudonyms(folder), *_names(folder / RECORDINGS)]))
     return known | {each.participant for each in listed.entries if each.participant} if listed else known
 
 

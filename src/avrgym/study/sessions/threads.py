@@ -1,8 +1,14 @@
-"""Storing beside the loop: what happens is stored in order, and whoever asks for it goes on meanwhile."""
+"""Threads of a session: one stores facts in order, one watches whether the session is still open."""
 
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import suppress
+
+from avrgym.study.storage.rows import StudySession
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find_all
 
 
 class StoringThread(ThreadPoolExecutor):
@@ -45,3 +51,34 @@ class Storing:
     def _take_done(self) -> Iterator[Future[None]]:
         while self._asked and self._asked[0].done():
             yield self._asked.popleft()
+
+
+LOOK_EVERY_S = 0.5
+
+
+class Watch:
+    """Looks again and again, on a thread of its own, whether a session is still open in the study.
+
+    ``called_off``: somebody else has ended it, by withdrawing the participant or by taking over.
+    """
+
+    def __init__(self, store: Store, session_id: int) -> None:
+        self.called_off = False
+        self._store, self._session_id = store, session_id
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="watch session", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Look no longer."""
+        self._closed.set()
+
+    def _run(self) -> None:
+        while not self._closed.wait(LOOK_EVERY_S) and not self.called_off:
+            with suppress(StudyError):  # a database that cannot be read shows when something is to be stored
+                self._look()
+
+    def _look(self) -> None:
+        with self._store.database.read() as connection:
+            still_open = find_all(connection, StudySession, id=self._session_id, state="open")
+        self.called_off = not still_open

@@ -10,7 +10,7 @@ from getpass import getuser
 
 import sqlalchemy as sa
 
-from avrgym.study.storage import ledger, schema
+from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.rows import LogEntry, Participant, Tombstone, Trial, participant_number
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.sites import ROWS_PER_SITE
@@ -79,7 +79,7 @@ def add_entry(
     """
     with store.database.write() as connection:
         completed, planned = _progress(store, connection) if shows_results else (None, None)
-        ledger.insert(
+        hash_chain.insert(
             connection,
             schema.LOG,
             id=_next_id(connection),

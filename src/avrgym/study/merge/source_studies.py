@@ -7,8 +7,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from avrgym.study.design.wrong import NAME
-from avrgym.study.storage import ledger, schema
+from avrgym.study.design.validation import NAME
+from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.rows import Participant, Site, pseudonym_of
 from avrgym.study.storage.sites import PEOPLE_PER_SITE, site_of
 from avrgym.study.storage.states import StudyError
@@ -30,7 +30,7 @@ class Source:
     name: str
     store: Store
     rows: Mapping[str, Sequence[Row]]
-    head: ledger.Head
+    head: hash_chain.Head
 
     @property
     def people(self) -> dict[int, str]:
@@ -63,7 +63,7 @@ def read_source(store: Store) -> Source:
         )
     with store.database.read() as connection:
         rows = {table.name: _rows(connection, table) for table in MERGED_TABLES}
-        source = Source(name, store, rows, ledger.head(connection))
+        source = Source(name, store, rows, hash_chain.head(connection))
     most = max((row["number"] for table in ("participant", "tombstone") for row in rows[table]), default=0)
     if most >= PEOPLE_PER_SITE:
         raise StudyError(
@@ -75,7 +75,7 @@ def read_source(store: Store) -> Source:
 def _rows(connection: sa.Connection, table: sa.Table) -> list[dict[str, Any]]:
     """A table's rows by the columns' keys, without salts: these are drawn anew."""
     names = [column.key for column in table.columns]
-    found = connection.execute(sa.select(table).order_by(ledger.key_of(table)))
+    found = connection.execute(sa.select(table).order_by(hash_chain.key_of(table)))
     rows = [dict(zip(names, row, strict=True)) for row in found]
     return [{name: value for name, value in row.items() if name != "salt"} for row in rows]
 
@@ -121,7 +121,7 @@ def check_continues(source: Source, known: Sequence[Site], people: Sequence[Part
 
 def _check_not_set_back(source: Source, before: Site) -> None:
     with source.store.database.read() as connection:
-        if ledger.lost(connection, [ledger.Head(before.entries, before.digest)]):
+        if hash_chain.lost(connection, [hash_chain.Head(before.entries, before.digest)]):
             raise StudyError(
                 f"{source.store.folder}: the site {source.name!r} is another study than was merged before, or was set "
                 "back since: put back its latest copy, or merge into a new folder"

@@ -20,8 +20,7 @@ from avrgym.study.checking.preflight import load_study_policy
 from avrgym.study.people.consents import latest_consent
 from avrgym.study.people.participants import texts_of, withdraw
 from avrgym.study.sessions.links import language_message
-from avrgym.study.sessions.storing import Storing
-from avrgym.study.sessions.watch import Watch
+from avrgym.study.sessions.threads import Storing, Watch
 from avrgym.study.storage.answers import (
     answered_in_visit,
     change_answer,
@@ -32,11 +31,11 @@ from avrgym.study.storage.answers import (
     record_session_answer,
 )
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
+from avrgym.study.storage.free_text import check_line
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt, pseudonym_of
 from avrgym.study.storage.sessions import close_session, open_session, skip_trial, store_headset_check, tell
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.study.storage.texts import check_line
 from avrgym.tasks.registry import find_environment
 from avrgym.texts.texts import Texts
 from avrgym.vr.protocol.messages import Command, Language, Send

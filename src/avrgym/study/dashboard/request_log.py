@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
-from avrgym.study.storage.log import (
+from avrgym.study.storage.audit_log import (
     OWN_TOKEN,
     REFUSED,
     SHARED_TOKEN,

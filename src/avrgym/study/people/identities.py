@@ -1,12 +1,14 @@
-"""Possible doubles: entries of the identity file that may belong to one person."""
+"""Names of participants: encryption of the identity file, and detection of duplicate enrolments."""
 
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import combinations
 from pathlib import Path
 
-from avrgym.study.storage.keyfile import Identity, read_key
+from avrgym.study.storage import identity_file, identity_keys
+from avrgym.study.storage.identity_file import Identity, read_key
 from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
 
 
 class PossibleDouble(StudyError):
@@ -71,3 +73,24 @@ def _folded(text: str) -> str:
     """Unicode's NFKC form without case and without invisible format characters."""
     folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", text).casefold())
     return "".join(character for character in folded if unicodedata.category(character) != "Cf")
+
+
+def encrypt_names(store: Store, new_passphrase: Callable[[], str] | None = None) -> bool:
+    """Encrypt all names with a new key file, or with a new passphrase; whether a plain file was removed.
+
+    Raises:
+        Locked: when the names are encrypted, and their present key is not at hand.
+        StudyError: for a passphrase that is too short, or when reading back fails. Nothing is changed then.
+    """
+    identity_file.read_key(store.folder)
+    passphrase = new_passphrase() if new_passphrase is not None else None
+    if passphrase is not None:
+        identity_keys.check_passphrase(passphrase)
+    with store.write():  # one writer at a time, for the identity file as well
+        present = identity_file.read_key(store.folder)
+        was_plain = identity_file.plain_path(store.folder) is not None
+        if passphrase is not None:
+            identity_keys.give_passphrase(store.folder, passphrase)
+        lock = identity_keys.new_lock(passphrase=passphrase is not None)
+        identity_file.encrypt_names(store.folder, lock, present)
+    return was_plain

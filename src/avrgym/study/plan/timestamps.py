@@ -1,4 +1,4 @@
-"""Evidence from outside for the date of a frozen plan: a time stamp (RFC 3161), or a registration as a claim.
+"""Proof of the date of a frozen plan: a time stamp (RFC 3161), or a registration as a claim.
 
 A time stamp contains the SHA-256 of ``plan-frozen.json`` and a time, signed by an authority. It is verified without a
 network. Whether the authority can be trusted depends on the root certificates of this computer.
@@ -6,7 +6,7 @@ network. Whether the authority can be trusted depends on the root certificates o
 
 import ssl
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
@@ -17,12 +17,45 @@ import msgspec
 from cryptography import x509
 from cryptography.utils import CryptographyDeprecationWarning
 
-from avrgym.study.plan.certificate_order import sort_certificates
 from avrgym.study.storage.states import StudyError
 from avrgym.system.files import PRIVATE_FILE, write_whole
 
 if TYPE_CHECKING:
     from rfc3161_client import TimeStampResponse
+
+
+_PATH = (0, 1, 1, 0)
+"""From a response to its signed data: content of the response, token, its content, signed data."""
+_CERTIFICATES = 0xA0
+"""The tag of the certificates in signed data."""
+
+
+def sort_certificates(response: bytes) -> bytes:
+    """A response of a time stamping authority with its certificates in the order of DER.
+
+    Raises:
+        IndexError: when the bytes are no such response.
+    """
+    start, end = 0, len(response)
+    for place in _PATH:
+        _, _, start, end = list(_elements(response, start, end))[place]
+    for tag, _, first, last in _elements(response, start, end):
+        if tag == _CERTIFICATES:
+            certificates = sorted(response[at:after] for _, at, _, after in _elements(response, first, last))
+            return response[:first] + b"".join(certificates) + response[last:]
+    return response
+
+
+def _elements(data: bytes, start: int, end: int) -> Iterator[tuple[int, int, int, int]]:
+    """The elements between two places: tag, and the places of the element, its content and its end."""
+    while start < end:
+        length, content = data[start + 1], start + 2
+        if length & 0x80:
+            content += length & 0x7F
+            length = int.from_bytes(data[start + 2 : content])
+        yield data[start], start, content, content + length
+        start = content + length
+
 
 STAMP = "plan-frozen.tsr"
 REGISTRATION = "plan-registration.json"

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from avrgym.study.storage.ledger import Head
+from avrgym.study.storage.hash_chain import Head
 from avrgym.system.files import PRIVATE_FILE, private_opener, write_whole
 
 HEAD = "study.head"

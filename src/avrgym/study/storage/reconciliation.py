@@ -10,7 +10,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from avrgym.study.storage import ledger, signing
+from avrgym.study.storage import hash_chain, signing
 from avrgym.study.storage.participation import (
     BEGUN,
     COMPARED,
@@ -177,7 +177,7 @@ class Differences:
 def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
     """Compare list and database; rows that another program changed are ignored."""
     everybody = _contents(connection)
-    unchanged_keys = ledger.unchanged_keys(connection, PARTICIPANT)
+    unchanged_keys = hash_chain.unchanged_keys(connection, PARTICIPANT)
     edited = {number for number, each in everybody.items() if each["state"] != DELETED} - unchanged_keys
     contents = {number: each for number, each in everybody.items() if number not in edited}
     before = known.read()
@@ -223,7 +223,7 @@ def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
         _append(known, before, found.missing)
     if found.set_back:
         detail = "this computer knows a later state of this study; this copy is older"
-        ledger.insert(connection, EVENT, at=now(), name=SET_BACK, detail=detail)
+        hash_chain.insert(connection, EVENT, at=now(), name=SET_BACK, detail=detail)
     if found.set_back or found.is_unsigned:
         known.append([(None, _without_participant(connection, COMPARED, now(), ""))])
 
@@ -236,9 +236,9 @@ def _restore(connection: sa.Connection, number: int, content: Content) -> None:
     rows = _all(connection, [PARTICIPANT.c.number], PARTICIPANT.c.number, [number])
     if rows:
         state = "withdrawn" if content["state"] == DELETED else content["state"]
-        ledger.update(connection, PARTICIPANT, number, state=state)
+        hash_chain.update(connection, PARTICIPANT, number, state=state)
         detail = f"{content['state']} at {content['at']} by the participation list"
-        ledger.insert(connection, EVENT, at=now(), participant=number, name=RESTORED, detail=detail)
+        hash_chain.insert(connection, EVENT, at=now(), participant=number, name=RESTORED, detail=detail)
     else:
         row = {"number": number, "simulated": content.get("simulated", False), "deleted_at": content["at"]}
-        ledger.insert(connection, TOMBSTONE, **row)
+        hash_chain.insert(connection, TOMBSTONE, **row)

@@ -1,6 +1,8 @@
-"""The design and the texts that a study fixes for its participants, as values that can be compared."""
+"""Compare designs and participants' texts value by value."""
 
-from collections.abc import Iterable, Mapping
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +10,8 @@ import msgspec
 
 from avrgym.study.design.design import LOCAL, Design
 from avrgym.study.design.languages import sentences
+from avrgym.system.plain_values import is_array, is_table
+from avrgym.system.toml_places import Place
 from avrgym.tasks.registry import TASKS
 from avrgym.texts.texts import Texts, normal, read_texts, shipped
 
@@ -81,3 +85,39 @@ def _stop_rules(rules: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
             key: value for key, value in rule.items() if key != "item"
         }
     return named
+
+
+LONGEST = 80
+"""Longer values are told by their beginning."""
+NOTHING = object()
+"""Stands for a value that is not there."""
+
+
+def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any, Any]]:
+    """The place of each difference, and the values there, of which one may be ``NOTHING``."""
+    if is_table(a) and is_table(b):
+        for name in dict.fromkeys([*a, *b]):
+            yield from differences(a.get(name, NOTHING), b.get(name, NOTHING), (*place, name))
+    elif _holds_tables(a) and _holds_tables(b):
+        for index, pair in enumerate(zip_longest(a, b, fillvalue=NOTHING)):
+            yield from differences(*pair, (*place, index))
+    elif a != b:
+        yield place, a, b
+
+
+def named(place: Place) -> str:
+    """A place in a sentence; what stands in an array is counted from 1."""
+    words = (f" {each + 1}" if isinstance(each, int) else f".{each}" for each in place)
+    return "".join(words).removeprefix(".")
+
+
+def shown(value: Any) -> str:
+    """A value in a sentence."""
+    if value is NOTHING:
+        return "missing"
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+
+
+def _holds_tables(value: Any) -> bool:
+    return is_array(value) and any(is_table(each) for each in value)

@@ -1,0 +1,183 @@
+"""Transfer of rows and recordings from a site into the merged study."""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+
+from avrgym.recording import answers_file
+from avrgym.study.merge.source_studies import MERGED_TABLES, Row, Source
+from avrgym.study.plan.frozen_plan import sha256
+from avrgym.study.storage import hash_chain, schema
+from avrgym.study.storage.attempts import CHANGED
+from avrgym.study.storage.rows import RECORDINGS, participant_number, pseudonym_of
+from avrgym.study.storage.sites import merged_id, merged_number
+from avrgym.study.storage.states import StudyError
+from avrgym.system.files import PRIVATE_FILE, make_private_folder, write_whole
+
+_IN_RECORDINGS = re.compile(rf"{RECORDINGS}/(sub-[0-9]{{3,9}})/")
+
+
+def merged_name(text: str, site: int) -> str:
+    """A recording's name, or text that begins with one, as it is in the merged study."""
+    match = _IN_RECORDINGS.match(text)
+    if match is None:
+        return text
+    pseudonym = pseudonym_of(merged_number(site, participant_number(match[1])))
+    return f"{RECORDINGS}/{pseudonym}/{text[match.end() :]}"
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording of a site, and where it goes; without a checksum nobody vouches for it, and it may be missing."""
+
+    attempt: int
+    participant: int
+    name: str
+    source: Path | None
+    target: Path
+    sha256: str | None
+
+    def is_there(self) -> bool:
+        """Whether the merged study has it as it is vouched for."""
+        return self.sha256 is not None and self.target.is_file() and _checksum(self.target) == self.sha256
+
+    def fault(self) -> str | None:
+        """Why it cannot be copied: a clause that begins with its name."""
+        if self.source is None:
+            return f"{self.name} lies outside the study's recordings"
+        if self.sha256 is None:
+            return None
+        if not self.source.is_file():
+            return f"{self.name} is missing"
+        return None if _checksum(self.source) == self.sha256 else f"{self.name} {CHANGED}"
+
+    def copy(self) -> bool:
+        """Copy it, so that it appears whole or not at all; whether that changed anything.
+
+        Raises:
+            StudyError: when it is not as it is vouched for.
+        """
+        if self.source is None or not self.source.is_file():
+            return False
+        data = self.source.read_bytes()
+        if self.sha256 not in (None, sha256(data)):
+            raise StudyError(f"{self.name} {CHANGED} while it was copied")
+        make_private_folder(self.target.parent)
+        late = answers_file.answers_path(self.source)
+        if late.is_file():
+            write_whole(answers_file.answers_path(self.target), late.read_bytes(), PRIVATE_FILE)
+        if self.target.is_file() and self.target.read_bytes() == data:
+            return False
+        write_whole(self.target, data, PRIVATE_FILE)
+        return True
+
+
+def recordings_of(source: Source, site: int, folder: Path) -> Iterator[Recording]:
+    """Every recording of a site, on its way into the merged study in ``folder``."""
+    participants = {row["id"]: row["participant"] for row in source.rows["session"]}
+    for row in source.rows["attempt"]:
+        name = row["recording"]
+        target = folder / merged_name(name, site)
+        yield Recording(
+            row["id"], participants[row["session"]], name, _path(source, name), target, _vouched(row)
+        )
+
+
+def _vouched(row: Row) -> str | None:
+    """The checksum of an attempt's recording; one that completed its trial has a recording, so another fits none."""
+    return row["sha256"] or ("none" if row["state"] == "completed" else None)
+
+
+def _path(source: Source, name: str) -> Path | None:
+    if not _IN_RECORDINGS.match(name) or ".." in name.split("/"):
+        return None
+    try:
+        return source.store.path(name)
+    except StudyError:
+        return None
+
+
+def _checksum(path: Path) -> str:
+    return sha256(path.read_bytes())
+
+
+Rows = Mapping[str, Mapping[int, Row]]
+"""Rows by table and key."""
+_BY_NUMBER = (schema.PARTICIPANT, schema.TOMBSTONE)
+_NAMING_RECORDINGS = {"attempt": "recording", "event": "detail"}
+
+
+def rows_by_participant(source: Source, site: int) -> Mapping[int | None, Rows]:
+    """The rows of a site as they are in the merged study, by the number there of whom they are about, if anybody.
+
+    Tombstones are not among them. The log is of the whole site: it outlasts its participants.
+    """
+    found: dict[int | None, dict[str, dict[int, Row]]] = defaultdict(lambda: defaultdict(dict))
+    sessions = {row["id"]: row["participant"] for row in source.rows["session"]}
+    for table in MERGED_TABLES:
+        for row in source.rows[table.name] if table is not schema.TOMBSTONE else ():
+            moved = _moved(table, row, source, site)
+            whose = None if table is schema.LOG else _whose(row, sessions)
+            found[whose][table.name][moved[hash_chain.key_of(table).key]] = moved
+    return found
+
+
+def _whose(row: Row, sessions: Mapping[int, int]) -> int | None:
+    """The number of the participant whom a row is about, if it is about one."""
+    if "enrolled_at" in row:
+        return row["number"]
+    if row.get("participant") is not None:
+        return row["participant"]
+    session = row.get("session")
+    return None if session is None else sessions[session]
+
+
+def _moved(table: sa.Table, row: Row, source: Source, site: int) -> Row:
+    """A row with the keys that it has in the merged study."""
+    moved = {column.key: _moved_key(column, row[column.key], site) for column in _columns(table)}
+    if table is schema.PARTICIPANT:
+        moved |= {"site": row["site"] or source.name, "site_number": row["number"]}
+    if table is schema.LOG and row["participant"] is not None:
+        moved["participant"] = merged_number(site, row["participant"])
+    if name := _NAMING_RECORDINGS.get(table.name):
+        moved[name] = merged_name(row[name], site)
+    return moved
+
+
+def _columns(table: sa.Table) -> Iterable[sa.Column[Any]]:
+    return (column for column in table.columns if column.key != "salt")
+
+
+def _moved_key(column: sa.Column[Any], value: Any, site: int) -> Any:
+    """A value, which moves with its site where it is the key of a row."""
+    tables = [key.column.table for key in column.foreign_keys] or [column.table] * column.primary_key
+    if not tables or value is None:
+        return value
+    return merged_number(site, value) if tables[0] in _BY_NUMBER else merged_id(site, value)
+
+
+def store_rows(connection: sa.Connection, rows: Rows) -> int:
+    """Bring the merged study's rows up to these; how many were written."""
+    written = 0
+    for table in MERGED_TABLES:
+        wanted = rows.get(table.name, {})
+        present = _present(connection, table, list(wanted))
+        for key, row in wanted.items():
+            if key not in present:
+                hash_chain.insert(connection, table, **row)
+            elif present[key] != row:
+                hash_chain.update(connection, table, key, **row)
+            written += present.get(key) != row
+    return written
+
+
+def _present(connection: sa.Connection, table: sa.Table, keys: list[int]) -> dict[int, Row]:
+    columns = list(_columns(table))
+    found = connection.execute(sa.select(*columns).where(hash_chain.key_of(table).in_(keys)))
+    rows = [dict(zip([column.key for column in columns], row, strict=True)) for row in found]
+    return {row[hash_chain.key_of(table).key]: row for row in rows}

@@ -1,0 +1,301 @@
+"""The frozen plan of a study, made before the first participant, and the proof of its date.
+
+``plan-frozen.json`` contains plan, design and texts with all checksums and versions. An event in the database contains
+its SHA-256. The plan is confirmatory if that event is older than the first participant and the database was not
+rebuilt, or if a trusted time stamp is older than all recordings. Otherwise all results are exploratory.
+"""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import datetime
+from importlib.metadata import version
+
+import msgspec
+import sqlalchemy as sa
+
+from avrgym.recording.reader import RecordingError, read_beginning
+from avrgym.study.checking.policy_files import PolicyFile, policy_files
+from avrgym.study.checking.preflight import plugins_needed, policy_faults
+from avrgym.study.design.design import FILE as DESIGN
+from avrgym.study.design.languages import word_files
+from avrgym.study.design.validation import read_text
+from avrgym.study.plan.plan import FILE, Offered, Plan, parse_frozen_plan, read_plan
+from avrgym.study.plan.timestamps import (
+    Registration,
+    TimeStamp,
+    read_registration,
+    read_time_stamp,
+)
+from avrgym.study.storage.participation import REBUILT
+from avrgym.study.storage.rows import RECORDINGS, Site, StudyEvent, StudySession, Tombstone, pseudonym_of
+from avrgym.study.storage.schema import now
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store, find_all, record_event
+from avrgym.system.files import PRIVATE_FILE, write_whole
+from avrgym.system.used_plugins import UsedPlugin
+from avrgym.vr.session.attempt import versions
+
+FROZEN = "plan-frozen.json"
+EVENT = "plan frozen"
+ADOPTED = "plan adopted"
+"""Their detail is the SHA-256 of the record; a plan is adopted that another station froze."""
+FORMAT = "avrgym frozen plan 1"
+
+
+class Record(msgspec.Struct, frozen=True):
+    """What a study was when its plan was frozen.
+
+    ``plan`` and ``design`` are the texts of the files, ``words`` those of the files in which the study has words of its
+    own, ``plugins`` those that its trials use; a record of an earlier version has neither.
+    """
+
+    format: str
+    frozen_at: str
+    sha256: dict[str, str]
+    versions: dict[str, str]
+    policies: tuple[PolicyFile, ...]
+    plan: str
+    design: str
+    words: dict[str, str] | None = None
+    plugins: tuple[UsedPlugin, ...] | None = None
+
+    def parsed(self) -> Plan:
+        """The plan as it was frozen."""
+        return parse_frozen_plan(self.plan, FROZEN)
+
+
+def freeze(store: Store, offered: Offered) -> Record:
+    """Freeze the plan in a study's folder.
+
+    Args:
+        store: the study.
+        offered: the tests that its analysis does.
+
+    Raises:
+        DesignError: when the plan says what cannot be.
+        StudyError: when somebody has taken part, a plan was frozen before, or a policy cannot be used.
+        OSError: when plan or record cannot be read or written. Nothing is stored then.
+    """
+    _, text = read_plan(store.folder, store.design, offered)
+    for name, fault in policy_faults(store):
+        raise StudyError(f"nothing was frozen: policy {name}: {fault}")
+    record = _record(store, text)
+    data = msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
+    path = store.folder / FROZEN
+    with store.write() as connection:
+        _check_untouched(store, connection)
+        record_event(connection, EVENT, sha256(data), {})
+        write_whole(path, data, PRIVATE_FILE)
+    return record
+
+
+def may_adopt(store: Store) -> bool:
+    """Whether there is a frozen plan, copied from another station, that the database does not know."""
+    return (store.folder / FROZEN).exists() and not _noted(store)
+
+
+def adopt(store: Store) -> Record:
+    """Store the checksum of a frozen plan that was copied from another station.
+
+    Raises:
+        StudyError: when it is no frozen plan, somebody has taken part, or the database was rebuilt.
+    """
+    data = (store.folder / FROZEN).read_bytes()
+    try:
+        record = msgspec.json.decode(data, type=Record)
+    except ValueError as error:
+        raise StudyError(f"{store.folder / FROZEN} is damaged: {error}; put a copy back") from None
+    with store.write() as connection:
+        _check_nobody_took_part(connection)
+        record_event(connection, ADOPTED, sha256(data), {})
+    return record
+
+
+def _noted(store: Store) -> bool:
+    with store.database.read() as connection:
+        return any(find_all(connection, StudyEvent, name=name) for name in (EVENT, ADOPTED))
+
+
+def check_untouched(store: Store) -> None:
+    """Raise ``StudyError`` unless a plan can still be frozen: none is, and nobody has taken part."""
+    with store.database.read() as connection:
+        _check_untouched(store, connection)
+
+
+def _check_untouched(store: Store, connection: sa.Connection) -> None:
+    if (store.folder / FROZEN).exists() or find_all(connection, StudyEvent, name=EVENT):
+        raise StudyError(
+            f"the plan of {store.folder} is frozen already; `avrgym study status` lists deviations"
+        )
+    _check_nobody_took_part(connection)
+
+
+def _check_nobody_took_part(connection: sa.Connection) -> None:
+    for event in find_all(connection, StudyEvent, name=REBUILT):
+        raise StudyError(
+            f"the database was rebuilt at {event.at}: earlier participants are unknown, so a plan frozen now would "
+            "confirm nothing; put back a copy of the database, or create a new study"
+        )
+    taken = [each.participant for each in find_all(connection, StudySession)]
+    taken += [each.number for each in find_all(connection, Tombstone)]
+    if taken:
+        raise StudyError(
+            f"{pseudonym_of(min(taken))} has taken part already: a plan is made before the first participant; "
+            "this study stays one without a plan (dry runs belong in a folder of their own)"
+        )
+
+
+def _record(store: Store, plan: str) -> Record:
+    words = word_files(store.design, store.folder)
+    return Record(
+        format=FORMAT,
+        frozen_at=now(),
+        sha256={name: sha256((store.folder / name).read_bytes()) for name in (FILE, DESIGN, *words)},
+        versions=software(),
+        policies=policy_files(store),
+        plan=plan,
+        design=read_text(store.folder / DESIGN),
+        words={name: read_text(store.folder / name) for name in words},
+        plugins=plugins_needed(store),
+    )
+
+
+def sha256(data: bytes) -> str:
+    """A checksum, as ``sha256sum`` prints it."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def software() -> dict[str, str]:
+    """The versions of what simulates and of what computes the analysis."""
+    return versions() | {name: version(name) for name in ("numpy", "scipy")}
+
+
+UNKNOWN = "an unknown time"
+UNKNOWN_ORIGIN = (
+    "is of unknown origin and confirms nothing: its checksum is not in the database; put back a copy of the database, "
+    "or add a time stamp from before the first participant with `avrgym study freeze DIR --timestamp FILE`"
+)
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """A frozen plan. Without a ``record`` nothing states what was planned; ``faults`` are what is wrong.
+
+    ``known_since`` is when the database stored its checksum, before the first participant; nothing where that is
+    unknown. ``is_adopted``: another station froze it. ``rebuilt_at`` is when the database was rebuilt, if it was.
+    ``is_proven``: a trusted time stamp is older than all recordings.
+    """
+
+    record: Record | None
+    faults: tuple[str, ...] = ()
+    known_since: str | None = None
+    is_adopted: bool = False
+    rebuilt_at: str | None = None
+    stamp: TimeStamp | None = None
+    is_proven: bool = False
+    registration: Registration | None = None
+    sha256: str = ""
+
+    @property
+    def confirms(self) -> bool:
+        """Whether it is known that the plan was made before the first participant."""
+        return self.record is not None and (self.known_since is not None or self.is_proven)
+
+    @property
+    def at(self) -> str:
+        """When it was frozen, as far as that is known."""
+        if self.record is not None and self.known_since is not None:
+            return self.known_since if self.is_adopted else self.record.frozen_at
+        if self.stamp is not None and self.is_proven:
+            return self.stamp.at.isoformat()
+        return UNKNOWN
+
+    @property
+    def words(self) -> str:
+        """What is known of its date, and what is only claimed."""
+        return " ".join(self._sentences())
+
+    def _sentences(self) -> Iterator[str]:
+        if self.known_since is not None:
+            verb = "was stored in the database" if self.is_adopted else "was frozen"
+            yield f"The plan {verb} at {self.at} (UTC), before the first participant."
+        elif self.is_proven:
+            yield f"The plan existed at {self.at}, before the first recording."
+        else:
+            why = f", which was rebuilt at {self.rebuilt_at} (UTC)" if self.rebuilt_at else ""
+            yield (
+                f"When the plan was made is unknown: its checksum is not in the database{why}. "
+                "It confirms nothing; all results are exploratory."
+            )
+        if self.stamp is not None:
+            known = "knows" if self.stamp.is_trusted else "does not know"
+            proves = "" if self.stamp.is_trusted else ", so the time stamp alone proves nothing"
+            yield (
+                f"A valid time stamp (RFC 3161) of {self.stamp.authority} gives {self.stamp.at.isoformat()}; this "
+                f"computer {known} the root certificate of that authority{proves}."
+            )
+        if self.registration is not None:
+            claim = self.registration
+            yield f"The researchers claim a registration of {claim.on} at {claim.url}; this is not verified."
+
+
+def read_frozen(store: Store) -> Frozen | None:
+    """The study's frozen plan; ``None`` where none was frozen."""
+    path = store.folder / FROZEN
+    with store.database.read() as connection:
+        noted = [each for name in (EVENT, ADOPTED) for each in find_all(connection, StudyEvent, name=name)]
+        sites = len(find_all(connection, Site))
+    if not path.exists():
+        fault = "is missing; put a copy back"
+        return Frozen(None, (fault,)) if noted else None
+    data = path.read_bytes()
+    own = [each for each in noted if each.detail == sha256(data)]
+    if noted and not own:
+        fault = "was modified after freezing; put a copy back"
+        return Frozen(None, (fault,))
+    try:
+        record = msgspec.json.decode(data, type=Record)
+    except ValueError as error:
+        return Frozen(None, (f"is damaged: {error}",))
+    rebuilt_at = store.rebuilt_at()
+    is_known = len(own) >= max(sites, 1) and rebuilt_at is None
+    return _with_evidence(
+        store,
+        data,
+        Frozen(
+            record,
+            known_since=max(each.at for each in own) if is_known else None,
+            is_adopted=all(each.name == ADOPTED for each in own),
+            rebuilt_at=rebuilt_at,
+            sha256=sha256(data),
+        ),
+    )
+
+
+def _with_evidence(store: Store, data: bytes, frozen: Frozen) -> Frozen:
+    """A frozen plan with the evidence from outside, and with what is wrong."""
+    faults: list[str] = []
+    stamp, registration = None, None
+    try:
+        stamp = read_time_stamp(store.folder, data)
+    except StudyError as error:
+        faults.append(f"has a time stamp that proves nothing: {error}")
+    try:
+        registration = read_registration(store.folder)
+    except StudyError as error:
+        faults.append(str(error))
+    is_proven = stamp is not None and stamp.is_trusted and _is_before_all(store, stamp.at)
+    result = replace(frozen, stamp=stamp, registration=registration, is_proven=is_proven)
+    if not result.confirms:
+        faults.insert(0, UNKNOWN_ORIGIN)
+    return replace(result, faults=tuple(faults))
+
+
+def _is_before_all(store: Store, moment: datetime) -> bool:
+    """Whether a moment is before the beginning of every recording; one of unknown beginning proves nothing."""
+    try:
+        beginnings = [read_beginning(path) for path in (store.folder / RECORDINGS).rglob("*.mcap")]
+    except (OSError, RecordingError):
+        return False
+    return all(each is not None and moment < each for each in beginnings)

@@ -1,0 +1,285 @@
+"""Versions of questionnaire items, and the version that each answer belongs to.
+
+Two items are the same version if their words, scale and end labels are the same, also in translation. A changed item is
+``L1 (version 2)`` in tables, tests and figures: answers to different versions are never pooled. A validated
+questionnaire changes as a whole, and its versions have separate scores.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import msgspec
+
+from avrgym.questionnaires.questionnaire import MOMENTS, MOST_POINTS, Item, Questionnaire
+from avrgym.recording.reader import RecordingError, read_configuration
+from avrgym.study.design.comparison import Wordings
+from avrgym.study.design.design import Design
+from avrgym.study.storage.rows import GivenAnswer, Participant, StoredDesign, Trial, TrialAttempt
+from avrgym.study.storage.session_designs import as_recorded, design_of, translated, translation
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+
+Words = tuple[Item, ...]
+
+
+@dataclass(frozen=True)
+class Version:
+    """An item as participants read it.
+
+    ``item`` has its name among all versions, ``of`` is its name in the design, ``number`` counts its versions from 1.
+    ``words`` are the texts by language, ``asked`` counts answers by participant.
+    """
+
+    item: Item
+    of: str
+    number: int
+    questionnaire: str
+    words: dict[str, Item] = field(default_factory=dict[str, Item])
+    asked: dict[str, int] = field(default_factory=dict[str, int])
+
+
+@dataclass(frozen=True)
+class Form:
+    """The items that a participant read, by their names in the design."""
+
+    versions: Mapping[str, Version]
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """A version of a validated questionnaire, whose items change together; other questionnaires have one version."""
+
+    content: Any
+    words: dict[str, Words] = field(default_factory=dict[str, Words])
+
+
+class Catalogue:
+    """All items that participants read; items and questionnaires that change under one name become its versions."""
+
+    def __init__(self) -> None:
+        self.questionnaires: dict[str, Questionnaire] = {}
+        self._versions: dict[str, list[tuple[Item, int, Version]]] = {}
+        self._wholes: dict[str, list[_Whole]] = {}
+
+    @property
+    def versions(self) -> list[Version]:
+        """All versions of all items, ordered by item."""
+        return [version for versions in self._versions.values() for _, _, version in versions]
+
+    def form(self, design: Design, language: str, translate: Callable[[str], str]) -> Form:
+        """The items of a design for a participant who reads this language."""
+        found: dict[str, Version] = {}
+        for questionnaire in design.questionnaires:
+            words = tuple(translated(item, translate) for item in questionnaire.items)
+            whole = self._whole(questionnaire, language, words)
+            name = numbered(questionnaire.name, whole)
+            own = whole if questionnaire.use else 0
+            for item, read in zip(questionnaire.items, words, strict=True):
+                found[item.id] = self.version(item, read, language, name, own)
+            items = tuple(found[item.id].item for item in questionnaire.items)
+            self.add(msgspec.structs.replace(questionnaire, name=name, items=items))
+        return Form(found)
+
+    def version(self, item: Item, words: Item, language: str, questionnaire: str, whole: int = 0) -> Version:
+        """The version of an item; a new one where the item, or its words in this language, were not asked before."""
+        versions = self._versions.setdefault(item.id, [])
+        for known, of, version in versions:
+            if (known, of) == (item, whole) and version.words.setdefault(language, words) == words:
+                return version
+        number = len(versions) + 1
+        named = msgspec.structs.replace(item, id=numbered(item.id, number))
+        version = Version(named, item.id, number, questionnaire, {language: words})
+        versions.append((item, whole, version))
+        return version
+
+    def add(self, questionnaire: Questionnaire) -> None:
+        """Add a questionnaire, or add its items and moments to the existing one."""
+        known = self.questionnaires.get(questionnaire.name, questionnaire)
+        ids = {item.id for item in known.items}
+        items = (*known.items, *(item for item in questionnaire.items if item.id not in ids))
+        moments = tuple(each for each in MOMENTS if each in {*known.moments, *questionnaire.moments})
+        when = known.when if set(moments) == set(known.moments) else moments
+        self.questionnaires[known.name] = msgspec.structs.replace(known, items=items, when=when)
+
+    def _whole(self, questionnaire: Questionnaire, language: str, words: Words) -> int:
+        """The number of a questionnaire among those of its name, from 1."""
+        content = (
+            [questionnaire.use, questionnaire.weights, questionnaire.items] if questionnaire.use else None
+        )
+        wholes = self._wholes.setdefault(questionnaire.name, [])
+        for number, known in enumerate(wholes, start=1):
+            if known.content == content and (
+                content is None or known.words.setdefault(language, words) == words
+            ):
+                return number
+        wholes.append(_Whole(content, {language: words}))
+        return len(wholes)
+
+
+def numbered(name: str, version: int) -> str:
+    """The name of a version; the first version has the name of its item in the design."""
+    return name if version == 1 else f"{name} (version {version})"
+
+
+def first_name(name: str) -> str:
+    """The name in the design of any version of an item or a questionnaire."""
+    return name.partition(" (version ")[0]
+
+
+def in_order(design: Design, catalogue: Catalogue) -> Design:
+    """A design with all items that participants read, in its own order; other items are unchanged."""
+    versions = {version.item.id: version for version in catalogue.versions}
+    of = {version.of for version in versions.values()}
+    whole = Catalogue()
+    for questionnaire in catalogue.questionnaires.values():
+        whole.add(questionnaire)
+    for questionnaire in design.questionnaires:
+        new = tuple(item for item in questionnaire.items if item.id not in of)
+        if new:
+            whole.add(msgspec.structs.replace(questionnaire, items=new))
+    places = _places(design)
+
+    def rank(item: Item) -> tuple[int, int]:
+        version = versions.get(item.id)
+        return places.get(version.of if version else item.id, len(places)), version.number if version else 0
+
+    names = [each.name for each in design.questionnaires]
+    ordered = sorted(
+        whole.questionnaires.values(),
+        key=lambda each: names.index(each.name) if each.name in names else len(names),
+    )
+    return msgspec.structs.replace(
+        design,
+        questionnaires=tuple(
+            msgspec.structs.replace(each, items=tuple(sorted(each.items, key=rank))) for each in ordered
+        ),
+    )
+
+
+def _places(design: Design) -> dict[str, int]:
+    ids: Iterable[str] = (item.id for each in design.questionnaires for item in each.items)
+    return {name: place for place, name in enumerate(ids)}
+
+
+NOT_STORED = "unknown"
+"""The questionnaire of items whose words are not stored."""
+UNKNOWN = "(neither the database nor a recording contains its words)"
+
+
+class Asked:
+    """The items that the participants of a study answered, or some of them."""
+
+    def __init__(self, store: Store, participants: Sequence[Participant] | None = None) -> None:
+        self._store = store
+        self._catalogue = Catalogue()
+        self._forms: dict[bytes, Form] = {}
+        self._of_answers: dict[int, Version] = {}
+        stored: dict[int, list[StoredDesign]] = {}
+        for row in store.designs():
+            if row.session is not None:
+                stored.setdefault(row.participant, []).append(row)
+        everyone = store.participants() if participants is None else participants
+        for participant in sorted(everyone, key=lambda each: (each.simulated, each.number)):
+            reading = _Reading(self, store, participant, stored.get(participant.number, []))
+            for answer in store.answers(participant.pseudonym):
+                self._take(participant, answer, reading.form(answer))
+
+    @property
+    def design(self) -> Design:
+        """The study's design with the items that participants answered."""
+        return in_order(self._store.design, self._catalogue)
+
+    @property
+    def versions(self) -> list[Version]:
+        """All versions of all items that participants answered, ordered by item."""
+        return self._catalogue.versions
+
+    def contains(self, answer: GivenAnswer) -> bool:
+        """Whether an answer was there when this was read."""
+        return answer.id in self._of_answers
+
+    def item(self, answer: GivenAnswer) -> Item:
+        """The item of an answer, by its name among all versions."""
+        return self._of_answers[answer.id].item
+
+    def questionnaire(self, answer: GivenAnswer) -> Questionnaire:
+        """The questionnaire of an answer's item."""
+        return self._catalogue.questionnaires[self._of_answers[answer.id].questionnaire]
+
+    def value(self, answer: GivenAnswer) -> int:
+        """The value of an answer on the scale of its item."""
+        return self.questionnaire(answer).scale_of(self.item(answer)).counts_as(answer.value)
+
+    def form(self, participant: Participant, design: Design, wordings: Wordings | None) -> Form:
+        """The items of a design for a participant."""
+        language = participant.language or design.languages[0]
+        content: Any = [design.questionnaires, language, wordings]
+        key = msgspec.json.encode(content, order="deterministic")
+        if key not in self._forms:
+            translate = translation(self._store, language, wordings)
+            self._forms[key] = self._catalogue.form(design, language, translate)
+        return self._forms[key]
+
+    def _take(self, participant: Participant, answer: GivenAnswer, form: Form) -> None:
+        version = form.versions.get(answer.item)
+        if version is None or answer.value > version.item.points:
+            version = self._unknown(participant, answer)
+        version.asked[participant.pseudonym] = version.asked.get(participant.pseudonym, 0) + 1
+        self._of_answers[answer.id] = version
+
+    def _unknown(self, participant: Participant, answer: GivenAnswer) -> Version:
+        """The item of an answer whose words are not stored."""
+        item = Item(answer.item, UNKNOWN, MOST_POINTS, "?", "?")
+        version = self._catalogue.version(item, item, participant.language or "", NOT_STORED)
+        when = "after_trial" if answer.attempt is not None else "after_session"
+        self._catalogue.add(Questionnaire(NOT_STORED, when, (version.item,)))
+        return version
+
+
+class _Reading:
+    """Finds the item of each answer of a participant: in the database, else in the trial's recording."""
+
+    def __init__(
+        self, asked: Asked, store: Store, participant: Participant, stored: list[StoredDesign]
+    ) -> None:
+        self._asked, self._store, self._participant, self._stored = asked, store, participant, stored
+        self._by_row: dict[int, Form] = {}
+        self._by_attempt: dict[int | None, Form] = {}
+
+    def form(self, answer: GivenAnswer) -> Form:
+        """The items that the participant read when an answer was given."""
+        own = [row for row in self._stored if row.stored_at <= answer.answered_at]
+        own = own or [row for row in self._stored if row.session == answer.session]
+        return self._of_row(own[-1]) if own else self._of_attempt(answer.attempt)
+
+    def _of_row(self, row: StoredDesign) -> Form:
+        if row.id not in self._by_row:
+            design = design_of(row)
+            self._by_row[row.id] = self._asked.form(self._participant, design, row.wordings)
+        return self._by_row[row.id]
+
+    def _of_attempt(self, attempt: int | None) -> Form:
+        if attempt not in self._by_attempt:
+            design = self._store.design
+            with suppress(OSError, RecordingError, StudyError, KeyError):  # other checks report it
+                design = self._recorded(self._attempts[attempt or 0])
+            self._by_attempt[attempt] = self._asked.form(self._participant, design, None)
+        return self._by_attempt[attempt]
+
+    def _recorded(self, attempt: TrialAttempt) -> Design:
+        """The present design with what the recording of an attempt reports."""
+        design = self._store.design
+        translate = translation(self._store, self._participant.language or design.languages[0], None)
+        configuration = read_configuration(self._store.path(attempt.recording))
+        return as_recorded(design, self._trials[attempt.trial], configuration, translate)
+
+    @cached_property
+    def _attempts(self) -> dict[int, TrialAttempt]:
+        return {each.id: each for each in self._store.attempts(self._participant.pseudonym)}
+
+    @cached_property
+    def _trials(self) -> dict[int, Trial]:
+        return {each.id: each for each in self._store.trials(self._participant.pseudonym)}
