@@ -14,7 +14,7 @@ import numpy as np
 from avrgym.models import human
 from avrgym.models.contacts import COLLISION_GROUP
 from avrgym.policies.trained import load_policy
-from avrgym.simulation.retreat import Retreat
+from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import ENVIRONMENTS

@@ -23,14 +23,13 @@ import numpy as np
 from msgspec import inspect
 
 from avrgym.models import human
-from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
+from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.texts.texts import read_texts, shipped
 from avrgym.vr.latency import STAGE_WORDS
 from avrgym.vr.protocol import messages, state_changes, webxr
 from avrgym.vr.session.phases import where
 from avrgym.vr.tracking import arm, body, switches
 from avrgym.vr.tracking.frames import STALE_S
-from avrgym.vr.tracking.world import TICK_S
 
 CLIENT = Path(__file__).parents[1] / "client"
 
@@ -66,7 +65,7 @@ CONSTANTS = {
     "PROTOCOL": messages.PROTOCOL,
     "STATES_A_RECEIPT": messages.STATES_A_RECEIPT,
     "STALE_S": STALE_S,
-    "TICK_S": TICK_S,
+    "TICK_S": messages.TICK_S,
     "JOINT_STEPS": json.dumps(state_changes.JOINT_STEPS.tolist()),
     "POSE_STEPS": json.dumps(state_changes.POSE_STEPS.tolist()),
     "STAGE_WORDS": json.dumps(STAGE_WORDS),

@@ -8,9 +8,9 @@ import pytest
 from typer.main import get_command
 
 from avrgym.cli.main import app
-from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N, blow_speed_m_s
-from avrgym.policies.approach import effective_mass_kg
-from avrgym.policies.force_guard import GUARD_SHARE
+from avrgym.safety.approach_speed import effective_mass_kg
+from avrgym.safety.force_guard import GUARD_SHARE
+from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, blow_speed_m_s
 from avrgym.tasks.known import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from helpers.browser.documentation import DOCUMENTS, anchors, missing_rows, name_of

@@ -16,11 +16,11 @@ from avrgym.learning.adaptive import AdaptiveTraining, lengthened, resume, store
 from avrgym.learning.recurrent import RecurrentNetwork
 from avrgym.learning.rollouts import Order, Place, roll_out
 from avrgym.learning.updates import UpdateNormaliser, observation_of
-from avrgym.models.body_regions import TRANSIENT_LIMIT_N
 from avrgym.models.scene import SUBSTEPS
 from avrgym.policies.actors import Actor
 from avrgym.policies.trained import Policy, PolicyMetadata, packaged_policies
-from avrgym.simulation.region_forces import RegionWatch
+from avrgym.safety.limits import TRANSIENT_LIMIT_N
+from avrgym.safety.region_forces import RegionWatch
 from avrgym.system.carried import Carried
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, sizes

@@ -8,8 +8,8 @@ import pytest
 
 from avrgym.learning import evaluation
 from avrgym.learning.evaluation import Evaluation, evaluate, evaluate_all, wilson_interval
-from avrgym.models.body_regions import BODY_REGIONS
 from avrgym.policies.trained import packaged_policies
+from avrgym.safety.limits import BODY_REGIONS
 from avrgym.tasks.known import EPISODE_STEPS
 from helpers.vr.visit import ENVIRONMENT, drive
 

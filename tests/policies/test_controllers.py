@@ -25,12 +25,11 @@ from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.storage.store import Store
 from avrgym.system import plugins
 from avrgym.tasks.registry import sizes
-from avrgym.vr.protocol.messages import Problem
+from avrgym.vr.live_world import drivers
+from avrgym.vr.protocol.messages import TICK_S, Problem
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, load_policies
 from avrgym.vr.session.session import Session
-from avrgym.vr.tracking import driving
-from avrgym.vr.tracking.world import TICK_S
 from helpers.learning import failing_controllers
 from helpers.learning.onnx_files import as_onnx
 from helpers.studies.small_studies import make_study
@@ -167,7 +166,7 @@ def test_who_never_answers_stops_nobody_and_is_replaced(tmp_path: Path, workers:
 def test_who_never_answers_does_not_hold_up_simulated_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(driving, "ANSWER_SIMULATED_WITHIN_S", 0.2)
+    monkeypatch.setattr(drivers, "ANSWER_SIMULATED_WITHIN_S", 0.2)
     plan = driven_by("Hangs", seeds=(3, 4))
     recordings = completed(Visit(tmp_path, plan, load_policies(plan)))
     assert len(recordings) == 2

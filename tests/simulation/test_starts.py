@@ -12,7 +12,7 @@ from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsu
 from avrgym.simulation.room import NoRoomError
 from avrgym.tasks.episodes import MOST_DRAWS, Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.vr.tracking.world import LiveWorld
+from avrgym.vr.live_world.world import LiveWorld
 from helpers.simulation.starts import HAND_AT_THE_ROBOT_RAD, at_once, begun, deepest_overlap_m
 
 SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"

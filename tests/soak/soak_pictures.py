@@ -19,11 +19,10 @@ from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation import headset
 from avrgym.vr.emulation.headset import BrowserAttendance
-from avrgym.vr.protocol.messages import Command
+from avrgym.vr.protocol.messages import TICK_S, Command
 from avrgym.vr.server import loop
 from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
-from avrgym.vr.tracking.world import TICK_S
 from helpers.browser.journey import Journey, await_that, draw_triangles
 
 pytestmark = pytest.mark.usefixtures("unhurried")

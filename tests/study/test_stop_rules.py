@@ -15,8 +15,7 @@ from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import Answer, Command, Phase, Problem, Ready, Sent, Status
-from avrgym.vr.tracking.world import TICK_S
+from avrgym.vr.protocol.messages import TICK_S, Answer, Command, Phase, Problem, Ready, Sent, Status
 from helpers.studies.small_studies import make_study, take_in
 from helpers.vr.visit import Visit
 

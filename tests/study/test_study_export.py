@@ -3,6 +3,7 @@
 import csv
 import importlib.util
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -34,6 +35,7 @@ from helpers.studies.small_studies import (
     small_study,
     take_in,
 )
+from helpers.system.places import ROOT
 
 NAME = "Ada Unverwechselbar"
 SCENES = ("FeedingJaco", "FeedingPR2")
@@ -298,7 +300,7 @@ def test_hdf5_has_robomimic_s_structure(exports: dict[str, Path]) -> None:
         with h5py.File(path) as file:
             data: Any = file["data"]
             masks: Any = file["mask"]
-            made_by = "avrgym.envs.old_gym"
+            made_by = "old_gym"
             assert json.loads(data.attrs["env_args"])["env_name"] == f"{made_by}:avrgym/{path.stem}-v1"
             assert sorted(data) == [f"demo_{number}" for number in range(len(data))]
             for demo in data.values():
@@ -338,7 +340,8 @@ after, reward, done, _ = environment.step([0.0] * environment.action_dimension)
 print("SAW", observation.shape, after["flat"].shape, float(reward) < 0, done, environment.is_success())
 """
     command = [sys.executable, "-W", "ignore", "-c", program, exports["hdf5"] / "FeedingJaco.hdf5"]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    examples = {**os.environ, "PYTHONPATH": str(ROOT / "examples")}
+    result = subprocess.run(command, capture_output=True, text=True, check=False, env=examples)
     assert "SAW (25,) (25,) True False {'task': False}" in result.stdout, result.stderr
 
 

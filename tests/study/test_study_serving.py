@@ -19,6 +19,7 @@ from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import (
+    TICK_S,
     Answer,
     Body,
     Command,
@@ -32,7 +33,6 @@ from avrgym.vr.protocol.messages import (
     Sent,
     Welcome,
 )
-from avrgym.vr.tracking.world import TICK_S
 from helpers.studies.small_studies import make_study, run_trial, take_in
 
 NO_PROCESS = 2**22 + 1

@@ -115,7 +115,7 @@ def test_it_is_evaluated_and_measured(installed):
 LIVE = f"""
 import avrgym
 from avrgym.models.human import Person
-from avrgym.vr.tracking.world import LiveWorld
+from avrgym.vr.live_world.world import LiveWorld
 
 LiveWorld("{ENVIRONMENT}", Person()).begin(seed=1)
 """

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from avrgym.learning.evaluation import watched_step
-from avrgym.models.body_regions import QUASI_STATIC_LIMIT_N
-from avrgym.simulation.region_forces import RegionWatch
+from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
+from avrgym.safety.region_forces import RegionWatch
 from avrgym.tasks.experts.steadied import steadied
 from avrgym.tasks.feeding.patient import KEPT_OFF_M, RESTING_M_S, PatientExpert, kept_off_m
 from avrgym.tasks.task import Expert

@@ -17,14 +17,13 @@ from test_server import make_server, participant, sit_down
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.recording.schema import TrackingFrame
 from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import Command, Phase, Ready, StateChange, Tracking
+from avrgym.vr.protocol.messages import TICK_S, Command, Phase, Ready, StateChange, Tracking
 from avrgym.vr.server.loop import RealTimeLoop
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session import session
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.frames import LONGEST_GAP_FRAMES, RESTART_FRAMES, Numbering
-from avrgym.vr.tracking.world import TICK_S
 from helpers.studies.small_studies import make_study, take_in
 from helpers.system.processes import Served, served
 from helpers.vr.visit import Visit, events, result

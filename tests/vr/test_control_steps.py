@@ -5,7 +5,7 @@ from numpy.testing import assert_array_equal
 
 from avrgym.models.scene import SUBSTEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.vr.tracking.world import ControlSteps
+from avrgym.vr.live_world.world import ControlSteps
 
 ENVIRONMENT = "avrgym/ScratchItchJaco-v1"
 

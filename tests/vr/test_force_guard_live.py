@@ -11,11 +11,11 @@ from typer.testing import CliRunner
 
 from avrgym.analysis.reading.observations import guard_interventions
 from avrgym.cli.main import app
-from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
-from avrgym.policies.force_guard import ACTS, GUARD_SHARE, RESTS
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.replay.region_loads import region_loads
 from avrgym.replay.verification import verify
+from avrgym.safety.force_guard import ACTS, GUARD_SHARE, RESTS
+from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.protocol.messages import Status
 from helpers.vr.visit import Visit, drive, plan

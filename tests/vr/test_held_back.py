@@ -11,12 +11,12 @@ from avrgym.geometry import transforms
 from avrgym.models import human, robot
 from avrgym.models.human import Person
 from avrgym.models.scene import TOOL
-from avrgym.vr.protocol.messages import State
+from avrgym.vr.live_world.drivers import Driver, Operator
+from avrgym.vr.live_world.obstruction import HELD_M, HeldBack
+from avrgym.vr.live_world.world import LiveWorld
+from avrgym.vr.protocol.messages import TICK_S, State
 from avrgym.vr.tracking.body import RELAXED_RAD, BodyPose
-from avrgym.vr.tracking.driving import Driver, Operator
-from avrgym.vr.tracking.held_back import HELD_M, HeldBack
 from avrgym.vr.tracking.jumps import PARTS
-from avrgym.vr.tracking.world import TICK_S, LiveWorld
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
 NEAR_M = 0.01

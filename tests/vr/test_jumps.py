@@ -10,11 +10,10 @@ import pytest
 
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import TrackingFrame
-from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
 from avrgym.vr.protocol.webxr import is_valid
 from avrgym.vr.tracking.frames import TrackingFeed
 from avrgym.vr.tracking.jumps import PARTS, RETURN_SHARE, SETTLED_S, Limb, least_s
-from avrgym.vr.tracking.world import TICK_S
 from helpers.vr.teleporting_hands import ATTACKS, IMPACT_N, peak_force_n, somewhere
 from helpers.vr.visit import Visit, plan
 

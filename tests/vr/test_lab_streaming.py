@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrgym.models.body_regions import BODY_REGIONS
 from avrgym.recording.schema import Stream
 from avrgym.recording.streams import stream_figures, times_of
+from avrgym.safety.limits import BODY_REGIONS
 from avrgym.vr.lab_streaming.choice import StreamChoice
 from avrgym.vr.protocol.messages import Entered, Ready, Status
 from avrgym.vr.session.events import StreamFound, StreamLost

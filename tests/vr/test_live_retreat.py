@@ -8,11 +8,11 @@ import pytest
 
 from avrgym.recording.reader import Recording
 from avrgym.replay.verification import verify
-from avrgym.simulation.retreat import LONGEST_S
+from avrgym.safety.retreat import LONGEST_S
+from avrgym.vr.live_world.world import BRAKED_TICKS
 from avrgym.vr.protocol.messages import ClientMessage, Command, ExperimenterMessage, Question, Stop
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
-from avrgym.vr.tracking.world import BRAKED_TICKS
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
 STEPS = 110

@@ -5,18 +5,18 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.policies.force_guard import ACTS
 from avrgym.policies.names import OPERATOR
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control
 from avrgym.replay.verification import verify
-from avrgym.simulation.withdrawal import SETTLED_STEPS, WITHDRAWAL, WITHDRAWS
+from avrgym.safety.force_guard import ACTS
+from avrgym.safety.withdrawal import SETTLED_STEPS, WITHDRAWAL, WITHDRAWS
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.sessions.visit import plan_session
 from avrgym.study.storage.store import Store
+from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import Status
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
-from avrgym.vr.tracking.world import LiveWorld
 from helpers.studies.known_results import take_part
 from helpers.studies.small_studies import make_study
 from helpers.vr.visit import ENVIRONMENT, Visit, plan

@@ -10,10 +10,10 @@ from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import Person, Posture
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+from avrgym.vr.live_world.drivers import driver_of
+from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import BodyPose
-from avrgym.vr.tracking.driving import driver_of
-from avrgym.vr.tracking.world import LiveWorld
 from helpers.vr.visit import drive
 
 SETTLED_TICKS = 100

@@ -12,12 +12,11 @@ from typing import cast
 import numpy as np
 import pytest
 
-from avrgym.vr.protocol.messages import Answer, Command, Entered, Ready, Stop, Tracking
+from avrgym.vr.protocol.messages import TICK_S, Answer, Command, Entered, Ready, Stop, Tracking
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.server.inbox import FRAMES_KEPT, INBOX_MESSAGES, MESSAGES_PER_TICK, MESSAGES_S
 from avrgym.vr.server.loop import CATCH_UP_TICKS, PRIORITY, TIDY_EVERY_S, RealTimeLoop
 from avrgym.vr.session.session import Session
-from avrgym.vr.tracking.world import TICK_S
 
 PATIENCE_S = 30.0
 

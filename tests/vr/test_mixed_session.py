@@ -14,6 +14,8 @@ from avrgym.models import human
 from avrgym.models.human import SEATED_RAD
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
+from avrgym.vr.live_world.arm_touch import ArmTouch
+from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import (
     Command,
     CommandName,
@@ -33,10 +35,8 @@ from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.protocol.state_changes import StateDecoder, StateEncoder
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session import trial_worlds
-from avrgym.vr.session.feedback import ArmTouch
 from avrgym.vr.session.plan import SessionPlan, practised_trials
 from avrgym.vr.session.session import Session
-from avrgym.vr.tracking.world import LiveWorld
 from helpers.simulation.starts import HAND_AT_THE_ROBOT_RAD
 from helpers.vr.visit import Visit, driving, plan
 

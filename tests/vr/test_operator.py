@@ -20,12 +20,12 @@ from avrgym.study.storage.store import Store
 from avrgym.tasks.episodes import Episodes
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
-from avrgym.vr.protocol.messages import Drive, Entered, Problem, Ready, SceneLoaded, Status
+from avrgym.vr.live_world.drivers import OPERATOR_HEARD_S
+from avrgym.vr.live_world.world import LiveWorld
+from avrgym.vr.protocol.messages import TICK_S, Drive, Entered, Problem, Ready, SceneLoaded, Status
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.plan import SessionPlan, load_policies
 from avrgym.vr.session.session import Session
-from avrgym.vr.tracking.driving import OPERATOR_HEARD_S
-from avrgym.vr.tracking.world import TICK_S, LiveWorld
 from helpers.studies.small_studies import make_study
 from helpers.vr.visit import Visit, plan
 

@@ -24,13 +24,14 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
 from avrgym.vr.emulation.in_process import STATE_EVERY_TICKS, InProcessClient
 from avrgym.vr.emulation.simulated_participant import RATINGS, SimulatedParticipant, draw_traits
+from avrgym.vr.live_world.scene_message import poses as world_poses
+from avrgym.vr.live_world.scene_message import scene_message
+from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import Sent, State, Tracking, XRPose, decode_client, encode
 from avrgym.vr.protocol.webxr import Registration, is_valid
 from avrgym.vr.session.attempt import Experience
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.calibration import measure_torso_height
-from avrgym.vr.tracking.world import LiveWorld, scene_message
-from avrgym.vr.tracking.world import poses as world_poses
 from helpers.learning.random_networks import network
 from helpers.vr.visit import driving, plan
 

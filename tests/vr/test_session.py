@@ -14,21 +14,22 @@ import pytest
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import transforms
 from avrgym.models import human, robot
-from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N, blow_speed_m_s
 from avrgym.models.human import Person, Sex
 from avrgym.models.scene import TOOL
-from avrgym.policies.approach import effective_mass_kg
-from avrgym.policies.force_guard import ACTS, GUARD_SHARE
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import Recording
 from avrgym.recording.writer import RecordingWriter
-from avrgym.simulation.brakes import HOLDING
-from avrgym.simulation.retreat import LONGEST_S
+from avrgym.safety.approach_speed import effective_mass_kg
+from avrgym.safety.brakes import HOLDING
+from avrgym.safety.force_guard import ACTS, GUARD_SHARE
+from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, blow_speed_m_s
+from avrgym.safety.retreat import LONGEST_S
 from avrgym.simulation.worlds import MAX_LEAD_RAD
 from avrgym.tasks.episodes import Episodes
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
+    TICK_S,
     Answer,
     Back,
     Entered,
@@ -49,7 +50,6 @@ from avrgym.vr.protocol.messages import (
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.protocol.webxr import hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
-from avrgym.vr.tracking.world import TICK_S
 from helpers.simulation.starts import begun
 from helpers.vr.visit import ENVIRONMENT, Visit, events, plan
 

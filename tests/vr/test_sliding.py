@@ -9,11 +9,10 @@ import pytest
 from avrgym.models import human
 from avrgym.recording.reader import read_recording
 from avrgym.replay.verification import verify
-from avrgym.vr.protocol.messages import Placed, Scene
+from avrgym.vr.protocol.messages import TICK_S, Placed, Scene
 from avrgym.vr.protocol.webxr import Registration, head_pose
 from avrgym.vr.session import events
 from avrgym.vr.tracking.sliding import GLIDE_M_S, Sliding
-from avrgym.vr.tracking.world import TICK_S
 from helpers.vr.visit import Visit, plan
 
 SLIDES = ((0.3, 0.0), (-0.3, 0.0), (0.0, -0.3), (0.15, 0.2))

@@ -5,6 +5,7 @@ import pytest
 
 from avrgym.models.human import Person
 from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import State
 from avrgym.vr.protocol.state_changes import (
@@ -18,7 +19,6 @@ from avrgym.vr.protocol.state_changes import (
     pack,
     unpack,
 )
-from avrgym.vr.tracking.world import LiveWorld
 
 MOST_BYTES = 1500
 ROTATION_RAD = 1e-4

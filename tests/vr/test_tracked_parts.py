@@ -18,10 +18,9 @@ from avrgym.study.checking.tracking_loss import held_share, too_much_held
 from avrgym.study.design.design import default_text, parse_design
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
-from avrgym.vr.protocol.messages import Modality, Phase, Ready, State, Status, Tracking, XRPose
+from avrgym.vr.protocol.messages import TICK_S, Modality, Phase, Ready, State, Status, Tracking, XRPose
 from avrgym.vr.session import events as session_events
 from avrgym.vr.tracking.freshness import STALE_S, Freshness
-from avrgym.vr.tracking.world import TICK_S
 from helpers.vr.visit import FRAME_EVERY_TICKS, Visit, plan
 
 ROBOT = "Jaco"

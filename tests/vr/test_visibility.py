@@ -8,7 +8,9 @@ import pytest
 
 from avrgym.replay.verification import verify
 from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.vr.live_world.world import BRAKED_TICKS
 from avrgym.vr.protocol.messages import (
+    TICK_S,
     Command,
     CommandName,
     Phase,
@@ -22,7 +24,6 @@ from avrgym.vr.protocol.messages import (
 from avrgym.vr.server.inbox import MESSAGES_PER_TICK, Inbox
 from avrgym.vr.session import events as session_events
 from avrgym.vr.tracking.frames import STALE_S
-from avrgym.vr.tracking.world import BRAKED_TICKS, TICK_S
 from helpers.vr.visit import ENVIRONMENT, FRAME_EVERY_TICKS, Visit, events, result
 
 UNSEEN = [visibility for visibility in get_args(Visibility) if visibility != "visible"]

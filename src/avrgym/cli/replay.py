@@ -183,7 +183,7 @@ def _tell_differences(found: "Verification") -> None:
 
 def _show_regions(recording: "Recording", json_file: Path | None) -> None:
     from avrgym.replay.region_loads import region_loads
-    from avrgym.simulation.region_forces import summed_up
+    from avrgym.safety.region_forces import summed_up
 
     with _progress(recording, "stepping again") as advance:
         found = summed_up(region_loads(recording, advance))

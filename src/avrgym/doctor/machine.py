@@ -13,10 +13,10 @@ from tempfile import TemporaryDirectory
 from avrgym.doctor.finding import Finding, fault, ok, warning
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
+from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.server import keep_awake
 from avrgym.vr.server.gate import MOST_STRANGERS, SHARE_OF_HANDLES, most_file_handles
 from avrgym.vr.server.loop import PRIORITY, take_precedence
-from avrgym.vr.tracking.world import TICK_S
 
 SLEEPS = 20
 OVERSLEEP_SHARE = 0.2

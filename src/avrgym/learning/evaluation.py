@@ -13,9 +13,9 @@ from avrgym.learning.seed_streams import SHOWING, Stream, episode_generators
 from avrgym.models.scene import SUBSTEPS
 from avrgym.people.kinds import carried_people
 from avrgym.policies import registry
-from avrgym.policies.force_guard import ForceGuard
+from avrgym.safety.force_guard import ForceGuard
+from avrgym.safety.region_forces import RegionFigures, RegionLoads, RegionWatch, summed_up
 from avrgym.simulation.engines.engine import check_engine
-from avrgym.simulation.region_forces import RegionFigures, RegionLoads, RegionWatch, summed_up
 from avrgym.system.carried import Carried
 from avrgym.system.engines import THREADS
 from avrgym.system.jobs import cores, report, run_all

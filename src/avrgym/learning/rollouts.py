@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from avrgym.array_types import BoolArray, Float32Array, FloatArray
 from avrgym.geometry.arrays import brought, namespace, on_host
 from avrgym.learning.evaluation import watched_step
-from avrgym.models.body_regions import TRANSIENT_LIMIT_N
 from avrgym.policies.actors import Actor, ActorThere
 from avrgym.policies.trained import Policy
-from avrgym.simulation.region_forces import RegionWatch
+from avrgym.safety.limits import TRANSIENT_LIMIT_N
+from avrgym.safety.region_forces import RegionWatch
 from avrgym.system.carried import Carried
 from avrgym.system.engines import THREADS
 from avrgym.tasks.episodes import Episodes, Step

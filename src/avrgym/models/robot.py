@@ -350,7 +350,7 @@ BRAKE_FIRMNESS = 0.9999
 
 
 def _shape_brakes(spec: mujoco.MjSpec, arm: Arm) -> None:
-    """How the joints' friction acts when ``simulation.brakes.Brakes`` puts it on."""
+    """How the joints' friction acts when ``safety.brakes.Brakes`` puts it on."""
     for joint in arm.joints:
         spec.joint(joint).solref_friction = [BRAKING_S, 1.0]
         spec.joint(joint).solimp_friction = [BRAKE_FIRMNESS, BRAKE_FIRMNESS, 0.001, 0.5, 2.0]

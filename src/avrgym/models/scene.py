@@ -7,7 +7,6 @@ import mujoco
 
 from avrgym.geometry import transforms
 from avrgym.models import contacts, human, robot
-from avrgym.models.body_regions import REGION_OF_GEOM
 from avrgym.models.human import Person, Posture
 from avrgym.models.parts import add_collision
 from avrgym.models.robot import Arm, Furniture, Mount, Robot
@@ -99,8 +98,6 @@ TOOL_CONTACTS = 6
 """More than the 6 contacts of a robot and the 4 of a tool seen at most in 12 800 steps of packaged policies."""
 EFFECTOR_VELOCITY_SENSOR = "end_effector_velocity"
 TOOL_VELOCITY_SENSOR = "tool_velocity"
-GEOM_CONTACTS = 8
-"""Of the robot with one geom of the person, the strongest; fewer were seen where a hand of three fingers grasps."""
 
 
 def _add_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
@@ -119,23 +116,6 @@ def _add_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     _add_velocity_sensor(spec, TOOL_VELOCITY_SENSOR, TOOL)
 
 
-def add_region_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
-    """Measure the robot's contacts with each geom of the person: what ``Simulation.region_force_n`` needs.
-
-    They change no state, but where they are many a step takes up to a sixth longer.
-    """
-    base = robot.PREFIX + scene.robot.base
-    for geom in REGION_OF_GEOM:
-        _add_contact_sensor(
-            spec, region_sensor(geom), base, _FORCE, _STRONGEST, GEOM_CONTACTS, human.PREFIX + geom
-        )
-
-
-def region_sensor(geom: str) -> str:
-    """The name of the sensor of the robot's contacts with one of ``human.GEOMS``."""
-    return f"robot_contacts_with_{geom}"
-
-
 _FORCE = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
 _POS = 1 << int(mujoco.mjtConDataField.mjCONDATA_POS)
 _NORMAL = 1 << int(mujoco.mjtConDataField.mjCONDATA_NORMAL)
@@ -149,6 +129,12 @@ def _add_velocity_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
         objtype=mujoco.mjtObj.mjOBJ_XBODY,
         objname=body,
     )
+
+
+def add_geom_sensor(spec: mujoco.MjSpec, scene: SceneConfig, name: str, geom: str, slots: int) -> None:
+    """Add a sensor of the strongest contact forces of the robot with one of ``human.GEOMS``."""
+    base = robot.PREFIX + scene.robot.base
+    _add_contact_sensor(spec, name, base, _FORCE, _STRONGEST, slots, human.PREFIX + geom)
 
 
 def _add_contact_sensor(

@@ -14,8 +14,8 @@ from avrgym.replay.output import check_new
 from avrgym.replay.packing import STEP, pack_poses
 from avrgym.replay.timeline import Timeline, aligned, render_recorded
 from avrgym.system.files import PRIVATE_FILE, write_whole
+from avrgym.vr.live_world.scene_message import scene_url
 from avrgym.vr.server.web import STATIC, check_page
-from avrgym.vr.tracking.world import scene_url
 
 TEMPLATE = "trial.html"
 PLACE = b'<script id="recorded" type="application/json">'

@@ -15,8 +15,8 @@ from avrgym.system.used_plugins import differences, stored
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import WORLD_VERSION
 from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
+from avrgym.vr.live_world.world import ControlStep, ControlSteps
 from avrgym.vr.session.attempt import control_record
-from avrgym.vr.tracking.world import ControlStep, ControlSteps
 
 HALTS = (("phase", "retreat"), ("phase", "free_after"))
 """Events at which the robot is halted. Recordings of earlier versions hold no retreat."""

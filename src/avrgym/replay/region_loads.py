@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from avrgym.recording.reader import Recording
 from avrgym.replay.playback import Playback, StateAgain
-from avrgym.simulation.region_forces import RegionLoads, RegionWatch
+from avrgym.safety.region_forces import RegionLoads, RegionWatch
 
 
 def region_loads(recording: Recording, progress: Callable[[], None] = lambda: None) -> RegionLoads:

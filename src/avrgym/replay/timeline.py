@@ -11,11 +11,11 @@ from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Answer
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.trial import Trial, phases, trial_of
+from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.scene.rendering import render_scene
 from avrgym.vr.session.trial_worlds import resting
-from avrgym.vr.tracking.world import poses, scene_message
 
 FRAME_EVERY_STATES = 2
 """50 frames a second, which pages draw between."""

@@ -22,15 +22,14 @@ from avrgym.models.scene import (
     SUBSTEPS,
     TOOL_CONTACTS,
     SceneConfig,
-    add_region_sensors,
     build_spec,
 )
-from avrgym.simulation.brakes import Brakes
+from avrgym.safety.brakes import Brakes
+from avrgym.safety.region_forces import RegionForces, add_region_sensors
 from avrgym.simulation.engines.engine import Arrays, make_engine
 from avrgym.simulation.idle_parts import without_idle_parts
 from avrgym.simulation.names import Names
 from avrgym.simulation.person_fields import PersonFields
-from avrgym.simulation.region_forces import RegionForces
 from avrgym.simulation.room import Geoms
 from avrgym.simulation.state import RightArm, Start, State
 from avrgym.system.engines import THREADS

@@ -23,8 +23,8 @@ from avrgym.people.names import Impairment
 from avrgym.people.uniform import which
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
+from avrgym.safety.withdrawal import Withdrawal
 from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
-from avrgym.simulation.withdrawal import Withdrawal
 from avrgym.simulation.worlds import Simulation, Start, State
 from avrgym.system.engines import THREADS
 from avrgym.tasks.company import find_company
@@ -125,7 +125,7 @@ class Episodes:
             on_device: whether control steps stay on that engine's device: ``step`` takes and gives tensors, and copies
                 nothing to the host; ``check`` then has to be asked. Episodes begin on the host all the same.
             withdraw_after_success: whether the robot withdraws its tool once a task that ``ends_with_success`` is
-                complete, see ``simulation.withdrawal``. Steps that the withdrawal drives are not rewarded: their reward
+                complete, see ``safety.withdrawal``. Steps that the withdrawal drives are not rewarded: their reward
                 and its terms are 0.
 
         Raises:

@@ -17,6 +17,7 @@ from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol.messages import (
+    TICK_S,
     Answer,
     Entered,
     Left,
@@ -29,7 +30,6 @@ from avrgym.vr.protocol.messages import (
     VisibilityChanged,
 )
 from avrgym.vr.protocol.received import Disconnected
-from avrgym.vr.tracking.world import TICK_S
 from helpers.studies.small_studies import take_in
 from helpers.vr.device_switch_examples import SIDES, measured, misjudged
 

@@ -10,8 +10,17 @@ from avrgym.study.sessions import visit
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage.store import Store
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
-from avrgym.vr.protocol.messages import Answer, Entered, Question, Ready, Scene, SceneLoaded, Send, Sent
-from avrgym.vr.tracking.world import TICK_S
+from avrgym.vr.protocol.messages import (
+    TICK_S,
+    Answer,
+    Entered,
+    Question,
+    Ready,
+    Scene,
+    SceneLoaded,
+    Send,
+    Sent,
+)
 
 GIVEN = {"L1": 1, "L2": 2, "L3": 3, "L4": 4}
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.session.session import Session
-from avrgym.vr.tracking.world import TICK_S
 from helpers.vr.visit import Visit, driving, plan
 
 pylsl = pytest.importorskip("pylsl", reason="`pip install avrgym[lsl]` brings Lab Streaming Layer")

@@ -14,6 +14,7 @@ from avrgym.tasks.registry import sizes
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
+    TICK_S,
     Answer,
     Entered,
     Phase,
@@ -29,7 +30,6 @@ from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session
-from avrgym.vr.tracking.world import TICK_S
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 FRAME_EVERY_TICKS = 4

@@ -14,13 +14,13 @@ from avrgym.analysis.reading.measures import Body, Measured, measure, other_vers
 from avrgym.analysis.rows import AnswerRow, AttemptRow, ParticipantRow, ProblemRow, TermRow, TrialRow
 from avrgym.analysis.score_rows import ScoreRow
 from avrgym.analysis.stream_rows import StreamRow
-from avrgym.policies.force_guard import ACTS
 from avrgym.recording.reader import Recording, RecordingError
 from avrgym.recording.schema import Latency
 from avrgym.recording.streams import stream_figures
 from avrgym.robots.registry import find_robot
 from avrgym.study.checking.plugin_checks import RecordedPlugin, plugin_findings, recorded_plugins
 from avrgym.study.checking.tracking_loss import held_share, too_much_held
+from avrgym.safety.force_guard import ACTS
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.storage.attempts import CHANGED
 from avrgym.study.storage.item_versions import Asked

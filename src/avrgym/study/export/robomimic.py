@@ -4,7 +4,7 @@ https://robomimic.github.io/docs/datasets/overview.html describes it. The last s
 its observation, since nothing was observed after the last step. robomimic calls the observation of such environments
 ``flat``; it stands under that name and under ``observation``, once.
 
-``create_env_from_metadata`` makes the environments by way of ``avrgym.envs.old_gym``.
+``create_env_from_metadata`` makes the environments by way of ``examples/old_gym.py``, which must be on the Python path.
 """
 
 import json
@@ -20,7 +20,7 @@ from avrgym.study.storage.store import Store
 
 GYM_TYPE = 2
 """robomimic's number for environments of gym."""
-MADE_BY = "avrgym.envs.old_gym"
+MADE_BY = "old_gym"
 """The module that gym imports before it makes one."""
 OBSERVATION, ALSO = "observation", "flat"
 

@@ -27,12 +27,12 @@ from avrgym.tasks.registry import sizes
 from avrgym.vr.benchmark.cpu_steal import CpuSteal, Span, outside, within_s
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.protocol.received import Received
 from avrgym.vr.server.loop import LateTick, RealTimeLoop
 from avrgym.vr.server.server import LiveServer
 from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session
-from avrgym.vr.tracking.world import TICK_S
 
 TRACKING_HZ = 90.0
 HIDDEN_UNITS = 64

@@ -4,9 +4,8 @@ from collections.abc import Callable
 
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Message
+from avrgym.vr.protocol.messages import TICK_S, Message
 from avrgym.vr.session.session import Session
-from avrgym.vr.tracking.world import TICK_S
 
 CALIBRATION_S = 1.5
 """How long a participant sits still before they press the trigger to be measured."""

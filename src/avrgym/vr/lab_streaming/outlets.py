@@ -6,11 +6,12 @@ from socket import gethostname
 import msgspec
 import pylsl
 
-from avrgym.models.body_regions import BODY_REGIONS
 from avrgym.models.human import PREFIX
+from avrgym.safety.limits import BODY_REGIONS
+from avrgym.vr.live_world.world import LiveWorld
+from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.session.events import SessionEvent
 from avrgym.vr.session.streams import SHOWN_EVERY_TICKS
-from avrgym.vr.tracking.world import TICK_S, LiveWorld
 
 RATE_HZ = 1.0 / (SHOWN_EVERY_TICKS * TICK_S)
 POSED = {

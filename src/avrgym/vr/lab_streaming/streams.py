@@ -10,8 +10,8 @@ from avrgym.recording.schema import Stream, StreamSamples
 from avrgym.vr.lab_streaming.choice import StreamChoice
 from avrgym.vr.lab_streaming.inlets import Inlet
 from avrgym.vr.lab_streaming.outlets import Outlets
+from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.events import SessionEvent
-from avrgym.vr.tracking.world import LiveWorld
 
 DRIFT_S = 1e-6
 """By how much a tick the two clocks may come apart: more than any two clocks of one machine do."""

@@ -11,10 +11,14 @@ from typing import Annotated, Literal, TypeVar
 import msgspec
 
 from avrgym.models.human import Sex
+from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.models.tracked import Part
 from avrgym.recording import schema
 
 PROTOCOL = 12
+
+TICK_S = PHYSICS_STEP_S
+"""Period of the real-time loop."""
 
 STATES_ON_THE_WAY = 8
 """So many states are sent beyond those that the client says it received: on a network that takes longer than 60 ms

@@ -12,7 +12,18 @@ import msgspec
 from fastapi import WebSocket, WebSocketDisconnect
 
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Hello, Message, Passed, Problem, Receipt, Role, Scene, State, Tracking
+from avrgym.vr.protocol.messages import (
+    TICK_S,
+    Hello,
+    Message,
+    Passed,
+    Problem,
+    Receipt,
+    Role,
+    Scene,
+    State,
+    Tracking,
+)
 from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.protocol.state_changes import StateEncoder
 from avrgym.vr.server.access import LINK_ENDED, Caller, Tokens
@@ -20,7 +31,6 @@ from avrgym.vr.server.broadcast import Broadcast, Farewell, Outbox
 from avrgym.vr.server.gate import Gate
 from avrgym.vr.server.inbox import holds_robot
 from avrgym.vr.server.loop import RealTimeLoop, S
-from avrgym.vr.tracking.world import TICK_S
 
 _log = logging.getLogger("uvicorn.error")
 HELLO_TIMEOUT_S = 5.0

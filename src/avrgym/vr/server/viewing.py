@@ -8,13 +8,14 @@ from avrgym.models.human import Person
 from avrgym.policies.registry import find_for_session
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.vr.live_world.drivers import Operator, driver_of
+from avrgym.vr.live_world.scene_message import most_pressed, poses, scene_message
+from avrgym.vr.live_world.world import ControlStep, ControlSteps
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Send
+from avrgym.vr.protocol.messages import TICK_S, Send
 from avrgym.vr.protocol.received import Received
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session.reporting import STATUS_EVERY_TICKS
-from avrgym.vr.tracking.driving import Operator, driver_of
-from avrgym.vr.tracking.world import TICK_S, ControlStep, ControlSteps, most_pressed, poses, scene_message
 
 LOOK_AT_END_S = 2.0
 LOADING_S = 15.0

@@ -20,10 +20,10 @@ from avrgym.system.files import make_private_folder
 from avrgym.system.used_plugins import UsedPlugin, own_version
 from avrgym.tasks.known import WORLD_VERSION
 from avrgym.vr.headset_check import HeadsetCheck
+from avrgym.vr.live_world.world import ControlStep, LiveWorld
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.tracking.tracking_state import Followed
-from avrgym.vr.tracking.world import ControlStep, LiveWorld
 
 Configuration = Callable[[int], Mapping[str, Any]]
 

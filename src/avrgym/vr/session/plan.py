@@ -65,8 +65,8 @@ class SessionPlan:
     the robot starts, ``trial_steps`` a trial's length in control steps of 0.1 s. ``first_trial`` counts from 1: a
     session that goes on after a break begins there. ``haptics`` and ``sounds`` say whether touches are felt and
     successes heard. ``furniture`` is what the participant really sits and lies on. ``force_guard``: arms that press too
-    hard draw back, see ``policies.force_guard``. ``withdraw_after_success``: once a task that ends with success is
-    complete the robot withdraws and waits, see ``simulation.withdrawal``. ``stop_rules``: at which answers the session
+    hard draw back, see ``safety.force_guard``. ``withdraw_after_success``: once a task that ends with success is
+    complete the robot withdraws and waits, see ``safety.withdrawal``. ``stop_rules``: at which answers the session
     pauses or ends. ``texts``: what the participant reads, in their language, in which goals and items stand already.
     ``headset_check``: before all else the headset is checked so. ``measure_reach``: who is measured also stretches
     their arms, which become as long as theirs. ``open_questionnaire`` comes before all else.

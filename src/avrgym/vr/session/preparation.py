@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ParamSpec, Self, TypeVar
 
 from avrgym.models.human import Person, Sex
-from avrgym.vr.tracking.world import LiveWorld
+from avrgym.vr.live_world.world import LiveWorld
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -2,14 +2,15 @@
 
 from avrgym.models.scene import SUBSTEPS
 from avrgym.models.tracked import PARTS
+from avrgym.vr.live_world.arm_touch import ArmTouch
+from avrgym.vr.live_world.drivers import Driver, Operator
+from avrgym.vr.live_world.obstruction import HeldBack
+from avrgym.vr.live_world.scene_message import most_pressed
+from avrgym.vr.live_world.world import ControlStep, LiveWorld
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Send
+from avrgym.vr.protocol.messages import TICK_S, Send
 from avrgym.vr.session.attempt import Attempt
-from avrgym.vr.session.feedback import ArmTouch
-from avrgym.vr.tracking.driving import Driver, Operator
-from avrgym.vr.tracking.held_back import HeldBack
 from avrgym.vr.tracking.tracking_state import TrackingState
-from avrgym.vr.tracking.world import TICK_S, ControlStep, LiveWorld, most_pressed
 
 STATUS_EVERY_TICKS = 20
 

@@ -15,6 +15,7 @@ from avrgym.models import human
 from avrgym.models.human import Person
 from avrgym.models.tracked import PARTS, Part
 from avrgym.questionnaires.stop_rules import Verdict
+from avrgym.vr.live_world.world import ControlStep, LiveWorld
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName, Send
 from avrgym.vr.protocol.received import Received
@@ -23,7 +24,6 @@ from avrgym.vr.session import events
 from avrgym.vr.session.attempt import Attempt, Experience, versions
 from avrgym.vr.session.attempt_storage import Answering, AttemptStorage
 from avrgym.vr.session.dispatch import take_message
-from avrgym.vr.session.driving import Drivers
 from avrgym.vr.session.events import EventSink, Observer
 from avrgym.vr.session.interruptions import lost_time, lost_tracking
 from avrgym.vr.session.phases import Phase, Questionnaire, Waiting
@@ -33,8 +33,8 @@ from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.reporting import Reporter, status
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.session.streams import StreamRecording, Streams
+from avrgym.vr.session.trial_drivers import Drivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
-from avrgym.vr.tracking.world import ControlStep, LiveWorld
 
 LOST_TIME_S = 0.5
 """So long between two ticks, which are 10 ms apart, no attempt goes on."""
@@ -273,7 +273,9 @@ class Session:
     def _follow(self) -> None:
         """Move the person to the newest tracking frame, or hold them when it is stale."""
         state, attempt = self._state, self._state.storage.attempt
-        followed = state.tracking.follow(self.world, state.now_s)
+        followed = state.tracking.follow(self.world.task.tracked, state.now_s)
+        if followed.pose is not None:
+            self.world.follow(followed.pose)
         if self._phase.in_place:
             state.follow_seat()
         for part in PARTS:

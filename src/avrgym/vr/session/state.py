@@ -9,29 +9,29 @@ import numpy as np
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.models.tracked import Part
-from avrgym.policies.force_guard import ACTS, RESTS
 from avrgym.questionnaires.stop_rules import Verdict
 from avrgym.recording import schema
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
-from avrgym.simulation.withdrawal import WITHDRAWS
+from avrgym.safety.force_guard import ACTS, RESTS
+from avrgym.safety.withdrawal import WITHDRAWS
 from avrgym.texts.texts import Said
 from avrgym.vr.headset_check import HeadsetCheck
 from avrgym.vr.latency import is_whole, percentiles_ms
+from avrgym.vr.live_world.drivers import Driver, Operator
+from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Send
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session import events
 from avrgym.vr.session.attempt import configuration
 from avrgym.vr.session.attempt_storage import AttemptStorage
-from avrgym.vr.session.driving import Drivers
 from avrgym.vr.session.events import EventSink
 from avrgym.vr.session.interruptions import UNTRACKED_S
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
+from avrgym.vr.session.trial_drivers import Drivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
-from avrgym.vr.tracking.driving import Driver, Operator
 from avrgym.vr.tracking.tracking_state import TrackingState
-from avrgym.vr.tracking.world import LiveWorld
 
 NOT_YET = Said("waiting")
 """Why nobody is in VR at the beginning."""

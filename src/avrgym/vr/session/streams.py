@@ -6,10 +6,10 @@ from typing import Protocol
 import msgspec
 
 from avrgym.recording.schema import Stream, StreamSamples
+from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import StreamStatus
 from avrgym.vr.session.events import SessionEvent, StreamFound, StreamLost
 from avrgym.vr.session.state import SessionState
-from avrgym.vr.tracking.world import LiveWorld
 
 SHOWN_EVERY_TICKS = 2
 """Poses and forces go out 50 times a second."""

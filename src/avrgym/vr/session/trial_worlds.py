@@ -5,9 +5,10 @@ from dataclasses import replace
 
 from avrgym.models.human import Person
 from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.vr.live_world.scene_message import scene_url
+from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.session.preparation import BodyKey, Preparation, TrialKey
-from avrgym.vr.tracking.world import LiveWorld, scene_url
 
 
 class TrialWorlds:

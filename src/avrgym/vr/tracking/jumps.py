@@ -9,9 +9,8 @@ from math import acos, dist, hypot
 import msgspec
 
 from avrgym.models.tracked import PARTS, Part
-from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
 from avrgym.vr.tracking.freshness import moves_by_mouse
-from avrgym.vr.tracking.world import TICK_S
 
 FASTEST_M_S, FASTEST_RAD_S = 10.0, 30.0
 """What neither heads nor hands of people who are helped exceed."""

@@ -1,6 +1,6 @@
 """The tracking of one stay in VR: its frames, where the participant's floor lies, what pose their body follows."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,14 +10,13 @@ from avrgym.geometry import transforms
 from avrgym.models.human import SEATED, Person, Posture
 from avrgym.models.tracked import PARTS, Part
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import XRPose
+from avrgym.vr.protocol.messages import TICK_S, XRPose
 from avrgym.vr.protocol.webxr import Registration, head_pose, register
 from avrgym.vr.tracking.body import BodyPose, resting_head_centre
 from avrgym.vr.tracking.frames import Frame, TrackingFeed, body_pose
 from avrgym.vr.tracking.jumps import Limbs
 from avrgym.vr.tracking.sliding import LOOK_EVERY_TICKS, Glide, Sliding
 from avrgym.vr.tracking.switches import Hands
-from avrgym.vr.tracking.world import TICK_S, LiveWorld
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,8 @@ class Followed:
 
     ``newest`` is ``None`` while no usable frame comes, and ``silent`` is true then. ``held`` are the parts of the body
     that jumped and are not where they are tracked. ``untracked`` are all parts whose poses are stale, ``lost`` those of
-    them that the task needs. Those of the tick before are in ``held_before`` and ``lost_before``.
+    them that the task needs. Those of the tick before are in ``held_before`` and ``lost_before``. ``pose`` is the pose
+    that the body follows, if there is a new one.
     """
 
     arrived: Sequence[Frame]
@@ -37,6 +37,7 @@ class Followed:
     untracked: tuple[Part, ...] = ()
     lost: tuple[Part, ...] = ()
     lost_before: tuple[Part, ...] = ()
+    pose: BodyPose | None = None
 
 
 class TrackingState:
@@ -120,14 +121,16 @@ class TrackingState:
         """The headset at rest; see ``TrackingFeed.steady_head``."""
         return self._feed.steady_head(now_s)
 
-    def follow(self, world: LiveWorld, now_s: float) -> Followed:
-        """Move the world's person to the newest frame, or hold them when it is stale."""
+    def follow(self, needed: Collection[Part], now_s: float) -> Followed:
+        """Follow the newest frame, unless it is stale; ``needed`` are the parts of the body that the task needs."""
         newest, silent = self._feed.newest, self._feed.is_stale(now_s)
         arrived, held_before, lost_before = self._feed.take_arrived(), self._limbs.held, self.lost
         self.untracked = self._feed.freshness.stale(now_s)
-        self.lost = tuple(part for part in self.untracked if part in world.task.tracked)
+        self.lost = tuple(part for part in self.untracked if part in needed)
         if newest is not None and not silent and self.registration is not None:
-            self._move(world, self.registration, newest, now_s)
+            pose = self._pose_from(self.registration, newest, now_s)
+        else:
+            pose = None
         return Followed(
             arrived,
             None if silent else newest,
@@ -137,6 +140,7 @@ class TrackingState:
             self.untracked,
             self.lost,
             lost_before,
+            pose,
         )
 
     # Who slides on the seat ----------------------------------------------------------------------------------------
@@ -188,8 +192,8 @@ class TrackingState:
         left_s = glide.seconds - TICK_S
         self._glide = Glide(glide.shift_w - step_w, left_s) if share < 1.0 else None
 
-    def _move(self, world: LiveWorld, registration: Registration, newest: Frame, now_s: float) -> None:
-        """Give the body its targets; arms go on towards theirs while no new frame comes."""
+    def _pose_from(self, registration: Registration, newest: Frame, now_s: float) -> BodyPose:
+        """The pose that the body follows; arms go on towards theirs while no new frame comes."""
         if newest is not self._followed:
             self._followed = newest
             self._tracked = self._hands.follow(newest.tracking, newest.captured_s)
@@ -198,4 +202,4 @@ class TrackingState:
         if self._pose is None or self._limbs.held:
             assert self._tracked is not None
             self._pose = body_pose(registration, self._limbs.follow(self._tracked, now_s))
-        world.follow(self._pose)
+        return self._pose

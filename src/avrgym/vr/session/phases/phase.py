@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import ClassVar, Self
 
 from avrgym.texts.texts import ENGLISH, Said
+from avrgym.vr.live_world.drivers import Driver
+from avrgym.vr.live_world.world import ControlStep
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName, StopWay
 from avrgym.vr.session import events
 from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.state import SessionState
-from avrgym.vr.tracking.driving import Driver
-from avrgym.vr.tracking.world import ControlStep
 
 
 class Phase:

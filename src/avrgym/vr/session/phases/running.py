@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Self
 
-from avrgym.simulation.withdrawal import WITHDRAWAL
+from avrgym.safety.withdrawal import WITHDRAWAL
 from avrgym.texts.texts import Said
+from avrgym.vr.live_world.drivers import Driver, Operator
+from avrgym.vr.live_world.world import ControlStep
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
@@ -13,8 +15,6 @@ from avrgym.vr.session.phases.kinds import Helped, Stoppable
 from avrgym.vr.session.phases.preparing import told_of_trial
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
-from avrgym.vr.tracking.driving import Driver, Operator
-from avrgym.vr.tracking.world import ControlStep
 
 
 class FreeBefore(Stoppable):

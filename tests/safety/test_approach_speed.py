@@ -8,12 +8,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.array_types import FloatArray
 from avrgym.learning.evaluation import watched_step
-from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N, REGION_OF_GEOM, blow_speed_m_s
 from avrgym.models.human import GEOMS
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.policies.approach import NEAR_M, effective_mass_kg
-from avrgym.policies.force_guard import ForceGuard
-from avrgym.simulation.region_forces import RegionWatch
+from avrgym.safety.approach_speed import NEAR_M, effective_mass_kg
+from avrgym.safety.force_guard import ForceGuard
+from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, REGION_OF_GEOM, blow_speed_m_s
+from avrgym.safety.region_forces import RegionWatch
 from avrgym.simulation.state import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import Controller

@@ -6,15 +6,15 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.models import contacts, human
-from avrgym.models.body_regions import (
+from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
+from avrgym.safety.limits import (
     BODY_REGIONS,
     QUASI_STATIC_LIMIT_N,
     REGION_OF_GEOM,
     TRANSIENT_LIMIT_N,
     TRANSIENT_S,
 )
-from avrgym.models.scene import GEOM_CONTACTS, PHYSICS_STEP_S, SUBSTEPS
-from avrgym.simulation.region_forces import RegionLoads, RegionWatch
+from avrgym.safety.region_forces import GEOM_CONTACTS, RegionLoads, RegionWatch
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.pressing_robots import towards

@@ -7,7 +7,7 @@ import pytest
 
 from avrgym.models.scene import CONTROL_STEP_S, SUBSTEPS
 from avrgym.policies.trained import load_policy
-from avrgym.simulation.retreat import LONGEST_S, Retreat
+from avrgym.safety.retreat import LONGEST_S, Retreat
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS

@@ -6,23 +6,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry import transforms
-from avrgym.models import human
-from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.models.human import Person
-from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS, SceneConfig
-from avrgym.policies.force_guard import ForceGuard
-from avrgym.simulation.retreat import Retreat
-from avrgym.simulation.withdrawal import Withdrawal
+from avrgym.models.scene import SUBSTEPS, SceneConfig
+from avrgym.safety.force_guard import ForceGuard
+from avrgym.safety.retreat import Retreat
+from avrgym.safety.withdrawal import Withdrawal
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.task import Task
+from avrgym.vr.live_world.drivers import Driver, still
+from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
-from avrgym.vr.tracking.driving import Driver, still
 
-TICK_S = PHYSICS_STEP_S
 BRAKED_TICKS = 30
 """So long the brakes hold between what drove the robot and its retreat, until it is at rest."""
 Act = Callable[[FloatArray], FloatArray]
@@ -212,7 +210,7 @@ class LiveWorld:
         self._retreated_ticks: int | None = None
 
     def retreat(self) -> None:
-        """Stop the robot and let it take its tool away, once an episode; see ``simulation.retreat``."""
+        """Stop the robot and let it take its tool away, once an episode; see ``safety.retreat``."""
         self.hold()
         self._retreated_ticks = 0
 
@@ -315,42 +313,3 @@ class LiveWorld:
 
 def _nothing() -> None:
     """No other action during a control step."""
-
-
-def most_pressed(simulation: Simulation) -> tuple[str, float]:
-    """Where the first person bears most by a region's limit, and what share of that; nowhere, an empty name and 0."""
-    share = simulation.region_force_n()[0] / QUASI_STATIC_LIMIT_N
-    most = int(share.argmax())
-    return (BODY_REGIONS[most].name if share[most] else ""), float(share[most])
-
-
-def scene_message(number: int, episodes: Episodes, registration: Registration) -> messages.Scene:
-    """What a client has to draw of the first world; see ``messages.Scene``."""
-    marks = episodes.task.marks
-    people = episodes.people
-    head_centre = human.layout(people.is_woman, people.torso_height_m).site_pos["head_centre"][0]
-    return messages.Scene(
-        url=scene_url(number),
-        bodies=list(episodes.simulation.bodies),
-        head_bodies=[human.PREFIX + "head"],
-        marks=marks.count if marks else 0,
-        mark_radius_m=marks.radius_m if marks else 0.0,
-        mark_rgb=marks.rgb if marks else (0.0, 0.0, 0.0),
-        eyes=(float(head_centre[0]), float(head_centre[1]) - human.HEADSET_AHEAD_M, float(head_centre[2])),
-        skeleton=skeleton(people.person(0), episodes.scene.posture),
-        xr_from_world=registration.xr_from_world(),
-    )
-
-
-def scene_url(number: int) -> str:
-    """The address of a scene on its server."""
-    return f"/scenes/{number}.glb"
-
-
-def poses(episodes: Episodes) -> bytes:
-    """Bodies and marks of the first world as ``messages.State`` wants them."""
-    bodies, marks_w = episodes.simulation.body_poses(0), episodes.marks_w()[0]
-    all_poses = np.empty((len(bodies) + len(marks_w), 7), "<f4")
-    all_poses[: len(bodies)] = bodies
-    all_poses[len(bodies) :, :3], all_poses[len(bodies) :, 3:] = marks_w, transforms.IDENTITY_QUATERNION
-    return all_poses.tobytes()

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.models.body_regions import QUASI_STATIC_LIMIT_N
 from avrgym.models.scene import SUBSTEPS
-from avrgym.policies.force_guard import GUARD_SHARE, RELEASE_SHARE, WAYPOINT_RAD, ForceGuard
+from avrgym.safety.force_guard import GUARD_SHARE, RELEASE_SHARE, WAYPOINT_RAD, ForceGuard
+from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
 from avrgym.tasks.episodes import Episodes
 from helpers.simulation.pressing_robots import towards
 from helpers.simulation.starts import begun

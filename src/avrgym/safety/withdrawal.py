@@ -11,7 +11,7 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.simulation.retreat import Retreat
+from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 
 SETTLED_S = 0.5

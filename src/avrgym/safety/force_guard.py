@@ -8,9 +8,9 @@ it comes too fast itself.
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.models.body_regions import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.models.scene import PHYSICS_STEP_S
-from avrgym.policies.approach import Approach
+from avrgym.safety.approach_speed import Approach
+from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.simulation.worlds import Simulation
 
 GUARD_SHARE = 0.5

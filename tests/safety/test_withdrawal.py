@@ -9,8 +9,8 @@ from numpy.testing import assert_array_equal
 
 from avrgym.array_types import BoolArray
 from avrgym.policies import registry
-from avrgym.simulation.retreat import SPEED_M_S
-from avrgym.simulation.withdrawal import FROM_MOUTH_M, SETTLED_STEPS
+from avrgym.safety.retreat import SPEED_M_S
+from avrgym.safety.withdrawal import FROM_MOUTH_M, SETTLED_STEPS
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
 

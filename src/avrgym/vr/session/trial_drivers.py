@@ -2,8 +2,8 @@
 
 from avrgym.policies.registry import plugins_used
 from avrgym.system.used_plugins import UsedPlugin
+from avrgym.vr.live_world.drivers import Driver, driver_of
 from avrgym.vr.session.plan import Policies, TrialPlan
-from avrgym.vr.tracking.driving import Driver, driver_of
 
 
 class Drivers:

@@ -5,9 +5,9 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.capsules import point_distance
 from avrgym.models import robot
-from avrgym.models.body_regions import BODY_REGIONS, REGION_OF_GEOM, blow_speed_m_s
 from avrgym.models.human import GEOMS
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
+from avrgym.safety.limits import BODY_REGIONS, REGION_OF_GEOM, blow_speed_m_s
 from avrgym.simulation.worlds import Simulation
 
 NEAR_M = 0.10
