@@ -18,9 +18,9 @@ from avrgym.recording.reader import Recording, RecordingError
 from avrgym.recording.schema import Latency
 from avrgym.recording.streams import stream_figures
 from avrgym.robots.registry import find_robot
+from avrgym.safety.force_guard import ACTS
 from avrgym.study.checking.plugin_checks import RecordedPlugin, plugin_findings, recorded_plugins
 from avrgym.study.checking.tracking_loss import held_share, too_much_held
-from avrgym.safety.force_guard import ACTS
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.storage.attempts import CHANGED
 from avrgym.study.storage.item_versions import Asked
