@@ -14,7 +14,7 @@ from statistics import mean
 from typing import NamedTuple
 
 from avrgym.learning.evaluation import evaluate
-from avrgym.tasks.known import ENVIRONMENTS
+from avrgym.tasks.constants import ENVIRONMENTS
 from avrgym.tasks.registry import find_environment
 from figures_file import add, chosen, read
 from papers_results import VIRTUAL_REALITY, row, short

@@ -13,7 +13,7 @@ import msgspec
 
 from avrgym.learning.evaluation import evaluate_all
 from avrgym.policies.trained import Policy, packaged_policies
-from avrgym.tasks.known import WORLD_VERSION
+from avrgym.tasks.constants import WORLD_VERSION
 from avrgym.tasks.registry import ENVIRONMENTS
 from figures_file import chosen
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from avrgym.learning.evaluation import evaluate
 from avrgym.policies.trained import Policy
-from avrgym.tasks.known import ENVIRONMENTS
+from avrgym.tasks.constants import ENVIRONMENTS
 from figures_file import add, chosen, read, success
 from papers_results import SIMULATION, VIRTUAL_REALITY, Reached, row, short
 

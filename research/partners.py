@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from avrgym.learning.evaluation import Evaluation, evaluate_all
-from avrgym.people.names import IMPAIRMENTS
+from avrgym.people.population_names import IMPAIRMENTS
 from avrgym.policies.trained import packaged_policies
 from avrgym.tasks.registry import ENVIRONMENTS
 from figures_file import add, cells, chosen, name_of, read, success_and_force

@@ -15,7 +15,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.networks.policy import HumanRole, PolicyMetadata
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.questionnaires.stop_rules import StopRule

@@ -12,12 +12,12 @@ import mujoco
 import numpy as np
 
 from avrgym.models import human
-from avrgym.models.contacts import COLLISION_GROUP
+from avrgym.models.collision_bits import COLLISION_GROUP
 from avrgym.policies.trained import load_policy
 from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
+from avrgym.tasks.constants import ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.known import ENVIRONMENTS
 
 SCENES = Path(__file__).parents[1] / "client" / "tests" / "data" / "scenes.json"
 KINDS = ("sphere", "capsule", "cylinder", "box")

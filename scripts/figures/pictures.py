@@ -16,8 +16,8 @@ from playwright.sync_api import Page, sync_playwright
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.scene import TOOL
+from avrgym.tasks.constants import ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.known import ENVIRONMENTS
 from avrgym.tasks.registry import find_environment
 from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.live_world.scene_message import poses, scene_message

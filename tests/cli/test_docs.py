@@ -11,7 +11,7 @@ from avrgym.cli.main import app
 from avrgym.safety.approach_speed import effective_mass_kg
 from avrgym.safety.force_guard import GUARD_SHARE
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, blow_speed_m_s
-from avrgym.tasks.known import environment_id
+from avrgym.tasks.constants import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from helpers.browser.documentation import DOCUMENTS, anchors, missing_rows, name_of
 from helpers.simulation.starts import begun

@@ -21,7 +21,7 @@ CHECK = f"""
 import avrgym
 import gymnasium as gym
 from gymnasium.utils.env_checker import check_env
-from avrgym.tasks.checking import check_task
+from avrgym.tasks.task_check import check_task
 
 check_env(gym.make("{ENVIRONMENT}").unwrapped, skip_render_check=True)
 check_task("{TASK}")

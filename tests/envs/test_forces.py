@@ -5,10 +5,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from avrgym.models import contacts, human
-from avrgym.models.robot import PREFIX
-from avrgym.models.scene import TOOL
-from avrgym.models.yielding import (
+from avrgym.models import collision_bits, human
+from avrgym.models.compliance import (
     DEEPEST_M,
     INVERSE_MASS_PER_KG,
     MOST_CONTACT_FORCE_N,
@@ -18,6 +16,8 @@ from avrgym.models.yielding import (
     strike_force_n,
     torque_limit_n_m,
 )
+from avrgym.models.robot import PREFIX
+from avrgym.models.scene import TOOL
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import MAX_LEAD_RAD, Simulation
 from avrgym.tasks.registry import TASKS
@@ -100,7 +100,9 @@ def test_who_trembles_presses_with_a_third_of_the_strength():
 
 def test_people_touch_a_box_in_place_of_the_spoons_thin_walls():
     model = Simulation(TASKS["Feeding"].scene(ROBOTS["Jaco"]), 1, num_threads=1).model
-    touching = (model.geom_conaffinity & contacts.PERSON.contype) & (model.geom_bodyid == model.body(TOOL).id)
+    touching = (model.geom_conaffinity & collision_bits.PERSON.contype) & (
+        model.geom_bodyid == model.body(TOOL).id
+    )
     names = [model.geom(geom).name for geom in np.nonzero(touching)[0]]
     assert names == ["robot/spoon_handle", "robot/hull"]
 

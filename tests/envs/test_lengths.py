@@ -12,8 +12,8 @@ from numpy.testing import assert_array_equal
 
 from avrgym.envs.single import AssistiveEnv
 from avrgym.envs.vector import AssistiveVectorEnv
-from avrgym.people.names import NAMES
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.people.population_names import NAMES
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
 
 FEEDING = "avrgym/FeedingJaco-v1"

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from avrgym.models.human.measures import MAN, WOMAN
+from avrgym.models.human.anthropometry import MAN, WOMAN
 from avrgym.models.spoon import FOOD, SPOON
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks import registry

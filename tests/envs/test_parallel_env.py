@@ -12,8 +12,8 @@ from pettingzoo.test import parallel_api_test
 import avrgym
 from avrgym.envs.parallel import HUMAN, ROBOT, AssistiveParallelEnv
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, UPPER_RAD
-from avrgym.people.zoo.movement import SPEED_RAD_S
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.people.zoo.partner_behaviour import SPEED_RAD_S
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
 FEEDING, SCRATCHING = "avrgym/FeedingJaco-v1", "avrgym/ScratchItchJaco-v1"

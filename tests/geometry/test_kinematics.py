@@ -10,7 +10,7 @@ from avrgym.models.robot import robot_spec
 from avrgym.models.scene import robot_with_tool
 from avrgym.models.tools import BODY as TOOL_BODY
 from avrgym.robots.jaco.robot import JACO
-from avrgym.tasks.places import arm_chain
+from avrgym.tasks.placement import arm_chain
 from helpers.robots import jaco_xacro
 
 COUNT = 1000

@@ -10,7 +10,7 @@ from avrgym.learning import evaluation
 from avrgym.learning.evaluation import Evaluation, evaluate, evaluate_all, wilson_interval
 from avrgym.policies.trained import packaged_policies
 from avrgym.safety.limits import BODY_REGIONS
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.constants import EPISODE_STEPS
 from helpers.vr.visit import ENVIRONMENT, drive
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"

@@ -24,11 +24,11 @@ from avrgym.learning.evaluation import evaluate
 from avrgym.learning.rollouts import Order, Place, roll_out_all
 from avrgym.learning.training import Progress, TrainingConfiguration, resume, train
 from avrgym.networks.policy import HumanRole, Policy, PolicyError
-from avrgym.people.kinds import find_kinds
+from avrgym.people.populations import find_kinds
 from avrgym.system.carried import Carried
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.human_view import human_view_of
-from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, sizes
 from helpers.learning.random_networks import network, saved
 
@@ -290,7 +290,7 @@ def test_another_impairment_takes_the_place_of_the_human_s_own(tmp_path):
 
 
 def test_people_whose_files_are_not_seen_here_are_carried(tmp_path, monkeypatch):
-    from avrgym.people.kinds import carried_people
+    from avrgym.people.populations import carried_people
 
     saved(tmp_path / "here" / "a" / "human.safetensors", network(SCRATCHING))
     saved(tmp_path / "here" / "b.safetensors", network(SCRATCHING, seed=1))

@@ -8,7 +8,7 @@ import torch
 
 from avrgym.learning.recurrent import RecurrentNetwork, windows
 from avrgym.learning.recurrent_ppo import EPOCHS, RecurrentPPO, advantages
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.constants import EPISODE_STEPS
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

@@ -13,7 +13,7 @@ from avrgym.learning.updates import observation_of
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.system.carried import Carried
-from avrgym.tasks import places
+from avrgym.tasks import placement
 from avrgym.tasks.registry import ENVIRONMENTS, task_and_scene
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -24,7 +24,7 @@ ENVIRONMENT = "avrgym/DrinkingJaco-v1"
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_it_foretells_how_actions_move_the_tool(environment):
     (_, scene), random = task_and_scene(environment), np.random.default_rng(1)
-    chain = places.arm_chain(scene)
+    chain = placement.arm_chain(scene)
     joints = len(scene.arm.joints)
     angles_rad = scene.arm.seed_pose_rad + random.uniform(-0.5, 0.5, (40, 3, joints))
     actions = random.uniform(-0.01, 0.01, (40, 3, joints))

@@ -33,8 +33,8 @@ from avrgym.learning.training import (
 )
 from avrgym.policies.trained import Policy, find_policy
 from avrgym.system.carried import Carried
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.scratch_itch.detour import around_arm_m
 

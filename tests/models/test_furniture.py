@@ -4,7 +4,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from avrgym.geometry import transforms
-from avrgym.models import contacts, human
+from avrgym.models import collision_bits, human
 from avrgym.models.furniture import (
     BOWL_BODY,
     BOWL_START_M,
@@ -91,12 +91,12 @@ def distance(model: mujoco.MjModel, data: mujoco.MjData, one: str, other: str) -
 @pytest.mark.parametrize("name", TO_BUILD)
 def test_furniture_touches_the_same_whether_it_is_seen_or_not(name):
     plain, seen = (compiled(name, appearance=shown) for shown in (False, True))
-    touching = [seen.geom(i).name for i in np.nonzero(seen.geom_group == contacts.COLLISION_GROUP)[0]]
+    touching = [seen.geom(i).name for i in np.nonzero(seen.geom_group == collision_bits.COLLISION_GROUP)[0]]
     assert touching == [plain.geom(i).name for i in range(plain.ngeom)]
     for geom in touching:
         for field in ("type", "size", "pos", "quat", "contype", "conaffinity"):
             assert_allclose(getattr(seen.geom(geom), field), getattr(plain.geom(geom), field))
-    visible = seen.geom_group != contacts.COLLISION_GROUP
+    visible = seen.geom_group != collision_bits.COLLISION_GROUP
     assert not (seen.geom_contype | seen.geom_conaffinity)[visible].any()
     assert seen.ngeom > plain.ngeom
 
@@ -106,9 +106,9 @@ def test_furniture_stands_still_and_touches_as_furniture(name):
     model = compiled(name)
     assert model.nv == 0
     assert (model.body_weldid == 0).all()
-    solid = model.geom_contype != contacts.ROOM.contype
-    assert (model.geom_contype[solid] == contacts.FURNITURE.contype).all()
-    assert (model.geom_conaffinity[solid] == contacts.FURNITURE.conaffinity).all()
+    solid = model.geom_contype != collision_bits.ROOM.contype
+    assert (model.geom_contype[solid] == collision_bits.FURNITURE.contype).all()
+    assert (model.geom_conaffinity[solid] == collision_bits.FURNITURE.conaffinity).all()
     assert not model.geom_conaffinity[~solid].any()
 
 

@@ -5,8 +5,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, LOWER_RAD, UPPER_RAD, People, Person, joint_angles
-from avrgym.people import arm_limits
-from avrgym.people.arm_limits import clip, within_limits
+from avrgym.people import shoulder_limits
+from avrgym.people.shoulder_limits import clip, within_limits
 
 SHOULDER = [JOINT_INDEX[f"{side}_shoulder_{axis}"] for side in ("right", "left") for axis in "yxz"]
 
@@ -83,9 +83,11 @@ def test_the_pose_that_is_given_stays_as_it_is(poses):
 
 
 def test_every_abduction_and_flexion_leaves_room_to_turn():
-    abduction = np.linspace(*arm_limits.ABDUCTION_RAD, 200)[:, None]
-    low, high = arm_limits.flexion_range_rad(abduction)
-    internal, external = arm_limits.rotation_range_rad(abduction, low + (high - low) * np.linspace(0, 1, 200))
+    abduction = np.linspace(*shoulder_limits.ABDUCTION_RAD, 200)[:, None]
+    low, high = shoulder_limits.flexion_range_rad(abduction)
+    internal, external = shoulder_limits.rotation_range_rad(
+        abduction, low + (high - low) * np.linspace(0, 1, 200)
+    )
     assert (high - low > np.radians(100.0)).all()
     assert (external - internal > np.radians(15.0)).all()
 

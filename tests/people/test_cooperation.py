@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, SEATED, Person
-from avrgym.people import behaviour, distributions
-from avrgym.people.behaviour import Mind
+from avrgym.people import cooperation, distributions
+from avrgym.people.cooperation import Mind
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 
@@ -27,7 +27,7 @@ def upright() -> State:
 
 def mind(uniforms: float = 0.5) -> Mind:
     who = distributions.repeat(Person("man", 0.6), 1)
-    return behaviour.begin(who, np.full((1, behaviour.UNIFORMS), uniforms))
+    return cooperation.begin(who, np.full((1, cooperation.UNIFORMS), uniforms))
 
 
 def with_tool(state: State, offset: list[float]) -> State:
@@ -35,10 +35,12 @@ def with_tool(state: State, offset: list[float]) -> State:
     return replace(state, tool_pos_w=state.mouth_pos_w + offset)
 
 
-def after(state: State, steps: int, offered: behaviour.Offered = "mouth", start: Mind | None = None) -> Mind:
+def after(
+    state: State, steps: int, offered: cooperation.Offered = "mouth", start: Mind | None = None
+) -> Mind:
     now = start or mind()
     for _ in range(steps):
-        now = behaviour.see(behaviour.wait(now), state, offered, SEATED)
+        now = cooperation.see(cooperation.wait(now), state, offered, SEATED)
     return now
 
 
@@ -72,7 +74,7 @@ def test_a_full_turn_would_look_straight_at_the_tool(upright):
 
 
 def test_they_lean_to_a_tool_that_is_near_and_in_front(upright):
-    assert after(with_tool(upright, [0.0, -0.15, 0.0]), 30).targets_rad[0, WAIST_X] == behaviour.LEAN_RAD
+    assert after(with_tool(upright, [0.0, -0.15, 0.0]), 30).targets_rad[0, WAIST_X] == cooperation.LEAN_RAD
     assert after(with_tool(upright, [0.0, -0.6, 0.0]), 30).targets_rad[0, WAIST_X] == 0.0
     assert after(with_tool(upright, [0.0, 0.4, 0.0]), 30).targets_rad[0, WAIST_X] == 0.0
 
@@ -81,7 +83,7 @@ def test_the_arm_is_lifted_once_towards_a_tool_that_is_near(upright):
     near = replace(upright, tool_pos_w=upright.right_arm_pos_w[:, 1] + [-0.2, 0.0, 0.0])
     for steps in (30, 60):
         lifted = after(near, steps, "arm").targets_rad[0] - mind().targets_rad[0]
-        assert lifted[SHOULDER_Y] == pytest.approx(behaviour.LIFT_RAD)
+        assert lifted[SHOULDER_Y] == pytest.approx(cooperation.LIFT_RAD)
     far = replace(upright, tool_pos_w=upright.right_arm_pos_w[:, 1] + [-0.8, 0.0, 0.0])
     assert_array_equal(after(far, 30, "arm").targets_rad, mind().targets_rad)
 
@@ -90,17 +92,17 @@ def test_nobody_moves_faster_than_people_do(upright, rng):
     now = mind()
     for _ in range(50):
         state = with_tool(upright, list(rng.uniform(-0.5, 0.5, 3)))
-        later = behaviour.see(now, state, "mouth", SEATED)
-        assert (np.abs(later.targets_rad - now.targets_rad) <= 0.1 * behaviour.SPEED_RAD_S + 1e-12).all()
+        later = cooperation.see(now, state, "mouth", SEATED)
+        assert (np.abs(later.targets_rad - now.targets_rad) <= 0.1 * cooperation.SPEED_RAD_S + 1e-12).all()
         now = later
 
 
 def test_sway_begins_at_rest_and_stays_small():
     now, most = mind(), 0.0
-    assert_allclose(behaviour.sway_rad(now), 0.0, atol=1e-12)
+    assert_allclose(cooperation.sway_rad(now), 0.0, atol=1e-12)
     for _ in range(200):
-        now = behaviour.wait(now)
-        most = max(most, float(np.abs(behaviour.sway_rad(now)).max()))
+        now = cooperation.wait(now)
+        most = max(most, float(np.abs(cooperation.sway_rad(now)).max()))
     assert np.radians(0.2) < most <= 2.0 * np.radians(1.0)
 
 
@@ -118,10 +120,10 @@ def test_participants_move_and_everybody_else_does_not():
 
 
 def test_minds_do_not_depend_on_company(upright, rng):
-    uniforms = rng.random((5, behaviour.UNIFORMS))
+    uniforms = rng.random((5, cooperation.UNIFORMS))
     who = distributions.repeat(Person("man", 0.6), 5)
-    together = behaviour.begin(who, uniforms)
+    together = cooperation.begin(who, uniforms)
     for i in range(5):
-        alone = behaviour.begin(distributions.repeat(Person("man", 0.6), 1), uniforms[i : i + 1])
+        alone = cooperation.begin(distributions.repeat(Person("man", 0.6), 1), uniforms[i : i + 1])
         for name, array in vars(alone).items():
             assert_array_equal(array, getattr(together, name)[i : i + 1])

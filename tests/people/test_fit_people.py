@@ -15,7 +15,7 @@ from avrgym.cli.main import app
 from avrgym.learning.evaluation import evaluate
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEXES, Sex
 from avrgym.people import distributions
-from avrgym.people.files import PeopleFileError, parse_people, read_people
+from avrgym.people.people_file import PeopleFileError, parse_people, read_people
 from avrgym.recording.schema import Answer, BodyTargets, Control, Event, TrackingFrame
 from avrgym.recording.writer import RecordingWriter
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion

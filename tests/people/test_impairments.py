@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.models.human import JOINT_INDEX, JOINTS, LOWER_RAD, UPPER_RAD, People
 from avrgym.models.scene import SUBSTEPS
 from avrgym.people import impairments
-from avrgym.people.names import IMPAIRMENTS
+from avrgym.people.population_names import IMPAIRMENTS
 from avrgym.tasks.episodes import Episodes
 
 COUNT = 500

@@ -12,7 +12,7 @@ from avrgym.models.human import (
     Person,
     joint_angles,
 )
-from avrgym.people import arm_limits, distributions
+from avrgym.people import distributions, shoulder_limits
 from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
 from avrgym.robots.jaco.robot import JACO
 from avrgym.tasks.person import HEAD_TURNED
@@ -104,7 +104,7 @@ def test_a_random_arm_has_room_and_a_shoulder_that_can_turn_like_that(rng, name,
     group = distributions.sample(
         distributions.find_distribution(name, TASKS), task.pose, scene.posture, furniture, uniforms
     )
-    assert arm_limits.within_limits(group.joint_angles_rad).all()
+    assert shoulder_limits.within_limits(group.joint_angles_rad).all()
     assert clearance(*person_capsules(group, scene.posture), furniture).min() >= 0.01
     offset = np.degrees(group.joint_angles_rad - task.pose.rest_rad)[:, distributions.RIGHT_ARM]
     assert (np.abs(offset) <= 10.0 + 1e-9).all()

@@ -8,10 +8,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, SEATED, UPPER_RAD, People, Person
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.people import arm_limits, distributions, impairments
-from avrgym.people.behaviour import Offered
-from avrgym.people.zoo import movement
-from avrgym.people.zoo.movement import ACCELERATION_RAD_S2, SPEED_RAD_S, Mind
+from avrgym.people import distributions, impairments, shoulder_limits
+from avrgym.people.cooperation import Offered
+from avrgym.people.zoo import partner_behaviour
+from avrgym.people.zoo.partner_behaviour import ACCELERATION_RAD_S2, SPEED_RAD_S, Mind
 from avrgym.people.zoo.partners import MANNERS, PARTNERS, TRAITS, ZOOS, endow
 from avrgym.people.zoo.styles import STYLES
 from avrgym.simulation.worlds import State
@@ -33,7 +33,7 @@ def rows(zoo: str, style: str) -> np.ndarray:
 
 def begun(partners: np.ndarray, chance: float | np.ndarray = 0.3) -> tuple[People, Mind]:
     people = endow(distributions.repeat(Person("man", 0.6), len(partners)), partners)
-    return people, movement.begin(people, partners, np.broadcast_to(chance, (len(partners), 4)))
+    return people, partner_behaviour.begin(people, partners, np.broadcast_to(chance, (len(partners), 4)))
 
 
 def seeing(offset: tuple[float, ...] | np.ndarray) -> State:
@@ -55,7 +55,9 @@ def lived(
     mind: Mind, people: People, offset: tuple[float, ...] | np.ndarray, steps: int, offered: Offered = "mouth"
 ) -> Mind:
     for _ in range(steps):
-        mind = movement.live(mind, sight(offset, len(mind.partner)), offered, SEATED, possible_for(people))
+        mind = partner_behaviour.live(
+            mind, sight(offset, len(mind.partner)), offered, SEATED, possible_for(people)
+        )
     return mind
 
 
@@ -69,7 +71,7 @@ def sight(offset: tuple[float, ...] | np.ndarray, count: int) -> State:
 
 
 def possible_for(people: People):
-    return lambda angles: arm_limits.clip(impairments.limit(people, angles))
+    return lambda angles: shoulder_limits.clip(impairments.limit(people, angles))
 
 
 # Who there is ------------------------------------------------------------------------------------------------
@@ -137,16 +139,18 @@ def test_nobody_moves_faster_or_more_suddenly_than_the_speeds_and_accelerations_
     tool = np.array(FAR) + np.zeros((len(ALL), 3))
     for _ in range(150):
         tool = np.clip(tool + rng.uniform(-0.08, 0.08, tool.shape), -0.6, 0.6)
-        later = movement.live(mind, sight(tool, len(ALL)), offered, SEATED, possible)
+        later = partner_behaviour.live(mind, sight(tool, len(ALL)), offered, SEATED, possible)
         startled = (later.startled_s <= MANNERS.of(later.partner).startle_s)[:, None]
-        pace = np.where(startled, movement.STARTLED_SPEED, MANNERS.of(later.partner).speed_share[:, None])
+        pace = np.where(
+            startled, partner_behaviour.STARTLED_SPEED, MANNERS.of(later.partner).speed_share[:, None]
+        )
         was_startled = np.abs(mind.speed_rad_s) > SPEED_RAD_S * pace
         moved = (later.targets_rad - mind.targets_rad) / CONTROL_STEP_S
         assert ((np.abs(moved) <= SPEED_RAD_S * pace + 1e-9) | was_startled).all()
         gained = np.abs(later.speed_rad_s - mind.speed_rad_s) / CONTROL_STEP_S
-        most = ACCELERATION_RAD_S2 * np.where(startled, movement.STARTLED_ACCELERATION, pace)
+        most = ACCELERATION_RAD_S2 * np.where(startled, partner_behaviour.STARTLED_ACCELERATION, pace)
         assert (gained <= most + 1e-9).all()
-        shown = possible(later.targets_rad + movement.oscillation_rad(later))
+        shown = possible(later.targets_rad + partner_behaviour.oscillation_rad(later))
         assert np.isfinite(shown).all()
         assert (shown >= LOWER_RAD - 1e-9).all()
         assert (shown <= UPPER_RAD + 1e-9).all()
@@ -156,7 +160,7 @@ def test_nobody_moves_faster_or_more_suddenly_than_the_speeds_and_accelerations_
 def test_all_begin_at_rest_where_they_were_found():
     _, mind = begun(ALL)
     assert_array_equal(mind.targets_rad, mind.rest_rad)
-    assert_allclose(movement.oscillation_rad(mind), 0.0, atol=1e-12)
+    assert_allclose(partner_behaviour.oscillation_rad(mind), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("style", ["cooperating", "startled", "talking", "weak"])
@@ -233,7 +237,7 @@ def heads(style: str, steps: int = 200) -> np.ndarray:
     turned = []
     for _ in range(steps):
         mind = lived(mind, people, (0.0, -0.9, 0.1), 1)
-        shown = mind.targets_rad + movement.oscillation_rad(mind)
+        shown = mind.targets_rad + partner_behaviour.oscillation_rad(mind)
         turned.append(np.degrees(shown - mind.rest_rad)[:, [HEAD_X, JOINT_INDEX["head_y"], HEAD_Z]])
     return np.array(turned)
 

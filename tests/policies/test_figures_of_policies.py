@@ -6,7 +6,7 @@ import pytest
 
 from avrgym.learning.evaluation import evaluate
 from avrgym.policies.trained import Policy, packaged_policies
-from avrgym.tasks.known import WORLD_VERSION
+from avrgym.tasks.constants import WORLD_VERSION
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.system.places import ROOT
 

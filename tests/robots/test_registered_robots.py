@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from avrgym.geometry import kinematics, transforms
-from avrgym.models.contacts import VISUAL_GROUP
+from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.cup import CUP
 from avrgym.models.human import Person
 from avrgym.models.robot import Arm, Robot, UnsuitableError, robot_spec, robot_with
@@ -18,8 +18,8 @@ from avrgym.models.scratcher import SCRATCHER
 from avrgym.models.spoon import SPOON
 from avrgym.models.washcloth import WASHCLOTH
 from avrgym.robots import registry
-from avrgym.robots.records import check_robot
 from avrgym.robots.registry import ROBOTS
+from avrgym.robots.validation import check_robot
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.task import Task
 from avrgym.vr.scene.scene_export import export_glb

@@ -9,8 +9,8 @@ import pytest
 
 from avrgym.models.robot import Arm, Robot, compiled, hold_joints, robot_spec, tuned_arm
 from avrgym.models.urdf import Urdf
-from avrgym.robots.records import check_robot
 from avrgym.robots.registry import ROBOTS
+from avrgym.robots.validation import check_robot
 
 INERTIAL = (
     '<inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym.models import contacts, human
+from avrgym.models import collision_bits, human
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
 from avrgym.safety.limits import (
     BODY_REGIONS,
@@ -109,12 +109,12 @@ def by_contact(batch: mujoco.batch.Batch, world: int) -> tuple[np.ndarray, int]:
     model, data = batch.get_model(world), batch.get_data(world)
     force_n, count = np.zeros(len(BODY_REGIONS)), dict.fromkeys(human.GEOMS, 0)
     for number, contact in enumerate(data.contact):
-        mine = [geom for geom in contact.geom if model.geom_contype[geom] == contacts.PERSON.contype]
+        mine = [geom for geom in contact.geom if model.geom_contype[geom] == collision_bits.PERSON.contype]
         by_robot = [
             geom
             for geom in contact.geom
             if model.geom_contype[geom]
-            in (contacts.ROBOT.contype, contacts.TOOL.contype, contacts.HULL.contype)
+            in (collision_bits.ROBOT.contype, collision_bits.TOOL.contype, collision_bits.HULL.contype)
         ]
         if mine and by_robot:
             wrench = np.zeros(6)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from avrgym.models import contacts
+from avrgym.models import collision_bits
 from avrgym.models.robot import PREFIX
 from avrgym.simulation.idle_parts import without_idle_parts
 from avrgym.tasks.episodes import Episodes
@@ -67,7 +67,7 @@ def test_the_model_itself_stays_whole():
     without_idle_parts(simulation.model)
     for field, values in before.items():
         assert_array_equal(getattr(simulation.model, field), values, field)
-    assert (simulation.model.geom_contype == contacts.ROBOT.contype).sum() > 20
+    assert (simulation.model.geom_contype == collision_bits.ROBOT.contype).sum() > 20
 
 
 def of_body(model: mujoco.MjModel, geom: int) -> str:

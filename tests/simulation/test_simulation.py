@@ -11,7 +11,7 @@ from avrgym.models.robot import PREFIX as ROBOT
 from avrgym.models.scene import TOOL
 from avrgym.people import distributions
 from avrgym.simulation.worlds import PARKING_W, Simulation
-from avrgym.tasks import places
+from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.feeding.task import SPOON_Q_W
 from helpers.simulation.worlds import jerky_actions
@@ -238,12 +238,12 @@ def pressed(scene) -> Simulation:
     head = human.body_frames(who)[0]["head"]
     tool = head + np.array([0.0, -0.135, 0.06])
     bowl = {BOWL_BODY: np.array([BOWL_START_M])}
-    level, uniforms = SPOON_Q_W[None], np.full((1, places.UNIFORMS), 0.5)
-    start = places.start(scene, who, bowl, tool, level, tool[:, None], level[:, None], uniforms)
+    level, uniforms = SPOON_Q_W[None], np.full((1, placement.UNIFORMS), 0.5)
+    start = placement.start(scene, who, bowl, tool, level, tool[:, None], level[:, None], uniforms)
     simulation.reset(np.array([0]), start)
     for _ in range(8):
         now = simulation.state().arm_angles_rad
-        _, _, jacobian = kinematics.jacobian(places.arm_chain(scene), now)
+        _, _, jacobian = kinematics.jacobian(placement.arm_chain(scene), now)
         ahead = transforms.rotate(transforms.conjugate(start.robot_q_w[0]), [0.0, 0.06, 0.0])
         rates = np.linalg.pinv(jacobian[0]) @ np.concatenate([ahead, np.zeros(3)])
         simulation.command_robot((rates / scene.arm.speed_limit_rad_s)[None])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from avrgym.models import contacts
+from avrgym.models import collision_bits
 from avrgym.models.human import SEATED_RAD, TORSO_HEIGHT_RANGE_M, Person, joint_angles
 from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
 from avrgym.simulation.room import NoRoomError
@@ -33,8 +33,8 @@ def test_whatever_may_touch_the_person_is_measured(environment):
     model, room = episodes.simulation.model, episodes._room
     assert room is not None
     measured = set(zip(room._first.tolist(), room._second.tolist(), strict=True))
-    person = np.nonzero(model.geom_contype == contacts.PERSON.contype)[0]
-    touching = np.nonzero(model.geom_conaffinity & contacts.PERSON.contype)[0]
+    person = np.nonzero(model.geom_contype == collision_bits.PERSON.contype)[0]
+    touching = np.nonzero(model.geom_conaffinity & collision_bits.PERSON.contype)[0]
     assert {(first, second) for first in touching.tolist() for second in person.tolist()} <= measured
 
 

@@ -8,10 +8,10 @@ import pytest
 
 from avrgym.models.human import LOWER_RAD, SEATED_RAD, TORSO_HEIGHT_RANGE_M, UPPER_RAD, Person
 from avrgym.people.distributions import DISTRIBUTIONS
-from avrgym.people.names import IMPAIRMENTS
+from avrgym.people.population_names import IMPAIRMENTS
 from avrgym.simulation.room import NoRoomError
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from helpers.simulation.pressing_robots import HOW, MOST_FORCE_N, pressed
 from helpers.simulation.starts import at_once, deepest_overlap_m

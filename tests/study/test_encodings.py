@@ -15,7 +15,7 @@ from avrgym.analysis.study import analyse
 from avrgym.analysis.tables import Table
 from avrgym.cli.main import app
 from avrgym.learning.settings_file import read_toml
-from avrgym.people.files import PeopleFileError, read_people
+from avrgym.people.people_file import PeopleFileError, read_people
 from avrgym.study.checking.checks import check_study
 from avrgym.study.design.design import DesignError, read_design
 from avrgym.study.export import export_study

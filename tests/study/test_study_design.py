@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
 from avrgym.study.storage.states import StudyError

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.study.checking.checks import check_study
 from avrgym.study.people.participants import enrol, withdraw
 from avrgym.study.sessions import serving, threads

@@ -7,10 +7,10 @@ import sys
 import pytest
 
 import avrgym
-from avrgym.people import names
+from avrgym.people import population_names
 from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.robots.registry import ROBOTS
-from avrgym.tasks import known
+from avrgym.tasks import constants
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from helpers.system.requirements import modules_of_extras
 
@@ -20,7 +20,8 @@ LIBRARIES = {
     "sqlalchemy", "stable_baselines3", "tensorboard", "tomlkit", "torch", "trimesh", "uvicorn", "websockets",
 }  # fmt: skip
 OURS = {
-    "avrgym.analysis", "avrgym.demo", "avrgym.doctor", "avrgym.learning", "avrgym.models.human", "avrgym.people.files",
+    "avrgym.analysis", "avrgym.demo", "avrgym.doctor", "avrgym.learning", "avrgym.models.human",
+    "avrgym.people.people_file",
     "avrgym.policies.registry", "avrgym.questionnaires", "avrgym.recording", "avrgym.replay", "avrgym.robots",
     "avrgym.simulation", "avrgym.skeletons", "avrgym.study.storage.store", "avrgym.tasks.registry",
     "avrgym.vr.server.server",
@@ -62,7 +63,7 @@ def imported(program: str) -> set[str]:
 @pytest.mark.parametrize("program", ["import sys, avrgym", HELP], ids=["import avrgym", "avrgym --help"])
 def test_nothing_heavy_is_imported(program: str) -> None:
     modules = imported(program)
-    assert {"avrgym.tasks.known", "gymnasium"} <= modules
+    assert {"avrgym.tasks.constants", "gymnasium"} <= modules
     assert sorted(modules & (LIBRARIES | OURS)) == []
 
 
@@ -74,15 +75,17 @@ def test_who_trains_imports_nothing_of_what_serves() -> None:
 
 
 def test_what_is_known_before_tasks_are_imported_is_what_they_say() -> None:
-    ours = {task: TASKS[task].name for task in known.TASKS} | {
-        robot: ROBOTS[robot].name for robot in known.ROBOTS
+    ours = {task: TASKS[task].name for task in constants.TASKS} | {
+        robot: ROBOTS[robot].name for robot in constants.ROBOTS
     }
     assert all(name == of_record for name, of_record in ours.items())
     packaged = [
-        each for each, (task, robot) in ENVIRONMENTS.items() if task in known.TASKS and robot in known.ROBOTS
+        each
+        for each, (task, robot) in ENVIRONMENTS.items()
+        if task in constants.TASKS and robot in constants.ROBOTS
     ]
-    assert packaged == [*known.ENVIRONMENTS]
-    assert (*DISTRIBUTIONS,) == names.NAMES
+    assert packaged == [*constants.ENVIRONMENTS]
+    assert (*DISTRIBUTIONS,) == population_names.NAMES
 
 
 def test_people_are_at_hand_without_an_import_of_their_own() -> None:

@@ -15,7 +15,7 @@ from avrgym.policies.trained import PolicyError
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.storage import database
 from avrgym.system.jobs import cores, report, run_all
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.constants import EPISODE_STEPS
 from helpers.studies.small_studies import make_study
 from helpers.system.killed_processes import SEED, assert_same
 

@@ -16,9 +16,9 @@ from avrgym.geometry import transforms
 from avrgym.models.furniture import BOWL_BODY
 from avrgym.models.human import GEOMS, RECLINED, SEATED, People
 from avrgym.models.scene import TOOL_CONTACTS
-from avrgym.people import arm_limits, behaviour, distributions, impairments
+from avrgym.people import cooperation, distributions, impairments, shoulder_limits
 from avrgym.people.distributions import DISTRIBUTIONS
-from avrgym.people.names import IMPAIRMENTS
+from avrgym.people.population_names import IMPAIRMENTS
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
 from avrgym.simulation.state import State
@@ -74,7 +74,7 @@ def crowded_state(rng: np.random.Generator, joints: int, particles: int) -> Stat
 def people_from(uniforms: Any, distribution: str, impairment: str, task: str) -> People:
     whom, usual = DISTRIBUTIONS[distribution], TASKS[task]
     of_people, of_mind, of_impairment = np.cumsum(
-        [distributions.UNIFORMS, behaviour.UNIFORMS, impairments.UNIFORMS]
+        [distributions.UNIFORMS, cooperation.UNIFORMS, impairments.UNIFORMS]
     ).tolist()
     posture = RECLINED if task == "BedBathing" else SEATED
     who = distributions.sample(whom, whom.pose_in(task, usual.pose), posture, None, uniforms[:, :of_people])
@@ -85,7 +85,7 @@ def people_from(uniforms: Any, distribution: str, impairment: str, task: str) ->
     )
 
 
-UNIFORMS = distributions.UNIFORMS + behaviour.UNIFORMS + impairments.UNIFORMS
+UNIFORMS = distributions.UNIFORMS + cooperation.UNIFORMS + impairments.UNIFORMS
 
 
 def step(environment: str, state: Any, action: Any, task_state: Any) -> tuple[Any, ...]:
@@ -148,10 +148,10 @@ def lives(
     offered, posture = TASKS[task].offered, RECLINED if task == "BedBathing" else SEATED
     minds = Minds(DISTRIBUTIONS[distribution], who, offered, posture, steered=steered)
     minds.begin(np.arange(WORLDS), who, uniforms)
-    joints = behaviour.OFFERED_JOINTS[offered]
+    joints = cooperation.OFFERED_JOINTS[offered]
 
     def possible(angles: Any) -> Any:
-        return arm_limits.clip(impairments.limit(who, angles))
+        return shoulder_limits.clip(impairments.limit(who, angles))
 
     def targets(sight: Any) -> Any:
         if steered:
@@ -173,7 +173,7 @@ def test_people_are_and_do_the_same_on_tensors(
     uniforms = rng.random((WORLDS, UNIFORMS))
     who = people_from(uniforms, distribution, impairment, task)
     assert_alike(people_from(tensors(uniforms), distribution, impairment, task), who)
-    given = who, uniforms[:, -behaviour.UNIFORMS :], tuple(crowded_state(rng, 7, 0) for _ in range(4))
+    given = who, uniforms[:, -cooperation.UNIFORMS :], tuple(crowded_state(rng, 7, 0) for _ in range(4))
     wanted = lives(*given, distribution=distribution, task=task, steered=steered)
     assert_alike(
         tuple(lives(*tensors(given), distribution=distribution, task=task, steered=steered)), tuple(wanted)
@@ -186,6 +186,6 @@ def test_what_people_do_copies_nothing_to_the_host(task: str, distribution: str)
     rng = np.random.default_rng(3)
     uniforms = rng.random((WORLDS, UNIFORMS))
     who = people_from(uniforms, distribution, "tremor", task)
-    given = who, uniforms[:, -behaviour.UNIFORMS :], (crowded_state(rng, 7, 0),)
+    given = who, uniforms[:, -cooperation.UNIFORMS :], (crowded_state(rng, 7, 0),)
     (targets,) = lives(*tensors(given, "meta"), distribution=distribution, task=task, steered=False)
     assert targets.device.type == "meta"

@@ -13,7 +13,7 @@ from avrgym.people import distributions
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.pr2.robot import PR2
 from avrgym.simulation.worlds import Simulation, State
-from avrgym.tasks import places
+from avrgym.tasks import placement
 from avrgym.tasks.bed_bathing import reward as bed_bathing
 from avrgym.tasks.bed_bathing.expert import BedBathingExpert
 from avrgym.tasks.bed_bathing.reward import BedBathingState
@@ -237,7 +237,7 @@ def test_a_side_that_touches_adds_nothing_to_what_the_face_wipes():
 def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
     """A cloth that lies along the upper arm and is pressed on it, with one of its sides or another, by a real arm."""
     scene, who = TASK.scene(JACO), distributions.repeat(Person("man", 0.60, TASK.pose.rest_rad), 1)
-    shoulder, elbow, _ = places.right_arm(who, RECLINED)[0]
+    shoulder, elbow, _ = placement.right_arm(who, RECLINED)[0]
     along = transforms.normalize(elbow - shoulder)
     down = transforms.normalize(-UP + (UP @ along) * along)
     x, half = {"face": (down, 0), "lower": (np.cross(down, along), 2), "upper": (np.cross(along, down), 2)}[
@@ -247,12 +247,12 @@ def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
     pad = 0.5 * (shoulder + elbow) - (UPPER_ARM_RADIUS_M + PAD_HALF_SIZE_M[half] + 0.015) * down
     tool = (pad - transforms.rotate(tool_q, PAD_CENTRE_M))[None]
     uniforms = np.random.default_rng(0).random((1, TASK.uniforms))
-    start = places.start(scene, who, {}, tool, tool_q[None], tool[:, None], tool_q[None, None], uniforms)
+    start = placement.start(scene, who, {}, tool, tool_q[None], tool[:, None], tool_q[None, None], uniforms)
     simulation = Simulation(scene, 1, num_threads=1)
     simulation.reset(np.array([0]), replace(start, placed_pos_w={"nightstand": start.robot_pos_w}))
     task_state, pressed_n = fresh(), 0.0
     for _ in range(6):
-        _, _, jacobian = kinematics.jacobian(places.arm_chain(scene), simulation.arm_angles_rad())
+        _, _, jacobian = kinematics.jacobian(placement.arm_chain(scene), simulation.arm_angles_rad())
         velocity = transforms.rotate(transforms.conjugate(start.robot_q_w[0]), 0.04 * down)
         rates = np.linalg.pinv(jacobian[0]) @ np.concatenate([velocity, np.zeros(3)])
         simulation.command_robot((rates / scene.arm.speed_limit_rad_s)[None])

@@ -8,7 +8,7 @@ from avrgym.geometry import transforms
 from avrgym.simulation.worlds import State
 from avrgym.tasks.scratch_itch.detour import HAND_M, around_arm_m, around_limb_m
 from avrgym.tasks.scratch_itch.expert import ROD
-from avrgym.tasks.scratch_itch.reactive import turn_rad
+from avrgym.tasks.scratch_itch.feedback_expert import turn_rad
 from avrgym.tasks.scratch_itch.reward import ScratchItchState
 from helpers.simulation.worlds import still_world
 

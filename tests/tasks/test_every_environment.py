@@ -7,9 +7,9 @@ from numpy.testing import assert_array_equal
 
 from avrgym.geometry import transforms
 from avrgym.models import human, robot
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.known import EPISODE_STEPS
-from avrgym.tasks.places import FURNITURE_EDGE_M
+from avrgym.tasks.placement import FURNITURE_EDGE_M
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.worlds import assert_sane, jerky_actions
 

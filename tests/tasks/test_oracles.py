@@ -6,7 +6,7 @@ from avrgym.geometry import transforms
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import MAX_LEAD_RAD
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.guide import BLOCKED_S, Guide
+from avrgym.tasks.experts.motion_planner import BLOCKED_S, Guide
 from avrgym.tasks.feeding.expert import FeedingExpert
 
 COUNT = 4

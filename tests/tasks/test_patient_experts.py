@@ -5,8 +5,9 @@ from numpy.testing import assert_allclose
 from avrgym.geometry import transforms
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
-from avrgym.tasks.drinking import expert, patient
-from avrgym.tasks.drinking.patient import (
+from avrgym.tasks.constants import EPISODE_STEPS
+from avrgym.tasks.drinking import expert, memory_expert
+from avrgym.tasks.drinking.memory_expert import (
     CALM_RAD,
     EXPECTED_RAD,
     NEAR_M,
@@ -15,10 +16,9 @@ from avrgym.tasks.drinking.patient import (
 )
 from avrgym.tasks.drinking.reward import in_cup
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.head import heading
-from avrgym.tasks.experts.reactive import PresentGuide
-from avrgym.tasks.experts.steadied import steadied
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.experts.feedback import PresentGuide
+from avrgym.tasks.experts.filtered import steadied
+from avrgym.tasks.experts.head_clearance import heading
 
 YES, NO = np.array([True]), np.array([False])
 
@@ -41,26 +41,26 @@ def next_tilt(
     tilt_rad: float, distance_m: float = 0.0, rests: np.ndarray = YES, away: np.ndarray = NO
 ) -> float:
     tilt, pours, distance = (np.array([value]) for value in (tilt_rad, POURS_RAD, distance_m))
-    return patient._next_tilt_rad(tilt, pours, distance, rests, away)[0]
+    return memory_expert._next_tilt_rad(tilt, pours, distance, rests, away)[0]
 
 
 def test_heads_turn_by_what_they_are_turned(state):
     angle = np.linspace(-0.6, 0.6, 24)
-    turned = patient._turned(state, angle)
-    assert_allclose(patient._turn_rad(turned), patient._turn_rad(state) + angle, atol=1e-9)
+    turned = memory_expert._turned(state, angle)
+    assert_allclose(memory_expert._turn_rad(turned), memory_expert._turn_rad(state) + angle, atol=1e-9)
     for pose in (state, turned):
         assert_allclose(np.linalg.norm(pose.mouth_pos_w - pose.head_pos_w, axis=1).std(), 0.0, atol=0.02)
-    again = patient._turned(turned, -angle)
+    again = memory_expert._turned(turned, -angle)
     assert_allclose(again.mouth_pos_w, state.mouth_pos_w, atol=1e-12)
 
 
 def test_whoever_looks_farther_away_is_awaited_nearer_to_the_middle():
     turn = np.radians(np.linspace(26.0, 60.0, 20))
-    expected = patient._expected_rad(turn)
+    expected = memory_expert._expected_rad(turn)
     assert (np.diff(expected) <= 0.0).all()
     assert (expected < turn).all()
     assert_allclose(expected[-1], EXPECTED_RAD)
-    assert_allclose(patient._expected_rad(-turn), -expected)
+    assert_allclose(memory_expert._expected_rad(-turn), -expected)
 
 
 def test_water_is_poured_into_a_mouth_that_is_near_and_rests():
@@ -85,13 +85,13 @@ def test_a_cup_is_made_ready_near_the_mouth_and_is_carried_less_tilted():
 
 
 def test_a_cup_stays_on_its_side_of_the_face_where_that_is_near_the_lips(state):
-    left, middle = patient._to_the_left(state), state.head_pos_w
-    most_m, beside_m = patient.MOST_ASIDE_M, patient.BESIDE_M
+    left, middle = memory_expert._to_the_left(state), state.head_pos_w
+    most_m, beside_m = memory_expert.MOST_ASIDE_M, memory_expert.BESIDE_M
     known = (0.02, 0.0), (-0.02, 0.02 + beside_m), (beside_m - most_m, most_m)
     for lips_m, moved in (*known, (beside_m - 1.25 * most_m, 0.5 * most_m), (-0.08, 0.0)):
-        aside = patient._aside_m(state, left, middle + 0.1 * left, middle + lips_m * left)
+        aside = memory_expert._aside_m(state, left, middle + 0.1 * left, middle + lips_m * left)
         assert_allclose(aside, moved, atol=1e-12)
-        mirrored = patient._aside_m(state, left, middle - 0.1 * left, middle - lips_m * left)
+        mirrored = memory_expert._aside_m(state, left, middle - 0.1 * left, middle - lips_m * left)
         assert_allclose(mirrored, -aside, atol=1e-12)
 
 
@@ -101,7 +101,7 @@ def test_a_cup_beside_the_lips_is_turned_so_that_it_pours_there(state):
     left = -transforms.cross(expert.UP, heading(state))
 
     def brought(left_m: float) -> tuple[np.ndarray, np.ndarray]:
-        way = patient._way(np.full(24, left_m))
+        way = memory_expert._way(np.full(24, left_m))
         pos_w, q_w = expert.at_mouth(state, way, tilt)
         return pos_w, expert._edge_w(pos_w, q_w, way)
 
@@ -119,11 +119,11 @@ def test_a_turned_cup_comes_to_everybody(robot):
     guide, state, tilt = PresentGuide(episodes), episodes.state(), np.full(24, np.radians(88.0))
 
     def reached(left_m: float) -> np.ndarray:
-        pos_w, q_w = expert.at_mouth(state, patient._way(np.full(24, left_m)), tilt)
+        pos_w, q_w = expert.at_mouth(state, memory_expert._way(np.full(24, left_m)), tilt)
         _, cost_s = guide.find(pos_w[:, None], q_w[:, None])
         return np.isfinite(cost_s)
 
-    assert reached(patient.TURNED_M).all()
+    assert reached(memory_expert.TURNED_M).all()
     assert reached(0.0).all() == (robot == "PR2")
 
 
@@ -135,7 +135,7 @@ def test_whoever_has_looked_aside_from_the_beginning_is_not_waited_for(monkeypat
         PatientExpert, "_bring", lambda self, *seen: away.append(seen[2]) or bring(self, *seen)
     )
     controller = PatientExpert(episodes)
-    assert (np.abs(patient._turn_rad(episodes.state())) > patient.AWAY_RAD).any()
+    assert (np.abs(memory_expert._turn_rad(episodes.state())) > memory_expert.AWAY_RAD).any()
     for _ in range(10):
         episodes.step(controller(episodes.observe()))
     assert not np.any(away)
@@ -150,7 +150,7 @@ def test_water_leaves_a_cup_at_the_tilt_at_which_it_is_expected():
         episodes.step(controller(episodes.observe()))
         state = episodes.state()
         left = (in_cup(state).sum(axis=1) < before) & (before > 5)
-        expected = patient.POURS_RAD - patient.PER_PARTICLE_RAD * before
+        expected = memory_expert.POURS_RAD - memory_expert.PER_PARTICLE_RAD * before
         differences_rad.extend((expert.carried_tilt_rad(state.tool_q_w) - expected)[left])
     assert len(differences_rad) > 40
     assert np.abs(differences_rad).max() < np.radians(3.0)

@@ -7,8 +7,8 @@ from numpy.testing import assert_array_equal
 from avrgym.learning.evaluation import watched_step
 from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
 from avrgym.safety.region_forces import RegionWatch
-from avrgym.tasks.experts.steadied import steadied
-from avrgym.tasks.feeding.patient import KEPT_OFF_M, RESTING_M_S, PatientExpert, kept_off_m
+from avrgym.tasks.experts.filtered import steadied
+from avrgym.tasks.feeding.memory_expert import KEPT_OFF_M, RESTING_M_S, PatientExpert, kept_off_m
 from avrgym.tasks.task import Expert
 from helpers.learning.experts import assert_acts_reactively
 from helpers.simulation.starts import begun

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from avrgym.geometry.transforms import norm
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.steadied import steadied
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.experts.filtered import steadied
 from avrgym.tasks.scratch_itch.expert import surface
-from avrgym.tasks.scratch_itch.patient import SWINGS, SwingsInFront, patient_expert
-from avrgym.tasks.scratch_itch.reactive import faces_in
+from avrgym.tasks.scratch_itch.feedback_expert import faces_in
+from avrgym.tasks.scratch_itch.memory_expert import SWINGS, SwingsInFront, patient_expert
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from helpers.learning.experts import assert_acts_reactively
 from helpers.simulation.itches import forearm_itch

@@ -6,11 +6,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm, normalize
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.reactive import PresentGuide
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.experts.feedback import PresentGuide
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.tasks.scratch_itch import expert, reactive
+from avrgym.tasks.scratch_itch import expert, feedback_expert
 from avrgym.tasks.scratch_itch.expert import surface
 from avrgym.tasks.scratch_itch.reward import ScratchItchState, limb_frame
 from helpers.simulation.itches import around_axis, forearm_itch
@@ -81,7 +81,7 @@ def test_a_tip_goes_around_the_limb_and_not_through_it():
     arrived = np.zeros(300, dtype=bool)
     for _ in range(100):
         arrived |= norm(tip - itch) < 0.03
-        step = reactive.around(tip, task_state) - tip
+        step = feedback_expert.around(tip, task_state) - tip
         tip = tip + np.where(arrived[:, None], 0.0, 0.01 * step / norm(step)[:, None])
         assert np.all(arrived | (norm(tip[:, :2]) >= radius))
     assert arrived.all()
@@ -92,14 +92,14 @@ def test_an_arm_that_leans_on_somebody_draws_back_to_where_its_hand_has_room(rob
     episodes = begun(f"avrgym/ScratchItch{robot}-v1", 4)
     guide, state, itch = PresentGuide(episodes), episodes.state(), episodes.task_state
     leaning = replace(state, links_force_n=np.array([0.0, 4.0, 6.0, 100.0]))
-    pos_w, q_w, speed = reactive.scratch(leaning, itch, guide)
-    free = reactive.scratch(replace(state, links_force_n=np.zeros(4)), itch, guide)
+    pos_w, q_w, speed = feedback_expert.scratch(leaning, itch, guide)
+    free = feedback_expert.scratch(replace(state, links_force_n=np.zeros(4)), itch, guide)
     for now, then in zip((pos_w, q_w, speed), free, strict=True):
         assert_array_equal(now[:2], then[:2])
     out_w, _ = surface(itch, limb_frame(state, itch)[1])
     away = pos_w - guide.pos_w
-    in_front = reactive.faces_in(out_w) * (robot == "Jaco")
-    assert_allclose(normalize(away[2:]), reactive.hand(out_w, in_front)[2:], atol=1e-12)
+    in_front = feedback_expert.faces_in(out_w) * (robot == "Jaco")
+    assert_allclose(normalize(away[2:]), feedback_expert.hand(out_w, in_front)[2:], atol=1e-12)
     assert np.all(speed[2:] > 0.0)
     assert_array_equal(q_w[2:], guide.q_w[2:])
 
@@ -110,35 +110,37 @@ def directions(seed: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("in_front", "slant_rad"), [(0.0, reactive.SLANT_RAD), (1.0, reactive.FRONT_SLANT_RAD)]
+    ("in_front", "slant_rad"), [(0.0, feedback_expert.SLANT_RAD), (1.0, feedback_expert.FRONT_SLANT_RAD)]
 )
 def test_a_scratching_hand_stays_out_of_the_skin(in_front, slant_rad):
     out_w = directions(0)
-    hand_w = reactive.hand(out_w, np.full(500, in_front))
+    hand_w = feedback_expert.hand(out_w, np.full(500, in_front))
     assert_allclose(norm(hand_w), 1.0)
     assert np.all((hand_w * out_w).sum(axis=-1) >= np.cos(slant_rad) - 1e-9)
 
 
 @pytest.mark.parametrize(
-    ("in_front", "askew_rad"), [(0.0, reactive.ASKEW_RAD), (1.0, reactive.FRONT_ASKEW_RAD)]
+    ("in_front", "askew_rad"), [(0.0, feedback_expert.ASKEW_RAD), (1.0, feedback_expert.FRONT_ASKEW_RAD)]
 )
 def test_a_rod_that_has_turned_need_not_turn_again(in_front, askew_rad):
     rod_w, out_w, front = directions(0), directions(1), np.full(500, in_front)
-    turn = reactive.turn_rad(rod_w, out_w, front)
+    turn = feedback_expert.turn_rad(rod_w, out_w, front)
     turned_w = transforms.rotate(transforms.from_rotation_vector(turn), rod_w)
     assert (norm(turn) > 0.1).sum() > 400
-    assert_allclose(reactive.turn_rad(turned_w, out_w, front), 0.0, atol=1e-7)
-    beside_rad = np.arccos((-turned_w * reactive.hand(out_w, front)).sum(axis=-1))
+    assert_allclose(feedback_expert.turn_rad(turned_w, out_w, front), 0.0, atol=1e-7)
+    beside_rad = np.arccos((-turned_w * feedback_expert.hand(out_w, front)).sum(axis=-1))
     assert np.all(beside_rad <= askew_rad + 1e-7)
 
 
 def test_only_skin_that_faces_in_is_reached_from_in_front():
     out_w = directions(0)
-    share = reactive.faces_in(out_w)
-    inner = (out_w[:, 0] > reactive.INWARDS[1]) & (out_w[:, 2] > reactive.NOT_DOWN[1])
+    share = feedback_expert.faces_in(out_w)
+    inner = (out_w[:, 0] > feedback_expert.INWARDS[1]) & (out_w[:, 2] > feedback_expert.NOT_DOWN[1])
     assert inner.any()
     assert np.all(share[inner] == 1.0)
-    assert np.all(share[(out_w[:, 0] < reactive.INWARDS[0]) | (out_w[:, 2] < reactive.NOT_DOWN[0])] == 0.0)
+    assert np.all(
+        share[(out_w[:, 0] < feedback_expert.INWARDS[0]) | (out_w[:, 2] < feedback_expert.NOT_DOWN[0])] == 0.0
+    )
     assert ((share > 0.0) & (share < 1.0)).any()
 
 
@@ -149,9 +151,9 @@ def test_a_hand_that_comes_from_in_front_turns_before_it_comes(robot):
     itch = forearm_itch(episodes, np.full(8, np.radians(-150.0)))
     guide, state = PresentGuide(episodes), episodes.state()
     out_w, _ = surface(itch, limb_frame(state, itch)[1])
-    in_front = reactive.faces_in(out_w) == 1.0
+    in_front = feedback_expert.faces_in(out_w) == 1.0
     before_wrist_w = state.right_arm_pos_w[:, 2] + expert.FROM_WRIST_M
-    goal_w, _, _ = reactive.scratch(state, itch, guide)
+    goal_w, _, _ = feedback_expert.scratch(state, itch, guide)
     waits = np.all(np.abs(goal_w - before_wrist_w) < 1e-9, axis=-1)
     assert in_front.any()
     assert_array_equal(waits, in_front & (robot == "Jaco"))

@@ -21,10 +21,10 @@ from avrgym.study.people.participants import enrol
 from avrgym.study.sessions.simulation import cast_of, simulate_participant, simulated_participant
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.tasks import checking, episodes, registry, starts
-from avrgym.tasks.known import environment_id
+from avrgym.tasks import episodes, placement_check, registry, task_check
+from avrgym.tasks.constants import environment_id
+from avrgym.tasks.placement_check import DRAWS_LIMIT, check_starts, draws_by_body, has_room
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.tasks.starts import DRAWS_LIMIT, check_starts, draws_by_body, has_room
 from helpers.simulation.placements import place
 from helpers.studies.small_studies import make_study
 from helpers.system.places import ROOT
@@ -83,7 +83,7 @@ def test_the_robots_of_our_examples_leave_everybody_room_too(
     for task in ("Feeding", "Drinking", "ScratchItch", "BedBathing"):
         environment = environment_id(task, robot.name)
         monkeypatch.setitem(registry._REGISTRY.environments, environment, (task, robot.name))
-    drawn = starts.check_placement(robot.name)
+    drawn = placement_check.check_placement(robot.name)
     assert len(drawn) == 4
     print({environment: (each.mean, each.most) for environment, each in drawn.items()})
 
@@ -93,10 +93,10 @@ def test_a_robot_in_the_table_fails_its_check_and_that_of_the_task(
 ) -> None:
     words = rf"FeedingJaco-v1: a start is drawn \d\.\d times .* allowed: {DRAWS_LIMIT:g}"
     with pytest.raises(ValueError, match=words):
-        starts.check_placement("Jaco")
-    monkeypatch.setattr(checking, "ENVIRONMENTS", {ENVIRONMENT: ("Feeding", "Jaco")})
+        placement_check.check_placement("Jaco")
+    monkeypatch.setattr(task_check, "ENVIRONMENTS", {ENVIRONMENT: ("Feeding", "Jaco")})
     with pytest.raises(ValueError, match=words):
-        checking.check_task("Feeding")
+        task_check.check_task("Feeding")
 
 
 def test_who_has_no_start_is_named(refused: None) -> None:

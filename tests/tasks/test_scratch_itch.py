@@ -14,8 +14,8 @@ from avrgym.people import distributions
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import State
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.person import LIMBS
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.scratch_itch.reward import ALONG, AROUND_RAD, ScratchItchState

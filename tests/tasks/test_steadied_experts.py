@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.steadied import PLACES, ROTATIONS, steadied
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.experts.filtered import PLACES, ROTATIONS, steadied
 
 
 class Recorder:

@@ -11,10 +11,10 @@ import pytest
 from avrgym.models.robot import Robot, UnsuitableError
 from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS
-from avrgym.tasks.checking import check_task
 from avrgym.tasks.observation import Observation, position
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, Registry
 from avrgym.tasks.task import StepResult, Task
+from avrgym.tasks.task_check import check_task
 from avrgym.tasks.training_settings import TrainingSettings
 
 FEEDING = TASKS["Feeding"]

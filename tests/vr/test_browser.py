@@ -17,7 +17,7 @@ from PIL import Image
 
 from avrgym.geometry import transforms
 from avrgym.models import human, robot
-from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
 from avrgym.vr.emulation.headset import DONE, EmulatedHeadset

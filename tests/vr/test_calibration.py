@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from avrgym.geometry import transforms
-from avrgym.models.furniture.real import RealFurniture, real_furniture
+from avrgym.models.furniture.real_furniture import RealFurniture, real_furniture
 from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Posture, Sex
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, head_pose, headset_from_head, register

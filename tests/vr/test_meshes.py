@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from avrgym.models.contacts import VISUAL_GROUP
+from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.vr.scene.meshes import DETAILED_TRIANGLES, geom_mesh, pose_matrix
 from helpers.robots.example_robots import EVERY, robot_model
 

@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from avrgym.array_types import FloatArray
 from avrgym.models import human
-from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import JOINT_INDEX, RECLINED, SEATED, SEXES, Person, Sex
 from avrgym.models.scene import TOOL
 from avrgym.networks.policy import Policy
 from avrgym.people.distributions import find_distribution
-from avrgym.people.names import IMPAIRMENTS, Impairment
-from avrgym.people.zoo.movement import SPEED_RAD_S
+from avrgym.people.population_names import IMPAIRMENTS, Impairment
+from avrgym.people.zoo.partner_behaviour import SPEED_RAD_S
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
 from avrgym.tasks.episodes import Episodes

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.colours import geom_colours, linear_from_srgb, skin_colours
-from avrgym.models.contacts import VISUAL_GROUP
 from avrgym.vr.scene.meshes import geom_mesh
 from avrgym.vr.scene.scene_export import export_glb, geoms_by_carrier
 from avrgym.vr.scene.skins import skins_of

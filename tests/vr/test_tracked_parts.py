@@ -9,10 +9,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from avrgym.models.body_names import PART_LABELS, PARTS, Part
 from avrgym.models.human import SEATED_RAD
-from avrgym.models.tracked import PART_WORDS, PARTS, Part
 from avrgym.people.distributions import DISTRIBUTIONS
-from avrgym.people.names import IMPAIRMENTS, Impairment
+from avrgym.people.population_names import IMPAIRMENTS, Impairment
 from avrgym.recording.reader import Recording
 from avrgym.study.checking.tracking_loss import held_share, too_much_held
 from avrgym.study.design.design import default_text, parse_design
@@ -109,9 +109,9 @@ def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
     assert visit.session.attempt is None
     assert part in visit.happened(session_events.TrackingLost)
     assert visit.happened(session_events.TrackingTimedOut) == [part]
-    assert PART_WORDS[part] in visit.problems[-1]
+    assert PART_LABELS[part] in visit.problems[-1]
     text = visit.said(Phase)[-1].text
-    assert ("tracking was lost" if part == "head" else PART_WORDS[part]) in text.lower()
+    assert ("tracking was lost" if part == "head" else PART_LABELS[part]) in text.lower()
     (recording,) = visit.recordings()
     assert ended(recording) == "interrupted"
     assert ("tracking_lost", part) in told(recording)

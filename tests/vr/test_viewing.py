@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from avrgym.models.scene import SUBSTEPS
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     Command,

@@ -20,7 +20,7 @@ import tomlkit
 
 from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
-from avrgym.people.files import PeopleFile, Range, Source, TorsoHeights
+from avrgym.people.people_file import PeopleFile, Range, Source, TorsoHeights
 from avrgym.recording.reader import Recording
 from avrgym.study.checking.tracking_loss import too_much_held
 from avrgym.study.export.trials import ExportedAttempt, completed_attempts

@@ -20,7 +20,7 @@ from avrgym.cli.terminal import (
 )
 from avrgym.policies.names import CHOICES
 from avrgym.system.engines import THREADS
-from avrgym.tasks.known import expected_errors
+from avrgym.tasks.constants import expected_errors
 
 Row = dict[str, Any]
 app = typer.Typer(no_args_is_help=True, help="Measure speeds on this machine.")

@@ -32,7 +32,7 @@ from avrgym.cli.terminal import (
     warn,
     write_json,
 )
-from avrgym.people.names import NAMES
+from avrgym.people.population_names import NAMES
 from avrgym.policies.names import CHOICES
 from avrgym.system.engines import THREADS
 
@@ -160,7 +160,7 @@ def train(
     """Train a policy with PPO. Needs the extra `train`."""
     from avrgym.learning.configuration import PAPER_SETTINGS, PAPER_STEPS, Pairing
     from avrgym.learning.settings_file import read_settings, settings_text
-    from avrgym.people.kinds import HUMAN_FILE
+    from avrgym.people.populations import HUMAN_FILE
     from avrgym.simulation.engines.engine import check_engine
     from avrgym.tasks.registry import find_environment
 
@@ -397,8 +397,8 @@ def evaluate(
     from avrgym.learning.cross_play import cross_play as evaluate_each
     from avrgym.learning.cross_play import matrix
     from avrgym.learning.seed_streams import stream_of
-    from avrgym.tasks.known import EPISODE_STEPS
-    from avrgym.tasks.starts import above_limit
+    from avrgym.tasks.constants import EPISODE_STEPS
+    from avrgym.tasks.placement_check import above_limit
 
     with plain_errors():
         check_json(json_file)

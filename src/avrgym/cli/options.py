@@ -4,14 +4,17 @@ from typing import Annotated
 
 import typer
 
-from avrgym.people import names
+from avrgym.people import population_names
 from avrgym.policies.names import CHOICES
 from avrgym.system.engines import ENGINES
 
-PEOPLE = names.CHOICES
+PEOPLE = population_names.CHOICES
 Policy = Annotated[str, typer.Option(help=f"Who drives: {CHOICES}.")]
 Impairment = Annotated[
-    str, typer.Option(help=f"What keeps people from moving as they want: {', '.join(names.IMPAIRMENTS)}.")
+    str,
+    typer.Option(
+        help=f"What keeps people from moving as they want: {', '.join(population_names.IMPAIRMENTS)}."
+    ),
 ]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same metrics.", min=0)]
 WithdrawAfterSuccess = Annotated[

@@ -13,12 +13,12 @@ from avrgym.cli.logged import logged
 from avrgym.cli.names import unlock
 from avrgym.cli.options import PEOPLE, Impairment, Policy, Seed
 from avrgym.cli.terminal import plain_errors, say, warn
-from avrgym.models.sexes import SEXES, Sex
+from avrgym.models.body_names import SEXES, Sex
 from avrgym.policies.names import CHOICES, OPERATOR
 from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
 
 if TYPE_CHECKING:
-    from avrgym.models.furniture.real import RealFurniture
+    from avrgym.models.furniture.real_furniture import RealFurniture
     from avrgym.study.dashboard.request_log import LiveLog
     from avrgym.study.sessions.serving import StudySessions
     from avrgym.vr.lab_streaming.choice import StreamChoice
@@ -115,7 +115,7 @@ def serve(
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    from avrgym.models.furniture.real import REAL_AS_VIRTUAL, real_furniture
+    from avrgym.models.furniture.real_furniture import REAL_AS_VIRTUAL, real_furniture
     from avrgym.system.data_folder import data_folder
     from avrgym.vr.lab_streaming.choice import stream_choice
     from avrgym.vr.server.certificate import certificate_for, lan_names

@@ -32,7 +32,7 @@ from avrgym.cli.terminal import (
     say,
     write_json,
 )
-from avrgym.models.sexes import SEXES
+from avrgym.models.body_names import SEXES
 
 if TYPE_CHECKING:
     from avrgym.study.checking.summary import ParticipantSummary

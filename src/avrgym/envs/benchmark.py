@@ -15,8 +15,8 @@ from avrgym.geometry.arrays import brought
 from avrgym.models.scene import SUBSTEPS
 from avrgym.simulation.engines.engine import Engine
 from avrgym.system.engines import THREADS
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.known import EPISODE_STEPS
 
 RUNS = 5
 

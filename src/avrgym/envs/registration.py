@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import gymnasium as gym
 
 from avrgym.system import plugins
-from avrgym.tasks.known import ENVIRONMENTS, EPISODE_STEPS
+from avrgym.tasks.constants import ENVIRONMENTS, EPISODE_STEPS
 
 
 def register() -> None:

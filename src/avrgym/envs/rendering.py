@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models import human
-from avrgym.models.contacts import VISUAL_GROUP
+from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_AHEAD_M, Person
 from avrgym.models.human_shape import HEAD_PARTS
 from avrgym.models.scene import build_spec

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from avrgym.array_types import FloatArray
-from avrgym.models import yielding
+from avrgym.models import compliance
+from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.colours import skin_colours, texture_mean
-from avrgym.models.contacts import VISUAL_GROUP
 from avrgym.models.scene import build_spec
 from avrgym.simulation.worlds import MAX_LEAD_RAD
 from avrgym.system.files import write_whole
@@ -84,7 +84,7 @@ def _spec(episodes: Episodes) -> mujoco.MjSpec:
     """The scene of the first world with its looks, and where the episode put things."""
     scene, simulation = episodes.scene, episodes.simulation
     spec = build_spec(scene, episodes.person_in(0), moving=simulation.moving, appearance=True)
-    yielding.bound_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
+    compliance.bound_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
     model, placed = spec.compile(), simulation.batch.get_model(0)
     for field in OF_THE_EPISODE:
         getattr(model, field)[:] = getattr(placed, field)

@@ -13,7 +13,7 @@ import numpy as np
 from array_api_compat import array_namespace, to_device
 from numpy.typing import ArrayLike
 
-from avrgym.array_types import NumpyArray
+from avrgym.array_types import FloatArray, IntArray, NumpyArray
 
 RAD_PER_DEGREE = float(np.radians(1.0))
 
@@ -100,3 +100,14 @@ def worth_computing(mask: Any) -> tuple[Any, ...]:
         return np.nonzero(mask)
     grid = xp.meshgrid(*[xp.arange(size, device=mask.device) for size in mask.shape], indexing="ij")
     return tuple(xp.reshape(axis, (-1,)) for axis in grid)
+
+
+def interpolate(limits: tuple[float, float], share: FloatArray) -> FloatArray:
+    """Values between two limits at shares 0 to 1, any shape."""
+    return limits[0] + (limits[1] - limits[0]) * share
+
+
+def choose_index(uniform: FloatArray, count: IntArray | int) -> IntArray:
+    """Indices 0 to ``count`` − 1 from uniform numbers in 0..1, each index equally likely."""
+    xp = namespace(uniform)
+    return xp.minimum(xp.astype(uniform * count, xp.int64), count - 1)

@@ -44,13 +44,13 @@ from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
 from avrgym.learning.settings_file import settings_of
 from avrgym.learning.tool_error import ToolMotion, tool_error
 from avrgym.learning.updates import UpdateNormaliser, observation_of
-from avrgym.people.names import IMPAIRMENTS, REVISED, TRAIN_ZOO
+from avrgym.people.population_names import IMPAIRMENTS, REVISED, TRAIN_ZOO
 from avrgym.policies import registry
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.carried import Carried
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import find_environment, plugins_of, sizes, task_and_scene
 
 SHOWN_FOLDER = "shown"

@@ -9,10 +9,10 @@ import msgspec
 from avrgym.learning.settings_file import settings_of
 from avrgym.networks.policy import FILE_SUFFIX
 from avrgym.people.distributions import NAMED
-from avrgym.people.kinds import carried_people, is_trained
+from avrgym.people.populations import carried_people, is_trained
 from avrgym.system.engines import THREADS
 from avrgym.system.files import write_whole
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.training_settings import TrainingSettings
 
 PEOPLE = "people"

@@ -11,7 +11,7 @@ from avrgym.policies import registry
 from avrgym.simulation.engines.engine import check_engine
 from avrgym.system.engines import THREADS
 from avrgym.tasks.company import find_company
-from avrgym.tasks.known import ENVIRONMENTS, expected_errors
+from avrgym.tasks.constants import ENVIRONMENTS, expected_errors
 from avrgym.tasks.registry import find_environment
 
 if TYPE_CHECKING:

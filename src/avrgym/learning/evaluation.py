@@ -11,7 +11,7 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.learning.seed_streams import SHOWING, Stream, episode_generators
 from avrgym.models.scene import SUBSTEPS
-from avrgym.people.kinds import carried_people
+from avrgym.people.populations import carried_people
 from avrgym.policies import registry
 from avrgym.safety.force_guard import ForceGuard
 from avrgym.safety.region_forces import RegionFigures, RegionLoads, RegionWatch, summed_up
@@ -19,8 +19,8 @@ from avrgym.simulation.engines.engine import check_engine
 from avrgym.system.carried import Carried
 from avrgym.system.engines import THREADS
 from avrgym.system.jobs import cores, report, run_all
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes, Step
-from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import find_environment
 
 if TYPE_CHECKING:

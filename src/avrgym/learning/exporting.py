@@ -15,7 +15,7 @@ from stable_baselines3 import PPO
 from avrgym.learning.configuration import TrainingConfiguration
 from avrgym.learning.stable_baselines import Normaliser
 from avrgym.networks.policy import HumanRole, Policy, PolicyMetadata
-from avrgym.people.kinds import people_name
+from avrgym.people.populations import people_name
 from avrgym.tasks.registry import plugins_of
 
 CURVE_POINTS = 100

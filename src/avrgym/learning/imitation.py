@@ -20,7 +20,7 @@ from torch import Tensor
 
 from avrgym.array_types import BoolArray, Float32Array
 from avrgym.learning.stable_baselines import Normaliser
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.constants import EPISODE_STEPS
 
 EXPERT_SHARE = 0.8
 """The expert drives all worlds in the first round, and in each later one this share of those of the round before."""

@@ -11,7 +11,7 @@ from gymnasium import spaces
 from stable_baselines3 import PPO
 
 from avrgym.learning.configuration import LOG_FOLDER, TrainingConfiguration
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.constants import EPISODE_STEPS
 
 OBSERVATION_CLIP = 5.0
 

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from avrgym.networks.layers import Memory
 from avrgym.policies.trained import Policy, PolicyMetadata
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.constants import EPISODE_STEPS
 
 WINDOW = 50
 """Through how many control steps gradients go back."""

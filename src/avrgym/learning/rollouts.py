@@ -21,9 +21,9 @@ from avrgym.safety.limits import TRANSIENT_LIMIT_N
 from avrgym.safety.region_forces import RegionWatch
 from avrgym.system.carried import Carried
 from avrgym.system.engines import THREADS
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes, Step
-from avrgym.tasks.experts.steadied import steadied
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.experts.filtered import steadied
 from avrgym.tasks.task import Controller
 
 NOISE_STREAMS = 4, 5

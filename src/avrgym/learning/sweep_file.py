@@ -11,7 +11,7 @@ from avrgym.learning.configuration import TrainingConfiguration, configuration_f
 from avrgym.learning.settings_file import changed_settings, read_toml, refusal
 from avrgym.people.distributions import NAMED
 from avrgym.people.impairments import find_impairment
-from avrgym.people.names import ORIGINAL
+from avrgym.people.population_names import ORIGINAL
 from avrgym.tasks.company import find_company
 from avrgym.tasks.registry import find_environment
 

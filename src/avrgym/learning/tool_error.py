@@ -16,7 +16,7 @@ from torch import Tensor
 from avrgym.array_types import Float32Array
 from avrgym.geometry.kinematics import jacobian
 from avrgym.models.scene import CONTROL_STEP_S, SceneConfig
-from avrgym.tasks.places import arm_chain
+from avrgym.tasks.placement import arm_chain
 
 UNIT_M, UNIT_RAD = 0.02, 0.2
 """By how much a tool is moved and turned wrong in a control step that counts as 1: at 0.1 m these are the same."""

@@ -31,15 +31,15 @@ from avrgym.learning.ppo import steps_of
 from avrgym.learning.rollouts import Order, Rollout, roll_out_all, worlds_of
 from avrgym.learning.updates import UpdateLearner, make_here
 from avrgym.people.impairments import find_impairment
-from avrgym.people.kinds import HUMAN_FILE, is_trained
+from avrgym.people.populations import HUMAN_FILE, is_trained
 from avrgym.policies.trained import Policy
 from avrgym.simulation.engines.engine import check_ready
 from avrgym.system.engines import THREADS
 from avrgym.system.locks import locked
 from avrgym.system.memory import memory_bytes
 from avrgym.tasks.company import find_company
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.human_view import human_view_of
-from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.tasks.registry import find_environment, sizes
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from avrgym.learning.imitation import Finished, Shown, imitate
 from avrgym.learning.ppo import OBSERVATION_CLIP, begin_update, free_actor, make_ppo, steps_of
 from avrgym.learning.rollouts import Order, Place, Rollout, roll_out_all
 from avrgym.learning.stable_baselines import ObservationScale, Scaled, Trainee
-from avrgym.people.kinds import carried_people
+from avrgym.people.populations import carried_people
 from avrgym.policies.trained import Policy
 from avrgym.system.engines import THREADS
 from avrgym.tasks.human_view import human_view_of

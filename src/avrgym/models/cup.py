@@ -7,8 +7,8 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models import contacts
-from avrgym.models.parts import BOX, CYLINDER, add_collision, add_material, add_skin
+from avrgym.models import collision_bits
+from avrgym.models.geoms import BOX, CYLINDER, add_collision, add_material, add_skin
 from avrgym.models.shapes import revolve
 from avrgym.models.tools import Hull, Particles, Tool
 
@@ -62,7 +62,7 @@ def _build_cup(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> N
     """A floor, and a ring of walls that lean outward; two of them meet where water pours."""
     floor = [AXIS_X_M, 0.0, 0.5 * _FLOOR_M - HEIGHT_M]
     size = [FOOT_RADIUS_M, 0.5 * _FLOOR_M, 0.0]
-    add_collision(body, "cup_floor", CYLINDER, contacts.TOOL, pos=floor, size=size, mass=0.02)
+    add_collision(body, "cup_floor", CYLINDER, collision_bits.TOOL, pos=floor, size=size, mass=0.02)
     for wall in range(_WALLS):
         _add_wall(body, f"cup_wall_{wall}", 2.0 * np.pi * (wall + 0.5) / _WALLS)
     if appearance:
@@ -78,7 +78,7 @@ def _add_wall(body: mujoco.MjsBody, name: str, angle_rad: float) -> None:
     distance = inner_radius_m(-0.5 * HEIGHT_M) + 0.5 * _WALL_M / math.cos(_TAPER_RAD)
     size = [0.5 * _WALL_M, RIM_RADIUS_M * math.tan(np.pi / _WALLS), 0.5 * HEIGHT_M / math.cos(_TAPER_RAD)]
     add_collision(
-        body, name, BOX, contacts.TOOL,
+        body, name, BOX, collision_bits.TOOL,
         pos=[AXIS_X_M, 0.0, -0.5 * HEIGHT_M] + distance * outward,
         quat=transforms.multiply(around, lean), size=size, mass=0.005,
     )  # fmt: skip

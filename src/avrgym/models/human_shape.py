@@ -16,7 +16,8 @@ from PIL import Image
 
 from avrgym.array_types import FloatArray, NumpyArray
 from avrgym.geometry import transforms
-from avrgym.models.contacts import VISUAL_GROUP
+from avrgym.models.collision_bits import VISUAL_GROUP
+from avrgym.models.geoms import add_material
 from avrgym.models.human import (
     BODIES,
     MOUTH_RISE,
@@ -28,7 +29,6 @@ from avrgym.models.human import (
     Sex,
     bind_frames,
 )
-from avrgym.models.parts import add_material
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models import contacts
+from avrgym.models import collision_bits
 from avrgym.models.tools import Tool
 
 PREFIX = "robot/"
@@ -144,11 +144,11 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
     """
     spec = robot.build(appearance)
     for geom in list(spec.geoms):
-        if geom.group == contacts.VISUAL_GROUP:
+        if geom.group == collision_bits.VISUAL_GROUP:
             if not appearance:
                 spec.delete(geom)
         else:
-            geom.contype, geom.conaffinity = contacts.ROBOT.contype, contacts.ROBOT.conaffinity
+            geom.contype, geom.conaffinity = collision_bits.ROBOT.contype, collision_bits.ROBOT.conaffinity
     _delete_unused_meshes(spec)
     held = dict(robot.holding)
     if grip is not None:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import mujoco
 
 from avrgym.geometry import transforms
-from avrgym.models import contacts, human, robot
+from avrgym.models import collision_bits, human, robot
+from avrgym.models.geoms import add_collision
 from avrgym.models.human import Person, Posture
-from avrgym.models.parts import add_collision
 from avrgym.models.robot import Arm, Furniture, Mount, Robot
 from avrgym.models.tools import BODY as TOOL_BODY
 from avrgym.models.tools import Particles, Tool, add_particles
@@ -49,7 +49,7 @@ def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: 
     spec = mujoco.MjSpec()
     _set_options(spec, scene.tool.particles)
     add_collision(
-        spec.worldbody, "floor", mujoco.mjtGeom.mjGEOM_PLANE, contacts.FURNITURE, size=[5.0, 5.0, 0.1]
+        spec.worldbody, "floor", mujoco.mjtGeom.mjGEOM_PLANE, collision_bits.FURNITURE, size=[5.0, 5.0, 0.1]
     )
     human.add_person(spec, person, scene.posture, moving=moving)
     if appearance:

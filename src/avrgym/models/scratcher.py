@@ -3,8 +3,8 @@
 import mujoco
 import numpy as np
 
-from avrgym.models import contacts
-from avrgym.models.parts import CAPSULE, add_collision, add_material, add_skin
+from avrgym.models import collision_bits
+from avrgym.models.geoms import CAPSULE, add_collision, add_material, add_skin
 from avrgym.models.shapes import Section, loft
 from avrgym.models.tools import Tool
 
@@ -24,7 +24,7 @@ def _build_scratcher(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool
         body,
         "scratcher",
         CAPSULE,
-        contacts.TOOL,
+        collision_bits.TOOL,
         fromto=[-RADIUS_M, 0, 0, RADIUS_M - LENGTH_M, 0, 0],
         size=[RADIUS_M, 0, 0],
         mass=0.02,

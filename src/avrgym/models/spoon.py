@@ -7,8 +7,8 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models import contacts
-from avrgym.models.parts import BOX, CAPSULE, add_collision, add_material, add_skin
+from avrgym.models import collision_bits
+from avrgym.models.geoms import BOX, CAPSULE, add_collision, add_material, add_skin
 from avrgym.models.shapes import Section, loft, tube
 from avrgym.models.tools import Hull, Particles, Tool
 
@@ -42,7 +42,7 @@ def _build_spoon(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) ->
         body,
         "spoon_handle",
         CAPSULE,
-        contacts.TOOL,
+        collision_bits.TOOL,
         fromto=[-_BOWL[0], 0, _RIM_Z, handle_end, 0, _RIM_Z],
         size=[0.004, 0, 0],
         mass=0.02,
@@ -54,7 +54,7 @@ def _build_spoon(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) ->
 def _add_bowl_walls(body: mujoco.MjsBody) -> None:
     half_wall, height = 0.5 * _WALL, _RIM_Z - _FLOOR_Z
     add_collision(
-        body, "spoon_floor", BOX, contacts.TOOL,
+        body, "spoon_floor", BOX, collision_bits.TOOL,
         pos=[0, 0, _FLOOR_Z - half_wall], size=[*_FLOOR, half_wall], mass=0.01,
     )  # fmt: skip
     for name, axis, sign in (("left", 1, 1.0), ("right", 1, -1.0), ("front", 0, 1.0), ("back", 0, -1.0)):
@@ -65,7 +65,9 @@ def _add_bowl_walls(body: mujoco.MjsBody) -> None:
         centre = out * (_FLOOR[axis] + 0.5 * lean) + [0, 0, _FLOOR_Z + 0.5 * height] + normal * half_wall
         along = _FLOOR[1 - axis] + _LEAN[1 - axis]
         size = np.where(np.eye(3)[axis] == 1.0, half_wall, [along, along, 0.5 * np.hypot(lean, height)])
-        add_collision(body, f"spoon_{name}", BOX, contacts.TOOL, pos=centre, quat=turn, size=size, mass=0.002)
+        add_collision(
+            body, f"spoon_{name}", BOX, collision_bits.TOOL, pos=centre, quat=turn, size=size, mass=0.002
+        )
 
 
 def _add_spoon_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody, handle_end: float) -> None:

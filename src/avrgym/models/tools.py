@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.models import contacts
-from avrgym.models.parts import SPHERE, add_collision, add_material, add_visual
+from avrgym.models import collision_bits
+from avrgym.models.geoms import SPHERE, add_collision, add_material, add_visual
 
 BODY = "tool"
 
@@ -78,7 +78,7 @@ def add_particles(spec: mujoco.MjSpec, particles: Particles, appearance: bool) -
         for letter, axis in zip("xyz", np.eye(3), strict=True):
             body.add_joint(name=f"{name}_{letter}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
         add_collision(
-            body, name, SPHERE, contacts.PARTICLE,
+            body, name, SPHERE, collision_bits.PARTICLE,
             size=[particles.radius_m, 0, 0], mass=particles.mass_kg, **(_FLUID if particles.fluid else _GRAIN),
         )  # fmt: skip
         if appearance:

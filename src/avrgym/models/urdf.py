@@ -18,8 +18,8 @@ import trimesh
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models import contacts
-from avrgym.models.parts import add_material, add_visual
+from avrgym.models import collision_bits
+from avrgym.models.geoms import add_material, add_visual
 
 TWO_TURNS_RAD = (-2.0 * np.pi, 2.0 * np.pi)
 """The range of joints that the description has turn freely."""
@@ -184,7 +184,7 @@ def _add_capsule(body: mujoco.MjsBody, points: FloatArray, shape: _Shape, name: 
         fromto=ends.ravel(),
         size=[radius, 0, 0],
         mass=0.0,
-        group=contacts.COLLISION_GROUP,
+        group=collision_bits.COLLISION_GROUP,
     )
 
 

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.models import contacts
-from avrgym.models.parts import BOX, add_collision, add_material, add_skin
+from avrgym.models import collision_bits
+from avrgym.models.geoms import BOX, add_collision, add_material, add_skin
 from avrgym.models.shapes import Section, loft
 from avrgym.models.tools import Tool
 
@@ -46,7 +46,7 @@ def _build_washcloth(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool
     pad = body.add_body(name="washcloth", gravcomp=1.0)
     _add_springs(pad)
     add_collision(
-        pad, "washcloth", BOX, contacts.TOOL, pos=PAD_CENTRE_M, size=PAD_HALF_SIZE_M - NAP_M, margin=NAP_M,
+        pad, "washcloth", BOX, collision_bits.TOOL, pos=PAD_CENTRE_M, size=PAD_HALF_SIZE_M - NAP_M, margin=NAP_M,
         mass=_PAD_MASS_KG, priority=1, friction=_WET_FRICTION, solimp=_FIRM,
     )  # fmt: skip
     if appearance:

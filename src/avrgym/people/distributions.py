@@ -11,17 +11,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.geometry.arrays import copied, like, namespace, worth_computing
+from avrgym.geometry.arrays import copied, interpolate, like, namespace, worth_computing
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Person, Posture
-from avrgym.people import arm_limits
+from avrgym.people import shoulder_limits
 from avrgym.people.arm_clearance import Boxes, clearance, person_capsules
-from avrgym.people.names import CHOICES, ORIGINAL, PARTICIPANTS, REVISED
-from avrgym.people.uniform import between
+from avrgym.people.population_names import CHOICES, ORIGINAL, PARTICIPANTS, REVISED
 from avrgym.people.zoo.partners import OF_ONE_STYLE, ZOOS, Partners
 
 if TYPE_CHECKING:
-    from avrgym.people.files import PeopleFile
+    from avrgym.people.people_file import PeopleFile
 
 
 ATTEMPTS = 8
@@ -108,7 +107,7 @@ def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution
         return NAMED[name_or_path]
     if not Path(name_or_path).is_file():
         raise ValueError(f"unknown people {name_or_path!r}; the distributions are {CHOICES}")
-    from avrgym.people.files import read_people  # with what reads and writes such files
+    from avrgym.people.people_file import read_people  # with what reads and writes such files
 
     return distribution_of(read_people(Path(name_or_path), tasks))
 
@@ -129,8 +128,8 @@ def sample(
     """
     xp = namespace(uniforms)
     is_woman = uniforms[:, 0] < 0.5
-    man = between(distribution.torso_height_man_m, uniforms[:, 1])
-    woman = between(distribution.torso_height_woman_m, uniforms[:, 1])
+    man = interpolate(distribution.torso_height_man_m, uniforms[:, 1])
+    woman = interpolate(distribution.torso_height_woman_m, uniforms[:, 1])
     spread = pose.spread_rad + np.where(WAIST, np.radians(distribution.waist_deg), 0.0)
     shares = uniforms[:, 2:].reshape(len(uniforms), ATTEMPTS, len(JOINTS))
     rest, spread, lower, upper = (
@@ -152,14 +151,14 @@ def _make_room(people: People, poses: FloatArray, posture: Posture, furniture: B
         angles[rows] = xp.where(crowded[rows, None], poses[rows, attempt], angles[rows])
         again = People.unimpaired(people.is_woman[rows], people.torso_height_m[rows], angles[rows])
         crowded[rows] = crowded[rows] & ~_has_room(again, posture, furniture)
-    angles = xp.where(crowded[:, None], arm_limits.clip(angles), angles)
+    angles = xp.where(crowded[:, None], shoulder_limits.clip(angles), angles)
     return replace(people, joint_angles_rad=angles)
 
 
 def _has_room(people: People, posture: Posture, furniture: Boxes | None) -> BoolArray:
     segments_w, radii_m = person_capsules(people, posture)
     room = clearance(segments_w, radii_m, furniture) >= ROOM_M
-    return room & arm_limits.within_limits(people.joint_angles_rad)
+    return room & shoulder_limits.within_limits(people.joint_angles_rad)
 
 
 def repeat(person: Person, count: int) -> People:

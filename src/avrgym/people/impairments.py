@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.arrays import like, namespace
+from avrgym.geometry.arrays import interpolate, like, namespace
 from avrgym.models.human import JOINTS, LOWER_RAD, UPPER_RAD, People
-from avrgym.people.names import IMPAIRMENTS, Impairment
-from avrgym.people.uniform import between
+from avrgym.people.population_names import IMPAIRMENTS, Impairment
 
 MOVING: tuple[Impairment, ...] = ("weakness", "tremor")
 """Those that show only in people whose joints move."""
@@ -47,9 +46,9 @@ def impair(people: People, impairment: Impairment, uniforms: FloatArray) -> Peop
     head and U(0, 10°) for the arms, see ``FOLLOWED_SHARE``, or by what they trembled before where that is more.
     """
     if impairment == "limits":
-        return with_ranges(people, people.range_share * between(RANGE_SHARE, uniforms[:, 0]))
+        return with_ranges(people, people.range_share * interpolate(RANGE_SHARE, uniforms[:, 0]))
     if impairment == "weakness":
-        share = people.strength_share * between(STRENGTH_SHARE, uniforms[:, 0])
+        share = people.strength_share * interpolate(STRENGTH_SHARE, uniforms[:, 0])
         return replace(people, strength_share=share)
     if impairment == "tremor":
         xp, drawn = namespace(uniforms), like(TREMOR_RAD, uniforms) * uniforms[:, 1:]

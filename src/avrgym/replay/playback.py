@@ -12,8 +12,8 @@ from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control, Event, Physics
 from avrgym.replay.trial import ReplayError
 from avrgym.system.used_plugins import differences, stored
+from avrgym.tasks.constants import WORLD_VERSION
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.known import WORLD_VERSION
 from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 from avrgym.vr.live_world.world import ControlStep, ControlSteps
 from avrgym.vr.session.attempt import control_record

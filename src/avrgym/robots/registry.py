@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from avrgym.models.robot import Robot
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.pr2.robot import PR2
-from avrgym.robots.records import check_robot
+from avrgym.robots.validation import check_robot
 from avrgym.system import plugins
 
 _robots: dict[str, Robot] = {robot.name: robot for robot in (JACO, PR2)}

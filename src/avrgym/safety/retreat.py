@@ -13,7 +13,7 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.models import human, robot
-from avrgym.models.contacts import COLLISION_GROUP, FURNITURE, PERSON
+from avrgym.models.collision_bits import COLLISION_GROUP, FURNITURE, PERSON
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.simulation.worlds import Simulation
 

@@ -6,7 +6,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from avrgym.array_types import FloatArray, IntArray
-from avrgym.models import human, yielding
+from avrgym.models import compliance, human
 from avrgym.models.human import People, Person
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.names import actuators
@@ -54,7 +54,7 @@ class PersonFields:
 
     def give_way(self, ids: IntArray) -> None:
         """Soften the contacts of people whose constants were just recomputed."""
-        self._inverse_mass[ids[:, None], self._ids, 0] += yielding.INVERSE_MASS_PER_KG
+        self._inverse_mass[ids[:, None], self._ids, 0] += compliance.INVERSE_MASS_PER_KG
 
     def _write_dynamics(self, ids: IntArray, people: People) -> None:
         for row, world in enumerate(ids):
@@ -65,7 +65,7 @@ class PersonFields:
             )
             for name, field in self._inertia.items():
                 field[world, self._ids] = inertia[name]
-        torque = yielding.muscle_torque_n_m(
+        torque = compliance.muscle_torque_n_m(
             people.strength_share[:, None] * human.TORQUE_N_M, people.tremor_rad
         )
         self._force_range[ids[:, None], self._actuators] = np.stack([-torque, torque], axis=-1)

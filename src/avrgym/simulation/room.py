@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry.transforms import norm
-from avrgym.models import contacts, human
-from avrgym.models.contacts import ContactBits
+from avrgym.models import collision_bits, human
+from avrgym.models.collision_bits import ContactBits
 from avrgym.models.human import RIGHT_ARM
 from avrgym.people.arm_clearance import PAIRS
 
@@ -132,31 +132,31 @@ def _reach_m(kinds: NDArray[np.int32], size_m: FloatArray) -> FloatArray:
 
 def _of_robot(model: mujoco.MjModel) -> Rooms:
     """What robot, tool and what it carries keep from the person."""
-    return _between(_robot(model), _geoms(model, contacts.PERSON), PERSON_ROOM_M)
+    return _between(_robot(model), _geoms(model, collision_bits.PERSON), PERSON_ROOM_M)
 
 
 def _of_loose(model: mujoco.MjModel, base: str | None) -> Rooms:
     """What all of that, but for a fastened base, keeps from furniture."""
     loose = [geom for geom in _robot(model) if _body(model, geom) != base]
-    return _between(loose, _geoms(model, contacts.FURNITURE), FURNITURE_ROOM_M)
+    return _between(loose, _geoms(model, collision_bits.FURNITURE), FURNITURE_ROOM_M)
 
 
 def _robot(model: mujoco.MjModel) -> list[int]:
     """The geoms of the robot, its tool and what that carries."""
     return [
         geom
-        for bits in (contacts.ROBOT, contacts.TOOL, contacts.HULL, contacts.PARTICLE)
+        for bits in (collision_bits.ROBOT, collision_bits.TOOL, collision_bits.HULL, collision_bits.PARTICLE)
         for geom in _geoms(model, bits)
     ]
 
 
 def _of_arms(model: mujoco.MjModel, *, arms: bool, offered: bool) -> Rooms:
     """What the person's arms keep from the furniture, and an offered one from the rest of the body too."""
-    furniture = _geoms(model, contacts.FURNITURE)
+    furniture = _geoms(model, collision_bits.FURNITURE)
     limbs = [f"{side}_{part}" for side in ("right", "left") for part in ("upper_arm", "forearm", "hand")]
     rooms = _between(_parts(model, limbs), furniture, -PADDING_M) if arms else {}
     if offered:
-        kept_free = _geoms(model, contacts.ROOM)
+        kept_free = _geoms(model, collision_bits.ROOM)
         rooms |= _between(_parts(model, RIGHT_ARM), [*furniture, *kept_free], 0.0)
         rooms |= _between_parts(model, PAIRS, 0.0)
     return rooms
@@ -176,7 +176,7 @@ def _geoms(model: mujoco.MjModel, bits: ContactBits) -> list[int]:
         geom
         for geom in range(model.ngeom)
         if model.geom_contype[geom] == bits.contype
-        and model.geom_group[geom] == contacts.COLLISION_GROUP
+        and model.geom_group[geom] == collision_bits.COLLISION_GROUP
         and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
     ]
 

@@ -14,7 +14,7 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import brought, copied, like, namespace, on_host
 from avrgym.geometry.transforms import norm
-from avrgym.models import human, yielding
+from avrgym.models import compliance, human
 from avrgym.models.human import Person
 from avrgym.models.scene import (
     CONTROL_STEP_S,
@@ -50,7 +50,7 @@ PARKING_W = np.array([4.0, 4.0, 0.1])
 def _compiled(scene: SceneConfig, moving: bool, by_region: bool, gliding: bool) -> mujoco.MjModel:
     """The scene's model, see ``Simulation``; whoever would change it copies it."""
     spec = build_spec(scene, Person(), moving=moving, appearance=False)
-    yielding.bound_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
+    compliance.bound_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
     if by_region:
         add_region_sensors(spec, scene)
     if gliding:

@@ -1,7 +1,7 @@
 """Whom the worlds of an environment may meet."""
 
 from avrgym.networks.policy import PolicyError
-from avrgym.people.kinds import Kind, find_kinds
+from avrgym.people.populations import Kind, find_kinds
 from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.registry import TASKS
 

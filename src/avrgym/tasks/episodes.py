@@ -12,15 +12,14 @@ from numpy.typing import ArrayLike
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import brought, namespace
+from avrgym.geometry.arrays import brought, choose_index, namespace
 from avrgym.models import robot
 from avrgym.models.human import People, Person
-from avrgym.people import arm_limits, behaviour, distributions, impairments
+from avrgym.people import cooperation, distributions, impairments, shoulder_limits
 from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.distributions import Pose
-from avrgym.people.kinds import Humans, Kind
-from avrgym.people.names import Impairment
-from avrgym.people.uniform import which
+from avrgym.people.population_names import Impairment
+from avrgym.people.populations import Humans, Kind
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
 from avrgym.safety.withdrawal import Withdrawal
@@ -174,7 +173,7 @@ class Episodes:
         self.scene = self.task.scene(find_robot(robot))
         self.action_size = len(self.scene.arm.joints)
         """How many numbers an action has: one for each joint of the arm."""
-        self.offered_joints = behaviour.OFFERED_JOINTS[self.task.offered]
+        self.offered_joints = cooperation.OFFERED_JOINTS[self.task.offered]
         """The person's joints that ``steer_people`` drives, by name."""
         self.observation = self.task.observation(self.scene)
         self.human_view = HumanView(self.task.offered, self.observation)
@@ -306,11 +305,11 @@ class Episodes:
     def _draw(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> None:
         """Draw a start for each of worlds ``ids`` (n,) and put them into it."""
         parts = np.cumsum(
-            [distributions.UNIFORMS, impairments.UNIFORMS, behaviour.UNIFORMS, self.task.uniforms]
+            [distributions.UNIFORMS, impairments.UNIFORMS, cooperation.UNIFORMS, self.task.uniforms]
         )
         uniforms = np.stack([generator.random(int(parts[-1])) for generator in generators])
         for_people, for_impairments, for_minds, for_task = np.split(uniforms, parts[:-1], axis=1)
-        of_kind = which(for_minds[:, _WHO], len(self._kinds))
+        of_kind = choose_index(for_minds[:, _WHO], len(self._kinds))
         who = self._draw_people(self._kinds[0], for_people, for_impairments, for_minds)
         for number, kind in enumerate(self._kinds[1:], start=1):
             (rows,) = np.nonzero(of_kind == number)
@@ -537,4 +536,4 @@ class Episodes:
 
 def _possible(people: People, joint_angles_rad: FloatArray) -> FloatArray:
     """Joint angles (N, 20) brought to where these people's joints can go."""
-    return arm_limits.clip(impairments.limit(people, joint_angles_rad))
+    return shoulder_limits.clip(impairments.limit(people, joint_angles_rad))

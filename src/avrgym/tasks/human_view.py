@@ -9,7 +9,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.human import JOINTS
-from avrgym.people.behaviour import OFFERED_JOINTS, Offered
+from avrgym.people.cooperation import OFFERED_JOINTS, Offered
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.observation import FORCE_N, REACH_M, TURN_RAD, UNIT, Observation
 from avrgym.tasks.registry import task_and_scene

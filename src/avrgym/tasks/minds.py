@@ -8,11 +8,11 @@ from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry.arrays import brought, namespace
 from avrgym.models.human import People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.people import behaviour
-from avrgym.people.behaviour import Offered, Sight
+from avrgym.people import cooperation
+from avrgym.people.cooperation import Offered, Sight
 from avrgym.people.distributions import Distribution
-from avrgym.people.zoo import movement
-from avrgym.people.zoo.movement import Possible
+from avrgym.people.zoo import partner_behaviour
+from avrgym.people.zoo.partner_behaviour import Possible
 from avrgym.tasks.task import merge
 
 
@@ -36,15 +36,15 @@ class Minds:
         self._posture = posture
         height = people.torso_height_m
         uniforms = namespace(height).zeros(
-            (len(height), behaviour.UNIFORMS), dtype=height.dtype, device=height.device
+            (len(height), cooperation.UNIFORMS), dtype=height.dtype, device=height.device
         )
         self._mind = brought(self._begun(people, uniforms), height if beside is None else beside)
 
-    def saved(self) -> behaviour.Mind | movement.Mind:
+    def saved(self) -> cooperation.Mind | partner_behaviour.Mind:
         """All that changes."""
         return self._mind
 
-    def go_on_from(self, saved: behaviour.Mind | movement.Mind) -> None:
+    def go_on_from(self, saved: cooperation.Mind | partner_behaviour.Mind) -> None:
         """Have the minds that ``saved`` gave."""
         self._mind = saved
 
@@ -52,14 +52,14 @@ class Minds:
         """Begin episodes of people in worlds ``ids`` (n,), from uniform numbers (n, ``behaviour.UNIFORMS``)."""
         self._mind = merge(self._mind, self._begun(people, uniforms), ids)
 
-    def _begun(self, people: People, uniforms: FloatArray) -> behaviour.Mind | movement.Mind:
+    def _begun(self, people: People, uniforms: FloatArray) -> cooperation.Mind | partner_behaviour.Mind:
         if self._partners is None:
-            return behaviour.begin(people, uniforms)
-        return movement.begin(people, self._partners.draw(uniforms[:, :2]), uniforms[:, 2:])
+            return cooperation.begin(people, uniforms)
+        return partner_behaviour.begin(people, self._partners.draw(uniforms[:, :2]), uniforms[:, 2:])
 
     def steer(self, joints: Sequence[str], action: FloatArray, possible: Possible) -> None:
         """Move the targets of joints by a control step at speeds of unhurried people, shares (N, K) of them."""
-        targets = movement.steered_rad(self._mind.targets_rad, joints, action)
+        targets = partner_behaviour.steered_rad(self._mind.targets_rad, joints, action)
         self._mind = replace(self._mind, targets_rad=possible(targets))
 
     def live(self, look: Callable[[], Sight], people: People, possible: Possible) -> FloatArray:
@@ -72,23 +72,23 @@ class Minds:
             people: their bodies.
             possible: where their joints can go.
         """
-        if isinstance(self._mind, movement.Mind):
+        if isinstance(self._mind, partner_behaviour.Mind):
             return possible(self._live_in_the_zoo(self._mind, look(), people, possible))
-        mind = behaviour.wait(self._mind)
+        mind = cooperation.wait(self._mind)
         targets = mind.targets_rad + _direction(mind.time_s) * people.tremor_rad
         if self._cooperating:
-            mind = behaviour.see(mind, look(), self._offered, self._posture)
-            targets = targets + behaviour.sway_rad(mind)
+            mind = cooperation.see(mind, look(), self._offered, self._posture)
+            targets = targets + cooperation.sway_rad(mind)
         self._mind = mind
         return possible(targets)
 
     def _live_in_the_zoo(
-        self, mind: movement.Mind, sight: Sight, people: People, possible: Possible
+        self, mind: partner_behaviour.Mind, sight: Sight, people: People, possible: Possible
     ) -> FloatArray:
-        mind = movement.live(mind, sight, self._offered, self._posture, possible)
+        mind = partner_behaviour.live(mind, sight, self._offered, self._posture, possible)
         self._mind = mind
-        tremor = _direction(mind.time_s) * movement.settled(mind)[:, None] * people.tremor_rad
-        return mind.targets_rad + movement.oscillation_rad(mind) + tremor
+        tremor = _direction(mind.time_s) * partner_behaviour.settled(mind)[:, None] * people.tremor_rad
+        return mind.targets_rad + partner_behaviour.oscillation_rad(mind) + tremor
 
 
 def _direction(time_s: FloatArray) -> FloatArray:

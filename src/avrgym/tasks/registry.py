@@ -11,9 +11,9 @@ from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, used_entry
 from avrgym.tasks.bed_bathing.task import BED_BATHING
+from avrgym.tasks.constants import environment_id
 from avrgym.tasks.drinking.task import DRINKING
 from avrgym.tasks.feeding.task import FEEDING
-from avrgym.tasks.known import environment_id
 from avrgym.tasks.scratch_itch.task import SCRATCH_ITCH
 from avrgym.tasks.task import Task
 

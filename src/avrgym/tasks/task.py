@@ -7,11 +7,11 @@ from typing import Any, NamedTuple, Protocol, get_args
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry.arrays import brought, namespace
+from avrgym.models.body_names import PARTS, Part
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
-from avrgym.models.tracked import PARTS, Part
-from avrgym.people.behaviour import Offered
+from avrgym.people.cooperation import Offered
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Simulation, Start, State
 from avrgym.tasks.observation import Observation

@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import Page, Route
 
-from avrgym.models.contacts import VISUAL_GROUP
+from avrgym.models.collision_bits import VISUAL_GROUP
 from helpers.system.places import ROOT
 
 WIDTH, HEIGHT = 480, 360

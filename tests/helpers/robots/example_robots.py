@@ -10,8 +10,8 @@ from avrgym.models.human import Person
 from avrgym.models.robot import Robot, UnsuitableError, robot_spec
 from avrgym.models.scene import build_spec
 from avrgym.models.urdf import add_mesh, colour_of, read_mesh
-from avrgym.robots.public import public_folder
 from avrgym.robots.registry import ROBOTS
+from avrgym.robots.rtb_data import public_folder
 from avrgym.tasks.registry import TASKS
 from helpers.system.places import ROOT
 

@@ -6,7 +6,7 @@ import pytest
 
 from avrgym.robots import registry
 from avrgym.robots.jaco.robot import JACO
-from avrgym.tasks import starts
+from avrgym.tasks import placement_check
 
 
 def place(patch: pytest.MonkeyPatch, *offset_m: float) -> None:
@@ -15,4 +15,4 @@ def place(patch: pytest.MonkeyPatch, *offset_m: float) -> None:
     x, y, z = (float(place + offset) for place, offset in zip(mount.pos_w, offset_m, strict=True))
     moved = replace(JACO, mounts={**JACO.mounts, "wheelchair": replace(mount, pos_w=(x, y, z))})
     patch.setitem(registry._robots, "Jaco", moved)
-    starts.draws_by_body.cache_clear()
+    placement_check.draws_by_body.cache_clear()

@@ -4,7 +4,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import kinematics, transforms
-from avrgym.tasks import places
+from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
 from helpers.simulation.starts import begun
 
@@ -42,5 +42,5 @@ def towards(episodes: Episodes, aim: IntArray) -> FloatArray:
     way_w = parts[np.arange(len(aim)), aim] - state.tool_pos_w
     _, base_q = episodes.simulation.robot_base()
     way = transforms.rotate(transforms.conjugate(base_q), way_w)
-    *_, jacobian = kinematics.jacobian(places.arm_chain(episodes.scene), state.arm_angles_rad)
+    *_, jacobian = kinematics.jacobian(placement.arm_chain(episodes.scene), state.arm_angles_rad)
     return np.sign(np.einsum("nij,ni->nj", jacobian[:, :3], way))

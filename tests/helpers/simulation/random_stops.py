@@ -9,7 +9,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.models import human, robot
 from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
-from avrgym.people import arm_limits
+from avrgym.people import shoulder_limits
 from avrgym.policies.trained import load_policy
 from avrgym.tasks.episodes import Episodes
 
@@ -94,7 +94,7 @@ def _robot_pos_w(episodes: Episodes) -> FloatArray:
 def _waving(rest_rad: FloatArray, rng: np.random.Generator) -> FloatArray:
     """The targets of people (N, 20): every third turns each joint by up to 5 degrees, to and fro."""
     waving = (np.arange(len(rest_rad)) % 3 == 0)[:, None]
-    return arm_limits.clip(rest_rad + waving * np.radians(rng.uniform(-5.0, 5.0, rest_rad.shape)))
+    return shoulder_limits.clip(rest_rad + waving * np.radians(rng.uniform(-5.0, 5.0, rest_rad.shape)))
 
 
 def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], FloatArray]:

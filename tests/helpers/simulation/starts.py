@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.models import contacts
+from avrgym.models import collision_bits
 from avrgym.models.human import joint_angles
 from avrgym.models.robot import PREFIX
 from avrgym.tasks.episodes import Episodes
@@ -56,8 +56,12 @@ def deepest_overlap_m(episodes: Episodes) -> float:
     model = simulation.batch.get_model(0)
     data = mujoco.MjData(model)
     fastened = None if episodes.scene.mount.on_floor else PREFIX + episodes.scene.robot.base
-    robot = [geom for bits in (contacts.ROBOT, contacts.TOOL, contacts.HULL) for geom in _of(model, bits)]
-    others = [*_of(model, contacts.PERSON), *_of(model, contacts.FURNITURE)]
+    robot = [
+        geom
+        for bits in (collision_bits.ROBOT, collision_bits.TOOL, collision_bits.HULL)
+        for geom in _of(model, bits)
+    ]
+    others = [*_of(model, collision_bits.PERSON), *_of(model, collision_bits.FURNITURE)]
     deepest = 0.0
     for world in range(simulation.num_worlds):
         model.geom_size[:] = geoms.size_m[world]
@@ -65,12 +69,12 @@ def deepest_overlap_m(episodes: Episodes) -> float:
         for first in robot:
             for second in others:
                 mounted = model.body(model.geom_bodyid[first]).name == fastened
-                if mounted and model.geom_contype[second] == contacts.FURNITURE.contype:
+                if mounted and model.geom_contype[second] == collision_bits.FURNITURE.contype:
                     continue
                 deepest = max(deepest, -mujoco.mj_geomDistance(model, data, first, second, 0.001, None))
     return deepest
 
 
-def _of(model: mujoco.MjModel, bits: contacts.ContactBits) -> list[int]:
+def _of(model: mujoco.MjModel, bits: collision_bits.ContactBits) -> list[int]:
     kind = (model.geom_contype == bits.contype) & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
     return np.nonzero(kind)[0].tolist()

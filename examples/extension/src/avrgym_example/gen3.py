@@ -10,7 +10,7 @@ from avrgym.geometry import transforms
 from avrgym.models.furniture import NIGHTSTAND_BODY, NIGHTSTAND_TOP_M, add_bracket, add_nightstand
 from avrgym.models.robot import BaseRange, Grip, Mount, Robot, tuned_arm
 from avrgym.models.urdf import Urdf
-from avrgym.robots.public import public_folder
+from avrgym.robots.rtb_data import public_folder
 
 KORTEX = public_folder("kortex_description")
 ARM_MESHES = {

@@ -8,7 +8,7 @@ import numpy as np
 from avrgym.geometry import transforms
 from avrgym.models.robot import BaseRange, Grip, Mount, Robot, tuned_arm
 from avrgym.models.urdf import add_mesh, colour_of, read_mesh
-from avrgym.robots.public import public_folder
+from avrgym.robots.rtb_data import public_folder
 
 MESHES = public_folder("ur_description/meshes/ur5/visual")
 LINKS = ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3")

@@ -10,7 +10,7 @@ from avrgym.analysis.statistics.tests import clustered_interval, t_interval
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.policies.trained import FILE_SUFFIX, Policy, PolicyError, find_policy, packaged_policies
 from avrgym.study.storage.store import Store
-from avrgym.tasks.known import EPISODE_STEPS, environment_id
+from avrgym.tasks.constants import EPISODE_STEPS, environment_id
 
 ALL = "all"
 """Stands for all tasks or all robots, taken together."""

@@ -10,11 +10,10 @@ import mujoco
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.models import contacts
-from avrgym.models.furniture.bars import rounded
+from avrgym.models import collision_bits
 from avrgym.models.furniture.finishes import finish
-from avrgym.models.parts import BOX, CAPSULE, CYLINDER, add_collision, add_skin, add_visual
-from avrgym.models.shapes import Mesh, Section, loft, torus, tube
+from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_collision, add_skin, add_visual
+from avrgym.models.shapes import Mesh, Section, loft, rounded_polyline, torus, tube
 
 MATTRESS_TOP_M = 0.55
 MATTRESS_THICKNESS_M, MATTRESS_HALF_WIDTH_M = 0.15, 0.44
@@ -65,9 +64,11 @@ def _add_bed_collision(body: mujoco.MjsBody) -> None:
         "headboard": _board(_HEAD_Y, _HEADBOARD_TOP),
     }
     for name, (pos, size) in boxes.items():
-        add_collision(body, f"bed_{name}", BOX, contacts.FURNITURE, pos=pos, size=size)
+        add_collision(body, f"bed_{name}", BOX, collision_bits.FURNITURE, pos=pos, size=size)
     back = _on_backrest(0.5 * BACK_LENGTH_M, -_BACK_HALF[2])
-    add_collision(body, "bed_backrest", BOX, contacts.FURNITURE, pos=back, quat=_BACK_Q, size=_BACK_HALF)
+    add_collision(
+        body, "bed_backrest", BOX, collision_bits.FURNITURE, pos=back, quat=_BACK_Q, size=_BACK_HALF
+    )
 
 
 def _board(y: float, top: float) -> tuple[list[float], list[float]]:
@@ -142,7 +143,7 @@ def _add_side_rails(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
         x = sign * 0.456
         loop = [[x, 0.5 * (foot + head), low], [x, foot, low], [x, foot, high], [x, head, high], [x, head, low],
                 [x, 0.5 * (foot + head), low]]  # fmt: skip
-        add_skin(spec, body, f"bed_{side}_rail", steel, tube(rounded(loop), 0.011))
+        add_skin(spec, body, f"bed_{side}_rail", steel, tube(rounded_polyline(loop), 0.011))
         for y in np.linspace(foot, head, 7)[1:-1]:
             add_visual(body, CAPSULE, steel, fromto=[x, y, low, x, y, high], size=[0.007, 0, 0])
 
@@ -180,7 +181,12 @@ def add_nightstand(spec: mujoco.MjSpec, appearance: bool) -> None:
     body = spec.worldbody.add_body(name=NIGHTSTAND_BODY, pos=NIGHTSTAND_TOP_M)
     half_x, half_y, half_z = _NIGHTSTAND_HALF
     add_collision(
-        body, NIGHTSTAND_BODY, BOX, contacts.FURNITURE, pos=[0, 0, -half_z], size=[half_x, half_y, half_z]
+        body,
+        NIGHTSTAND_BODY,
+        BOX,
+        collision_bits.FURNITURE,
+        pos=[0, 0, -half_z],
+        size=[half_x, half_y, half_z],
     )
     if appearance:
         _add_nightstand_skin(spec, body)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from avrgym.models.parts import add_material
+from avrgym.models.geoms import add_material
 
 
 @dataclass(frozen=True)

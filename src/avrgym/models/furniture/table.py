@@ -3,9 +3,9 @@
 import mujoco
 import numpy as np
 
-from avrgym.models import contacts
+from avrgym.models import collision_bits
 from avrgym.models.furniture.finishes import finish
-from avrgym.models.parts import BOX, CYLINDER, add_collision, add_skin, add_visual
+from avrgym.models.geoms import BOX, CYLINDER, add_collision, add_skin, add_visual
 from avrgym.models.shapes import revolve
 
 TABLE_BODY = "table"
@@ -19,9 +19,11 @@ def add_table(spec: mujoco.MjSpec, appearance: bool) -> None:
     centre, half = np.array([0.35, -0.90]), np.array([0.65, 0.42])
     table = spec.worldbody.add_body(name=TABLE_BODY)
     top = [*centre, TABLE_HEIGHT_M - 0.015]
-    add_collision(table, TABLE_BODY, BOX, contacts.FURNITURE, pos=top, size=[*half, 0.015])
+    add_collision(table, TABLE_BODY, BOX, collision_bits.FURNITURE, pos=top, size=[*half, 0.015])
     bowl = spec.worldbody.add_body(name=BOWL_BODY, pos=BOWL_START_M)
-    add_collision(bowl, BOWL_BODY, CYLINDER, contacts.FURNITURE, pos=[0, 0, 0.025], size=[0.07, 0.025, 0])
+    add_collision(
+        bowl, BOWL_BODY, CYLINDER, collision_bits.FURNITURE, pos=[0, 0, 0.025], size=[0.07, 0.025, 0]
+    )
     if appearance:
         _add_table_skin(spec, table, bowl, centre, half)
 

@@ -10,11 +10,10 @@ from collections.abc import Collection
 import mujoco
 import numpy as np
 
-from avrgym.models import contacts
-from avrgym.models.furniture.bars import rounded
+from avrgym.models import collision_bits
 from avrgym.models.furniture.finishes import finish
-from avrgym.models.parts import BOX, CAPSULE, CYLINDER, add_collision, add_skin, add_visual
-from avrgym.models.shapes import torus, tube
+from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_collision, add_skin, add_visual
+from avrgym.models.shapes import rounded_polyline, torus, tube
 
 WHEELCHAIR_BODY = "wheelchair"
 SEAT_HEIGHT_M, SEAT_DEPTH_M = 0.485, 0.41
@@ -56,7 +55,7 @@ def _add_wheelchair_collision(body: mujoco.MjsBody, armrests: Collection[str]) -
             boxes[f"{side}_armrest"] = ([sign * _ARMREST_X, -0.03, 0.745], [0.03, 0.16, 0.015])
         boxes[f"{side}_wheel"] = ([sign * _WHEEL_X, _AXLE_Y, _WHEEL_RADIUS], [0.02, 0.28, 0.28])
     for name, (pos, size) in boxes.items():
-        add_collision(body, f"wheelchair_{name}", BOX, contacts.FURNITURE, pos=pos, size=size)
+        add_collision(body, f"wheelchair_{name}", BOX, collision_bits.FURNITURE, pos=pos, size=size)
 
 
 def _add_upholstery(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
@@ -86,7 +85,7 @@ def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
             "front": [[x, _CASTER_Y, 0.44], [x, _CASTER_Y, 0.30], [x, _CASTER_Y, 0.19]],
         }  # fmt: skip
         for name, points in bars.items():
-            add_skin(spec, body, f"wheelchair_{side}_{name}", paint, tube(rounded(points), 0.0125))
+            add_skin(spec, body, f"wheelchair_{side}_{name}", paint, tube(rounded_polyline(points), 0.0125))
     for sign in (-1.0, 1.0):
         brace = [sign * _FRAME_X, -0.05, 0.22, -sign * _FRAME_X, -0.05, 0.42]
         add_visual(body, CAPSULE, steel, fromto=brace, size=[0.010, 0, 0])
@@ -97,7 +96,7 @@ def _add_armrest(spec: mujoco.MjSpec, body: mujoco.MjsBody, side: str) -> None:
     paint = finish(spec, "frame")
     x = _SIGNS[side] * _ARMREST_X
     bar = [[x, 0.11, 0.44], [x, 0.11, 0.73], [x, -0.17, 0.73], [x, -0.17, 0.44]]
-    add_skin(spec, body, f"wheelchair_{side}_arm", paint, tube(rounded(bar), 0.0125))
+    add_skin(spec, body, f"wheelchair_{side}_arm", paint, tube(rounded_polyline(bar), 0.0125))
     guard = [_SIGNS[side] * (_ARMREST_X - 0.003), -0.03, 0.60]
     add_visual(body, BOX, paint, pos=guard, size=[0.004, 0.12, 0.10])
     add_visual(body, BOX, rubber, pos=[x, -0.03, 0.748], size=[0.028, 0.15, 0.012])
@@ -138,7 +137,7 @@ def add_bracket(
     body = spec.body(WHEELCHAIR_BODY)
     half_height = 0.5 * shoulder_m
     room = [x, y, z + half_height]
-    add_collision(body, "shoulder_room", BOX, contacts.ROOM, pos=room, size=[0.05, 0.05, half_height])
+    add_collision(body, "shoulder_room", BOX, collision_bits.ROOM, pos=room, size=[0.05, 0.05, half_height])
     if not appearance:
         return
     paint = finish(spec, "bracket")

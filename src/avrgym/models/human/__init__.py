@@ -4,6 +4,8 @@ The person's model frame is the world's: x to their left, y to their back, z up.
 frames for any number of people at once; the compiled model of one person and the per-world fields of many come from it.
 """
 
+from avrgym.models.body_names import SEXES, Sex
+from avrgym.models.human.anthropometry import MAN, PROPORTIONS, TORSO_HEIGHT_RANGE_M, WOMAN
 from avrgym.models.human.frames import (
     BODIES,
     BODY_FROM_DEVICE_AXES,
@@ -35,10 +37,8 @@ from avrgym.models.human.joints import (
     Z,
     joint_angles,
 )
-from avrgym.models.human.measures import MAN, PROPORTIONS, TORSO_HEIGHT_RANGE_M, WOMAN
 from avrgym.models.human.model import PREFIX, add_person, let_targets_glide, person_model
 from avrgym.models.human.person import SKIN_TONES, People, Person, as_person
-from avrgym.models.sexes import SEXES, Sex
 
 __all__ = [
     "BODIES",

@@ -9,10 +9,10 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import floats, like, namespace
+from avrgym.models.body_names import Sex
+from avrgym.models.human.anthropometry import Proportions, proportions_of
 from avrgym.models.human.joints import JOINTS, X, Y, Z, joint_angles
-from avrgym.models.human.measures import Proportions, proportions_of
 from avrgym.models.human.person import People, Person
-from avrgym.models.sexes import Sex
 
 BODY_FROM_DEVICE_AXES = transforms.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 """Axes of a device (x right, y up, −z ahead) and of the body part it sits on (x left, −y ahead, z up).

@@ -5,7 +5,9 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models import contacts
+from avrgym.models import collision_bits
+from avrgym.models.geoms import CAPSULE, SPHERE, add_collision
+from avrgym.models.human.anthropometry import PROPORTIONS
 from avrgym.models.human.frames import (
     GEOMS,
     PARENTS,
@@ -17,9 +19,7 @@ from avrgym.models.human.frames import (
     layout_of,
 )
 from avrgym.models.human.joints import ARMATURE_KG_M2, JOINTS, SERVO_INERTIA_KG_M2, X, Y
-from avrgym.models.human.measures import PROPORTIONS
 from avrgym.models.human.person import People, Person
-from avrgym.models.parts import CAPSULE, SPHERE, add_collision
 
 PREFIX = "person/"
 
@@ -60,7 +60,7 @@ def _add_geoms(bodies: dict[str, mujoco.MjsBody], frames: Layout, mass_kg: float
             bodies[geom.body],
             PREFIX + name,
             SPHERE if geom.axis is None else CAPSULE,
-            contacts.PERSON,
+            collision_bits.PERSON,
             pos=frames.geom_pos[name][0],
             size=frames.geom_size[name][0],
             quat=_capsule_quaternion(geom.axis),

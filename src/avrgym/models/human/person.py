@@ -8,9 +8,9 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.arrays import floats
+from avrgym.models.body_names import SEXES, Sex
+from avrgym.models.human.anthropometry import ARM_SCALE_RANGE, TORSO_HEIGHT_RANGE_M
 from avrgym.models.human.joints import JOINTS, SEATED_RAD
-from avrgym.models.human.measures import ARM_SCALE_RANGE, TORSO_HEIGHT_RANGE_M
-from avrgym.models.sexes import SEXES, Sex
 
 SKIN_TONES: Mapping[str, tuple[float, float, float]] = {
     "light": (0.90, 0.74, 0.65),

@@ -12,12 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
-from avrgym.geometry.arrays import RAD_PER_DEGREE, like
+from avrgym.geometry.arrays import RAD_PER_DEGREE, choose_index, like
 from avrgym.models.human import JOINTS, People
 from avrgym.people import impairments
 from avrgym.people.impairments import TREMOR_TARGET_RAD
-from avrgym.people.names import TRAIN_ZOO, UNSEEN_ZOO
-from avrgym.people.uniform import which
+from avrgym.people.population_names import TRAIN_ZOO, UNSEEN_ZOO
 from avrgym.people.zoo.styles import STYLES, Style
 
 LEVELS: Mapping[str, tuple[float, ...]] = {
@@ -139,8 +138,8 @@ class Partners:
     def draw(self, uniforms: FloatArray) -> IntArray:
         """Partners (n,) from uniform numbers (n, 2)."""
         first, count = like(self._first, uniforms), like(self._count, uniforms)
-        style = which(uniforms[:, 0], len(self.styles))
-        return first[style] + which(uniforms[:, 1], count[style])
+        style = choose_index(uniforms[:, 0], len(self.styles))
+        return first[style] + choose_index(uniforms[:, 1], count[style])
 
 
 ZOOS: Mapping[str, Partners] = {zoo: Partners(zoo, STYLES) for zoo in LEVELS}

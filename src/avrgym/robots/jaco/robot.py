@@ -1,15 +1,16 @@
 """The Jaco's record. ``jaco.xml`` holds the kinematics, ``rtb-data`` the meshes (j2s7s300)."""
 
+from collections.abc import Mapping
 from functools import partial
 from importlib.resources import files
 
 import mujoco
 import numpy as np
 
+from avrgym.geometry import transforms
 from avrgym.models.furniture import NIGHTSTAND_BODY, NIGHTSTAND_TOP_M, add_bracket, add_nightstand
-from avrgym.models.robot import Arm, BaseRange, Mount, Robot
-from avrgym.robots.jaco.grips import GRIPS
-from avrgym.robots.public import public_folder
+from avrgym.models.robot import Arm, BaseRange, Grip, Mount, Robot
+from avrgym.robots.rtb_data import public_folder
 
 MESHES = public_folder("kinova_description/meshes")
 SHOULDER_M = 0.33
@@ -22,6 +23,43 @@ def build(appearance: bool) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.jaco").joinpath("jaco.xml").read_text())
     spec.meshdir = str(MESHES)
     return spec
+
+
+def _three_fingers(*bends_rad: tuple[float, float]) -> dict[str, float]:
+    """How far each finger, the thumb first, and its tip are bent."""
+    return {
+        f"finger_{part}{number}": bend
+        for number, bends in enumerate(bends_rad, start=1)
+        for part, bend in zip(("", "tip_"), bends, strict=True)
+    }
+
+
+GRIPS: Mapping[str, Grip] = {
+    "spoon": Grip(
+        pos=np.zeros(3),
+        q=transforms.multiply(
+            transforms.from_matrix([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
+            transforms.from_axis_angle([1.0, 0.0, 0.0], np.radians(30.0)),
+        ),
+        fingers=_three_fingers((1.40, 0.40), (1.05, 0.35), (1.20, 0.30)),
+    ),
+    "cup": Grip(
+        pos=np.zeros(3),
+        q=transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+        fingers=_three_fingers((0.54, 0.61), (0.38, 0.78), (0.59, 0.50)),
+    ),
+    "washcloth": Grip(
+        pos=np.zeros(3),
+        q=transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
+        fingers=_three_fingers((1.40, -0.30), (1.30, -0.20), (1.30, -0.20)),
+    ),
+    "scratcher": Grip(
+        pos=np.zeros(3),
+        q=transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
+        fingers=_three_fingers((1.15, 0.30), (1.23, 0.30), (1.23, 0.30)),
+    ),
+}
+"""Tool poses in the hand. The fingertips touch the tool to within 3 mm."""
 
 
 _ARM = Arm(

@@ -1,15 +1,16 @@
 """The PR2's record. ``pr2.xml`` holds the kinematics, ``rtb-data`` the meshes."""
 
+from collections.abc import Mapping
 from importlib.resources import files
 
 import mujoco
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.models.robot import SIDES, Arm, BaseRange, Mount, Robot, Side
+from avrgym.geometry import transforms
+from avrgym.models.robot import SIDES, Arm, BaseRange, Grip, Mount, Robot, Side
 from avrgym.robots.jaco.robot import JACO
-from avrgym.robots.pr2.grips import GRIPS
-from avrgym.robots.public import public_folder
+from avrgym.robots.rtb_data import public_folder
 
 MESHES = public_folder("pr2_description/meshes")
 BESIDE_M = (-0.85, -0.4, 0.0)
@@ -51,6 +52,40 @@ def _arm(side: Side) -> Arm:
         seed_pose_rad=_pose(side, SEED_RAD),
         finger_prefix=f"{side[0]}_gripper_",
     )
+
+
+def _parallel_fingers(opening_rad: float) -> dict[str, float]:
+    """Two fingers that open alike, their tips parallel."""
+    return {
+        f"{side}_finger_{part}joint": sign * opening_rad
+        for side, opened in (("l", 1.0), ("r", -1.0))
+        for part, sign in (("", opened), ("tip_", -opened))
+    }
+
+
+GRIPS: Mapping[str, Grip] = {
+    "spoon": Grip(
+        pos=np.array([0.0, 0.0, -0.0065]),
+        q=transforms.IDENTITY_QUATERNION,
+        fingers=_parallel_fingers(0.051),
+    ),
+    "cup": Grip(
+        pos=np.zeros(3),
+        q=transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+        fingers=_parallel_fingers(0.48),
+    ),
+    "washcloth": Grip(
+        pos=np.array([-0.021, 0.0, 0.0]),
+        q=transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+        fingers=_parallel_fingers(0.075),
+    ),
+    "scratcher": Grip(
+        pos=np.array([-0.020, 0.0, 0.0]),
+        q=transforms.IDENTITY_QUATERNION,
+        fingers=_parallel_fingers(0.066),
+    ),
+}
+"""Tool poses in the hand. The fingertips touch the tool to within 3 mm."""
 
 
 PR2 = Robot(

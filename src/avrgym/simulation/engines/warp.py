@@ -16,7 +16,7 @@ from mujoco.batch import MODEL_FIELDS, Batch
 
 from avrgym.array_types import IntArray, NumpyArray
 from avrgym.geometry.arrays import on_host
-from avrgym.models.contacts import PARTICLE
+from avrgym.models.collision_bits import PARTICLE
 from avrgym.simulation.engines.batch import ForkSafeBatch
 from avrgym.simulation.engines.engine import NAMES, WRITTEN, Arrays, check_host_memory, check_memory
 from avrgym.system.engines import WARP

@@ -9,9 +9,9 @@ from avrgym.policies.trained import PolicyError
 from avrgym.study.checking.finding import Finding
 from avrgym.study.storage.store import Store
 from avrgym.system.used_plugins import UsedPlugin
-from avrgym.tasks.known import environment_id
+from avrgym.tasks.constants import environment_id
+from avrgym.tasks.placement_check import draws_by_body
 from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
-from avrgym.tasks.starts import draws_by_body
 
 
 def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:

@@ -1,6 +1,6 @@
 """How much of a trial its person was held, because tracking was lost, late, or not to be believed."""
 
-from avrgym.models.tracked import PART_WORDS, PARTS, Part
+from avrgym.models.body_names import PART_LABELS, PARTS, Part
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import TrackingFrame
 from avrgym.study.design.design import Design
@@ -31,7 +31,7 @@ def too_much_held(recording: Recording, design: Design) -> str | None:
     share = held_share(recording)
     if share is None or share <= design.max_held_share:
         return None
-    parts = {PART_WORDS[part]: held_share(recording, part) or 0.0 for part in PARTS}
+    parts = {PART_LABELS[part]: held_share(recording, part) or 0.0 for part in PARTS}
     by_part = ", ".join(f"{words} {100 * part:.1f} %" for words, part in parts.items())
     return (
         f"its person was held for {100 * share:.1f} % of the time in which the robot helped ({by_part}); "

@@ -11,7 +11,7 @@ import msgspec
 from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.trained import PolicyError
 from avrgym.study.dashboard.request_log import VIEW_RESULTS, DashboardLog

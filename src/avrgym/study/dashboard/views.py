@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.recording.schema import Metrics
 from avrgym.study.checking.summary import ConditionResults, StudySummary, summarise_results, summarise_study
 from avrgym.study.design.design import Design

@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.study.design.counterbalancing import Block, Order, balanced_orders
 from avrgym.study.design.design import Design
-from avrgym.tasks.known import environment_id
+from avrgym.tasks.constants import environment_id
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import Item, Questionnaire, items_to_ask
 from avrgym.questionnaires.stop_rules import StopRule, StopRules
 from avrgym.robots.registry import ROBOTS
@@ -30,7 +30,7 @@ from avrgym.study.design.validation import (
     read_text,
 )
 from avrgym.system.toml_places import Place
-from avrgym.tasks.known import environment_id
+from avrgym.tasks.constants import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault
 

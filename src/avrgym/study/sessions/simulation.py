@@ -14,8 +14,8 @@ import numpy as np
 
 from avrgym.models.human import SEXES
 from avrgym.people import impairments
-from avrgym.people.kinds import Kind, find_kinds, people_name
-from avrgym.people.names import Impairment
+from avrgym.people.population_names import Impairment
+from avrgym.people.populations import Kind, find_kinds, people_name
 from avrgym.policies.registry import Operated
 from avrgym.policies.trained import PolicyError
 from avrgym.recording.schema import Answer

@@ -8,7 +8,7 @@ from typing import Self
 
 import msgspec
 
-from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person
 from avrgym.policies.registry import plugins_used
 from avrgym.questionnaires.questionnaire import Item, translate

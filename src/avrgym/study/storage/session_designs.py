@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.questionnaires.stop_rules import StopRule
 from avrgym.recording.reader import RecordingError, read_configuration

@@ -9,7 +9,7 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.bed_bathing.reward import LIMB_GEOMS, is_wiped
-from avrgym.tasks.experts.guide import Guide
+from avrgym.tasks.experts.motion_planner import Guide
 from avrgym.tasks.task import RunningEpisodes
 
 UPPER_ARM, FOREARM = 0, 1

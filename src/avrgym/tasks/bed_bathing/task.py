@@ -15,15 +15,15 @@ from avrgym.models.washcloth import WASHCLOTH
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Start
 from avrgym.tasks import observation as seen
-from avrgym.tasks import places
+from avrgym.tasks import placement
 from avrgym.tasks.bed_bathing.expert import BedBathingExpert
-from avrgym.tasks.bed_bathing.reactive import wipe
+from avrgym.tasks.bed_bathing.feedback_expert import wipe
 from avrgym.tasks.bed_bathing.reward import MARKERS, WEIGHTS, BedBathingState, evaluate_step, init_state
-from avrgym.tasks.bed_bathing.training import TRAINING
-from avrgym.tasks.experts.reactive import Reactive
+from avrgym.tasks.experts.feedback import Reactive
 from avrgym.tasks.observation import Observation
 from avrgym.tasks.person import ARM_SPREAD_RAD, above_clothes
 from avrgym.tasks.task import Marks, Task, View, Views
+from avrgym.tasks.training_settings import TrainingSettings
 
 HAND_START_W = np.array([-0.5, -0.1, 1.0])
 START_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.radians(45.0))
@@ -45,16 +45,16 @@ reference has it, the fingers of short people would be in the thigh."""
 
 def scene(robot: Robot) -> SceneConfig:
     """Hospital bed; the left arm holds the washcloth."""
-    return places.bed_scene(robot, "left", WASHCLOTH)
+    return placement.bed_scene(robot, "left", WASHCLOTH)
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """The hand right of and above the person's right arm, the base within reach of shoulder, elbow and wrist."""
     xp, count = namespace(uniforms), len(uniforms)
     hand, turned = like(HAND_START_W, uniforms), like(START_Q_W, uniforms)
-    goals, goal_q = places.right_arm(people, RECLINED), xp.tile(turned, (count, 3, 1))
-    tool, tool_q = places.held(scene, xp.tile(hand, (count, 1)), START_Q_W)
-    return places.start(scene, people, {}, tool, tool_q, goals, goal_q, uniforms)
+    goals, goal_q = placement.right_arm(people, RECLINED), xp.tile(turned, (count, 3, 1))
+    tool, tool_q = placement.held(scene, xp.tile(hand, (count, 1)), START_Q_W)
+    return placement.start(scene, people, {}, tool, tool_q, goals, goal_q, uniforms)
 
 
 def observation(scene: SceneConfig) -> Observation:
@@ -88,7 +88,7 @@ BED_BATHING = Task(
     pose=POSE,
     offered="arm",
     scene=scene,
-    uniforms=places.UNIFORMS,
+    uniforms=placement.UNIFORMS,
     start=start,
     init_state=init_state,
     observation=observation,
@@ -100,7 +100,13 @@ BED_BATHING = Task(
         mounted=View((-0.25, -0.02, 0.92), 1.85, 70.0, -28.0),
         on_floor=View((-0.35, -0.05, 0.85), 2.6, 112.0, -28.0),
     ),
-    training=TRAINING,
+    training=TrainingSettings(
+        imitation_rounds=100,
+        imitation_share=1.0,
+        log_std=(-3.0, -3.0),
+        learning_rate=1e-4,
+        force_weight_per_n=0.0,
+    ),
     marks=Marks(count=2 * MARKERS, radius_m=0.006, rgb=(0.85, 0.25, 0.30), places=marks_w),
     tracked=("head", "right"),
 )

@@ -10,9 +10,9 @@ from avrgym.geometry.transforms import norm
 from avrgym.models.cup import AXIS_X_M, RIM_RADIUS_M
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.clearance import Clearance
-from avrgym.tasks.experts.guide import BLOCKED_S, Guide
-from avrgym.tasks.experts.head import heading, way_out
+from avrgym.tasks.experts.head_clearance import heading, way_out
+from avrgym.tasks.experts.motion_planner import BLOCKED_S, Guide
+from avrgym.tasks.experts.robot_clearance import Clearance
 from avrgym.tasks.task import RunningEpisodes
 
 ASIDE_DEG = (0.0, 15.0, -15.0, 30.0, -30.0)

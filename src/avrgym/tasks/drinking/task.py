@@ -12,16 +12,16 @@ from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import Start
-from avrgym.tasks import places
+from avrgym.tasks import placement
 from avrgym.tasks.drinking.expert import DrinkingExpert
-from avrgym.tasks.drinking.patient import PatientExpert
-from avrgym.tasks.drinking.reactive import give_drink
+from avrgym.tasks.drinking.feedback_expert import give_drink
+from avrgym.tasks.drinking.memory_expert import PatientExpert
 from avrgym.tasks.drinking.reward import WEIGHTS, evaluate_step, init_state
-from avrgym.tasks.drinking.training import TRAINING
-from avrgym.tasks.experts.reactive import Reactive
+from avrgym.tasks.experts.feedback import Reactive
 from avrgym.tasks.observation import tool_at_the_mouth
 from avrgym.tasks.person import HEAD_TURNED
 from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
+from avrgym.tasks.training_settings import TrainingSettings
 
 HAND_START_W = (-0.2, -0.5, 1.0)
 HAND_SPREAD_M = 0.05
@@ -31,15 +31,17 @@ CUP_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 
 def scene(robot: Robot) -> SceneConfig:
     """Wheelchair; the right arm holds the cup."""
-    return places.wheelchair_scene(robot, "right", CUP, (0.2, 0.2))
+    return placement.wheelchair_scene(robot, "right", CUP, (0.2, 0.2))
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Hand within ±5 cm of a point before the person, cup upright."""
     hand = like(np.array(HAND_START_W), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    tool, upright = places.held(scene, hand, CUP_Q_W)
-    mouth, _ = places.mouth(people)
-    return places.start(scene, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:])
+    tool, upright = placement.held(scene, hand, CUP_Q_W)
+    mouth, _ = placement.mouth(people)
+    return placement.start(
+        scene, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:]
+    )
 
 
 DRINKING = Task(
@@ -48,7 +50,7 @@ DRINKING = Task(
     pose=HEAD_TURNED,
     offered="mouth",
     scene=scene,
-    uniforms=3 + places.UNIFORMS,
+    uniforms=3 + placement.UNIFORMS,
     start=start,
     init_state=init_state,
     observation=tool_at_the_mouth,
@@ -61,6 +63,8 @@ DRINKING = Task(
         mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
         on_floor=BESIDE_WHEELCHAIR,
     ),
-    training=TRAINING,
+    training=TrainingSettings(
+        imitation_rounds=24, log_std=(-2.2, -3.0), critic_updates=3, learning_rate=1e-4
+    ),
     ends_with_success=True,
 )

@@ -7,8 +7,8 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.spoon import FOOD, OUTLINE
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.guide import Guide
-from avrgym.tasks.experts.head import heading, way_out
+from avrgym.tasks.experts.head_clearance import heading, way_out
+from avrgym.tasks.experts.motion_planner import Guide
 from avrgym.tasks.feeding.reward import MOUTH_RADIUS_M, SUCCESS_SHARE
 from avrgym.tasks.task import RunningEpisodes
 

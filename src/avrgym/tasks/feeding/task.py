@@ -13,16 +13,16 @@ from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.models.spoon import SPOON
 from avrgym.simulation.worlds import Start
-from avrgym.tasks import places
-from avrgym.tasks.experts.reactive import Reactive
+from avrgym.tasks import placement
+from avrgym.tasks.experts.feedback import Reactive
 from avrgym.tasks.feeding.expert import FeedingExpert
-from avrgym.tasks.feeding.patient import PatientExpert
-from avrgym.tasks.feeding.reactive import feed
+from avrgym.tasks.feeding.feedback_expert import feed
+from avrgym.tasks.feeding.memory_expert import PatientExpert
 from avrgym.tasks.feeding.reward import WEIGHTS, evaluate_step, init_state
-from avrgym.tasks.feeding.training import TRAINING
 from avrgym.tasks.observation import tool_at_the_mouth
 from avrgym.tasks.person import HEAD_TURNED
 from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
+from avrgym.tasks.training_settings import TrainingSettings
 
 BOWL_SPREAD_M = 0.05
 HAND_SPREAD_M = 0.05
@@ -35,21 +35,21 @@ SPOON_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 
 def scene(robot: Robot) -> SceneConfig:
     """Wheelchair and table with bowl; the right arm holds the spoon."""
-    return places.wheelchair_scene(robot, "right", SPOON, (0.1, 0.2), (add_table,), (BOWL_BODY,))
+    return placement.wheelchair_scene(robot, "right", SPOON, (0.1, 0.2), (add_table,), (BOWL_BODY,))
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Bowl within ±5 cm of its place, hand within ±5 cm of a point above and before it, spoon level."""
     bowl = like(np.array(BOWL_START_M), uniforms) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     hand = bowl + like(HAND_FROM_BOWL_M, uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
-    tool, level = places.held(scene, hand, SPOON_Q_W)
+    tool, level = placement.held(scene, hand, SPOON_Q_W)
     placed = {BOWL_BODY: bowl}
-    return places.start(scene, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
+    return placement.start(scene, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
 
 
 def _goals(people: People) -> tuple[FloatArray, FloatArray]:
     """Where (n, 2, 3) and how (n, 2, 4) the spoon may come to the mouths: level, tip first or with its left side."""
-    mouth, head_q = places.mouth(people)
+    mouth, head_q = placement.mouth(people)
     into = transforms.rotate(head_q, [0.0, 1.0, 0.0])
     yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None] + like(TURNED_RAD, into)
     return namespace(mouth).stack([mouth, mouth], axis=1), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw)
@@ -61,7 +61,7 @@ FEEDING = Task(
     pose=HEAD_TURNED,
     offered="mouth",
     scene=scene,
-    uniforms=6 + places.UNIFORMS,
+    uniforms=6 + placement.UNIFORMS,
     start=start,
     init_state=init_state,
     observation=tool_at_the_mouth,
@@ -74,6 +74,6 @@ FEEDING = Task(
         mounted=View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
         on_floor=BESIDE_WHEELCHAIR,
     ),
-    training=TRAINING,
+    training=TrainingSettings(imitation_rounds=0, log_std=(-0.7, -2.5)),
     ends_with_success=True,
 )

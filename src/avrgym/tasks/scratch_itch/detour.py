@@ -9,7 +9,7 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import namespace
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
-from avrgym.tasks.scratch_itch import reactive
+from avrgym.tasks.scratch_itch import feedback_expert
 from avrgym.tasks.scratch_itch.expert import ROD, surface
 from avrgym.tasks.scratch_itch.reward import ScratchItchState, limb_frame
 
@@ -46,5 +46,5 @@ def around_arm_m(state: State, task_state: ScratchItchState) -> FloatArray:
     """
     _, limb_q_w = limb_frame(state, task_state)
     out_w, _ = surface(task_state, limb_q_w)
-    turn_rad = reactive.turn_rad(transforms.rotate(state.tool_q_w, ROD), out_w)
+    turn_rad = feedback_expert.turn_rad(transforms.rotate(state.tool_q_w, ROD), out_w)
     return around_limb_m(state, task_state) + HAND_M * norm(turn_rad)

@@ -10,7 +10,7 @@ from avrgym.geometry.arrays import like
 from avrgym.geometry.transforms import norm
 from avrgym.models.scratcher import RADIUS_M
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.guide import Guide
+from avrgym.tasks.experts.motion_planner import Guide
 from avrgym.tasks.person import SIDEWAYS
 from avrgym.tasks.scratch_itch.reward import ITCH_RADIUS_M, ScratchItchState, itch_pos_w, limb_frame
 from avrgym.tasks.task import RunningEpisodes

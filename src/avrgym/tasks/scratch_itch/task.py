@@ -16,14 +16,14 @@ from avrgym.models.scratcher import SCRATCHER
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Start
 from avrgym.tasks import observation as seen
-from avrgym.tasks import places
-from avrgym.tasks.experts.reactive import Reactive
+from avrgym.tasks import placement
+from avrgym.tasks.experts.feedback import Reactive
 from avrgym.tasks.observation import Observation, from_goal, position
 from avrgym.tasks.person import ARM_SPREAD_RAD, above_clothes
 from avrgym.tasks.scratch_itch.detour import around_arm_m
 from avrgym.tasks.scratch_itch.expert import ScratchItchExpert
-from avrgym.tasks.scratch_itch.patient import patient_expert
-from avrgym.tasks.scratch_itch.reactive import scratch
+from avrgym.tasks.scratch_itch.feedback_expert import scratch
+from avrgym.tasks.scratch_itch.memory_expert import patient_expert
 from avrgym.tasks.scratch_itch.reward import (
     WEIGHTS,
     ScratchItchState,
@@ -32,8 +32,8 @@ from avrgym.tasks.scratch_itch.reward import (
     itch_pos_w,
     limb_frame,
 )
-from avrgym.tasks.scratch_itch.training import TRAINING
 from avrgym.tasks.task import Marks, Task, View, Views
+from avrgym.tasks.training_settings import TrainingSettings
 
 HAND_M, MOBILE_HAND_M = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
 HAND_SPREAD_M = 0.05
@@ -49,7 +49,7 @@ POSE = Pose(
 
 def scene(robot: Robot) -> SceneConfig:
     """A wheelchair whose right armrest is taken off, where the person's arm hangs; the left arm scratches."""
-    return places.wheelchair_scene(
+    return placement.wheelchair_scene(
         robot, "left", SCRATCHER, (0.1, 0.0), chair=add_wheelchair_without_right_armrest
     )
 
@@ -58,10 +58,10 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Hand within ±5 cm of a point beside the person's elbow; the goals are shoulder, elbow and wrist."""
     place = MOBILE_HAND_M if scene.mount.on_floor else HAND_M
     hand = like(np.array(place), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    tool, tool_q = places.held(scene, hand, SCRATCHER_Q_W)
-    goals = places.right_arm(people, scene.posture)
+    tool, tool_q = placement.held(scene, hand, SCRATCHER_Q_W)
+    goals = placement.right_arm(people, scene.posture)
     goals_q = namespace(goals).tile(like(SCRATCHER_Q_W, goals), (*goals.shape[:2], 1))
-    return places.start(scene, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
+    return placement.start(scene, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
 
 
 def observation(scene: SceneConfig) -> Observation:
@@ -98,7 +98,7 @@ SCRATCH_ITCH = Task(
     pose=POSE,
     offered="arm",
     scene=scene,
-    uniforms=6 + places.UNIFORMS,
+    uniforms=6 + placement.UNIFORMS,
     start=start,
     init_state=init_state,
     observation=observation,
@@ -110,7 +110,15 @@ SCRATCH_ITCH = Task(
         mounted=View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
         on_floor=View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
     ),
-    training=TRAINING,
+    training=TrainingSettings(
+        worlds=128,
+        minibatch=1280,
+        imitation_rounds=15,
+        log_std=(-1.9, -2.5),
+        force_weight_per_n=0.05,
+        detour_weight_per_m=5.0,
+        hard_share=0.5,
+    ),
     patient_expert=patient_expert,
     detour_m=around_arm_m,
     marks=MARKS,

@@ -13,14 +13,14 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.furniture.real import REAL_AS_VIRTUAL, RealFurniture
+from avrgym.models.furniture.real_furniture import REAL_AS_VIRTUAL, RealFurniture
 from avrgym.models.human import JOINTS, SEATED, SEATED_RAD, Person, Sex
 from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.networks.policy import Policy
-from avrgym.people import behaviour, distributions, impairments
+from avrgym.people import cooperation, distributions, impairments
 from avrgym.people.distributions import DISTRIBUTIONS, Distribution
-from avrgym.people.names import Impairment
-from avrgym.people.zoo import movement, partners
+from avrgym.people.population_names import Impairment
+from avrgym.people.zoo import partner_behaviour, partners
 from avrgym.tasks.human_view import HumanView, Seen
 from avrgym.tasks.registry import task_and_scene
 from avrgym.vr.protocol import messages
@@ -156,7 +156,7 @@ class SimulatedParticipant:
         self._turned = self._turned_s = 0.0
         self._bodies: list[str] = []
         self._environment = ""
-        self._offered: behaviour.Offered = "mouth"
+        self._offered: cooperation.Offered = "mouth"
         self._rest(SEATED, SEATED_RAD)
 
     def take_place(self, environment_id: str) -> None:
@@ -197,11 +197,11 @@ class SimulatedParticipant:
 
     def _open_mind(self) -> None:
         """Forget what was seen."""
-        self._mind: behaviour.Mind | movement.Mind
+        self._mind: cooperation.Mind | partner_behaviour.Mind
         if self.traits.partner is not None:
-            self._mind = movement.begin(self._people, np.array([self.traits.partner]), self._chance)
+            self._mind = partner_behaviour.begin(self._people, np.array([self.traits.partner]), self._chance)
         else:
-            mind = behaviour.begin(self._people, np.full((1, behaviour.UNIFORMS), 0.5))
+            mind = cooperation.begin(self._people, np.full((1, cooperation.UNIFORMS), 0.5))
             self._mind = replace(mind, reaction=np.array([round(self.traits.reaction_s / CONTROL_STEP_S)]))
         self._next_look_s = -np.inf
 
@@ -215,10 +215,12 @@ class SimulatedParticipant:
         sight = self._sight(bodies)
         if self.traits.trained is not None:
             self._act(self.traits.trained, sight, bodies, marks_w)
-        elif isinstance(self._mind, movement.Mind):
-            self._mind = movement.live(self._mind, sight, self._offered, self._posture, self._possible)
+        elif isinstance(self._mind, partner_behaviour.Mind):
+            self._mind = partner_behaviour.live(
+                self._mind, sight, self._offered, self._posture, self._possible
+            )
         else:
-            self._mind = behaviour.see(self._mind, sight, self._offered, self._posture)
+            self._mind = cooperation.see(self._mind, sight, self._offered, self._posture)
 
     def _act(
         self, trained: Policy, sight: _Sight, bodies: Mapping[str, FloatArray], marks_w: FloatArray
@@ -240,8 +242,8 @@ class SimulatedParticipant:
             tool_force_n=np.zeros(1),
         )
         action = trained.act(self._view.of(seen), [self._chance_of_actions])
-        targets = movement.steered_rad(
-            self._mind.targets_rad, behaviour.OFFERED_JOINTS[self._offered], action.astype(float)
+        targets = partner_behaviour.steered_rad(
+            self._mind.targets_rad, cooperation.OFFERED_JOINTS[self._offered], action.astype(float)
         )
         self._mind = replace(self._mind, targets_rad=self._possible(targets))
 
@@ -294,8 +296,8 @@ class SimulatedParticipant:
             return self._rest_rad
         traits, mind = self.traits, self._mind
         brought = traits.strength_share * (mind.targets_rad[0] - self._rest_rad)
-        if isinstance(mind, movement.Mind):
-            angles = self._rest_rad + brought + movement.oscillation_rad(mind)[0]
+        if isinstance(mind, partner_behaviour.Mind):
+            angles = self._rest_rad + brought + partner_behaviour.oscillation_rad(mind)[0]
         elif traits.trained is not None:
             angles = self._rest_rad + brought
         else:

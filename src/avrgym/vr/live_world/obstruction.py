@@ -8,8 +8,8 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.models import human
+from avrgym.models.body_names import PARTS, Part
 from avrgym.models.human import JOINTS
-from avrgym.models.tracked import PARTS, Part
 from avrgym.simulation.worlds import Simulation
 from avrgym.vr.protocol.messages import Skeleton
 from avrgym.vr.tracking.body import ARMS, HEAD, WAIST

@@ -10,9 +10,9 @@ from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
+from avrgym.models.body_names import Part
 from avrgym.models.human import Sex
 from avrgym.models.scene import PHYSICS_STEP_S
-from avrgym.models.tracked import Part
 from avrgym.recording import schema
 
 PROTOCOL = 12

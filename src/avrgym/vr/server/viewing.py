@@ -6,8 +6,8 @@ import numpy as np
 
 from avrgym.models.human import Person
 from avrgym.policies.registry import find_for_session
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.known import EPISODE_STEPS
 from avrgym.vr.live_world.drivers import Operator, driver_of
 from avrgym.vr.live_world.scene_message import most_pressed, poses, scene_message
 from avrgym.vr.live_world.world import ControlStep, ControlSteps

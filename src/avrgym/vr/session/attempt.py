@@ -12,13 +12,13 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry.elementary import fingerprint_of_c_library
 from avrgym.models import human
-from avrgym.models.tracked import PARTS
+from avrgym.models.body_names import PARTS
 from avrgym.recording import schema
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.writer import RecordingWriter
 from avrgym.system.files import make_private_folder
 from avrgym.system.used_plugins import UsedPlugin, own_version
-from avrgym.tasks.known import WORLD_VERSION
+from avrgym.tasks.constants import WORLD_VERSION
 from avrgym.vr.headset_check import HeadsetCheck
 from avrgym.vr.live_world.world import ControlStep, LiveWorld
 from avrgym.vr.protocol.messages import XRPose

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from avrgym.models.body_names import Part
 from avrgym.models.human import Sex
-from avrgym.models.tracked import Part
 from avrgym.recording.schema import Answer, AttemptEnd
 from avrgym.vr.headset_check import HeadsetCheck
 from avrgym.vr.protocol.messages import PhaseName, StopWay, Visibility

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from avrgym.models.tracked import PART_WORDS, Part
+from avrgym.models.body_names import PART_LABELS, Part
 from avrgym.texts.texts import Said
 from avrgym.vr.protocol.messages import Visibility
 from avrgym.vr.session import events
@@ -42,7 +42,7 @@ def lost_tracking(now_s: float, part: Part) -> Interruption:
     """A part of the body that the task needs has not been measured for ``UNTRACKED_S``."""
     seconds = f"{UNTRACKED_S:g}"
     says = Said(TIMED_OUT[part], {"seconds": seconds})
-    why = f"tracking was lost for {seconds} s: {PART_WORDS[part]}"
+    why = f"tracking was lost for {seconds} s: {PART_LABELS[part]}"
     return Interruption("tracking_timed_out", why, events.TrackingTimedOut(now_s, part), says)
 
 

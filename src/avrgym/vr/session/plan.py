@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.policies.registry import AnyPolicy, find_for_session
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
 from avrgym.questionnaires.stop_rules import StopRules
-from avrgym.tasks.known import EPISODE_STEPS
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.texts.texts import ENGLISH, Texts
 

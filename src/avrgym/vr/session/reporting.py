@@ -1,7 +1,7 @@
 """What a session tells all the time: the world's state, touches and successes, and how things stand."""
 
+from avrgym.models.body_names import PARTS
 from avrgym.models.scene import SUBSTEPS
-from avrgym.models.tracked import PARTS
 from avrgym.vr.live_world.arm_touch import ArmTouch
 from avrgym.vr.live_world.drivers import Driver, Operator
 from avrgym.vr.live_world.obstruction import HeldBack

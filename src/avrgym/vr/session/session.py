@@ -12,8 +12,8 @@ from concurrent.futures import Executor
 from pathlib import Path
 
 from avrgym.models import human
+from avrgym.models.body_names import PARTS, Part
 from avrgym.models.human import Person
-from avrgym.models.tracked import PARTS, Part
 from avrgym.questionnaires.stop_rules import Verdict
 from avrgym.vr.live_world.world import ControlStep, LiveWorld
 from avrgym.vr.protocol import messages

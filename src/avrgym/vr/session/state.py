@@ -7,8 +7,8 @@ import msgspec
 import numpy as np
 
 from avrgym.models import human
+from avrgym.models.body_names import Part
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
-from avrgym.models.tracked import Part
 from avrgym.questionnaires.stop_rules import Verdict
 from avrgym.recording import schema
 from avrgym.recording.reader import RecordingError

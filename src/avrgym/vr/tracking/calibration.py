@@ -17,7 +17,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.models import human
-from avrgym.models.furniture.real import RealFurniture
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import PROPORTIONS, SEATED, Person, Posture, Sex
 from avrgym.models.human.person import check_arm_scale
 from avrgym.texts.texts import Said, SaidError

@@ -6,7 +6,7 @@ it has lost the part, or sleeps. A mouse has no noise, so its poses count as the
 
 from math import inf
 
-from avrgym.models.tracked import PARTS, Part
+from avrgym.models.body_names import PARTS, Part
 from avrgym.vr.protocol.messages import Tracking, XRPose
 
 STALE_S = 0.2

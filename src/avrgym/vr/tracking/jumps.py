@@ -8,7 +8,7 @@ from math import acos, dist, hypot
 
 import msgspec
 
-from avrgym.models.tracked import PARTS, Part
+from avrgym.models.body_names import PARTS, Part
 from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
 from avrgym.vr.tracking.freshness import moves_by_mouse
 

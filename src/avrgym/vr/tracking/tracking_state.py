@@ -7,8 +7,8 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
+from avrgym.models.body_names import PARTS, Part
 from avrgym.models.human import SEATED, Person, Posture
-from avrgym.models.tracked import PARTS, Part
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, XRPose
 from avrgym.vr.protocol.webxr import Registration, head_pose, register

@@ -7,8 +7,8 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.simulation.worlds import RightArm, State
-from avrgym.tasks.experts.guide import Guide
-from avrgym.tasks.experts.reactive import Aim, Reactive, funnel_m
+from avrgym.tasks.experts.feedback import Aim, Reactive, funnel_m
+from avrgym.tasks.experts.motion_planner import Guide
 from avrgym.tasks.task import Controller, RunningEpisodes
 from avrgym_example.arm_manipulation.reward import ArmState, taken_w, to_armrest, under_w
 

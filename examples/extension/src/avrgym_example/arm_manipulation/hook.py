@@ -2,8 +2,8 @@
 
 import mujoco
 
-from avrgym.models import contacts
-from avrgym.models.parts import CAPSULE, add_collision, add_material, add_visual
+from avrgym.models import collision_bits
+from avrgym.models.geoms import CAPSULE, add_collision, add_material, add_visual
 from avrgym.models.tools import Tool
 
 RADIUS_M, HALF_WIDTH_M, STOP_M = 0.010, 0.060, 0.050
@@ -27,7 +27,7 @@ def build(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
             body,
             f"hook_{name}",
             CAPSULE,
-            contacts.TOOL,
+            collision_bits.TOOL,
             fromto=ends,
             size=size,
             mass=0.02,

@@ -7,14 +7,14 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
+from avrgym.models.compliance import torque_limit_n_m
 from avrgym.models.human import People
 from avrgym.models.robot import Robot, UnsuitableError
 from avrgym.models.scene import SceneConfig
-from avrgym.models.yielding import torque_limit_n_m
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import MAX_LEAD_RAD, RightArm, Start
 from avrgym.tasks import observation as seen
-from avrgym.tasks import places
+from avrgym.tasks import placement
 from avrgym.tasks.observation import Observation, from_goal, position
 from avrgym.tasks.person import ARM_SPREAD_RAD
 from avrgym.tasks.task import Task, View, Views
@@ -45,7 +45,7 @@ def scene(robot: Robot) -> SceneConfig:
     if "scratcher" not in robot.grips:
         raise UnsuitableError(f"{robot.name} has no grip 'scratcher', which holds the hook too")
     grips = {"hook": robot.grips["scratcher"], **robot.grips}
-    found = places.wheelchair_scene(replace(robot, grips=grips), "left", HOOK, (0.0, 0.0))
+    found = placement.wheelchair_scene(replace(robot, grips=grips), "left", HOOK, (0.0, 0.0))
     weakest_n_m = torque_limit_n_m(found.arm, MAX_LEAD_RAD).min()
     if weakest_n_m < WEAKEST_N_M:
         raise UnsuitableError(
@@ -68,7 +68,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     goals_w = np.stack([raised_w, rested_w], axis=1)
     goals_q_w = np.tile(transforms.IDENTITY_QUATERNION, (*goals_w.shape[:2], 1))
     tool_q_w = cradling_q_w(arm, heading_w)
-    return places.start(scene, people, {}, tool_w, tool_q_w, goals_w, goals_q_w, uniforms[:, 3:])
+    return placement.start(scene, people, {}, tool_w, tool_q_w, goals_w, goals_q_w, uniforms[:, 3:])
 
 
 def observation(scene: SceneConfig) -> Observation:
@@ -93,7 +93,7 @@ ARM_MANIPULATION = Task(
     offered="nothing",
     strength_share=0.03,
     scene=scene,
-    uniforms=3 + places.UNIFORMS,
+    uniforms=3 + placement.UNIFORMS,
     start=start,
     init_state=init_state,
     observation=observation,

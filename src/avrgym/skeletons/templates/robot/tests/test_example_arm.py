@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from avrgym.robots.records import check_robot
 from avrgym.robots.registry import find_robot
+from avrgym.robots.validation import check_robot
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.placement_check import check_placement
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.tasks.starts import check_placement
 
 
 def test_its_record_is_whole() -> None:

@@ -1,7 +1,7 @@
 """The task is registered, and does in motion what its record says."""
 
-from avrgym.tasks.checking import check_task
 from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.tasks.task_check import check_task
 
 
 def test_it_has_an_environment() -> None:

@@ -17,9 +17,9 @@ from avrgym.models.scratcher import SCRATCHER
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Start, State
 from avrgym.tasks import observation as seen
-from avrgym.tasks import places
-from avrgym.tasks.experts.guide import Guide
-from avrgym.tasks.experts.reactive import Aim, Reactive, speed_m_s
+from avrgym.tasks import placement
+from avrgym.tasks.experts.feedback import Aim, Reactive, speed_m_s
+from avrgym.tasks.experts.motion_planner import Guide
 from avrgym.tasks.observation import Observation, from_goal
 from avrgym.tasks.person import ARM_SPREAD_RAD, when_strong
 from avrgym.tasks.task import Marks, StepResult, Task, View, Views
@@ -41,7 +41,7 @@ class TouchState:
 
 def scene(robot: Robot) -> SceneConfig:
     """A wheelchair without its right armrest; the robot's left arm holds the scratcher."""
-    return places.wheelchair_scene(
+    return placement.wheelchair_scene(
         robot, "left", SCRATCHER, (0.1, 0.0), chair=add_wheelchair_without_right_armrest
     )
 
@@ -49,9 +49,9 @@ def scene(robot: Robot) -> SceneConfig:
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """The hand within ±5 cm of a point beside the elbow; the base from where the elbow is within reach."""
     hand_w = np.array(HAND_W) + 0.05 * (2.0 * uniforms[:, :3] - 1.0)
-    tool_w, tool_q_w = places.held(scene, hand_w, POINTING_Q_W)
-    elbow_w = places.right_arm(people, scene.posture)[:, ELBOW]
-    return places.start(
+    tool_w, tool_q_w = placement.held(scene, hand_w, POINTING_Q_W)
+    elbow_w = placement.right_arm(people, scene.posture)[:, ELBOW]
+    return placement.start(
         scene, people, {}, tool_w, tool_q_w, elbow_w[:, None], tool_q_w[:, None], uniforms[:, 3:]
     )
 
@@ -117,7 +117,7 @@ TASK = Task(
     pose=POSE,
     offered="arm",
     scene=scene,
-    uniforms=3 + places.UNIFORMS,
+    uniforms=3 + placement.UNIFORMS,
     start=start,
     init_state=init_state,
     observation=observation,

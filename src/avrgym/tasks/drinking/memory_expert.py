@@ -24,8 +24,8 @@ from avrgym.simulation.worlds import State
 from avrgym.tasks.drinking import expert
 from avrgym.tasks.drinking.expert import Way
 from avrgym.tasks.drinking.reward import in_cup
-from avrgym.tasks.experts.head import heading
-from avrgym.tasks.experts.reactive import FASTEST_M_S, SPEED_PER_M, TURN_RAD_S, PresentGuide, funnel_m
+from avrgym.tasks.experts.feedback import FASTEST_M_S, SPEED_PER_M, TURN_RAD_S, PresentGuide, funnel_m
+from avrgym.tasks.experts.head_clearance import heading
 from avrgym.tasks.particles import count
 from avrgym.tasks.task import RunningEpisodes
 

@@ -8,8 +8,8 @@ from avrgym.geometry.arrays import like, namespace
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.bed_bathing.expert import FOREARM
-from avrgym.tasks.experts.guide import Guide
-from avrgym.tasks.experts.reactive import Aim, before_m, speed_m_s
+from avrgym.tasks.experts.feedback import Aim, before_m, speed_m_s
+from avrgym.tasks.experts.motion_planner import Guide
 from avrgym.tasks.scratch_itch import expert
 from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_pos_w, limb_frame
 

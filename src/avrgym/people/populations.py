@@ -15,7 +15,7 @@ from avrgym.array_types import FloatArray, IntArray
 from avrgym.networks.policy import FILE_SUFFIX, Policy, PolicyError
 from avrgym.people.distributions import NAMED, Distribution, distribution_of, find_distribution
 from avrgym.people.impairments import find_impairment
-from avrgym.people.names import Impairment
+from avrgym.people.population_names import Impairment
 from avrgym.system.carried import Carried
 
 HUMAN_FILE = "human.safetensors"
@@ -102,7 +102,7 @@ def _trained(path: Path, tasks: Collection[str]) -> Kind:
     if policy.memory is not None:
         raise PolicyError(f"{path}: a human who remembers; only those without a memory are allowed")
     if text := metadata.human.people_file:
-        from avrgym.people.files import parse_people  # with what reads and writes such files
+        from avrgym.people.people_file import parse_people  # with what reads and writes such files
 
         bodies = distribution_of(parse_people(text, f"{path}: its people", tasks))
     else:

@@ -6,9 +6,9 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import angle_between, norm
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.guide import Guide
-from avrgym.tasks.experts.head import heading
-from avrgym.tasks.experts.reactive import FASTEST_M_S, Aim, funnel_m, speed_m_s
+from avrgym.tasks.experts.feedback import FASTEST_M_S, Aim, funnel_m, speed_m_s
+from avrgym.tasks.experts.head_clearance import heading
+from avrgym.tasks.experts.motion_planner import Guide
 from avrgym.tasks.feeding import expert
 from avrgym.tasks.task import TaskState
 

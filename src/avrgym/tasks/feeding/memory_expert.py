@@ -10,9 +10,9 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.transforms import norm
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.guide import Guide
-from avrgym.tasks.experts.reactive import Aim, Reactive
-from avrgym.tasks.feeding.reactive import feed
+from avrgym.tasks.experts.feedback import Aim, Reactive
+from avrgym.tasks.experts.motion_planner import Guide
+from avrgym.tasks.feeding.feedback_expert import feed
 from avrgym.tasks.task import RunningEpisodes, TaskState
 
 RESTING_M_S = 0.04

@@ -24,8 +24,8 @@ import mujoco
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.models import contacts, human, robot, tools
-from avrgym.models.parts import add_collision
+from avrgym.models import collision_bits, human, robot, tools
+from avrgym.models.geoms import add_collision
 from avrgym.models.robot import Arm
 from avrgym.models.tools import Hull, Tool
 
@@ -132,5 +132,5 @@ def _close(spec: mujoco.MjSpec, hull: Hull) -> None:
     for name in hull.walls:
         spec.geom(robot.PREFIX + name).conaffinity = 0
     add_collision(
-        body, robot.PREFIX + "hull", hull.shape, contacts.HULL, pos=hull.pos, size=hull.size, mass=0.0
+        body, robot.PREFIX + "hull", hull.shape, collision_bits.HULL, pos=hull.pos, size=hull.size, mass=0.0
     )

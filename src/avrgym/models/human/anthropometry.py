@@ -9,7 +9,7 @@ from typing import Any
 
 from avrgym.array_types import BoolArray
 from avrgym.geometry.arrays import like, namespace
-from avrgym.models.sexes import Sex
+from avrgym.models.body_names import Sex
 
 TORSO_HEIGHT_RANGE_M = (0.40, 0.75)
 ARM_SCALE_RANGE = (0.8, 1.25)

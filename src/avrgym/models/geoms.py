@@ -5,7 +5,7 @@ from typing import Any
 
 import mujoco
 
-from avrgym.models.contacts import COLLISION_GROUP, VISUAL_GROUP, ContactBits
+from avrgym.models.collision_bits import COLLISION_GROUP, VISUAL_GROUP, ContactBits
 from avrgym.models.shapes import Mesh
 
 BOX = mujoco.mjtGeom.mjGEOM_BOX

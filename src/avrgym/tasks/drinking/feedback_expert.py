@@ -7,8 +7,8 @@ from avrgym.geometry.transforms import norm
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
 from avrgym.tasks.drinking import expert
-from avrgym.tasks.experts.guide import Guide
-from avrgym.tasks.experts.reactive import TURN_RAD_S, Aim, funnel_m, speed_m_s
+from avrgym.tasks.experts.feedback import TURN_RAD_S, Aim, funnel_m, speed_m_s
+from avrgym.tasks.experts.motion_planner import Guide
 from avrgym.tasks.task import TaskState
 
 NEAR_M = 0.015

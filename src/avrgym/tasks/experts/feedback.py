@@ -7,7 +7,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.guide import Guide
+from avrgym.tasks.experts.motion_planner import Guide
 from avrgym.tasks.task import RunningEpisodes, TaskState
 
 Aim = tuple[FloatArray, FloatArray, FloatArray]

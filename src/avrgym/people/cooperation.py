@@ -14,11 +14,10 @@ import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
-from avrgym.geometry.arrays import copied, like, namespace, row_numbers
+from avrgym.geometry.arrays import copied, interpolate, like, namespace, row_numbers
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.people.uniform import between
 
 Offered = Literal["mouth", "arm", "nothing"]
 
@@ -106,9 +105,9 @@ def begin(people: People, uniforms: FloatArray) -> Mind:
         rest_rad=people.joint_angles_rad,
         time_s=xp.zeros_like(uniforms[:, 0]),
         reaction=xp.minimum(low + xp.astype((high - low + 1) * uniforms[:, 0], xp.int64), high),
-        facing=between(FACING_SHARE, uniforms[:, 1]),
-        sway_rad=between(SWAY_RAD, uniforms[:, 2]),
-        sway_hz=between(SWAY_HZ, uniforms[:, 3]),
+        facing=interpolate(FACING_SHARE, uniforms[:, 1]),
+        sway_rad=interpolate(SWAY_RAD, uniforms[:, 2]),
+        sway_hz=interpolate(SWAY_HZ, uniforms[:, 3]),
         phase_rad=2.0 * np.pi * uniforms[:, 4:6],
     )
 

@@ -27,8 +27,8 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import RAD_PER_DEGREE, copied, like, namespace, row_numbers
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.people import behaviour
-from avrgym.people.behaviour import (
+from avrgym.people import cooperation
+from avrgym.people.cooperation import (
     HEAD_TURN_RAD,
     LEAN_RAD,
     LIFT_RAD,
@@ -167,7 +167,7 @@ def _view(mind: Mind, manner: Manner, sight: Sight, offered: Offered, posture: P
     tool = (1.0 - share) * mind.seen_w[row, whole] + share * mind.seen_w[row, whole + 1]
     aware = mind.time_s > manner.reaction_s + 1.5 * CONTROL_STEP_S
     tool = xp.where(aware[:, None], tool, sight.mouth_pos_w)
-    ahead = behaviour.ahead_of(mind.targets_rad, tool - sight.head_pos_w, posture)
+    ahead = cooperation.ahead_of(mind.targets_rad, tool - sight.head_pos_w, posture)
     match offered:
         case "mouth":
             gap = xp.where(ahead[:, 1] < 0.0, transforms.norm(tool - sight.mouth_pos_w), np.inf)
@@ -176,7 +176,7 @@ def _view(mind: Mind, manner: Manner, sight: Sight, offered: Offered, posture: P
         case "nothing":
             gap = xp.full_like(back, xp.inf)
     side = xp.where(ahead[:, 0] > 0.0, 1.0, -1.0)
-    return _View(aware, behaviour.facing_rad(ahead), xp.where(aware, gap, np.inf), side)
+    return _View(aware, cooperation.facing_rad(ahead), xp.where(aware, gap, np.inf), side)
 
 
 def _feel(mind: Mind, manner: Manner, view: _View, offered: Offered) -> Mind:

@@ -8,11 +8,11 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import capsules, kinematics, transforms
-from avrgym.models import contacts
+from avrgym.models import collision_bits
 from avrgym.models.scene import TOOL_BODY, SceneConfig, robot_with_tool
 from avrgym.people.arm_clearance import Boxes
 from avrgym.simulation.worlds import Simulation, State
-from avrgym.tasks import places
+from avrgym.tasks import placement
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ def arm_shape(scene: SceneConfig) -> ArmShape:
     ends: list[FloatArray] = []
     radius: list[float] = []
     is_tool: list[bool] = []
-    for geom in np.nonzero(model.geom_group == contacts.COLLISION_GROUP)[0]:
+    for geom in np.nonzero(model.geom_group == collision_bits.COLLISION_GROUP)[0]:
         carrier = _carrier(model, int(model.geom_bodyid[geom]), bodies)
         if carrier is None:
             continue
@@ -54,7 +54,7 @@ def arm_shape(scene: SceneConfig) -> ArmShape:
         ends.append((ends_w - data.xpos[body]) @ data.xmat[body].reshape(3, 3))
         radius.append(r)
         is_tool.append(model.geom_bodyid[geom] == tool)
-    chain = places.arm_chain(scene)
+    chain = placement.arm_chain(scene)
     links = tuple(_part(chain, count) for count in range(1, len(bodies) + 1))
     return ArmShape(links, np.array(link), np.array(ends), np.array(radius), np.array(is_tool))
 
@@ -66,7 +66,7 @@ def furniture_boxes(simulation: Simulation) -> Boxes:
     mujoco.mj_kinematics(model, data)
     geoms = [
         geom
-        for geom in np.nonzero(model.geom_contype == contacts.FURNITURE.contype)[0]
+        for geom in np.nonzero(model.geom_contype == collision_bits.FURNITURE.contype)[0]
         if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
         and model.body(model.geom_bodyid[geom]).name not in movable
     ]

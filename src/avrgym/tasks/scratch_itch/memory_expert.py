@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.tasks.experts.reactive import TURN_RAD_S, PresentGuide, Reactive
+from avrgym.tasks.experts.feedback import TURN_RAD_S, PresentGuide, Reactive
 from avrgym.tasks.scratch_itch.expert import SWING_M_S, surface
-from avrgym.tasks.scratch_itch.reactive import Range, aim, faces_in, scratch
+from avrgym.tasks.scratch_itch.feedback_expert import Range, aim, faces_in, scratch
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from avrgym.tasks.task import Controller, RunningEpisodes
 

@@ -15,7 +15,7 @@ from avrgym.models.robot import Robot
 from avrgym.people import distributions
 from avrgym.simulation.room import NoRoomError, Room
 from avrgym.simulation.worlds import Simulation
-from avrgym.tasks import places
+from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
@@ -129,7 +129,7 @@ def _clear(task: str, robot: Robot, angles_rad: FloatArray, sex: Sex) -> BoolArr
             start,
             people=distributions.repeat(person, count),
             robot_pos_w=np.tile(mount.pos_w, (count, 1)),
-            robot_q_w=np.tile(transforms.from_axis_angle(places.Z, np.asarray(mount.yaw_rad)), (count, 1)),
+            robot_q_w=np.tile(transforms.from_axis_angle(placement.Z, np.asarray(mount.yaw_rad)), (count, 1)),
             arm_angles_rad=angles_rad,
             placed_pos_w=placed,
         ),

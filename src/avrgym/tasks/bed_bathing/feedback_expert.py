@@ -21,8 +21,8 @@ from avrgym.tasks.bed_bathing.expert import (
     cloth_pose,
     limb_frame,
 )
-from avrgym.tasks.experts.guide import Guide
-from avrgym.tasks.experts.reactive import Aim, funnel_m
+from avrgym.tasks.experts.feedback import Aim, funnel_m
+from avrgym.tasks.experts.motion_planner import Guide
 from avrgym.tasks.task import TaskState
 
 TOP_RAD, SIDE_RAD = np.radians([12.0, 75.0])

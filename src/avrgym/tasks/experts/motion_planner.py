@@ -5,8 +5,8 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.tasks import places
-from avrgym.tasks.experts.clearance import Clearance
+from avrgym.tasks import placement
+from avrgym.tasks.experts.robot_clearance import Clearance
 from avrgym.tasks.task import RunningEpisodes
 
 ITERATIONS = 8
@@ -36,7 +36,7 @@ class Guide:
         """Begin where the arms are."""
         self._episodes, self._simulation = episodes, episodes.simulation
         self.scene = episodes.scene
-        self._chain = places.arm_chain(self.scene)
+        self._chain = placement.arm_chain(self.scene)
         self._reach_rad = self.scene.arm.speed_limit_rad_s * CONTROL_STEP_S
         self._clearance = Clearance(self._simulation)
         self._base_w = self._simulation.robot_base()

@@ -4,8 +4,8 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.tasks.episodes import Episodes, Step
+from avrgym.tasks.placement_check import check_starts
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-from avrgym.tasks.starts import check_starts
 from avrgym.tasks.task import Expert
 
 WORLDS, STEPS = 3, 5
