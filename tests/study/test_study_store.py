@@ -1,5 +1,6 @@
 """A study's store, on SQLite and PostgreSQL: what may happen, what may not, and what stays after a crash."""
 
+import itertools
 import json
 import os
 import random
@@ -40,9 +41,10 @@ from helpers.studies.small_studies import (
     small_study,
     take_in,
 )
-from helpers.system.places import TESTS
+from helpers.system.places import DATA, TESTS
 from helpers.system.processes import die_with_parent
 
+OLD_STUDY = DATA / "study-of-0.2.0"
 ITEMS = ("L1", "L2", "L3", "L4")
 
 
@@ -561,47 +563,77 @@ def test_an_older_study_is_brought_up_to_date_after_a_backup(
         assert rows["participant"][0]["number"] == 1
 
 
-def test_attempts_from_before_torso_heights_had_a_column_keep_their_rows_and_ledger(
-    store: Store, kind: str
-) -> None:
+def study_of_0_2_0(tmp_path: Path, kind: str) -> Path:
+    """A study of 0.2.0. On PostgreSQL its tables and rows are copied from the file of SQLite."""
+    folder = Path(shutil.copytree(OLD_STUDY, tmp_path / "old"))
+    if kind == "postgresql":
+        url = os.environ[database.URL_VARIABLE].replace("postgresql://", "postgresql+psycopg://")
+        old, new = sa.create_engine(f"sqlite:///{folder / 'study.db'}"), sa.create_engine(url)
+        with old.begin() as source, new.begin() as target:
+            tables = sa.MetaData()
+            tables.reflect(source)
+            tables.create_all(target)
+            for table in tables.sorted_tables:
+                if rows := [dict(row) for row in source.execute(sa.select(table)).mappings()]:
+                    target.execute(sa.insert(table), rows)
+                if rows and "id" in table.c:
+                    following = "SELECT setval(pg_get_serial_sequence(:table, 'id'), :last)"
+                    target.execute(
+                        sa.text(following), {"table": table.name, "last": max(row["id"] for row in rows)}
+                    )
+        old.dispose()
+        new.dispose()
+        (folder / "study.db").unlink()
+    return folder
+
+
+def test_a_study_of_0_2_0_is_upgraded(tmp_path: Path, kind: str) -> None:
+    folder = study_of_0_2_0(tmp_path, kind)
+    with Store(folder) as store:
+        assert store.database.faults() == []
+        consented = [each for each in store.participants() if each.consented_at is not None]
+        for participant in consented:
+            (consent,) = store.consents(participant.pseudonym)
+            assert (consent.at, consent.version) == (participant.consented_at, participant.consent_version)
+        assert [attempt.state for attempt in store.attempts("sub-001")] == ["completed"]
+        assert len(consented) == 1
+        with store.database.write() as connection:
+            assert compare_metadata(MigrationContext.configure(connection), schema.METADATA) == []
+        enrol(store, "woman")
+        assert store.database.faults() == []
+    (backup,) = (folder / "backups").iterdir()
+    assert backup.name.startswith("0006_headset_check-")
+
+
+ADDED = {
+    "0011_links": ["DROP TABLE link"],
+    "0010_design": ["DROP TABLE design"],
+    "0009_consents": ["DROP TABLE consent", "DROP TABLE consent_text"],
+    "0008_log": ["DROP TABLE log", "DROP TABLE experimenter"],
+    "0007_records": ["DROP TABLE adverse_event", "ALTER TABLE participant DROP COLUMN functioning"],
+}
+"""Statements that undo each revision after 0.2.0, newest first."""
+
+
+@pytest.mark.parametrize("revision", database.UNRELEASED)
+def test_a_study_of_a_development_version_is_upgraded(store: Store, revision: str) -> None:
     pseudonym = take_in(store)
-    run_participant(store, pseudonym, trials=2)
     with store.database.write() as connection:
-        hash_chain.update(connection, schema.PARTICIPANT, 1, language=None)  # nobody said, in those days
-        hash_chain.delete(connection, schema.DESIGN)  # nor was that stored
+        hash_chain.delete(connection, schema.DESIGN)
         hash_chain.delete(connection, schema.CONSENT_TEXT)
-        hash_chain.update(connection, schema.CONSENT, 1, language=None)
     before, consents = contents(store), store.consents(pseudonym)
     with store.database.write() as connection:
-        for change in (
-            "ALTER TABLE attempt DROP COLUMN torso_height_m",
-            "ALTER TABLE participant DROP COLUMN language",
-            "ALTER TABLE participant DROP COLUMN site",
-            "ALTER TABLE participant DROP COLUMN site_number",
-            "DROP TABLE site",
-            "DROP TABLE adverse_event",
-            "ALTER TABLE participant DROP COLUMN functioning",
-            "DROP TABLE log",
-            "DROP TABLE experimenter",
-            "DROP TABLE design",
-            "ALTER TABLE session DROP COLUMN headset_check",
-            "DROP TABLE link",
-            "DROP TABLE consent_text",
-            "DROP TABLE consent",
-            "UPDATE alembic_version SET version_num = '0002_ledger'",
-        ):
-            connection.execute(sa.text(change))
+        for undone in itertools.takewhile(lambda each: each != revision, ADDED):
+            for statement in ADDED[undone]:
+                connection.execute(sa.text(statement))
+        connection.execute(sa.text(f"UPDATE alembic_version SET version_num = '{revision}'"))
     store.close()
     newly_written: dict[str, list] = {"consent": [], "ledger": []}
     with Store(store.folder) as again:
         assert {**contents(again), **newly_written} == {**before, **newly_written}
-        assert again.consents(pseudonym) == consents
-        assert again.database.faults() == []
-        assert [attempt.torso_height_m for attempt in again.attempts(pseudonym)] == [None, None]
-        session = open_session(again, pseudonym)
-        attempt = begin_attempt(again, session.id, 3, torso_height_m=0.5625)
-        end_attempt(again, attempt.id, "stopped")
-        assert again.attempts(pseudonym)[-1].torso_height_m == 0.5625
+        assert [(each.at, each.sha256) for each in again.consents(pseudonym)] == [
+            (each.at, each.sha256) for each in consents
+        ]
         assert again.database.faults() == []
 
 
@@ -615,7 +647,7 @@ def test_a_study_of_a_newer_version_is_refused_and_left_alone(
         Store(store.folder).close()
     with pytest.raises(
         StudyError,
-        match=r"made by a newer AVR Gym \(9999_colour\); this one knows 0001_first, 0002_ledger, 0003",
+        match=r"has revision 9999_colour; allowed: 0006_headset_check, 0007_records.*Use the version of AVR Gym that",
     ):
         Store(store.folder)
     monkeypatch.setattr(database, "MIGRATIONS", newer)

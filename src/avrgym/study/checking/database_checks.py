@@ -7,7 +7,7 @@ from avrgym.study.people.identities import possible_doubles
 from avrgym.study.storage import identity_file
 from avrgym.study.storage.analysis_files import FOLDER as ANALYSIS
 from avrgym.study.storage.analysis_files import unfinished_analyses
-from avrgym.study.storage.database import BACKUPS, LEDGER_BEGUN
+from avrgym.study.storage.database import BACKUPS
 from avrgym.study.storage.database import FILE as DATABASE
 from avrgym.study.storage.identity_keys import Locked
 from avrgym.study.storage.integrity_files import CHECKSUM, HEAD
@@ -29,9 +29,7 @@ def check_database(store: Store) -> Iterator[Finding]:
     for where, what in store.database.faults():
         yield Finding(where, what)
     for event in store.events():
-        if event.name == LEDGER_BEGUN:
-            yield Finding("ledger", f"vouches for earlier rows only from {event.at} on", wrong=False)
-        elif event.name == REBUILT:
+        if event.name == REBUILT:
             yield Finding(
                 "database", f"was rebuilt from the recordings at {event.at}; {event.detail}", wrong=False
             )

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import sqlalchemy as sa
-from alembic.command import upgrade
+from alembic.command import stamp, upgrade
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
@@ -22,7 +22,7 @@ from avrgym.study.storage.integrity_files import HEAD, MISMATCH, Seal, SealError
 from avrgym.study.storage.participation import FILE as PARTICIPATION
 from avrgym.study.storage.participation import REBUILT, ParticipationList
 from avrgym.study.storage.reconciliation import compare, first_digest, follow, reconcile
-from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, SITE, TOMBSTONE, now
+from avrgym.study.storage.schema import EVENT, METADATA, PARTICIPANT, SITE, TOMBSTONE
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.study_folder import remains
 from avrgym.system.files import make_private_folder, write_new
@@ -33,8 +33,10 @@ SEAL_WAIT_S = 1.0
 """How long a process that ends waits to seal a database that another one holds."""
 URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
 MIGRATIONS = Path(__file__).parent / "migrations"
-LEDGER_BEGUN = "ledger begun"
-"""The event after which changes of earlier rows are noticed."""
+OLDEST = "0006_headset_check"
+"""The revision of 0.2.0, the first released version."""
+UNRELEASED = ("0007_records", "0008_log", "0009_consents", "0010_design")
+"""Revisions of development versions, which are upgraded in one step with those of 0.2.0."""
 _LOCK = 0x41565247
 
 
@@ -63,7 +65,6 @@ class Database:
         self._seal = Seal(folder, FILE)
         self.participation = ParticipationList(folder)
         self._wrote, self._anew = False, anew
-        self._ledger_is_in_copy = False
         self._held = ExitStack()
         self._path = self._readable_copy() if self.is_sqlite and read_only else folder / FILE
         self._engine = sqlite.make_engine(self._path) if self.is_sqlite else _postgresql_engine(url)
@@ -225,7 +226,7 @@ class Database:
             )
         if lost:
             yield "ledger", f"ends with entry {known.number} and lacks what {HEAD} tells of: it was set back"
-        if heads is None and self.is_sqlite and known.number and not self._ledger_is_in_copy:
+        if heads is None and self.is_sqlite and known.number:
             yield HEAD, "is missing: whether the last rows were lost cannot be told"
 
     def _faults_of_file(self) -> Iterator[tuple[str, str]]:
@@ -273,28 +274,29 @@ class Database:
 
     def _migrate(self, connection: sa.Connection) -> None:
         scripts = ScriptDirectory(str(MIGRATIONS))
-        known = {script.revision for script in scripts.walk_revisions()}
+        known = sorted({*UNRELEASED, *(script.revision for script in scripts.walk_revisions())})
         current = MigrationContext.configure(connection).get_current_revision()
         if current == scripts.get_current_head():
             return
-        if current is not None and current not in known:
-            raise StudyError(
-                f"{self._folder} was made by a newer AVR Gym ({current}); this one knows {', '.join(sorted(known))}"
-            )
-        if current is None and not self._anew:
-            _refuse_if_lost(self._folder, self._called)
-        if current is not None and not self.read_only:
-            self._back_up(connection, current)
-        begins = not sa.inspect(connection).has_table(LEDGER.name)
         configuration = Config()
         configuration.set_main_option("script_location", str(MIGRATIONS))
         configuration.attributes["connection"] = connection
+        if current is None:
+            if not self._anew:
+                _refuse_if_lost(self._folder, self._called)
+            METADATA.create_all(connection)
+            stamp(configuration, "head")
+            return
+        if current not in known:
+            raise StudyError(
+                f"{self._folder}: the database has revision {current}; allowed: {', '.join(known)}. Use the version "
+                "of AVR Gym that wrote it"
+            )
+        if not self.read_only:
+            self._back_up(connection, current)
+        if current in UNRELEASED:
+            stamp(configuration, OLDEST, purge=True)
         upgrade(configuration, "head")
-        if begins and current is not None:
-            self._ledger_is_in_copy = self.read_only
-            hash_chain.begin(connection)
-            begun = {"at": now(), "name": LEDGER_BEGUN, "detail": f"tables of {current} brought up to date"}
-            hash_chain.insert(connection, EVENT, **begun)
 
     def _back_up(self, connection: sa.Connection, revision: str) -> None:
         """Copy the database as it is: SQLite as a file, others as the rows of all tables."""

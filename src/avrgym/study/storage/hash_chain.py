@@ -19,7 +19,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
-from avrgym.study.storage.schema import LEDGER, LOG, METADATA, new_salt
+from avrgym.study.storage.schema import LEDGER, LOG, METADATA
 
 TABLES: Mapping[str, sa.Table] = {
     table.name: table for table in METADATA.sorted_tables if table is not LEDGER
@@ -61,13 +61,6 @@ def delete(connection: sa.Connection, table: sa.Table, *conditions: sa.ColumnEle
     for key in connection.execute(sa.select(key_of(table)).where(*conditions)).scalars().all():
         _wrote(connection, table, key)
     connection.execute(sa.delete(table).where(*conditions))
-
-
-def begin(connection: sa.Connection) -> None:
-    """Begin the chain of a study that has none, with all its rows as they are."""
-    for table in TABLES.values():
-        for key in connection.execute(sa.select(key_of(table))).scalars().all():
-            update(connection, table, key, salt=new_salt())
 
 
 def open_entries(connection: sa.Connection) -> None:

@@ -1,4 +1,4 @@
-"""The tables of a study. Times are ISO 8601 in UTC; migrations lead here from every earlier version."""
+"""The tables of a study. Times are ISO 8601 in UTC; a new database is created from them."""
 
 from datetime import UTC, datetime
 from secrets import token_hex

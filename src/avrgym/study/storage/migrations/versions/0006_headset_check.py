@@ -1,11 +1,8 @@
-"""What the check of the headset measured at the beginning of a session; earlier sessions had none."""
-
-import sqlalchemy as sa
-from alembic import op
+"""The tables of 0.2.0, the first released version. New databases are created from ``schema`` and skip migrations."""
 
 revision = "0006_headset_check"
-down_revision = "0005_language"
+down_revision = None
 
 
 def upgrade() -> None:
-    op.add_column("session", sa.Column("headset_check", sa.JSON))
+    raise NotImplementedError("databases from before 0.2.0 were never released")
