@@ -24,9 +24,9 @@ from msgspec import inspect
 
 from avrgym.models import human
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
-from avrgym.texts.texts import read_texts, shipped
+from avrgym.texts.interface_texts import read_texts, shipped
 from avrgym.vr.latency import STAGE_WORDS
-from avrgym.vr.protocol import messages, state_changes, webxr
+from avrgym.vr.protocol import messages, state_encoding, webxr
 from avrgym.vr.session.phases import where
 from avrgym.vr.tracking import arm, body, switches
 from avrgym.vr.tracking.frames import STALE_S
@@ -66,8 +66,8 @@ CONSTANTS = {
     "STATES_A_RECEIPT": messages.STATES_A_RECEIPT,
     "STALE_S": STALE_S,
     "TICK_S": messages.TICK_S,
-    "JOINT_STEPS": json.dumps(state_changes.JOINT_STEPS.tolist()),
-    "POSE_STEPS": json.dumps(state_changes.POSE_STEPS.tolist()),
+    "JOINT_STEPS": json.dumps(state_encoding.JOINT_STEPS.tolist()),
+    "POSE_STEPS": json.dumps(state_encoding.POSE_STEPS.tolist()),
     "STAGE_WORDS": json.dumps(STAGE_WORDS),
     "FORCE_LIMITS_N: Readonly<Record<string, number>>": json.dumps(
         {region.name: float(limit) for region, limit in zip(BODY_REGIONS, QUASI_STATIC_LIMIT_N, strict=True)}
@@ -263,7 +263,7 @@ def generate_examples() -> str:
 
 def state_examples() -> str:
     """States of two bodies as JSON: each change as it is sent, and the numbers that the client then holds."""
-    encoder, decoder = state_changes.StateEncoder(), state_changes.StateDecoder()
+    encoder, decoder = state_encoding.StateEncoder(), state_encoding.StateDecoder()
     rows: list[dict[str, Any]] = []
     for number in range(6):
         turned = np.array([np.cos(0.1 * number), 0.0, np.sin(0.1 * number), 0.0])

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 LONG = (
     "test_session.py",
     "test_every_environment.py",
-    "test_server.py",
+    "test_live_server.py",
     "test_mixed_session.py",
     "test_figures_of_policies.py",
     "test_study_merge.py",

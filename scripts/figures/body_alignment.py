@@ -15,8 +15,8 @@ from matplotlib.axes import Axes
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
+from avrgym.geometry.rotation_matrices import from_euler_xyz, from_quaternion, to_euler_xyz
 from avrgym.models.human import PROPORTIONS, SEATED, SEXES, Person
-from avrgym.vr.protocol import axes
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import hips_frame, torso_angles
 
@@ -37,7 +37,7 @@ def literally(person: Person, head: Pose) -> FloatArray:
     roll = atan2(y, z)
     pitch = atan2(x * cos(roll), z)
     yaw = atan2(cos(roll), sin(roll) * sin(pitch)) - 0.5 * pi
-    head_roll, head_pitch, head_yaw = axes.xyz_of(axes.of_quaternion(head.q_w))
+    head_roll, head_pitch, head_yaw = to_euler_xyz(from_quaternion(head.q_w))
     turn = head_yaw - yaw
     return np.array([-roll, pitch, 0.3 * turn, head_roll, head_pitch, 0.7 * turn])
 
@@ -59,8 +59,8 @@ WAYS: Mapping[str, Callable[[Person, Pose], FloatArray]] = {
 def head_of(person: Person, angles_rad: FloatArray) -> Pose:
     """Where the head's centre is with these angles (6,) of waist and head."""
     rise_m = PROPORTIONS[person.sex].head_centre_rise * _scale(person)
-    torso = axes.of_xyz(*angles_rad[:3])
-    head = torso @ axes.of_xyz(*angles_rad[3:])
+    torso = from_euler_xyz(*angles_rad[:3])
+    head = torso @ from_euler_xyz(*angles_rad[3:])
     neck_m = person.torso_height_m - PROPORTIONS[person.sex].waist_rise * _scale(person) - rise_m
     return Pose(_waist_w(person) + neck_m * torso[:, 2] + rise_m * head[:, 2], transforms.from_matrix(head))
 

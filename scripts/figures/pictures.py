@@ -19,13 +19,13 @@ from avrgym.models.scene import TOOL
 from avrgym.tasks.constants import ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import find_environment
-from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.server.loop import Received, Send
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.server.live_server import LiveServer
+from avrgym.vr.server.real_time_loop import Received, Send
 
 MOMENTS = {"Feeding": (3, 11), "Drinking": (3, 11), "ScratchItch": (6, 36), "BedBathing": (3, 90)}
 """By task, the seed of an episode and the control step at which it shows."""

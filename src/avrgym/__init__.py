@@ -8,7 +8,7 @@ first environment; from then on its warnings go to the logger ``avrgym.mujoco``.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from avrgym.system.headless import choose_renderer
+from avrgym.system.mujoco_setup import choose_renderer
 
 choose_renderer()
 

@@ -12,7 +12,7 @@ from urllib.parse import unquote, urldefrag
 import pytest
 from playwright.sync_api import sync_playwright
 
-from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from helpers.browser.accessibility import violations
 from helpers.browser.documentation import DOCS
 from helpers.system.places import ROOT

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from avrgym.cli.main import app
 from avrgym.doctor.checks import CHECKS, examine
 from avrgym.doctor.finding import Check, ok
-from avrgym.system.headless import HOW_TO_DRAW, SCREENS
+from avrgym.system.mujoco_setup import HOW_TO_DRAW, SCREENS
 
 
 @pytest.fixture(autouse=True)

@@ -6,7 +6,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from avrgym.doctor import installation
-from avrgym.vr.server import web
+from avrgym.vr.server import web_server
 
 
 @pytest.mark.parametrize(("running", "state"), [("3.10.14", "fault"), ("3.11.0", "ok"), ("3.15.0rc1", "ok")])
@@ -49,8 +49,8 @@ def test_an_extra_that_is_missing_is_no_trouble_and_one_in_another_version_is() 
 
 
 def test_a_client_that_is_not_built_is_a_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(web, "STATIC", tmp_path)
-    for page in web.PAGES:
+    monkeypatch.setattr(web_server, "STATIC", tmp_path)
+    for page in web_server.PAGES:
         assert installation.client().state == "fault"
         (tmp_path / page).touch()
     assert installation.client().state == "ok"

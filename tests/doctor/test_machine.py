@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.doctor import machine
-from avrgym.vr.server import keep_awake
+from avrgym.vr.server import cpu_idle
 
 NOBODY = 65534
 
@@ -81,7 +81,7 @@ def test_processors_of_a_virtual_machine_halt_where_nobody_may_keep_them_awake(
         assert machine.halting(driver, latency).state == "ok"
         driver.write_text("intel_idle\n")
         assert machine.halting(driver, latency).state == "ok"
-        driver.write_text(f"{keep_awake.GUEST_DRIVER}\n")
+        driver.write_text(f"{cpu_idle.GUEST_DRIVER}\n")
         assert machine.halting(driver, latency).state == "ok"
         latency.chmod(0o400)
         found = machine.halting(driver, latency)

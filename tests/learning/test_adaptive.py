@@ -21,7 +21,7 @@ from avrgym.policies.actors import Actor
 from avrgym.policies.trained import Policy, PolicyMetadata, packaged_policies
 from avrgym.safety.limits import TRANSIENT_LIMIT_N
 from avrgym.safety.region_forces import RegionWatch
-from avrgym.system.carried import Carried
+from avrgym.system.transferred_files import Carried
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, sizes
 

@@ -30,7 +30,7 @@ from avrgym.learning.updates import UpdateNormaliser, improve_here, observation_
 from avrgym.policies.actors import ActorThere
 from avrgym.policies.trained import Policy, find_policy
 from avrgym.simulation.engines import warp
-from avrgym.system.carried import Carried
+from avrgym.system.transferred_files import Carried
 from avrgym.tasks.registry import sizes
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"

@@ -25,7 +25,7 @@ from avrgym.learning.rollouts import Order, Place, roll_out_all
 from avrgym.learning.training import Progress, TrainingConfiguration, resume, train
 from avrgym.networks.policy import HumanRole, Policy, PolicyError
 from avrgym.people.populations import find_kinds
-from avrgym.system.carried import Carried
+from avrgym.system.transferred_files import Carried
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.human_view import human_view_of

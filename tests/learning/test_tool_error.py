@@ -12,7 +12,7 @@ from avrgym.learning.tool_error import ACTIONS_WEIGHT, SLOW, UNIT_M, UNIT_RAD, T
 from avrgym.learning.updates import observation_of
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.policies.trained import Policy, packaged_policies
-from avrgym.system.carried import Carried
+from avrgym.system.transferred_files import Carried
 from avrgym.tasks import placement
 from avrgym.tasks.registry import ENVIRONMENTS, task_and_scene
 

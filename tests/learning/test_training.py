@@ -32,7 +32,7 @@ from avrgym.learning.training import (
     train,
 )
 from avrgym.policies.trained import Policy, find_policy
-from avrgym.system.carried import Carried
+from avrgym.system.transferred_files import Carried
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS

@@ -6,7 +6,7 @@ from avrgym.questionnaires.instrument import Instrument, Scale
 from avrgym.questionnaires.questionnaire import Item, Questionnaire, translate
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.questionnaires.stop_rules import StopRule, StopRules
-from avrgym.texts.texts import read_texts, shipped
+from avrgym.texts.interface_texts import read_texts, shipped
 
 PUBLISHED = {
     "nasa-tlx": list(range(0, 101, 5)),

@@ -19,7 +19,7 @@ from avrgym.recording.reader import read_recording
 from avrgym.replay.packing import STEP, pack_poses
 from avrgym.replay.page import PLACE, ReplayedTrial, write_page
 from avrgym.replay.timeline import aligned, timeline_of
-from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from helpers.browser.journey import WATCH_SCENES
 from helpers.vr.visit import Visit, plan
 

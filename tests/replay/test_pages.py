@@ -12,8 +12,8 @@ from avrgym.replay.server import ReplayServer
 from avrgym.replay.timeline import timeline_of
 from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.storage.store import Store
-from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
 from helpers.browser.accessibility import violations
 from helpers.studies.small_studies import make_study

@@ -21,8 +21,7 @@ from avrgym.replay.trial import ReplayError
 from avrgym.replay.verification import STATE_QUANTITIES, verify
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.vr.protocol.messages import Ready, Stop
-from avrgym.vr.protocol.received import Disconnected
+from avrgym.vr.protocol.messages import Disconnected, Ready, Stop
 from helpers.studies.small_studies import make_study, run_participant, take_in
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
 

@@ -24,7 +24,7 @@ from avrgym.replay.pictures import (
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.server import ReplayServer
 from avrgym.replay.timeline import FRAME_EVERY_STATES, timeline_of
-from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.live_world.scene_message import poses
 from helpers.vr.visit import Visit, plan
 

@@ -9,7 +9,7 @@ import pytest
 from avrgym.recording.reader import read_recording
 from avrgym.study.storage import database
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.vr.emulation.in_process import InProcessClient
+from avrgym.vr.emulation.in_process_client import InProcessClient
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session

@@ -17,8 +17,8 @@ import pytest
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.vr.emulation import headset
-from avrgym.vr.emulation.headset import BrowserAttendance
+from avrgym.vr.emulation import emulated_headset
+from avrgym.vr.emulation.emulated_headset import BrowserAttendance
 from avrgym.vr.latency import TOTAL, percentiles_ms
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.browser.journey import Journey
@@ -38,7 +38,7 @@ MEASURED_S = 15.0
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Software renderers of busy machines draw all of a room in many seconds."""
-    monkeypatch.setattr(headset, "PATIENCE_S", 600.0)
+    monkeypatch.setattr(emulated_headset, "PATIENCE_S", 600.0)
 
 
 class Visitor(BrowserAttendance):

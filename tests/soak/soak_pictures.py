@@ -17,10 +17,10 @@ from PIL import Image, ImageDraw
 from avrgym.models import human
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.vr.emulation import headset
-from avrgym.vr.emulation.headset import BrowserAttendance
+from avrgym.vr.emulation import emulated_headset
+from avrgym.vr.emulation.emulated_headset import BrowserAttendance
 from avrgym.vr.protocol.messages import TICK_S, Command
-from avrgym.vr.server import loop
+from avrgym.vr.server import real_time_loop
 from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
 from helpers.browser.journey import Journey, await_that, draw_triangles
@@ -123,8 +123,8 @@ class Photographer(BrowserAttendance):
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_every_phase_is_pictured(environment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     time = LetTime()
-    monkeypatch.setattr(loop, "_clock_s", time.now_s)
-    monkeypatch.setattr(headset, "PHASE_LIMIT_S", float("inf"))
+    monkeypatch.setattr(real_time_loop, "_clock_s", time.now_s)
+    monkeypatch.setattr(emulated_headset, "PHASE_LIMIT_S", float("inf"))
     plan = SessionPlan(
         [TrialPlan(environment, "revised", seed=3, practice=False)],
         "woman",

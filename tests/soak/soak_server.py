@@ -38,10 +38,10 @@ from avrgym.vr.protocol.messages import (
     Timing,
     Welcome,
 )
-from avrgym.vr.protocol.state_changes import StateDecoder
+from avrgym.vr.protocol.state_encoding import StateDecoder
 from avrgym.vr.server.certificate import certificate_for
 from avrgym.vr.server.connection import MESSAGES_PER_S
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
 from helpers.system.processes import die_with_parent
 from helpers.vr.raw_clients import PATIENCE_S, ask, is_closed, request, status

@@ -10,8 +10,8 @@ from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.server.live_server import LiveServer
 from helpers.browser.journey import PATIENCE_S
 from helpers.studies.small_studies import make_study, take_in
 

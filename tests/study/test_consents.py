@@ -39,8 +39,8 @@ from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
 from helpers.studies import small_studies
 from helpers.studies.small_studies import (

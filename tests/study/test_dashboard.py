@@ -17,9 +17,9 @@ from avrgym.study.dashboard.application import ACTIONS, MAX_BODY_BYTES, dashboar
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage.identity_file import Identity, read_key
 from avrgym.study.storage.store import Store
-from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.server.access import Caller, Tokens
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.server.authentication import Caller, Tokens
+from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
 from helpers.studies.small_studies import METRICS, fitting_answers, make_study, run_participant, take_in
 from helpers.vr.visit import driving, plan

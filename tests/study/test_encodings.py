@@ -24,7 +24,7 @@ from avrgym.study.plan.deviations import deviations
 from avrgym.study.plan.frozen_plan import read_frozen
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from avrgym.texts.texts import read_texts
+from avrgym.texts.interface_texts import read_texts
 from helpers.studies.small_studies import make_study, run_participant, small_study, take_in
 
 UMLAUTS = "Ärger über Füße, «naïve» 姓名"

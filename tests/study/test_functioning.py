@@ -18,7 +18,7 @@ from avrgym.study.people.functioning import Functioning, record_functioning
 from avrgym.study.people.participants import enrol
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.texts.texts import read_texts, shipped
+from avrgym.texts.interface_texts import read_texts, shipped
 from helpers.studies.small_studies import make_study, run_participant, small_study, take_in
 
 ANSWERS = Functioning(dict.fromkeys(QUESTIONS, "none"), ("12", "24"), "Unverwechselbar-Syndrom")

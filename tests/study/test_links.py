@@ -22,12 +22,13 @@ from avrgym.study.sessions.links import session_links
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.texts.texts import read_texts
-from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.texts.interface_texts import read_texts
+from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Hello, Language, Message, Problem, Welcome
-from avrgym.vr.server import links as links_module
-from avrgym.vr.server.links import (
+from avrgym.vr.server import session_links as links_module
+from avrgym.vr.server.live_server import LiveServer
+from avrgym.vr.server.session_links import (
     CODE_VALID_S,
     WRONG_CODES,
     WRONG_WITHIN_S,
@@ -37,7 +38,6 @@ from avrgym.vr.server.links import (
     link_sha256,
     new_link,
 )
-from avrgym.vr.server.server import LiveServer
 from helpers.studies.small_studies import fitting_answers, make_study, take_in
 from helpers.vr.received_states import understand
 

@@ -17,8 +17,7 @@ from avrgym.study.people.participants import withdraw
 from avrgym.study.storage import database
 from avrgym.study.storage.answers import change_answer, open_attempts, reconcile_answers
 from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import Back, Command, Entered, Ready
-from avrgym.vr.protocol.received import Disconnected
+from avrgym.vr.protocol.messages import Back, Command, Disconnected, Entered, Ready
 from helpers.studies.server_days import GIVEN, Day, killed_in
 from helpers.studies.small_studies import make_study, take_in
 

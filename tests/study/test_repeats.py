@@ -38,8 +38,7 @@ from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Command, CommandName
-from avrgym.vr.protocol.received import Disconnected
+from avrgym.vr.protocol.messages import Command, CommandName, Disconnected
 from helpers.browser.html_page import Page
 from helpers.studies.small_studies import make_study, record, take_in
 from helpers.vr.visit import Visit

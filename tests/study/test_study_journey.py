@@ -13,7 +13,7 @@ from avrgym.study.design.design import FILE, read_design
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.vr.emulation.headset import DONE, EmulatedHeadset
+from avrgym.vr.emulation.emulated_headset import DONE, EmulatedHeadset
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from helpers.browser.journey import PATIENCE_S, SEATING, await_buttons, await_phase, draw_little, go_on
 from helpers.studies.small_studies import make_study

@@ -18,7 +18,7 @@ from avrgym.study.people.participants import add_note, edit_note, enrol, record_
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.texts.texts import Said, TextsError, normal, read_texts
+from avrgym.texts.interface_texts import Said, TextsError, normal, read_texts
 from avrgym.vr.protocol.messages import Back, Language, Phase, Question, Ready
 from helpers.studies.small_studies import fitting_answers, make_study
 from helpers.vr.visit import Visit

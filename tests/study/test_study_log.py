@@ -55,8 +55,8 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Command, Hello, Problem, Welcome
-from avrgym.vr.server.links import SessionLinks
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.server.live_server import LiveServer
+from avrgym.vr.server.session_links import SessionLinks
 from avrgym.vr.session.session import Session
 from helpers.browser.html_page import Page
 from helpers.studies.sites import make_site

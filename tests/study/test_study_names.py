@@ -22,7 +22,7 @@ from avrgym.study.storage.identity_file import Identity
 from avrgym.study.storage.identity_keys import KEY_FILE, PASSPHRASE, Locked
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.data_folder import data_folder
+from avrgym.system.files import user_data_folder
 from helpers.studies.small_studies import small_study
 from helpers.system.places import DATA
 
@@ -84,7 +84,7 @@ def test_a_new_study_encrypts_with_a_key_file_elsewhere(folder: Path) -> None:
     key = identity_keys.key_path(lock)
     assert str(key) in said.stdout
     assert "without it the names are lost, but no other data" in said.stdout
-    assert key.is_relative_to(data_folder())
+    assert key.is_relative_to(user_data_folder())
     assert key.stat().st_mode & 0o077 == 0
     assert not is_readable(folder)
     shown = avrgym("names", folder).stdout

@@ -203,7 +203,7 @@ def resign(folder: Path) -> None:
     ]
     (folder / FILE).unlink()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(signing, "data_folder", lambda: folder / "another")
+        patch.setattr(signing, "user_data_folder", lambda: folder / "another")
         edited = [
             (who, {name: "completed" if value == "withdrawn" else value for name, value in content.items()})
             for who, content in contents
@@ -317,7 +317,7 @@ def test_where_nothing_can_be_signed_a_study_goes_on_and_its_list_proves_nothing
 ) -> None:
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     (tmp_path / "file").touch()
-    monkeypatch.setattr(signing, "data_folder", lambda: tmp_path / "file")
+    monkeypatch.setattr(signing, "user_data_folder", lambda: tmp_path / "file")
     folder = small_study(tmp_path / "study")
     with Store(folder) as store:
         run_participant(store, take_in(store), trials=1)

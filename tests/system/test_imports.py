@@ -24,7 +24,7 @@ OURS = {
     "avrgym.people.people_file",
     "avrgym.policies.registry", "avrgym.questionnaires", "avrgym.recording", "avrgym.replay", "avrgym.robots",
     "avrgym.simulation", "avrgym.skeletons", "avrgym.study.storage.store", "avrgym.tasks.registry",
-    "avrgym.vr.server.server",
+    "avrgym.vr.server.live_server",
 }  # fmt: skip
 SERVING = {
     "alembic", "cryptography", "fastapi", "matplotlib", "mcap", "segno", "sqlalchemy", "starlette", "uvicorn",

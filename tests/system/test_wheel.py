@@ -12,7 +12,7 @@ from zipfile import ZipFile
 import pytest
 
 import avrgym
-from avrgym.vr.server.web import STATIC
+from avrgym.vr.server.web_server import STATIC
 from helpers.system.places import ROOT
 
 PACKAGE = Path(avrgym.__file__).parent

@@ -20,7 +20,7 @@ from avrgym.models import human, robot
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
-from avrgym.vr.emulation.headset import DONE, EmulatedHeadset
+from avrgym.vr.emulation.emulated_headset import DONE, EmulatedHeadset
 from avrgym.vr.protocol.messages import Tracking
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies

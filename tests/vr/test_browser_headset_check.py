@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.texts.texts import ENGLISH
+from avrgym.texts.interface_texts import ENGLISH
 from avrgym.vr.latency import STAGES
 from avrgym.vr.session import events
 from avrgym.vr.session.phases.checking import FAULTS_SHOWN

@@ -13,7 +13,7 @@ from avrgym.geometry import transforms
 from avrgym.models.human import SKIN_TONES
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
-from avrgym.vr.emulation.headset import AGAIN, BACK, DONE, GO_ON
+from avrgym.vr.emulation.emulated_headset import AGAIN, BACK, DONE, GO_ON
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan

@@ -12,7 +12,7 @@ import pytest
 from avrgym.models.human import SKIN_TONES
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
-from avrgym.vr.emulation.headset import BrowserAttendance
+from avrgym.vr.emulation.emulated_headset import BrowserAttendance
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from helpers.browser.journey import PATIENCE_S, Journey, await_that

@@ -11,15 +11,15 @@ from typing import cast
 import msgspec
 import numpy as np
 import pytest
-from test_loop import FakeClock, FakeSession, await_that
-from test_server import make_server, participant, sit_down
+from test_live_server import make_server, participant, sit_down
+from test_real_time_loop import FakeClock, FakeSession, await_that
 
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.recording.schema import TrackingFrame
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import TICK_S, Command, Phase, Ready, StateChange, Tracking
-from avrgym.vr.server.loop import RealTimeLoop
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.server.live_server import LiveServer
+from avrgym.vr.server.real_time_loop import RealTimeLoop
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session import session
 from avrgym.vr.session.session import Session
@@ -314,7 +314,7 @@ class SleepyClock(FakeClock):
 
 def test_a_session_notices_that_its_machine_slept(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SleepyClock()
-    monkeypatch.setattr("avrgym.vr.server.loop.time", clock)
+    monkeypatch.setattr("avrgym.vr.server.real_time_loop.time", clock)
 
     def sleep(ticks: int) -> None:
         clock.slept_s = 3600.0 * (ticks >= 10)

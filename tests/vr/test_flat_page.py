@@ -9,8 +9,8 @@ import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
-from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.recording.reader import Recording
-from avrgym.vr.protocol.messages import Back, Command, Left, Question, Ready
-from avrgym.vr.protocol.received import Disconnected
+from avrgym.vr.protocol.messages import Back, Command, Disconnected, Left, Question, Ready
 from avrgym.vr.session.events import AnswerChanged, Answered
 from helpers.vr.visit import Visit, plan
 

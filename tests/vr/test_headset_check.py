@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from avrgym.texts.texts import read_texts, shipped
+from avrgym.texts.interface_texts import read_texts, shipped
 from avrgym.vr.headset_check import HeadsetCheck, TrackedPart
 from avrgym.vr.latency import STAGES
 

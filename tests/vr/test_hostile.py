@@ -10,18 +10,18 @@ import pytest
 from fastapi import FastAPI, WebSocket
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from test_access import hear, participant, tell
+from test_authentication import hear, participant, tell
 
 from avrgym.study.dashboard.application import ACTIONS, dashboard_app
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
-from avrgym.vr.server import gate as gate_module
-from avrgym.vr.server.access import Tokens
-from avrgym.vr.server.answers import headers
-from avrgym.vr.server.gate import Gate
-from avrgym.vr.server.protocols import MOST_FRAGMENTS
-from avrgym.vr.server.server import LiveServer
-from avrgym.vr.server.web import WebThread, listen
+from avrgym.vr.server import connection_limits as gate_module
+from avrgym.vr.server.authentication import Tokens
+from avrgym.vr.server.connection_limits import Gate
+from avrgym.vr.server.http_protocols import MOST_FRAGMENTS
+from avrgym.vr.server.live_server import LiveServer
+from avrgym.vr.server.response_headers import headers
+from avrgym.vr.server.web_server import WebThread, listen
 from avrgym.vr.session.session import Session
 from helpers.studies.small_studies import make_study
 from helpers.system.places import ROOT

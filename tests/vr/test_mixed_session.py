@@ -20,6 +20,7 @@ from avrgym.vr.protocol.messages import (
     Command,
     CommandName,
     CorrectTorsoHeight,
+    Disconnected,
     Entered,
     Feedback,
     Left,
@@ -31,8 +32,7 @@ from avrgym.vr.protocol.messages import (
     Status,
     Upcoming,
 )
-from avrgym.vr.protocol.received import Disconnected
-from avrgym.vr.protocol.state_changes import StateDecoder, StateEncoder
+from avrgym.vr.protocol.state_encoding import StateDecoder, StateEncoder
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session import trial_worlds
 from avrgym.vr.session.plan import SessionPlan, practised_trials

@@ -11,6 +11,7 @@ from avrgym.vr.protocol.messages import (
     Answer,
     Back,
     Command,
+    Disconnected,
     Entered,
     Left,
     OriginReset,
@@ -19,7 +20,6 @@ from avrgym.vr.protocol.messages import (
     Ready,
     Welcome,
 )
-from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.session import events
 from helpers.vr.visit import Visit, plan
 

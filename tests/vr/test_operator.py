@@ -18,12 +18,12 @@ from avrgym.replay.verification import verify
 from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.storage.store import Store
 from avrgym.tasks.episodes import Episodes
-from avrgym.vr.emulation.headset import CHROMIUM_FLAGS, find_chromium
+from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.live_world.drivers import OPERATOR_HEARD_S
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import TICK_S, Drive, Entered, Problem, Ready, SceneLoaded, Status
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.plan import SessionPlan, load_policies
 from avrgym.vr.session.session import Session
 from helpers.studies.small_studies import make_study

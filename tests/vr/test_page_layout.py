@@ -19,8 +19,8 @@ from avrgym.vr.protocol.messages import (
     Timing,
     Welcome,
 )
-from avrgym.vr.protocol.state_changes import StateEncoder
-from avrgym.vr.scene.rendering import render_scene
+from avrgym.vr.protocol.state_encoding import StateEncoder
+from avrgym.vr.scene.export_process import render_scene
 from helpers.browser.accessibility import violations
 from helpers.browser.journey import DRAW_LITTLE
 from helpers.browser.staged_page import StagedPage

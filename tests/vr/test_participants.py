@@ -22,7 +22,7 @@ from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
-from avrgym.vr.emulation.in_process import STATE_EVERY_TICKS, InProcessClient
+from avrgym.vr.emulation.in_process_client import STATE_EVERY_TICKS, InProcessClient
 from avrgym.vr.emulation.simulated_participant import RATINGS, SimulatedParticipant, draw_traits
 from avrgym.vr.live_world.scene_message import poses as world_poses
 from avrgym.vr.live_world.scene_message import scene_message

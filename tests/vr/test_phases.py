@@ -16,6 +16,7 @@ from avrgym.vr.protocol.messages import (
     Command,
     CommandName,
     CorrectTorsoHeight,
+    Disconnected,
     Entered,
     Hello,
     Left,
@@ -23,12 +24,12 @@ from avrgym.vr.protocol.messages import (
     Question,
     Ready,
     Recalibrate,
+    Received,
     Scene,
     SceneLoaded,
     Stop,
     VisibilityChanged,
 )
-from avrgym.vr.protocol.received import Disconnected, Received
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.phases import PHASES
 from avrgym.vr.session.phases.phase import Phase

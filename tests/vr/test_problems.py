@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
-from test_access import hear, opened, participant, tell
+from test_authentication import hear, opened, participant, tell
 from websockets.sync.client import ClientConnection
 
 from avrgym.vr.protocol.messages import (
@@ -24,7 +24,7 @@ from avrgym.vr.protocol.messages import (
     Recalibrate,
     Stop,
 )
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
 from helpers.vr.visit import Visit, driving, plan
 

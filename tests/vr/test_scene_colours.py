@@ -8,10 +8,10 @@ import pytest
 
 from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.colours import geom_colours, linear_from_srgb, skin_colours
-from avrgym.vr.scene.meshes import geom_mesh
+from avrgym.vr.scene.body_surfaces import body_surfaces
+from avrgym.vr.scene.geom_meshes import geom_mesh
 from avrgym.vr.scene.scene_export import export_glb, geoms_by_carrier
 from avrgym.vr.scene.skins import skins_of
-from avrgym.vr.scene.surfaces import body_surfaces
 from helpers.browser.glb import GlbFile
 from helpers.robots.example_robots import EVERY, scene_of, scenes_of
 

@@ -32,6 +32,7 @@ from avrgym.vr.protocol.messages import (
     TICK_S,
     Answer,
     Back,
+    Disconnected,
     Entered,
     Hello,
     Left,
@@ -47,7 +48,6 @@ from avrgym.vr.protocol.messages import (
     Tracking,
     XRPose,
 )
-from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.protocol.webxr import hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.simulation.starts import begun

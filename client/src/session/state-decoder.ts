@@ -8,7 +8,7 @@ export interface State extends Omit<StateChange, "type" | "joint_targets" | "pos
   poses: Float32Array;
 }
 
-/** The client's end of a connection over which states come as changes; the server's is `vr/protocol/state_changes.py`. */
+/** The client's end of a connection over which states come as changes; the server's is `vr/protocol/state_encoding.py`. */
 export class StateDecoder {
   private targets = new Told(JOINT_STEPS);
   private poses = new Told(POSE_STEPS);

@@ -9,7 +9,7 @@ from typing import Any
 from avrgym.analysis.reading.measures import Measured
 from avrgym.analysis.rows import ParticipantRow
 from avrgym.study.export.separated import neutral
-from avrgym.system.user_text import new_table
+from avrgym.system.files import new_table
 
 
 @dataclass(frozen=True, eq=False)

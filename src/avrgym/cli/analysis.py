@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.logged import log
+from avrgym.cli.activity_log import log
 from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import JsonFile, check_json, plain_errors, say, write_json
 from avrgym.study.storage.analysis_files import FOLDER

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import typer
 
-from avrgym.cli.logged import log
+from avrgym.cli.activity_log import log
 from avrgym.cli.plan import Folder
 from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, say, write_json
 from avrgym.vr.server.addresses import PORT

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.cli.cluster import Address, on_cluster
 from avrgym.cli.options import (
     PEOPLE,
+    Cluster,
     Engine,
     Impairment,
     Seed,
     WithdrawAfterSuccess,
     chosen_environments,
+    on_cluster,
 )
 from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
@@ -148,7 +149,7 @@ def train(
         int | None,
         typer.Option(help="Worlds of an update; without it the task's or the recipe's own number.", min=1),
     ] = None,
-    cluster: Address = None,
+    cluster: Cluster = None,
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -370,7 +371,7 @@ def evaluate(
         ),
     ] = "showing",
     jobs: Jobs = None,
-    cluster: Address = None,
+    cluster: Cluster = None,
     allow_other_environment: Annotated[
         bool,
         typer.Option(

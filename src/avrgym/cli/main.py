@@ -13,7 +13,7 @@ from avrgym.cli.serve import serve, view
 from avrgym.cli.study import app as study_commands
 from avrgym.cli.sweep import sweep
 from avrgym.cli.terminal import plain_errors
-from avrgym.system.headless import check_renderer
+from avrgym.system.mujoco_setup import check_renderer
 
 app = Program(
     cls=Commands,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.logged import log
+from avrgym.cli.activity_log import log
 from avrgym.cli.plan import Folder
 from avrgym.cli.terminal import plain_errors, print_table, say
 

@@ -1,12 +1,17 @@
 """Options that several commands share, and the environments that they name."""
 
-from typing import Annotated
+from collections.abc import Generator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from avrgym.people import population_names
 from avrgym.policies.names import CHOICES
 from avrgym.system.engines import ENGINES
+
+if TYPE_CHECKING:
+    from avrgym.system.cluster import Cluster as ConnectedCluster
 
 PEOPLE = population_names.CHOICES
 Policy = Annotated[str, typer.Option(help=f"Who drives: {CHOICES}.")]
@@ -25,6 +30,15 @@ WithdrawAfterSuccess = Annotated[
     ),
 ]
 Engine = Annotated[str, typer.Option(help=f"Where physics runs: {ENGINES}.")]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        help="Share the work among the workers of a Ray cluster: `local` for one on this computer, `auto`, HOST:PORT "
+        "or ray://HOST:PORT. Changes no result. Needs the extra `cluster`.",
+        metavar="ADDRESS",
+    ),
+]
 
 
 def chosen_environments(environments: list[str] | None, every: bool) -> list[str]:
@@ -42,3 +56,19 @@ def chosen_environments(environments: list[str] | None, every: bool) -> list[str
     for environment in environments:
         find_environment(environment)
     return environments
+
+
+@contextmanager
+def on_cluster(address: str | None, jobs: int | None) -> Generator["ConnectedCluster | None"]:
+    """A connection to the cluster that was asked for, if one was.
+
+    Raises:
+        RuntimeError: where no cluster answers.
+    """
+    if address is None:
+        yield None
+        return
+    from avrgym.system.cluster import connected
+
+    with connected(address, jobs) as cluster:
+        yield cluster

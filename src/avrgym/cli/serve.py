@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.cli.logged import logged
+from avrgym.cli.activity_log import logged
 from avrgym.cli.names import unlock
 from avrgym.cli.options import PEOPLE, Impairment, Policy, Seed
 from avrgym.cli.terminal import plain_errors, say, warn
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from avrgym.study.sessions.serving import StudySessions
     from avrgym.vr.lab_streaming.choice import StreamChoice
     from avrgym.vr.protocol.messages import Send
-    from avrgym.vr.server.access import Caller
+    from avrgym.vr.server.authentication import Caller
     from avrgym.vr.server.certificate import Certificate
-    from avrgym.vr.server.server import LiveServer
+    from avrgym.vr.server.live_server import LiveServer
     from avrgym.vr.session.events import SessionEvent
     from avrgym.vr.session.session import Session
     from avrgym.vr.session.streams import Streams
@@ -116,10 +116,10 @@ def serve(
     from concurrent.futures import ThreadPoolExecutor
 
     from avrgym.models.furniture.real_furniture import REAL_AS_VIRTUAL, real_furniture
-    from avrgym.system.data_folder import data_folder
+    from avrgym.system.files import user_data_folder
     from avrgym.vr.lab_streaming.choice import stream_choice
     from avrgym.vr.server.certificate import certificate_for, lan_names
-    from avrgym.vr.server.server import LiveServer
+    from avrgym.vr.server.live_server import LiveServer
 
     with plain_errors(), ThreadPoolExecutor(1) as workers, ExitStack() as stack:
         if body not in SEXES:
@@ -133,7 +133,7 @@ def serve(
             mattress_back_deg=mattress_back,
         )
         choice = stream_choice(send_streams, receive or [])
-        certificate = certificate_for(lan_names(), data_folder()) if lan else None
+        certificate = certificate_for(lan_names(), user_data_folder()) if lan else None
         address = host or (EVERY_ADDRESS if lan else LOOPBACK[0])
         if participant is not None or (study / "study.toml").is_file():
             if force_guard is not None:
@@ -189,7 +189,7 @@ def _serve_study(
     from avrgym.study.sessions.threads import StoringThread
     from avrgym.study.storage.identity_file import FOLDER as PRIVATE
     from avrgym.study.storage.store import Store
-    from avrgym.vr.server.server import LiveServer
+    from avrgym.vr.server.live_server import LiveServer
 
     unlock(folder)
     with (
@@ -266,7 +266,7 @@ def _free_session(
 ) -> "Callable[[Send], Session]":
     """What makes a session outside of any study."""
     from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, translate
-    from avrgym.texts.texts import read_texts
+    from avrgym.texts.interface_texts import read_texts
     from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, load_policies, practised_trials
     from avrgym.vr.session.session import Session
 
@@ -347,8 +347,8 @@ def view(
     The page shows reward, success and force, pauses, and goes on to the next episode; with
     `--policy operator` it drives the robot.
     """
-    from avrgym.vr.server.server import LiveServer
-    from avrgym.vr.server.viewing import Viewing
+    from avrgym.vr.server.environment_viewer import Viewing
+    from avrgym.vr.server.live_server import LiveServer
 
     with (
         plain_errors(),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from avrgym.cli.logged import log
+from avrgym.cli.activity_log import log
 from avrgym.cli.progress import GOES_ON, progress_bar
 from avrgym.cli.terminal import (
     JsonFile,

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.cli.cluster import Address, on_cluster
+from avrgym.cli.activity_log import log
 from avrgym.cli.experimenters import add_experimenter, experimenters, revoke_experimenter
-from avrgym.cli.logged import log
 from avrgym.cli.names import encrypt_names, names, print_key, unlock
-from avrgym.cli.options import PEOPLE, Impairment
+from avrgym.cli.options import PEOPLE, Cluster, Impairment, on_cluster
 from avrgym.cli.plan import Folder, checked, freeze, plan_of, power
 from avrgym.cli.progress import GOES_ON, progress_bar
 from avrgym.cli.records import (
@@ -277,7 +276,7 @@ def simulate(
     people: Annotated[str, typer.Option(help=f"What participants are like: {PEOPLE}.")] = "participants",
     impairment: Impairment = "none",
     jobs: Jobs = None,
-    cluster: Address = None,
+    cluster: Cluster = None,
     json_file: JsonFile = None,
 ) -> None:
     """Let simulated participants complete the study.

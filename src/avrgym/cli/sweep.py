@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.cluster import Address, on_cluster
+from avrgym.cli.options import Cluster, on_cluster
 from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import Jobs, JsonFile, check_json, plain_errors, print_table, say, write_json
 
@@ -24,7 +24,7 @@ def sweep(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the sweep in the folder, without a file.")
     ] = False,
-    cluster: Address = "local",
+    cluster: Cluster = "local",
     jobs: Jobs = None,
     json_file: JsonFile = None,
 ) -> None:

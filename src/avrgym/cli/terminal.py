@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from avrgym.system.files import write_whole
-from avrgym.system.plain_values import is_array
+from avrgym.system.type_guards import is_array
 
 if TYPE_CHECKING:
     from rich.console import Console

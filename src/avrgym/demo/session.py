@@ -9,11 +9,11 @@ from avrgym.demo.report import telling_moment_s, write_report
 from avrgym.recording.reader import read_recording
 from avrgym.replay.pictures import draw_moment
 from avrgym.replay.trial import ReplayError
-from avrgym.vr.emulation.headset import BrowserAttendance, BrowserMissingError, EmulatedHeadset
-from avrgym.vr.emulation.in_process import InProcessClient
+from avrgym.vr.emulation.emulated_headset import BrowserAttendance, BrowserMissingError, EmulatedHeadset
+from avrgym.vr.emulation.in_process_client import InProcessClient
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol.messages import Message
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from avrgym.doctor import connections, graphics, installation, machine
 from avrgym.doctor.finding import Check, Finding, fault
 from avrgym.doctor.installation import asked_for, offered_extras
-from avrgym.system.data_folder import data_folder
+from avrgym.system.files import user_data_folder
 from avrgym.vr.server.addresses import PORT
 from avrgym.vr.server.certificate import certificate_in, lan_names
 
@@ -24,7 +24,7 @@ CHECKS = (
     Check("port", lambda: connections.port(PORT)),
     Check("network", lambda: connections.network(lan_names())),
     Check("firewall", lambda: connections.firewall(PORT)),
-    Check("certificate", lambda: connections.certificate(certificate_in(data_folder(), lan_names()))),
+    Check("certificate", lambda: connections.certificate(certificate_in(user_data_folder(), lan_names()))),
     Check("processors", machine.processors),
     Check("priority", machine.precedence),
     Check("timer", lambda: machine.timer(machine.oversleep_s())),
@@ -32,7 +32,7 @@ CHECKS = (
     Check("open files", machine.handles),
     Check("disk", lambda: machine.free_space(Path.cwd())),
     Check("this folder", lambda: machine.writable(Path.cwd())),
-    Check("data folder", lambda: machine.writable(data_folder())),
+    Check("data folder", lambda: machine.writable(user_data_folder())),
 )
 
 

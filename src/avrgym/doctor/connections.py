@@ -8,10 +8,10 @@ from pathlib import Path
 
 from avrgym.doctor.finding import Finding, ok, warning
 from avrgym.system.files import exposed
-from avrgym.vr.emulation.headset import find_chromium
+from avrgym.vr.emulation.emulated_headset import find_chromium
 from avrgym.vr.server.addresses import LOOPBACK
 from avrgym.vr.server.certificate import Certificate, reason_to_renew
-from avrgym.vr.server.web import ServerError, listen
+from avrgym.vr.server.web_server import ServerError, listen
 
 PATIENCE_S = 20.0
 UFW = Path("/etc/ufw/ufw.conf")

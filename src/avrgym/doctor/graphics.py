@@ -8,9 +8,11 @@ import sys
 from pathlib import Path
 
 from avrgym.doctor.finding import Finding, fault, ok, warning
-from avrgym.system.headless import HOW_TO_DRAW
+from avrgym.system.mujoco_setup import HOW_TO_DRAW
 
 PATIENCE_S = 60.0
+SCENE = """<mujoco><worldbody><light pos="0 0 3"/><geom size="0.3" rgba="1 0 0 1"/></worldbody></mujoco>"""
+HEIGHT_PX, WIDTH_PX = 48, 64
 KERNEL_DEVICES = Path("/sys/class/drm")
 BY_THE_PROCESSOR = ("llvmpipe", "softpipe", "swrast")
 """What Mesa calls drawing without a graphics card."""
@@ -41,7 +43,7 @@ def _nvidia(program: str) -> Finding:
 
 def drawing() -> Finding:
     """Whether a picture can be drawn, really, and by what."""
-    command = [sys.executable, "-m", "avrgym.doctor.drawing"]
+    command = [sys.executable, "-m", "avrgym.doctor.graphics"]
     try:
         ran = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     except subprocess.TimeoutExpired:
@@ -59,3 +61,23 @@ def _reason(ran: "subprocess.CompletedProcess[str]") -> str:
         return f"the graphics library ended its process ({signal.strsignal(-ran.returncode)})"
     said = [line for line in ran.stderr.splitlines() if line.strip()]
     return said[-1] if said else "it does not say why"
+
+
+def draw_ball() -> str:
+    """Draw a red ball and return the name of the renderer; raise ``RuntimeError`` if the picture does not show it."""
+    import mujoco
+    from OpenGL import GL
+
+    model = mujoco.MjModel.from_xml_string(SCENE)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    with mujoco.Renderer(model, HEIGHT_PX, WIDTH_PX) as renderer:
+        renderer.update_scene(data)
+        red, green, _ = renderer.render()[HEIGHT_PX // 2, WIDTH_PX // 2]
+        if red <= green:
+            raise RuntimeError("a red ball was drawn, but the picture does not show it")
+        return GL.glGetString(GL.GL_RENDERER).decode()
+
+
+if __name__ == "__main__":  # a process of its own, because a graphics library may end it
+    print(draw_ball())

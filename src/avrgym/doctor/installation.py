@@ -10,7 +10,7 @@ from packaging.specifiers import SpecifierSet
 from avrgym.doctor.finding import Finding, fault, ok, warning
 from avrgym.policies.registry import skipped_plugins
 from avrgym.system.extras import FOR_DEVELOPERS
-from avrgym.vr.server.web import HOW_TO_GET_PAGES, PAGES, ServerError, check_page
+from avrgym.vr.server.web_server import HOW_TO_GET_PAGES, PAGES, ServerError, check_page
 
 SHOWN = ("mujoco", "numpy", "gymnasium")
 """The packages whose versions most reports of bugs need."""

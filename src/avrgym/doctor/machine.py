@@ -14,9 +14,9 @@ from avrgym.doctor.finding import Finding, fault, ok, warning
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 from avrgym.vr.protocol.messages import TICK_S
-from avrgym.vr.server import keep_awake
-from avrgym.vr.server.gate import MOST_STRANGERS, SHARE_OF_HANDLES, most_file_handles
-from avrgym.vr.server.loop import PRIORITY, take_precedence
+from avrgym.vr.server import cpu_idle
+from avrgym.vr.server.connection_limits import MOST_STRANGERS, SHARE_OF_HANDLES, most_file_handles
+from avrgym.vr.server.real_time_loop import PRIORITY, take_precedence
 
 SLEEPS = 20
 OVERSLEEP_SHARE = 0.2
@@ -77,9 +77,9 @@ def timer(late_s: float) -> Finding:
     return warning(told, "end other programs, and set the computer to its highest performance")
 
 
-def halting(driver: Path = keep_awake.DRIVER_FILE, latency: Path = keep_awake.LATENCY_FILE) -> Finding:
+def halting(driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENCY_FILE) -> Finding:
     """Whether processors of a virtual machine, which its host gives back late, can be kept from halting."""
-    if not driver.exists() or driver.read_text().strip() != keep_awake.GUEST_DRIVER:
+    if not driver.exists() or driver.read_text().strip() != cpu_idle.GUEST_DRIVER:
         return ok("idle processors wake at once")
     if os.access(latency, os.W_OK, effective_ids=True):
         return ok("the processors of this virtual machine can be kept awake")

@@ -13,7 +13,7 @@ from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_AHEAD_M, Person
 from avrgym.models.human_shape import HEAD_PARTS
 from avrgym.models.scene import build_spec
-from avrgym.system.headless import HOW_TO_DRAW
+from avrgym.system.mujoco_setup import HOW_TO_DRAW
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import View
 

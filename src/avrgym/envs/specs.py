@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
 from avrgym.models.human import Person
-from avrgym.system.plain_values import is_array, is_table
+from avrgym.system.type_guards import is_array, is_table
 
 
 class PlainSpec:

@@ -27,7 +27,7 @@ from avrgym.envs.vector_conventions import (
 )
 from avrgym.models.human import Person, as_person
 from avrgym.system.engines import THREADS
-from avrgym.system.plain_values import is_array
+from avrgym.system.type_guards import is_array
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes, Step, checked_actions
 

@@ -47,9 +47,9 @@ from avrgym.learning.updates import UpdateNormaliser, observation_of
 from avrgym.people.population_names import IMPAIRMENTS, REVISED, TRAIN_ZOO
 from avrgym.policies import registry
 from avrgym.policies.trained import Policy, PolicyMetadata
-from avrgym.system.carried import Carried
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
+from avrgym.system.transferred_files import Carried
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import find_environment, plugins_of, sizes, task_and_scene
 

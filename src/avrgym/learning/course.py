@@ -17,7 +17,7 @@ from avrgym.learning.stable_baselines import Normaliser, Trainee
 from avrgym.networks.policy import HumanRole, Policy
 from avrgym.people.distributions import NAMED
 from avrgym.people.populations import HUMAN_FILE
-from avrgym.system.user_text import read_user_text
+from avrgym.system.files import read_user_text
 
 POLICY_FILE, CHECKPOINT_FILE = "policy.safetensors", "checkpoint.pt"
 

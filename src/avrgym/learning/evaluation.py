@@ -16,9 +16,9 @@ from avrgym.policies import registry
 from avrgym.safety.force_guard import ForceGuard
 from avrgym.safety.region_forces import RegionFigures, RegionLoads, RegionWatch, summed_up
 from avrgym.simulation.engines.engine import check_engine
-from avrgym.system.carried import Carried
 from avrgym.system.engines import THREADS
 from avrgym.system.jobs import cores, report, run_all
+from avrgym.system.transferred_files import Carried
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.registry import find_environment

@@ -19,8 +19,8 @@ from avrgym.policies.actors import Actor, ActorThere
 from avrgym.policies.trained import Policy
 from avrgym.safety.limits import TRANSIENT_LIMIT_N
 from avrgym.safety.region_forces import RegionWatch
-from avrgym.system.carried import Carried
 from avrgym.system.engines import THREADS
+from avrgym.system.transferred_files import Carried
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.experts.filtered import steadied

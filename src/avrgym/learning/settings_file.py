@@ -9,8 +9,8 @@ from typing import Any, get_type_hints
 
 import msgspec
 
-from avrgym.system.plain_values import is_array
-from avrgym.system.user_text import read_user_text
+from avrgym.system.files import read_user_text
+from avrgym.system.type_guards import is_array
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.training_settings import TrainingSettings
 

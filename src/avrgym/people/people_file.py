@@ -11,8 +11,8 @@ from typing import Any
 import msgspec
 
 from avrgym.models.human import JOINTS, TORSO_HEIGHT_RANGE_M
-from avrgym.system.plain_values import is_array, is_table
-from avrgym.system.user_text import read_user_text
+from avrgym.system.files import read_user_text
+from avrgym.system.type_guards import is_array, is_table
 
 Range = tuple[float, float]
 

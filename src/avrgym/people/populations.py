@@ -16,7 +16,7 @@ from avrgym.networks.policy import FILE_SUFFIX, Policy, PolicyError
 from avrgym.people.distributions import NAMED, Distribution, distribution_of, find_distribution
 from avrgym.people.impairments import find_impairment
 from avrgym.people.population_names import Impairment
-from avrgym.system.carried import Carried
+from avrgym.system.transferred_files import Carried
 
 HUMAN_FILE = "human.safetensors"
 """What a training of robot and human calls the human's file."""

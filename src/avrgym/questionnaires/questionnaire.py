@@ -9,7 +9,7 @@ import numpy as np
 
 from avrgym.questionnaires.instrument import Instrument, Response
 from avrgym.questionnaires.registry import INSTRUMENTS
-from avrgym.texts.texts import Texts
+from avrgym.texts.interface_texts import Texts
 
 MOMENTS = ("before_session", "after_trial", "after_session")
 SESSION_MOMENTS = ("before_session", "after_session")

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, get_args
 import msgspec
 
 from avrgym.questionnaires.questionnaire import MOST_POINTS
-from avrgym.system.plain_values import is_array, is_table
+from avrgym.system.type_guards import is_array, is_table
 
 MOST_FRAMES, LONGEST_MS = 256, 60_000
 """What one record of latencies holds at most."""

@@ -46,8 +46,8 @@ from avrgym.replay.output import check_new
 from avrgym.replay.timeline import recorded_scene, timeline_of
 from avrgym.system.files import write_whole
 from avrgym.vr.protocol.messages import XRPose
-from avrgym.vr.scene.rendering import shown_model
-from avrgym.vr.scene.surfaces import Surface, body_surfaces
+from avrgym.vr.scene.body_surfaces import Surface, body_surfaces
+from avrgym.vr.scene.export_process import shown_model
 
 WORLD, TRACKING = "world", "local_floor"
 """The frames: the simulated world, z up; and that of tracked poses, y up, which the headset gives."""

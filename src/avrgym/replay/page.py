@@ -15,7 +15,7 @@ from avrgym.replay.packing import STEP, pack_poses
 from avrgym.replay.timeline import Timeline, aligned, render_recorded
 from avrgym.system.files import PRIVATE_FILE, write_whole
 from avrgym.vr.live_world.scene_message import scene_url
-from avrgym.vr.server.web import STATIC, check_page
+from avrgym.vr.server.web_server import STATIC, check_page
 
 TEMPLATE = "trial.html"
 PLACE = b'<script id="recorded" type="application/json">'

@@ -10,10 +10,10 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from avrgym.recording.reader import Recording
 from avrgym.replay.timeline import Timeline, render_recorded
-from avrgym.vr.server.access import OwnPagesOnly, Tokens
 from avrgym.vr.server.addresses import LOOPBACK
-from avrgym.vr.server.gate import Gate
-from avrgym.vr.server.web import STATIC, WebThread, check_page, listen
+from avrgym.vr.server.authentication import OwnPagesOnly, Tokens
+from avrgym.vr.server.connection_limits import Gate
+from avrgym.vr.server.web_server import STATIC, WebThread, check_page, listen
 
 
 def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:

@@ -14,7 +14,7 @@ from avrgym.replay.trial import Trial, phases, trial_of
 from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.scene.rendering import render_scene
+from avrgym.vr.scene.export_process import render_scene
 from avrgym.vr.session.trial_worlds import resting
 
 FRAME_EVERY_STATES = 2

@@ -1,5 +1,5 @@
 """N worlds of MuJoCo, stepped on threads; its warnings go to the logger ``avrgym.mujoco``."""
 
-from avrgym.system.mujoco_warnings import log_warnings
+from avrgym.system.mujoco_setup import log_warnings
 
 log_warnings()

@@ -1,10 +1,14 @@
-"""Files that appear whole, and that nobody but their owner may use."""
+"""Files: written atomically, readable by their owner alone, edited by users; and the folder of a user's data."""
 
+import codecs
 import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TextIO
+
+import platformdirs
 
 from avrgym.system.processes import is_running
 
@@ -104,3 +108,32 @@ def exposed(path: Path) -> Iterator[Path]:
     for each in (path, *within):
         if not each.is_symlink() and each.stat().st_mode & _OTHERS:
             yield each
+
+
+_USER_ENCODING = "utf-8-sig"
+
+
+def read_user_text(path: Path) -> str:
+    """The text of a file that people edit; editors such as Windows Notepad put a byte-order mark before it.
+
+    Raises:
+        UnicodeDecodeError: for a file in another encoding.
+        OSError: when it cannot be read.
+    """
+    return path.read_text(encoding=_USER_ENCODING)
+
+
+def both_forms(data: bytes) -> tuple[bytes, bytes]:
+    """The bytes of a text in UTF-8 without and with a byte-order mark, for comparisons that accept either."""
+    text = data.removeprefix(codecs.BOM_UTF8)
+    return text, codecs.BOM_UTF8 + text
+
+
+def new_table(path: Path) -> TextIO:
+    """Open a new file for comma-separated values with a byte-order mark, without which Excel garbles umlauts."""
+    return open(path, "x", encoding=_USER_ENCODING, newline="")
+
+
+def user_data_folder() -> Path:
+    """The folder for a user's keys, tokens and certificates; on Linux ``$XDG_DATA_HOME`` or ``~/.local/share``."""
+    return platformdirs.user_data_path("avrgym", appauthor=False)

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from multiprocessing.sharedctypes import Synchronized
 from typing import Any, TypeVar
 
-from avrgym.system.children import end_with_parent, undisturbed
+from avrgym.system.child_processes import end_with_parent, undisturbed
 
 Result = TypeVar("Result")
 

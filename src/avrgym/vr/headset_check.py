@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import msgspec
 
-from avrgym.texts.texts import ENGLISH, Said
+from avrgym.texts.interface_texts import ENGLISH, Said
 from avrgym.vr.latency import STAGE_WORDS
 
 SLOWEST_DISPLAY_HZ = 60.0

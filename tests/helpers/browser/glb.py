@@ -1,4 +1,4 @@
-"""Reads the GLB files that ``avrgym.vr.scene.glb`` writes."""
+"""Reads the GLB files that ``avrgym.vr.scene.glb_writer`` writes."""
 
 import io
 import json

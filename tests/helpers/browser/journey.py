@@ -7,9 +7,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from avrgym.vr.emulation.headset import EmulatedHeadset
+from avrgym.vr.emulation.emulated_headset import EmulatedHeadset
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import Policies, SessionPlan
 from avrgym.vr.session.session import Session

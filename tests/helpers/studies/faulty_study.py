@@ -19,6 +19,7 @@ from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw
 from avrgym.vr.protocol.messages import (
     TICK_S,
     Answer,
+    Disconnected,
     Entered,
     Left,
     Question,
@@ -29,7 +30,6 @@ from avrgym.vr.protocol.messages import (
     Tracking,
     VisibilityChanged,
 )
-from avrgym.vr.protocol.received import Disconnected
 from helpers.studies.small_studies import take_in
 from helpers.vr.device_switch_examples import SIDES, measured, misjudged
 

@@ -23,7 +23,7 @@ from avrgym.study.sessions import visit
 from avrgym.study.sessions.simulation import Cast, simulate_participant, simulated_participant
 from avrgym.study.storage.rows import Trial
 from avrgym.study.storage.store import Store
-from avrgym.vr.emulation import in_process
+from avrgym.vr.emulation import in_process_client
 from avrgym.vr.session.plan import SessionPlan
 
 SEED = 5
@@ -34,8 +34,8 @@ WRITTEN = struct.Struct("<qq")
 
 def make_quick() -> None:
     """Let simulated participants waste no time in this process."""
-    in_process.CALIBRATION_S = 0.6
-    in_process.ANSWER_AFTER_S = 0.05
+    in_process_client.CALIBRATION_S = 0.6
+    in_process_client.ANSWER_AFTER_S = 0.05
     plan_session: Callable[..., SessionPlan] = visit.plan_session
     visit.plan_session = lambda *given, **how: replace(plan_session(*given, **how), countdown_s=0.1)
 

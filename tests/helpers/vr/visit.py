@@ -16,6 +16,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     TICK_S,
     Answer,
+    Disconnected,
     Entered,
     Phase,
     Problem,
@@ -26,7 +27,6 @@ from avrgym.vr.protocol.messages import (
     Send,
     Stop,
 )
-from avrgym.vr.protocol.received import Disconnected
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session

@@ -10,7 +10,7 @@ from avrgym.study.people.consents import named, present_text, to_other_texts
 from avrgym.study.storage.rows import Consent, ConsentText
 from avrgym.study.storage.sites import site_of
 from avrgym.study.storage.store import Store, find_all
-from avrgym.texts.texts import normal
+from avrgym.texts.interface_texts import normal
 
 
 def check_consents(store: Store) -> Iterator[Finding]:

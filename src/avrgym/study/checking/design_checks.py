@@ -20,9 +20,9 @@ from avrgym.study.storage.session_designs import (
     listed,
 )
 from avrgym.study.storage.store import Store
-from avrgym.system.toml_places import Place
-from avrgym.texts.texts import FOLDER as TEXTS
-from avrgym.texts.texts import TextsError, normal
+from avrgym.system.toml_lines import Place
+from avrgym.texts.interface_texts import FOLDER as TEXTS
+from avrgym.texts.interface_texts import TextsError, normal
 
 AT_ADMISSION = ("inclusion", "order of inclusion")
 """Fields that participants answer before the first session."""

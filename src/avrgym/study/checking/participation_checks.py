@@ -11,7 +11,7 @@ from avrgym.study.storage.reconciliation import RESTORED, SET_BACK
 from avrgym.study.storage.rows import RECORDINGS, pseudonym_of
 from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
-from avrgym.system.data_folder import data_folder
+from avrgym.system.files import user_data_folder
 
 
 def check_participation(store: Store) -> Iterator[Finding]:
@@ -89,7 +89,7 @@ def list_fault(store: Store, listed: Participation | None, beginnings: Mapping[i
     if listed.fault:
         return listed.fault
     if not listed.is_signed_here():
-        return f"is not signed with this user's key ({data_folder() / signing.KEY})"
+        return f"is not signed with this user's key ({user_data_folder() / signing.KEY})"
     if not store.database.is_sqlite:
         return "may lack what other stations stored in PostgreSQL"
     return next(_faults(store, listed, beginnings), "")

@@ -31,9 +31,9 @@ from avrgym.study.people.participants import (
 from avrgym.study.storage.free_text import MOST_IN_LINE, MOST_IN_NOTE
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.vr.server.access import Caller, Tokens
-from avrgym.vr.server.links import SessionLinks
-from avrgym.vr.server.posted import posted_json
+from avrgym.vr.server.authentication import Caller, Tokens
+from avrgym.vr.server.request_body import posted_json
+from avrgym.vr.server.session_links import SessionLinks
 
 MAX_BODY_BYTES = 1 << 16
 

@@ -20,7 +20,7 @@ from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
-from avrgym.vr.server.access import Caller
+from avrgym.vr.server.authentication import Caller
 
 VIEW_ENDS_S = 600.0
 """Pages send requests repeatedly: a view ends after this time without a request."""

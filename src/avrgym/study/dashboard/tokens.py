@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Self
 
 from avrgym.study.people.experimenters import Experimenters
-from avrgym.vr.server.access import ENTER_CODE, LINK_ENDED, Caller, Refusal, Tokens
-from avrgym.vr.server.links import SessionLinks
+from avrgym.vr.server.authentication import ENTER_CODE, LINK_ENDED, Caller, Refusal, Tokens
+from avrgym.vr.server.session_links import SessionLinks
 
 
 @dataclass(frozen=True)

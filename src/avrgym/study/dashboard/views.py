@@ -29,8 +29,8 @@ from avrgym.study.storage.rows import Note, Participant, Trial, TrialAttempt
 from avrgym.study.storage.states import PARTICIPANT
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import find_environment
-from avrgym.texts.texts import read_texts
-from avrgym.vr.server.links import SessionLinks
+from avrgym.texts.interface_texts import read_texts
+from avrgym.vr.server.session_links import SessionLinks
 
 SHORT_BYTES = 2_000_000_000
 """Of free disk; a recorded trial of 20 s takes a few MB."""

@@ -10,10 +10,10 @@ import msgspec
 
 from avrgym.study.design.design import LOCAL, Design
 from avrgym.study.design.languages import sentences
-from avrgym.system.plain_values import is_array, is_table
-from avrgym.system.toml_places import Place
+from avrgym.system.toml_lines import Place
+from avrgym.system.type_guards import is_array, is_table
 from avrgym.tasks.registry import TASKS
-from avrgym.texts.texts import Texts, normal, read_texts, shipped
+from avrgym.texts.interface_texts import Texts, normal, read_texts, shipped
 
 NOT_FIXED = (*LOCAL, "reporting")
 """Fields of each site, and fields for publications; they are not compared."""

@@ -29,7 +29,7 @@ from avrgym.study.design.validation import (
     parse,
     read_text,
 )
-from avrgym.system.toml_places import Place
+from avrgym.system.toml_lines import Place
 from avrgym.tasks.constants import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault

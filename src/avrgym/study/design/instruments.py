@@ -16,9 +16,9 @@ from avrgym.questionnaires.instrument import Instrument, InstrumentItem, check_w
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.study.design.validation import Wrong, check_fields, check_known
-from avrgym.system.plain_values import is_array, is_table
-from avrgym.system.toml_places import Place
-from avrgym.system.user_text import read_user_text
+from avrgym.system.files import read_user_text
+from avrgym.system.toml_lines import Place
+from avrgym.system.type_guards import is_array, is_table
 
 FOLDER = "instruments"
 FIELDS = ("use", "name", "when", "order", "weights")

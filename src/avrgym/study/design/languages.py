@@ -11,8 +11,8 @@ from avrgym.study.design import functioning
 from avrgym.study.design.instruments import FOLDER as INSTRUMENTS
 from avrgym.study.design.validation import Wrong, check_unique
 from avrgym.tasks.registry import TASKS
-from avrgym.texts.texts import FOLDER, TextsError, read_texts
-from avrgym.texts.texts import FOLDER as TEXTS
+from avrgym.texts.interface_texts import FOLDER, TextsError, read_texts
+from avrgym.texts.interface_texts import FOLDER as TEXTS
 
 if TYPE_CHECKING:
     from avrgym.study.design.design import Design

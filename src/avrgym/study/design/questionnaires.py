@@ -6,7 +6,7 @@ from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS, Item, Ques
 from avrgym.questionnaires.stop_rules import THEN, StopRules
 from avrgym.study.design.instruments import check_use
 from avrgym.study.design.validation import Wrong, check_choice, check_id, check_known, check_unique
-from avrgym.system.toml_places import Place
+from avrgym.system.toml_lines import Place
 
 
 def check_questionnaires(questionnaires: Sequence[Questionnaire]) -> None:

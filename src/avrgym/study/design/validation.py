@@ -9,8 +9,8 @@ import msgspec
 import tomlkit
 from tomlkit.exceptions import ParseError, TOMLKitError
 
-from avrgym.system.toml_places import Place, line_of
-from avrgym.system.user_text import read_user_text
+from avrgym.system.files import read_user_text
+from avrgym.system.toml_lines import Place, line_of
 
 NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 

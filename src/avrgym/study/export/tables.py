@@ -20,7 +20,7 @@ from avrgym.study.export.trials import ExportedAttempt, all_attempts, answers_of
 from avrgym.study.storage.item_versions import Asked
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.user_text import new_table
+from avrgym.system.files import new_table
 
 
 def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extras: Extras = WITHOUT) -> None:

@@ -15,8 +15,8 @@ from avrgym.study.plan.frozen_plan import FROZEN, read_frozen
 from avrgym.study.plan.plan import FILE as PLAN
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.toml_places import Place, line_of
-from avrgym.texts.texts import read_texts
+from avrgym.system.toml_lines import Place, line_of
+from avrgym.texts.interface_texts import read_texts
 
 MUST_AGREE = ("tasks", "robots", "policies", "practice_policy")
 """Without these there is nothing to be taken together."""

@@ -11,7 +11,7 @@ from avrgym.study.storage.rows import Consent, ConsentText, Participant, pseudon
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all
-from avrgym.texts.texts import TextsError, normal, read_texts
+from avrgym.texts.interface_texts import TextsError, normal, read_texts
 
 RECORDED = ("version", "language", "sha256", "at")
 """Fields of a consent in recordings."""

@@ -27,7 +27,7 @@ from avrgym.study.storage.store import (
     store_design,
 )
 from avrgym.study.storage.study_folder import known_numbers
-from avrgym.texts.texts import Texts, TextsError, read_texts
+from avrgym.texts.interface_texts import Texts, TextsError, read_texts
 
 CONSENTED_AGAIN = "participant consented again"
 """The event of a consent to another version than before."""

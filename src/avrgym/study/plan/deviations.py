@@ -38,10 +38,10 @@ from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.session_designs import designs_used, listed
 from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
-from avrgym.system.toml_places import Place
+from avrgym.system.files import both_forms
+from avrgym.system.toml_lines import Place
 from avrgym.system.used_plugins import differences as plugin_differences
-from avrgym.system.user_text import both_forms
-from avrgym.texts.texts import TextsError
+from avrgym.texts.interface_texts import TextsError
 
 Change = tuple[Place, Any, Any]
 """A place, and the values there before and after, of which one may be ``NOTHING``."""

@@ -10,7 +10,7 @@ from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design
 from avrgym.study.design.validation import Tables, Wrong, parse, read_text
 from avrgym.study.storage.states import StudyError
-from avrgym.system.toml_places import Place
+from avrgym.system.toml_lines import Place
 
 FILE = "plan.toml"
 CONFIRMATORY, EXPLORATORY, NOT_PLANNED = "confirmatory", "exploratory", "not in the plan"

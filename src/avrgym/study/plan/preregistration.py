@@ -13,8 +13,7 @@ from avrgym.study.plan.frozen_plan import FROZEN, check_untouched, read_frozen
 from avrgym.study.plan.plan import Offered, Plan, read_plan
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.files import write_new
-from avrgym.system.user_text import read_user_text
+from avrgym.system.files import read_user_text, write_new
 
 Fields = Mapping[str, Mapping[str, str]]
 """By section and heading what to fill in."""

@@ -6,9 +6,9 @@ from avrgym.study.storage.rows import Participant, ParticipantLink, StudySession
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all, find_open_session
-from avrgym.texts.texts import ENGLISH, Texts
+from avrgym.texts.interface_texts import ENGLISH, Texts
 from avrgym.vr.protocol.messages import Language
-from avrgym.vr.server.links import SessionLinks, link_sha256, new_link
+from avrgym.vr.server.session_links import SessionLinks, link_sha256, new_link
 
 
 def make_link(store: Store, session_id: int) -> str:

@@ -12,10 +12,19 @@ from avrgym.study.sessions.session_questions import SessionQuestions
 from avrgym.study.sessions.visit import StudyVisit, has_more
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.texts.texts import Said, Texts, read_texts
-from avrgym.vr.protocol.messages import PROTOCOL, Language, Phase, PhaseName, Problem, Role, Send, Welcome
-from avrgym.vr.protocol.received import Received
-from avrgym.vr.server.links import SessionLinks
+from avrgym.texts.interface_texts import Said, Texts, read_texts
+from avrgym.vr.protocol.messages import (
+    PROTOCOL,
+    Language,
+    Phase,
+    PhaseName,
+    Problem,
+    Received,
+    Role,
+    Send,
+    Welcome,
+)
+from avrgym.vr.server.session_links import SessionLinks
 from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
 

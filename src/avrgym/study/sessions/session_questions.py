@@ -5,7 +5,7 @@ from concurrent.futures import Future
 from avrgym.questionnaires.stop_rules import THEN, Verdict
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage.states import StudyError
-from avrgym.texts.texts import Said
+from avrgym.texts.interface_texts import Said
 from avrgym.vr.protocol.messages import (
     PROTOCOL,
     Answer,
@@ -14,11 +14,11 @@ from avrgym.vr.protocol.messages import (
     Phase,
     Problem,
     Ready,
+    Received,
     Role,
     Send,
     Welcome,
 )
-from avrgym.vr.protocol.received import Received
 from avrgym.vr.session.questions import Questions
 
 WORDS = {"before_session": Said("questions_before"), "after_session": Said("questions_after")}

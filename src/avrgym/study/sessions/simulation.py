@@ -29,7 +29,7 @@ from avrgym.study.storage.store import Store
 from avrgym.system.jobs import cores, run_all
 from avrgym.tasks.company import find_company
 from avrgym.tasks.registry import TASKS
-from avrgym.vr.emulation.in_process import ANSWER_AFTER_S, STATE_EVERY_TICKS, InProcessClient
+from avrgym.vr.emulation.in_process_client import ANSWER_AFTER_S, STATE_EVERY_TICKS, InProcessClient
 from avrgym.vr.emulation.simulated_participant import (
     PARTICIPANTS,
     SimulatedParticipant,

@@ -37,7 +37,7 @@ from avrgym.study.storage.sessions import close_session, open_session, skip_tria
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import find_environment
-from avrgym.texts.texts import Texts
+from avrgym.texts.interface_texts import Texts
 from avrgym.vr.protocol.messages import Command, Language, Send
 from avrgym.vr.session import events
 from avrgym.vr.session.events import Observer, SessionEvent

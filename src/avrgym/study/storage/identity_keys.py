@@ -14,8 +14,7 @@ import msgspec
 from cryptography.hazmat.primitives.kdf.scrypt import Scrypt
 
 from avrgym.study.storage.states import StudyError
-from avrgym.system.data_folder import data_folder
-from avrgym.system.files import make_private_folder, write_new
+from avrgym.system.files import make_private_folder, user_data_folder, write_new
 
 PASSPHRASE, KEY_FILE = "AVRGYM_STUDY_PASSPHRASE", "AVRGYM_STUDY_KEY_FILE"
 """Variables of the environment."""
@@ -88,7 +87,7 @@ def key_of(folder: Path, lock: Lock, *, make: bool = False) -> bytes:
 def key_path(lock: Lock) -> Path:
     """Where the key file of a lock is."""
     named = os.environ.get(KEY_FILE)
-    return Path(named) if named else data_folder() / "keys" / f"{lock.salt}.key"
+    return Path(named) if named else user_data_folder() / "keys" / f"{lock.salt}.key"
 
 
 def _from_file(folder: Path, path: Path, *, make: bool) -> bytes:

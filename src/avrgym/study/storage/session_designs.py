@@ -18,7 +18,7 @@ from avrgym.study.storage.sites import DIFFERS
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS, find_environment
-from avrgym.texts.texts import TextsError, normal, read_texts
+from avrgym.texts.interface_texts import TextsError, normal, read_texts
 
 Translate = Callable[[str], str]
 AFTER_TRIAL = "after_trial"

@@ -15,8 +15,13 @@ from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
-from avrgym.system.data_folder import data_folder
-from avrgym.system.files import PRIVATE_FILE, make_private_folder, private_opener, write_whole
+from avrgym.system.files import (
+    PRIVATE_FILE,
+    make_private_folder,
+    private_opener,
+    user_data_folder,
+    write_whole,
+)
 
 KEY = "signing-key.pem"
 _STUDIES = "studies"
@@ -33,7 +38,7 @@ class LastEntry(msgspec.Struct, frozen=True):
 def own_key() -> Ed25519PrivateKey | None:
     """This user's key, made when it is missing; ``None`` where it can be neither read nor written."""
     try:
-        return _key_in(data_folder())
+        return _key_in(user_data_folder())
     except (OSError, ValueError):
         return None
 
@@ -98,7 +103,7 @@ def known_end(folder: Path) -> LastEntry | None:
 
 def moved_end(list_digest: str) -> LastEntry | None:
     """The last known entry of this list in a folder that no longer exists, because the study was moved or deleted."""
-    for path in sorted((data_folder() / _STUDIES).glob("*.json")):
+    for path in sorted((user_data_folder() / _STUDIES).glob("*.json")):
         with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
             known = _read(path)
             if known.list_digest == list_digest and not Path(known.folder).exists():
@@ -112,4 +117,4 @@ def _read(path: Path) -> LastEntry:
 
 def _path_of(folder: Path) -> Path:
     name = hashlib.sha256(str(folder.resolve()).encode("utf-8", "surrogateescape")).hexdigest()[:32]
-    return data_folder() / _STUDIES / f"{name}.json"
+    return user_data_folder() / _STUDIES / f"{name}.json"

@@ -22,15 +22,14 @@ from websockets.sync.client import ClientConnection, connect
 from avrgym.array_types import FloatArray
 from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, PolicyMetadata
-from avrgym.system.children import undisturbed
+from avrgym.system.child_processes import undisturbed
 from avrgym.tasks.registry import sizes
 from avrgym.vr.benchmark.cpu_steal import CpuSteal, Span, outside, within_s
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import TICK_S
-from avrgym.vr.protocol.received import Received
-from avrgym.vr.server.loop import LateTick, RealTimeLoop
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.protocol.messages import TICK_S, Received
+from avrgym.vr.server.live_server import LiveServer
+from avrgym.vr.server.real_time_loop import LateTick, RealTimeLoop
 from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session
 

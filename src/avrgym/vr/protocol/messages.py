@@ -574,3 +574,14 @@ def _decode(decoder: msgspec.msgpack.Decoder[_Any], data: bytes) -> _Any:
         raise msgspec.DecodeError(f"text that is not UTF-8: {error}") from error
     except RecursionError as error:
         raise msgspec.DecodeError("nested too deeply") from error
+
+
+# What a session receives -----------------------------------------------------------------------------------
+
+
+class Disconnected(msgspec.Struct, frozen=True):
+    """The participant's connection has closed."""
+
+
+Received = ClientMessage | ExperimenterMessage | Disconnected
+"""Everything that a session receives: messages of its clients, and the end of the participant's connection."""

@@ -31,8 +31,8 @@ from avrgym.array_types import FloatArray
 from avrgym.models import human
 from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.colours import geom_colours, linear_from_srgb, texture_of, texture_pixels
-from avrgym.vr.scene.glb import Glb
-from avrgym.vr.scene.meshes import geom_mesh, pose_matrix
+from avrgym.vr.scene.geom_meshes import geom_mesh, pose_matrix
+from avrgym.vr.scene.glb_writer import Glb
 from avrgym.vr.scene.skins import Bone, Skin, closed, joined, skins_of
 
 Piece = tuple[trimesh.Trimesh, FloatArray]

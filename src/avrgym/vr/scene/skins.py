@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from avrgym.array_types import BoolArray, FloatArray, NumpyArray
 from avrgym.models.colours import skin_colours
-from avrgym.vr.scene.meshes import pose_matrix
+from avrgym.vr.scene.geom_meshes import pose_matrix
 
 BONES_PER_VERTEX = 4
 TWISTING = ("upper_arm", "forearm")

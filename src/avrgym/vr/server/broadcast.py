@@ -18,7 +18,7 @@ from avrgym.vr.protocol.messages import (
     Timing,
     Welcome,
 )
-from avrgym.vr.server.access import LINK_ENDED, Refusal
+from avrgym.vr.server.authentication import LINK_ENDED, Refusal
 
 T = TypeVar("T")
 

@@ -14,6 +14,7 @@ from fastapi import WebSocket, WebSocketDisconnect
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     TICK_S,
+    Disconnected,
     Hello,
     Message,
     Passed,
@@ -24,13 +25,12 @@ from avrgym.vr.protocol.messages import (
     State,
     Tracking,
 )
-from avrgym.vr.protocol.received import Disconnected
-from avrgym.vr.protocol.state_changes import StateEncoder
-from avrgym.vr.server.access import LINK_ENDED, Caller, Tokens
+from avrgym.vr.protocol.state_encoding import StateEncoder
+from avrgym.vr.server.authentication import LINK_ENDED, Caller, Tokens
 from avrgym.vr.server.broadcast import Broadcast, Farewell, Outbox
-from avrgym.vr.server.gate import Gate
+from avrgym.vr.server.connection_limits import Gate
 from avrgym.vr.server.inbox import holds_robot
-from avrgym.vr.server.loop import RealTimeLoop, S
+from avrgym.vr.server.real_time_loop import RealTimeLoop, S
 
 _log = logging.getLogger("uvicorn.error")
 HELLO_TIMEOUT_S = 5.0

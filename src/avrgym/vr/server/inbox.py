@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import get_args
 
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.received import Disconnected, Received
+from avrgym.vr.protocol.messages import Disconnected, Received
 
 MESSAGES_PER_TICK = 64
 MESSAGES_S = 0.002

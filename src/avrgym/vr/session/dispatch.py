@@ -1,8 +1,7 @@
 """Which of a phase's methods takes which message; whose each message may be, the server sees to."""
 
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import CommandName
-from avrgym.vr.protocol.received import Disconnected, Received
+from avrgym.vr.protocol.messages import CommandName, Disconnected, Received
 from avrgym.vr.session.interruptions import lost_visibility
 from avrgym.vr.session.phases import Phase
 

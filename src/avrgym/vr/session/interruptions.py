@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from avrgym.models.body_names import PART_LABELS, Part
-from avrgym.texts.texts import Said
+from avrgym.texts.interface_texts import Said
 from avrgym.vr.protocol.messages import Visibility
 from avrgym.vr.session import events
 

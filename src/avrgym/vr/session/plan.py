@@ -11,7 +11,7 @@ from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
 from avrgym.questionnaires.stop_rules import StopRules
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import TASKS, find_environment
-from avrgym.texts.texts import ENGLISH, Texts
+from avrgym.texts.interface_texts import ENGLISH, Texts
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from avrgym.models.human import Person
 from avrgym.questionnaires.stop_rules import Verdict
 from avrgym.vr.live_world.world import ControlStep, LiveWorld
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import PhaseName, Send
-from avrgym.vr.protocol.received import Received
+from avrgym.vr.protocol.messages import PhaseName, Received, Send
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session import events
 from avrgym.vr.session.attempt import Attempt, Experience, versions

@@ -15,7 +15,7 @@ from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
 from avrgym.safety.force_guard import ACTS, RESTS
 from avrgym.safety.withdrawal import WITHDRAWS
-from avrgym.texts.texts import Said
+from avrgym.texts.interface_texts import Said
 from avrgym.vr.headset_check import HeadsetCheck
 from avrgym.vr.latency import is_whole, percentiles_ms
 from avrgym.vr.live_world.drivers import Driver, Operator

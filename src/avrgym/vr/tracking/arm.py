@@ -20,9 +20,9 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
+from avrgym.geometry.rotation_matrices import from_euler_xyz
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, UPPER_RAD, Person
-from avrgym.vr.protocol import axes
 
 ARM_PARTS = ("shoulder_y", "shoulder_x", "shoulder_z", "elbow_x", "forearm_z", "wrist_x", "wrist_y")
 _RIGHT = [JOINT_INDEX[f"right_{part}"] for part in ARM_PARTS]
@@ -346,6 +346,6 @@ def solution_ms(calls: int = 1000) -> float:
     return median(times)
 
 
-_FORWARD_AXES = axes.of_xyz(-0.5 * np.pi, 0.0, 0.0)
+_FORWARD_AXES = from_euler_xyz(-0.5 * np.pi, 0.0, 0.0)
 AT_REST_RAD = np.radians([8.0, -15.0, 0.0, -90.0, 0.0, 0.0, 0.0])
 """Hanging a little forward and outward, the elbow bent."""

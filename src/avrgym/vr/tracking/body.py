@@ -7,9 +7,10 @@ from math import atan2, cos, radians, sin
 import numpy as np
 
 from avrgym.array_types import FloatArray
+from avrgym.geometry.rotation_matrices import from_euler_xyz, from_quaternion, to_euler_xyz
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, SEATED, UPPER_RAD, Person, Posture, Sex
-from avrgym.vr.protocol import axes, messages
+from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.arm import ARM_PARTS, MAX_TURN_RAD, ArmLengths, ArmSolver
 
@@ -68,7 +69,7 @@ def skeleton(person: Person, posture: Posture) -> messages.Skeleton:
 
 @lru_cache
 def _hips_frame(sex: Sex, posture: Posture) -> tuple[FloatArray, FloatArray]:
-    return posture.hips(PROPORTIONS[sex]), axes.of_xyz(radians(posture.hips_deg), 0.0, 0.0)
+    return posture.hips(PROPORTIONS[sex]), from_euler_xyz(radians(posture.hips_deg), 0.0, 0.0)
 
 
 def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> FloatArray:
@@ -86,16 +87,16 @@ def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> Float
     p = PROPORTIONS[person.sex]
     scale = person.torso_height_m / p.torso_height
     hips_w, hips_axes_w = hips_frame(person, posture)
-    head_axes = hips_axes_w.T @ axes.of_quaternion(head.q_w)
+    head_axes = hips_axes_w.T @ from_quaternion(head.q_w)
     psi = hips_axes_w.T @ (head.pos_w - hips_w) - p.head_centre_rise * scale * head_axes[:, 2]
     x, y, z = psi.tolist()
     z -= p.waist_rise * scale
     a = -atan2(y, z)
     b = atan2(x * cos(a), z)
     a, b, _ = _limited(WAIST_RANGES_RAD, (a, b, 0.0))
-    yaw = WAIST_YAW_SHARE * axes.xyz_of(axes.of_xyz(a, b, 0.0).T @ head_axes)[2]
+    yaw = WAIST_YAW_SHARE * to_euler_xyz(from_euler_xyz(a, b, 0.0).T @ head_axes)[2]
     waist = _limited(WAIST_RANGES_RAD, (a, b, yaw))
-    return np.array([*waist, *_limited(HEAD_RANGES_RAD, axes.xyz_of(axes.of_xyz(*waist).T @ head_axes))])
+    return np.array([*waist, *_limited(HEAD_RANGES_RAD, to_euler_xyz(from_euler_xyz(*waist).T @ head_axes))])
 
 
 def _limited(
@@ -158,7 +159,7 @@ class BodySolver:
             side: hand for side, hand in (("right", pose.right), ("left", pose.left)) if hand is not None
         }
         pos_t = np.array([hand.pos_w - waist_w for hand in hands.values()]).reshape(-1, 3) @ torso_axes_w
-        axes_w = np.array([axes.of_quaternion(hand.q_w) for hand in hands.values()]).reshape(-1, 3, 3)
+        axes_w = np.array([from_quaternion(hand.q_w) for hand in hands.values()]).reshape(-1, 3, 3)
         reflect = np.array([_REFLECT[side] for side in hands]).reshape(-1, 3)
         return _Aim(
             torso_rad,
@@ -171,7 +172,7 @@ class BodySolver:
     def _torso_frame(self, waist_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Where the waist is in the world, (3,), and the torso's axes (3, 3) as columns."""
         hips_w, hips_axes_w = hips_frame(self.person, self.posture)
-        return hips_w + hips_axes_w @ self._waist_h, hips_axes_w @ axes.of_xyz(*waist_rad.tolist())
+        return hips_w + hips_axes_w @ self._waist_h, hips_axes_w @ from_euler_xyz(*waist_rad.tolist())
 
 
 _REFLECT = {"right": (1.0, 1.0, 1.0), "left": (-1.0, 1.0, 1.0)}

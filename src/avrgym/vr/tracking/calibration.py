@@ -16,12 +16,12 @@ from statistics import fmean
 import numpy as np
 
 from avrgym.array_types import FloatArray
+from avrgym.geometry.rotation_matrices import from_euler_xyz, from_quaternion
 from avrgym.models import human
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import PROPORTIONS, SEATED, Person, Posture, Sex
 from avrgym.models.human.person import check_arm_scale
-from avrgym.texts.texts import Said, SaidError
-from avrgym.vr.protocol import axes
+from avrgym.texts.interface_texts import Said, SaidError
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, head_pose
 from avrgym.vr.tracking.arm import ArmLengths
@@ -60,7 +60,7 @@ def arm_length_m(person: Person, posture: Posture, pose: BodyPose) -> float | No
     """How far the farther of two wrists is from the shoulder of a person, metres; ``None`` where no hand is tracked."""
     measures = skeleton(person, posture)
     hips_w, hips_axes_w = hips_frame(person, posture)
-    torso_axes_w = hips_axes_w @ axes.of_xyz(*torso_angles(person, pose.head, posture)[:3].tolist())
+    torso_axes_w = hips_axes_w @ from_euler_xyz(*torso_angles(person, pose.head, posture)[:3].tolist())
     waist_w = hips_w + hips_axes_w @ np.array(measures.waist)
     far_m = [
         float(np.linalg.norm(_wrist_w(hand, measures.hand_m) - waist_w - torso_axes_w @ (side * shoulder)))
@@ -75,7 +75,7 @@ _RIGHT, _LEFT = np.array([1.0, 1.0, 1.0]), np.array([-1.0, 1.0, 1.0])
 
 
 def _wrist_w(hand: Pose, hand_m: float) -> FloatArray:
-    return hand.pos_w + hand_m * axes.of_quaternion(hand.q_w)[:, 2]
+    return hand.pos_w + hand_m * from_quaternion(hand.q_w)[:, 2]
 
 
 def measure_arm_scale(person: Person, reached_m: Sequence[float]) -> float:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.texts.texts import Said, SaidError
+from avrgym.texts.interface_texts import Said, SaidError
 from avrgym.vr.protocol.messages import Modality, Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, hand_pose, hand_pose_from_wrist, head_pose, is_valid
 from avrgym.vr.tracking.body import BodyPose

@@ -12,8 +12,8 @@ from math import sqrt
 import numpy as np
 
 from avrgym.array_types import FloatArray
+from avrgym.geometry.rotation_matrices import from_euler_xyz, from_quaternion
 from avrgym.models.human import Person, Posture
-from avrgym.vr.protocol import axes
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import HEAD, WAIST, resting_head_centre, skeleton
 
@@ -44,7 +44,7 @@ class Sliding:
     def __init__(self, person: Person, posture: Posture) -> None:
         measures = skeleton(person, posture)
         w, x, y, z = measures.hips_q_w
-        self._hips_axes_w = axes.of_quaternion(np.array([w, x, y, z]))
+        self._hips_axes_w = from_quaternion(np.array([w, x, y, z]))
         self._waist_w = np.array(measures.hips_pos_w) + self._hips_axes_w @ np.array(measures.waist)
         self._neck_t, self._head_centre_m = np.array(measures.neck), measures.head_centre_m
         self._rest_w = resting_head_centre(person, posture)
@@ -67,8 +67,8 @@ class Sliding:
     def head_centre_w(self, joint_angles_rad: FloatArray) -> FloatArray:
         """Where joint angles (20,) bring the head's centre, (3,)."""
         waist, head = joint_angles_rad[WAIST].tolist(), joint_angles_rad[HEAD].tolist()
-        torso_axes_w = self._hips_axes_w @ axes.of_xyz(*waist)
-        up_w = (torso_axes_w @ axes.of_xyz(*head))[:, 2]
+        torso_axes_w = self._hips_axes_w @ from_euler_xyz(*waist)
+        up_w = (torso_axes_w @ from_euler_xyz(*head))[:, 2]
         return self._waist_w + torso_axes_w @ self._neck_t + self._head_centre_m * up_w
 
     def _glide(self, head: Pose) -> Glide | None:
@@ -78,7 +78,7 @@ class Sliding:
         if far_m <= SLID_M:
             return None
         direction = away / far_m
-        neck_w = head.pos_w - self._head_centre_m * axes.of_quaternion(head.q_w)[:, 2] - self._waist_w
+        neck_w = head.pos_w - self._head_centre_m * from_quaternion(head.q_w)[:, 2] - self._waist_w
         along_m = float(neck_w @ direction)
         too_far = float(neck_w @ neck_w - self._neck_t @ self._neck_t)
         way_m = along_m - sqrt(max(along_m * along_m - too_far, 0.0))

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from typing import Self
 
 from avrgym.questionnaires.questionnaire import Item, translate
-from avrgym.texts.texts import Said
+from avrgym.texts.interface_texts import Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.headset_measuring import HeadsetMeasurement

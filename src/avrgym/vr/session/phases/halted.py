@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Self
 
-from avrgym.texts.texts import Said
+from avrgym.texts.interface_texts import Said
 from avrgym.vr.session import phases
 from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.phases.kinds import Resting

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Self
 
 from avrgym.recording.schema import AttemptEnd
-from avrgym.texts.texts import Said
+from avrgym.texts.interface_texts import Said
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import UNTRACKED, Interruption

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Self
 
-from avrgym.texts.texts import ENGLISH, Said
+from avrgym.texts.interface_texts import ENGLISH, Said
 from avrgym.vr.live_world.drivers import Driver
 from avrgym.vr.live_world.world import ControlStep
 from avrgym.vr.protocol import messages

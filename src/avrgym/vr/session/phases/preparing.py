@@ -9,7 +9,7 @@ from typing import Self
 
 from avrgym.models import human
 from avrgym.simulation.room import NoRoomError
-from avrgym.texts.texts import Said, SaidError
+from avrgym.texts.interface_texts import Said, SaidError
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.phases.kinds import InVR, Ongoing, Resting

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Self
 
 from avrgym.safety.withdrawal import WITHDRAWAL
-from avrgym.texts.texts import Said
+from avrgym.texts.interface_texts import Said
 from avrgym.vr.live_world.drivers import Driver, Operator
 from avrgym.vr.live_world.world import ControlStep
 from avrgym.vr.protocol import messages

@@ -51,12 +51,12 @@ from avrgym.vr.protocol.messages import (
     Stop,
     Welcome,
 )
-from avrgym.vr.protocol.state_changes import StateDecoder
-from avrgym.vr.scene import rendering as rendering_module
-from avrgym.vr.scene.rendering import SceneRenderer
-from avrgym.vr.server import broadcast, connection, web
-from avrgym.vr.server.server import LiveServer
-from avrgym.vr.server.web import ServerError
+from avrgym.vr.protocol.state_encoding import StateDecoder
+from avrgym.vr.scene import export_process as rendering_module
+from avrgym.vr.scene.export_process import SceneRenderer
+from avrgym.vr.server import broadcast, connection, web_server
+from avrgym.vr.server.live_server import LiveServer
+from avrgym.vr.server.web_server import ServerError
 from avrgym.vr.session.session import Session
 from helpers.system.processes import die_with_parent
 from helpers.vr.received_states import understand
@@ -604,8 +604,8 @@ def test_a_dropped_connection_halts_the_robot_and_the_next_is_greeted(
 
 
 def test_a_headset_that_falls_silent_is_let_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(web, "PING_INTERVAL_S", 0.1)
-    monkeypatch.setattr(web, "PING_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(web_server, "PING_INTERVAL_S", 0.1)
+    monkeypatch.setattr(web_server, "PING_TIMEOUT_S", 1.0)
     with make_server(tmp_path) as server, socket.create_connection(("127.0.0.1", server.port)) as raw:
         speak_and_fall_silent(server, raw)
         assert connected(server)
@@ -726,7 +726,7 @@ def test_only_the_newest_scenes_are_kept(rendering: Rendering) -> None:
 
 ORPHAN = """
 import os, time
-from avrgym.vr.scene.rendering import rendering_process
+from avrgym.vr.scene.export_process import rendering_process
 if __name__ == "__main__":
     print(rendering_process().submit(os.getpid).result(), flush=True)
     time.sleep(100)
@@ -771,7 +771,7 @@ def test_an_address_that_is_not_here_is_named(host: str) -> None:
 
 
 def test_a_missing_client_is_named_with_the_way_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(web, "STATIC", tmp_path)
+    monkeypatch.setattr(web_server, "STATIC", tmp_path)
     with pytest.raises(ServerError, match="make client"):
         make_server(tmp_path)
 

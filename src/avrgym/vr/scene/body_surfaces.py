@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.models.colours import geom_colours, texture_of, texture_pixels
-from avrgym.vr.scene.meshes import geom_mesh, pose_matrix
+from avrgym.vr.scene.geom_meshes import geom_mesh, pose_matrix
 from avrgym.vr.scene.scene_export import geoms_by_carrier
 from avrgym.vr.scene.skins import Skin, skins_of
 

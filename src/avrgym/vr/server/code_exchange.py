@@ -5,8 +5,8 @@ from collections.abc import Awaitable, Callable
 import msgspec
 from fastapi import HTTPException, Request, Response
 
-from avrgym.vr.server.links import CodeError, SessionLinks, TooManyCodes
-from avrgym.vr.server.posted import posted_json
+from avrgym.vr.server.request_body import posted_json
+from avrgym.vr.server.session_links import CodeError, SessionLinks, TooManyCodes
 
 MAX_BODY_BYTES = 1000
 

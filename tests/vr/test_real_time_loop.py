@@ -12,10 +12,9 @@ from typing import cast
 import numpy as np
 import pytest
 
-from avrgym.vr.protocol.messages import TICK_S, Answer, Command, Entered, Ready, Stop, Tracking
-from avrgym.vr.protocol.received import Disconnected
+from avrgym.vr.protocol.messages import TICK_S, Answer, Command, Disconnected, Entered, Ready, Stop, Tracking
 from avrgym.vr.server.inbox import FRAMES_KEPT, INBOX_MESSAGES, MESSAGES_PER_TICK, MESSAGES_S
-from avrgym.vr.server.loop import CATCH_UP_TICKS, PRIORITY, TIDY_EVERY_S, RealTimeLoop
+from avrgym.vr.server.real_time_loop import CATCH_UP_TICKS, PRIORITY, TIDY_EVERY_S, RealTimeLoop
 from avrgym.vr.session.session import Session
 
 PATIENCE_S = 30.0
@@ -63,7 +62,7 @@ class FakeClock:
 def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
     """Time as the loop sees it."""
     clock = FakeClock()
-    monkeypatch.setattr("avrgym.vr.server.loop.time", clock)
+    monkeypatch.setattr("avrgym.vr.server.real_time_loop.time", clock)
     return clock
 
 
@@ -162,7 +161,7 @@ def test_garbage_is_collected_only_where_nothing_moves(
 
     session, collected = FakeSession(rest), []
     monkeypatch.setattr(
-        "avrgym.vr.server.loop.gc", SimpleNamespace(collect=lambda: collected.append(clock.now_s))
+        "avrgym.vr.server.real_time_loop.gc", SimpleNamespace(collect=lambda: collected.append(clock.now_s))
     )
     run(session, 5000)
     assert collected[0] == pytest.approx(100.0 + 2000 * TICK_S)

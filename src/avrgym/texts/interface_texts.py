@@ -15,7 +15,7 @@ from typing import Any
 
 import msgspec
 
-from avrgym.system.user_text import read_user_text
+from avrgym.system.files import read_user_text
 
 FOLDER = "texts"
 LANGUAGE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")

@@ -11,7 +11,7 @@ import pytest
 from avrgym.vr.benchmark import live_latency
 from avrgym.vr.benchmark.cpu_steal import PRIORITY, CpuSteal, Span, merged, outside, within_s
 from avrgym.vr.benchmark.live_latency import PERCENTILES, measure_vr
-from avrgym.vr.server.loop import LateTick
+from avrgym.vr.server.real_time_loop import LateTick
 
 
 def test_percentiles_rise_and_are_milliseconds() -> None:

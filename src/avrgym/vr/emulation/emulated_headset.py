@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from avrgym.vr.emulation.in_process import CALIBRATION_S
+from avrgym.vr.emulation.in_process_client import CALIBRATION_S
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.session.session import Session

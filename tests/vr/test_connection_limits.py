@@ -11,15 +11,15 @@ from pathlib import Path
 
 import httpx
 import pytest
-from test_access import hear, opened, participant, tell
+from test_authentication import hear, opened, participant, tell
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
 from avrgym.vr.protocol.messages import Entered, Phase, StateChange
-from avrgym.vr.server import gate as gate_module
-from avrgym.vr.server.access import Tokens
+from avrgym.vr.server import connection_limits as gate_module
+from avrgym.vr.server.authentication import Tokens
 from avrgym.vr.server.certificate import certificate_for
-from avrgym.vr.server.server import LiveServer
+from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
 from helpers.vr.raw_clients import PATIENCE_S, ask, dial, idle, is_closed, is_open, request, status
 from helpers.vr.received_states import understand

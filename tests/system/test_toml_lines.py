@@ -2,7 +2,7 @@
 
 import pytest
 
-from avrgym.system.toml_places import Place, line_of
+from avrgym.system.toml_lines import Place, line_of
 
 TEXT = '''title = "a"
 

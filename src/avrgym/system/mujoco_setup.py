@@ -1,6 +1,7 @@
-"""How MuJoCo draws where there is no screen, which is to be settled before it is imported."""
+"""Settings of MuJoCo: the renderer, which must be chosen before its import, and the log of its warnings."""
 
 import ctypes
+import logging
 import os
 import sys
 from ctypes.util import find_library
@@ -52,3 +53,14 @@ def _loads(library: str) -> bool:
             continue
         return True
     return False
+
+
+def log_warnings() -> None:
+    """Send MuJoCo's warnings to the logger ``avrgym.mujoco``, unless a handler is set already.
+
+    Without a handler MuJoCo writes ``MUJOCO_LOG.TXT`` into the current folder.
+    """
+    import mujoco
+
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(logging.getLogger("avrgym.mujoco").warning)

@@ -19,7 +19,7 @@ from avrgym.vr.protocol.messages import (
     Stop,
     Welcome,
 )
-from avrgym.vr.server.viewing import LOADING_S, LOOK_AT_END_S, Viewing
+from avrgym.vr.server.environment_viewer import LOADING_S, LOOK_AT_END_S, Viewing
 
 BATHING = "avrgym/BedBathingJaco-v1"
 TICK_S = 0.01

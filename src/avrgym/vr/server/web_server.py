@@ -13,10 +13,10 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp
 
 from avrgym.vr.server.addresses import LOOPBACK
-from avrgym.vr.server.answers import Answers
 from avrgym.vr.server.certificate import Certificate
-from avrgym.vr.server.gate import Gate
-from avrgym.vr.server.protocols import Http, Socket
+from avrgym.vr.server.connection_limits import Gate
+from avrgym.vr.server.http_protocols import Http, Socket
+from avrgym.vr.server.response_headers import Answers
 
 STATIC = Path(__file__).parents[1] / "static"
 PAGES = ("index.html", "dashboard.html", "replay.html")

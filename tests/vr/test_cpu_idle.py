@@ -4,18 +4,18 @@ import os
 from pathlib import Path
 
 import pytest
-from test_loop import FakeSession, run
+from test_real_time_loop import FakeSession, run
 
-from avrgym.vr.server import keep_awake
-from avrgym.vr.server.keep_awake import AT_ONCE, DRIVER_FILE, LATENCY_FILE, KeepAwake
+from avrgym.vr.server import cpu_idle
+from avrgym.vr.server.cpu_idle import AT_ONCE, DRIVER_FILE, LATENCY_FILE, KeepAwake
 
 
 @pytest.fixture
 def guest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A virtual machine's file of latencies."""
     (tmp_path / "driver").write_text("haltpoll\n")
-    monkeypatch.setattr(keep_awake, "DRIVER_FILE", tmp_path / "driver")
-    monkeypatch.setattr(keep_awake, "LATENCY_FILE", tmp_path / "latency")
+    monkeypatch.setattr(cpu_idle, "DRIVER_FILE", tmp_path / "driver")
+    monkeypatch.setattr(cpu_idle, "LATENCY_FILE", tmp_path / "latency")
     return tmp_path / "latency"
 
 
@@ -42,9 +42,9 @@ def test_no_waiting_is_asked_for_until_it_is_let_go(guest: Path) -> None:
 
 @pytest.mark.parametrize("driver", ["intel_idle", "none", None])
 def test_a_machine_of_its_own_is_left_alone(guest: Path, driver: str | None) -> None:
-    keep_awake.DRIVER_FILE.unlink()
+    cpu_idle.DRIVER_FILE.unlink()
     if driver:
-        keep_awake.DRIVER_FILE.write_text(f"{driver}\n")
+        cpu_idle.DRIVER_FILE.write_text(f"{driver}\n")
     KeepAwake().set(True)
     assert not guest.exists()
 
@@ -81,7 +81,7 @@ def test_the_loop_keeps_processors_awake_while_something_moves(
 
 @pytest.mark.skipif(
     not DRIVER_FILE.exists()
-    or DRIVER_FILE.read_text().strip() != keep_awake.GUEST_DRIVER
+    or DRIVER_FILE.read_text().strip() != cpu_idle.GUEST_DRIVER
     or not os.access(LATENCY_FILE, os.R_OK | os.W_OK),
     reason="only a virtual machine whose system can keep processors awake, and lets this user, shows it",
 )

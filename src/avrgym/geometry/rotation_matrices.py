@@ -1,6 +1,6 @@
-"""Single rotations as matrices (3, 3), whose columns are a frame's axes.
+"""Single rotations as matrices (3, 3), whose columns are the axes of the rotated frame.
 
-For one rotation at a time these take a tenth of the time of ``transforms``, which serves many at once.
+For one rotation these functions take a tenth of the time of ``transforms``, which handles many at once.
 """
 
 from math import atan2, cos, hypot, sin
@@ -11,15 +11,15 @@ import numpy as np
 from avrgym.array_types import FloatArray
 
 
-def of_quaternion(q: FloatArray) -> FloatArray:
-    """The axes of a unit quaternion (4,)."""
+def from_quaternion(q: FloatArray) -> FloatArray:
+    """The matrix (3, 3) of a unit quaternion (4,)."""
     axes = np.empty(9)
     mujoco.mju_quat2Mat(axes, q)
     return axes.reshape(3, 3)
 
 
-def of_xyz(x_rad: float, y_rad: float, z_rad: float) -> FloatArray:
-    """The axes after hinges about x, y and z, the first outermost: Rx Ry Rz."""
+def from_euler_xyz(x_rad: float, y_rad: float, z_rad: float) -> FloatArray:
+    """The matrix (3, 3) of intrinsic Euler angles: Rx Ry Rz."""
     cx, cy, cz = cos(x_rad), cos(y_rad), cos(z_rad)
     sx, sy, sz = sin(x_rad), sin(y_rad), sin(z_rad)
     return np.array(
@@ -31,7 +31,7 @@ def of_xyz(x_rad: float, y_rad: float, z_rad: float) -> FloatArray:
     )
 
 
-def xyz_of(axes: FloatArray) -> tuple[float, float, float]:
-    """The inverse of ``of_xyz``; where y is a quarter turn only x ± z is determined, and any such x, z are given."""
+def to_euler_xyz(axes: FloatArray) -> tuple[float, float, float]:
+    """The inverse of ``from_euler_xyz``. At gimbal lock (y = ±90°) only x ± z is determined; returns one solution."""
     (m00, m01, m02), (_, _, m12), (_, _, m22) = axes.tolist()
     return atan2(-m12, m22), atan2(m02, hypot(m12, m22)), atan2(-m01, m00)

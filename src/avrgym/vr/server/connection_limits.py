@@ -18,7 +18,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from avrgym.vr.protocol.messages import Role
-from avrgym.vr.server.access import Tokens
+from avrgym.vr.server.authentication import Tokens
 
 MOST_STRANGERS = 256
 SHARE_OF_HANDLES = 4

@@ -8,7 +8,7 @@ from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import State
-from avrgym.vr.protocol.state_changes import (
+from avrgym.vr.protocol.state_encoding import (
     JOINT_STEP_RAD,
     MOST_STEPS,
     POSE_STEPS,

@@ -6,7 +6,7 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from avrgym.system.plain_values import is_table
+from avrgym.system.type_guards import is_table
 
 Place = tuple[str | int, ...]
 """The keys and indices that lead to a value."""

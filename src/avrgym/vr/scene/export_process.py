@@ -12,7 +12,7 @@ import mujoco
 
 from avrgym.models.human import Person
 from avrgym.models.scene import build_spec
-from avrgym.system.children import end_with_parent, undisturbed
+from avrgym.system.child_processes import end_with_parent, undisturbed
 from avrgym.tasks.registry import task_and_scene
 from avrgym.vr.scene.scene_export import export_glb
 

@@ -8,7 +8,7 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from websockets.frames import CloseCode, Frame
 from websockets.http11 import Response
 
-from avrgym.vr.server.answers import headers
+from avrgym.vr.server.response_headers import headers
 
 MOST_FRAGMENTS = 64
 """How many frames a message may come in: browsers send one."""

@@ -13,17 +13,17 @@ from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from avrgym.vr.protocol.messages import Message
-from avrgym.vr.scene.rendering import SceneRenderer
-from avrgym.vr.server.access import Caller, OwnPagesOnly, Tokens
+from avrgym.vr.scene.export_process import SceneRenderer
 from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK
+from avrgym.vr.server.authentication import Caller, OwnPagesOnly, Tokens
 from avrgym.vr.server.broadcast import Broadcast
 from avrgym.vr.server.certificate import Certificate
-from avrgym.vr.server.codes import code_exchange
+from avrgym.vr.server.code_exchange import code_exchange
 from avrgym.vr.server.connection import PARTICIPANT, WATCHING, Record, serve_connection
-from avrgym.vr.server.gate import Gate
-from avrgym.vr.server.links import SessionLinks
-from avrgym.vr.server.loop import RealTimeLoop, S
-from avrgym.vr.server.web import STATIC, ServerError, WebThread, check_page, listen
+from avrgym.vr.server.connection_limits import Gate
+from avrgym.vr.server.real_time_loop import RealTimeLoop, S
+from avrgym.vr.server.session_links import SessionLinks
+from avrgym.vr.server.web_server import STATIC, ServerError, WebThread, check_page, listen
 
 SWITCH_INTERVAL_S = 0.0001
 """How long a thread may keep the others waiting: Python's own 5 ms would be half of a tick."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.models.human import SKIN_TONES
-from avrgym.texts.texts import (
+from avrgym.texts.interface_texts import (
     ENGLISH,
     FOLDER,
     ON_PAGE,
@@ -20,7 +20,7 @@ from avrgym.texts.texts import (
     shipped,
 )
 from avrgym.vr.protocol.messages import Language, Phase, Problem, Ready, Stop
-from avrgym.vr.server.access import Tokens
+from avrgym.vr.server.authentication import Tokens
 from helpers.vr.visit import Visit, plan
 
 GERMAN = read_texts("de")

@@ -12,8 +12,7 @@ from avrgym.vr.live_world.drivers import Operator, driver_of
 from avrgym.vr.live_world.scene_message import most_pressed, poses, scene_message
 from avrgym.vr.live_world.world import ControlStep, ControlSteps
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import TICK_S, Send
-from avrgym.vr.protocol.received import Received
+from avrgym.vr.protocol.messages import TICK_S, Received, Send
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session.reporting import STATUS_EVERY_TICKS
 

@@ -13,10 +13,9 @@ from typing import Generic, Protocol, TypeVar
 
 from avrgym.models.human import Person
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import TICK_S, Send
-from avrgym.vr.protocol.received import Received
+from avrgym.vr.protocol.messages import TICK_S, Received, Send
+from avrgym.vr.server.cpu_idle import KeepAwake
 from avrgym.vr.server.inbox import MESSAGES_PER_TICK, MESSAGES_S, Greeting, Inbox
-from avrgym.vr.server.keep_awake import KeepAwake
 
 TIMING_EVERY_TICKS = 100
 TIDY_EVERY_S = 10.0

@@ -33,10 +33,10 @@ from avrgym.vr.protocol.messages import (
     Welcome,
 )
 from avrgym.vr.server import certificate as certificate_module
-from avrgym.vr.server.access import Tokens
+from avrgym.vr.server.authentication import Tokens
 from avrgym.vr.server.certificate import Certificate, certificate_for, lan_names
-from avrgym.vr.server.server import LiveServer, create_app
-from avrgym.vr.server.web import ServerError
+from avrgym.vr.server.live_server import LiveServer, create_app
+from avrgym.vr.server.web_server import ServerError
 from avrgym.vr.session.session import Session
 from helpers.vr.received_states import understand
 from helpers.vr.visit import driving, plan

@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from avrgym.models.collision_bits import VISUAL_GROUP
-from avrgym.vr.scene.meshes import DETAILED_TRIANGLES, geom_mesh, pose_matrix
+from avrgym.vr.scene.geom_meshes import DETAILED_TRIANGLES, geom_mesh, pose_matrix
 from helpers.robots.example_robots import EVERY, robot_model
 
 LEAST_AREA, MOST_AREA = 0.97, 1.03
