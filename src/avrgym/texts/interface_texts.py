@@ -8,6 +8,7 @@ import re
 import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from string import Formatter
@@ -164,6 +165,7 @@ def read_texts(language: str, folder: Path | None = None) -> Texts:
     return texts
 
 
+@cache
 def _read_brought(language: str) -> File:
     file = files("avrgym.texts") / f"{language}.toml"
     return _read(file.read_text("utf-8"), f"{language}.toml")

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -24,8 +25,12 @@ class PlannedTrial:
 
 def cell_orders(design: Design) -> tuple[Order, ...]:
     """The order of each cell of the design, from its seed."""
-    rng = np.random.default_rng(design.seed)
-    return balanced_orders(len(design.tasks), len(design.conditions), rng)
+    return _cell_orders(len(design.tasks), len(design.conditions), design.seed)
+
+
+@cache
+def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[Order, ...]:
+    return balanced_orders(tasks, conditions, np.random.default_rng(seed))
 
 
 def least_filled_cell(order: Sequence[int], taken: Iterable[int], elsewhere: Iterable[int] = ()) -> int:

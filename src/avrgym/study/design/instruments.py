@@ -4,13 +4,12 @@ Words that an instrument's licence keeps to itself are read from ``instruments/N
 a line for each item: ``ID = "words"``, or with those at both ends ``ID = { text = "…", low = "…", high = "…" }``.
 """
 
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import tomlkit
-from tomlkit.exceptions import TOMLKitError
 
 from avrgym.questionnaires.instrument import Instrument, InstrumentItem, check_weights
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
@@ -94,12 +93,12 @@ def _own_words(place: Place, instrument: Instrument, folder: Path) -> Mapping[st
     wanted = f"the words of {', '.join(item.id for item in instrument.items)}, from {instrument.texts}"
     try:
         text = read_user_text(folder / name)
-        words = {key: _words(value) for key, value in tomlkit.parse(text).unwrap().items()}
+        words = {key: _words(value) for key, value in tomllib.loads(text).items()}
     except FileNotFoundError:
         raise Wrong(
             place, f"{name} is missing in the study's folder; allowed: a file with {wanted}"
         ) from None
-    except (OSError, UnicodeDecodeError, TOMLKitError, msgspec.ValidationError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
         raise Wrong(place, f"{name} cannot be read: {error}; allowed: {wanted}") from None
     for key in words:
         if key not in (ids := [item.id for item in instrument.items]):

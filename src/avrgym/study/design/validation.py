@@ -1,13 +1,12 @@
 """Read the TOML files of a study into structures, and report mistakes with their line and the allowed values."""
 
 import re
+import tomllib
 from collections.abc import Callable, Container, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
-import tomlkit
-from tomlkit.exceptions import ParseError, TOMLKitError
 
 from avrgym.system.files import read_user_text
 from avrgym.system.toml_lines import Place, line_of
@@ -102,11 +101,11 @@ def parse(
         DesignError: for anything else than such a structure.
     """
     try:
-        values = tomlkit.parse(text).unwrap()
-    except ParseError as error:
-        raise DesignError(f"{name}:{error.line}: not TOML: {error}") from None
-    except TOMLKitError as error:
-        raise DesignError(f"{name}: not TOML: {error}") from None
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        line = re.search(r"at line (\d+)", str(error))
+        place = f"{name}:{line[1]}" if line else name
+        raise DesignError(f"{place}: not TOML: {error}") from None
     try:
         found = msgspec.convert(complete(values), kind)
         check(found)
