@@ -1,6 +1,6 @@
 """The tables of docs/zoo.md: python research/zoo_tables.py"""
 
-from avrgym.people.zoo.partners import OF_ONE_STYLE, ZOOS
+from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOOS
 from avrgym.people.zoo.styles import STYLES, Style
 
 AXES = ("delay", "amplitude", "tempo")
@@ -24,7 +24,7 @@ def _ranges(style: Style, axis: str) -> str:
 
 
 def _counts(name: str) -> str:
-    return " + ".join(str(len(OF_ONE_STYLE[f"{zoo}/{name}"])) for zoo in ZOOS)
+    return " + ".join(str(len(SINGLE_STYLE_SETS[f"{zoo}/{name}"])) for zoo in ZOOS)
 
 
 if __name__ == "__main__":

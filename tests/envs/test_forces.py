@@ -7,13 +7,13 @@ from numpy.testing import assert_allclose
 
 from avrgym.models import collision_bits, human
 from avrgym.models.compliance import (
-    DEEPEST_M,
     INVERSE_MASS_PER_KG,
-    MOST_CONTACT_FORCE_N,
-    TREMBLING_SHARE,
+    MAX_CONTACT_FORCE_N,
+    MAX_DEPTH_M,
+    TREMOR_STRENGTH_SHARE,
     contact_force_n,
-    soften,
-    strike_force_n,
+    impact_force_n,
+    set_compliance,
     torque_limit_n_m,
 )
 from avrgym.models.robot import PREFIX
@@ -40,11 +40,11 @@ STRIKE = """
 
 
 def test_a_person_is_a_spring_that_gives_way_ever_more():
-    depths = np.linspace(0.0, DEEPEST_M, 501)
+    depths = np.linspace(0.0, MAX_DEPTH_M, 501)
     force = contact_force_n(depths)
     assert force[0] == 0.0
     assert contact_force_n(np.array(1e-5)) / 1e-5 == pytest.approx(25.5e3, rel=0.03)
-    assert force[-1] == pytest.approx(101.4, abs=0.1) == MOST_CONTACT_FORCE_N
+    assert force[-1] == pytest.approx(101.4, abs=0.1) == MAX_CONTACT_FORCE_N
     assert (np.diff(force) > 0.0).all()
     assert (np.diff(force[depths < 0.02], n=2) < 0.0).all()
 
@@ -52,7 +52,7 @@ def test_a_person_is_a_spring_that_gives_way_ever_more():
 @pytest.mark.parametrize("depth_m", [0.0002, 0.002, 0.02, 0.06])
 def test_mujoco_carries_what_the_curve_says(depth_m):
     spec = mujoco.MjSpec.from_string(STRIKE)
-    soften(spec.geom("head"))
+    set_compliance(spec.geom("head"))
     spec.geom("ball").mass = 1e6
     spec.body("ball").pos[0] = 0.1 - depth_m
     model = spec.compile()
@@ -67,14 +67,14 @@ def test_mujoco_carries_what_the_curve_says(depth_m):
 def test_what_strikes_presses_as_its_energy_allows(mass_kg, speed_m_s):
     """A ball touches a person's head that cannot move; its force is that of the speed alone."""
     spec = mujoco.MjSpec.from_string(STRIKE)
-    soften(spec.geom("head"))
+    set_compliance(spec.geom("head"))
     spec.geom("ball").mass = mass_kg
     model = spec.compile()
     model.body_invweight0[model.body("head").id, 0] += INVERSE_MASS_PER_KG
     data = mujoco.MjData(model)
     data.qvel[0] = -speed_m_s
     mujoco.mj_forward(model, data)
-    strike = float(strike_force_n(np.array(0.5 * mass_kg * speed_m_s**2)))
+    strike = float(impact_force_n(np.array(0.5 * mass_kg * speed_m_s**2)))
     assert data.ncon == 1
     assert 0.0 < data.efc_force.sum() <= strike
 
@@ -92,7 +92,7 @@ def test_motors_press_with_no_more_than_their_lead_nor_than_they_have(robot):
 
 def test_who_trembles_presses_with_a_third_of_the_strength():
     trembling, calm = begun(SCRATCHING, 2, impairment="tremor"), begun(SCRATCHING, 2, impairment="weakness")
-    for episodes, share in ((trembling, TREMBLING_SHARE), (calm, 1.0)):
+    for episodes, share in ((trembling, TREMOR_STRENGTH_SHARE), (calm, 1.0)):
         model = episodes.simulation.batch.get_model(1)
         ranges = [model.actuator(human.PREFIX + joint).forcerange[1] for joint in human.JOINTS]
         assert_allclose(ranges, share * episodes.people.strength_share[1] * human.TORQUE_N_M)

@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 
 from avrgym.envs.single import AssistiveEnv
 from avrgym.envs.vector import AssistiveVectorEnv
-from avrgym.people.population_names import NAMES
+from avrgym.people.population_names import POPULATION_NAMES
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
 
@@ -90,7 +90,7 @@ def test_a_longer_episode_begins_as_the_usual_one(mode: AutoresetMode) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("people", NAMES)
+@pytest.mark.parametrize("people", POPULATION_NAMES)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_everybody_lives_on_for_twice_as_long(environment: str, people: str) -> None:
     env = gym.make_vec(environment, num_envs=2, people=people, max_episode_steps=2 * EPISODE_STEPS)

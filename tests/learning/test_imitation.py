@@ -33,7 +33,7 @@ def test_the_policy_does_as_its_expert_does_with_people_it_never_met(imitated):
     policy = imitated[0].save()[0]
     episodes = Episodes(FEEDING, WORLDS, distribution="revised", num_threads=1)
     episodes.begin(np.arange(WORLDS), [np.random.default_rng([9, i]) for i in range(WORLDS)])
-    expert = episodes.task.reactive_expert(episodes)
+    expert = episodes.task.feedback_expert(episodes)
     shown, done = [], []
     for _ in range(40):
         observation = episodes.observe()

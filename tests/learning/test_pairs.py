@@ -24,7 +24,7 @@ from avrgym.learning.evaluation import evaluate
 from avrgym.learning.rollouts import Order, Place, roll_out_all
 from avrgym.learning.training import Progress, TrainingConfiguration, resume, train
 from avrgym.networks.policy import HumanRole, Policy, PolicyError
-from avrgym.people.populations import find_kinds
+from avrgym.people.populations import find_populations
 from avrgym.system.transferred_files import Carried
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
@@ -256,7 +256,7 @@ def test_of_a_population_each_world_meets_one_in_its_own_body_and_alone_or_besid
     saved(tmp_path / "b" / "human.safetensors", network(SCRATCHING, people="revised", impairment="tremor"))
     for place in ("a/policy.safetensors", "robot.safetensors"):
         saved(tmp_path / place, network(SCRATCHING, of_human=False))
-    kinds = find_kinds(str(tmp_path), TASKS)
+    kinds = find_populations(str(tmp_path), TASKS)
     assert [Path(kind.name).parent.name for kind in kinds] == ["a", "b"]
     together = Episodes(SCRATCHING, 12, distribution=str(tmp_path), num_threads=1)
     together.begin(np.arange(12), [np.random.default_rng(seed) for seed in range(12)])
@@ -294,11 +294,11 @@ def test_people_whose_files_are_not_seen_here_are_carried(tmp_path, monkeypatch)
 
     saved(tmp_path / "here" / "a" / "human.safetensors", network(SCRATCHING))
     saved(tmp_path / "here" / "b.safetensors", network(SCRATCHING, seed=1))
-    found = [each.trained for each in find_kinds(str(tmp_path / "here"), TASKS)]
+    found = [each.trained for each in find_populations(str(tmp_path / "here"), TASKS)]
     carried = carried_people(str(tmp_path / "here"))
     assert carried.here() == str(tmp_path / "here")
     shutil.move(tmp_path / "here", tmp_path / "away")
-    again = [each.trained for each in find_kinds(carried.here(), TASKS)]
+    again = [each.trained for each in find_populations(carried.here(), TASKS)]
     assert [each.digest for each in again if each] == [each.digest for each in found if each]
     assert len(again) == 2
 
@@ -321,7 +321,7 @@ def test_a_robot_learns_with_trained_humans_and_goes_on_without_their_files(tmp_
     shutil.rmtree(tmp_path / "humans")
     resumed = resume(tmp_path / "cut")
     assert resumed.metadata.people == whole.metadata.people == "trained: humans"
-    assert len(find_kinds(str(tmp_path / "cut" / "people"), TASKS)) == 2
+    assert len(find_populations(str(tmp_path / "cut" / "people"), TASKS)) == 2
     assert resumed.digest == whole.digest
     assert resumed.metadata.measured == whole.metadata.measured
 
@@ -401,7 +401,7 @@ def test_a_human_with_a_memory_is_refused(tmp_path):
     remembering = replace(plain, weights=(np.zeros((size + 1, joints)),), memory=memory)
     path = saved(tmp_path / "human.safetensors", remembering)
     with pytest.raises(PolicyError, match="a human who remembers"):
-        find_kinds(path, TASKS)
+        find_populations(path, TASKS)
 
 
 def test_options_of_a_pair_belong_to_pairs(trained, tmp_path):

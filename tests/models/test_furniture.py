@@ -106,7 +106,7 @@ def test_furniture_stands_still_and_touches_as_furniture(name):
     model = compiled(name)
     assert model.nv == 0
     assert (model.body_weldid == 0).all()
-    solid = model.geom_contype != collision_bits.ROOM.contype
+    solid = model.geom_contype != collision_bits.NO_COLLISION.contype
     assert (model.geom_contype[solid] == collision_bits.FURNITURE.contype).all()
     assert (model.geom_conaffinity[solid] == collision_bits.FURNITURE.conaffinity).all()
     assert not model.geom_conaffinity[~solid].any()

@@ -8,7 +8,7 @@ from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, SEATED, Person
 from avrgym.people import cooperation, distributions
-from avrgym.people.cooperation import Mind
+from avrgym.people.cooperation import CooperationState
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 
@@ -25,9 +25,9 @@ def upright() -> State:
     return episodes.simulation.state()
 
 
-def mind(uniforms: float = 0.5) -> Mind:
-    who = distributions.repeat(Person("man", 0.6), 1)
-    return cooperation.begin(who, np.full((1, cooperation.UNIFORMS), uniforms))
+def mind(uniforms: float = 0.5) -> CooperationState:
+    who = distributions.repeat_person(Person("man", 0.6), 1)
+    return cooperation.initial_state(who, np.full((1, cooperation.NUM_UNIFORMS), uniforms))
 
 
 def with_tool(state: State, offset: list[float]) -> State:
@@ -36,11 +36,14 @@ def with_tool(state: State, offset: list[float]) -> State:
 
 
 def after(
-    state: State, steps: int, offered: cooperation.Offered = "mouth", start: Mind | None = None
-) -> Mind:
+    state: State,
+    steps: int,
+    offered: cooperation.OfferedPart = "mouth",
+    start: CooperationState | None = None,
+) -> CooperationState:
     now = start or mind()
     for _ in range(steps):
-        now = cooperation.see(cooperation.wait(now), state, offered, SEATED)
+        now = cooperation.update_targets(cooperation.advance_time(now), state, offered, SEATED)
     return now
 
 
@@ -67,7 +70,7 @@ def test_a_full_turn_would_look_straight_at_the_tool(upright):
     aside = with_tool(upright, [0.2, -0.5, 0.1])
     whole = replace(mind(), facing=np.ones(1))
     angles = after(aside, 30, start=whole).targets_rad
-    _, q_w = human.body_frames(distributions.repeat(Person("man", 0.6, angles[0]), 1))
+    _, q_w = human.body_frames(distributions.repeat_person(Person("man", 0.6, angles[0]), 1))
     looks = transforms.rotate(q_w["head"], [0.0, -1.0, 0.0])[0]
     to_tool = (aside.tool_pos_w - aside.head_pos_w)[0]
     assert_allclose(looks, to_tool / np.linalg.norm(to_tool), atol=1e-6)
@@ -92,7 +95,7 @@ def test_nobody_moves_faster_than_people_do(upright, rng):
     now = mind()
     for _ in range(50):
         state = with_tool(upright, list(rng.uniform(-0.5, 0.5, 3)))
-        later = cooperation.see(now, state, "mouth", SEATED)
+        later = cooperation.update_targets(now, state, "mouth", SEATED)
         assert (np.abs(later.targets_rad - now.targets_rad) <= 0.1 * cooperation.SPEED_RAD_S + 1e-12).all()
         now = later
 
@@ -101,7 +104,7 @@ def test_sway_begins_at_rest_and_stays_small():
     now, most = mind(), 0.0
     assert_allclose(cooperation.sway_rad(now), 0.0, atol=1e-12)
     for _ in range(200):
-        now = cooperation.wait(now)
+        now = cooperation.advance_time(now)
         most = max(most, float(np.abs(cooperation.sway_rad(now)).max()))
     assert np.radians(0.2) < most <= 2.0 * np.radians(1.0)
 
@@ -120,10 +123,12 @@ def test_participants_move_and_everybody_else_does_not():
 
 
 def test_minds_do_not_depend_on_company(upright, rng):
-    uniforms = rng.random((5, cooperation.UNIFORMS))
-    who = distributions.repeat(Person("man", 0.6), 5)
-    together = cooperation.begin(who, uniforms)
+    uniforms = rng.random((5, cooperation.NUM_UNIFORMS))
+    who = distributions.repeat_person(Person("man", 0.6), 5)
+    together = cooperation.initial_state(who, uniforms)
     for i in range(5):
-        alone = cooperation.begin(distributions.repeat(Person("man", 0.6), 1), uniforms[i : i + 1])
+        alone = cooperation.initial_state(
+            distributions.repeat_person(Person("man", 0.6), 1), uniforms[i : i + 1]
+        )
         for name, array in vars(alone).items():
             assert_array_equal(array, getattr(together, name)[i : i + 1])

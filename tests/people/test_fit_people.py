@@ -237,7 +237,9 @@ def test_too_few_participants_are_refused(tmp_path: Path, count: int) -> None:
 def test_drawn_people_fill_the_ranges_of_the_file(fitted: Path, rng: np.random.Generator) -> None:
     file, distribution = read_people(fitted, TASKS), distributions.find_distribution(str(fitted), TASKS)
     pose = distribution.pose_in(TASK, TASKS[TASK].pose)
-    group = distributions.sample(distribution, pose, SEATED, None, rng.random((4000, distributions.UNIFORMS)))
+    group = distributions.sample_people(
+        distribution, pose, SEATED, None, rng.random((4000, distributions.NUM_UNIFORMS))
+    )
     for sex, limits in (("man", file.torso_height_m.man), ("woman", file.torso_height_m.woman)):
         heights_m = group.torso_height_m[group.is_woman == (sex == "woman")]
         assert (heights_m.min(), heights_m.max()) == pytest.approx(limits, abs=1e-3)

@@ -20,8 +20,8 @@ def group(rng) -> People:
 
 
 def impaired(group: People, name: str, rng: np.random.Generator) -> People:
-    uniforms = rng.random((COUNT, impairments.UNIFORMS))
-    return impairments.impair(group, impairments.find_impairment(name), uniforms)
+    uniforms = rng.random((COUNT, impairments.NUM_UNIFORMS))
+    return impairments.apply_impairment(group, impairments.find_impairment(name), uniforms)
 
 
 def begun(impairment: str, people: str = "original") -> Episodes:

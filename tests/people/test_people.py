@@ -15,7 +15,7 @@ from avrgym.models.human import (
 from avrgym.people import distributions, shoulder_limits
 from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
 from avrgym.robots.jaco.robot import JACO
-from avrgym.tasks.person import HEAD_TURNED
+from avrgym.tasks.person import TURNED_HEAD
 from avrgym.tasks.registry import TASKS
 
 COUNT = 4000
@@ -33,12 +33,12 @@ def name(request) -> str:
 
 
 def sampled(name: str, rng: np.random.Generator, count: int = COUNT) -> People:
-    return distributions.sample(
+    return distributions.sample_people(
         distributions.find_distribution(name, TASKS),
-        HEAD_TURNED,
+        TURNED_HEAD,
         SEATED,
         None,
-        rng.random((count, distributions.UNIFORMS)),
+        rng.random((count, distributions.NUM_UNIFORMS)),
     )
 
 
@@ -84,11 +84,11 @@ def test_joints_and_torso_height_are_drawn_independently(rng):
 
 
 def test_the_same_numbers_make_the_same_person_in_any_company(rng, name):
-    uniforms = rng.random((50, distributions.UNIFORMS))
+    uniforms = rng.random((50, distributions.NUM_UNIFORMS))
     distribution = distributions.find_distribution(name, TASKS)
-    together = distributions.sample(distribution, HEAD_TURNED, SEATED, None, uniforms)
+    together = distributions.sample_people(distribution, TURNED_HEAD, SEATED, None, uniforms)
     for i in (0, 17, 49):
-        alone = distributions.sample(distribution, HEAD_TURNED, SEATED, None, uniforms[i : i + 1])
+        alone = distributions.sample_people(distribution, TURNED_HEAD, SEATED, None, uniforms[i : i + 1])
         assert_array_equal(alone.is_woman, together.is_woman[[i]])
         assert_array_equal(alone.torso_height_m, together.torso_height_m[[i]])
         assert_array_equal(alone.joint_angles_rad, together.joint_angles_rad[[i]])
@@ -100,8 +100,8 @@ def test_the_same_numbers_make_the_same_person_in_any_company(rng, name):
 def test_a_random_arm_has_room_and_a_shoulder_that_can_turn_like_that(rng, name, task):
     scene = task.scene(JACO)
     furniture = furniture_boxes(scene.furniture)
-    uniforms = rng.random((1000, distributions.UNIFORMS))
-    group = distributions.sample(
+    uniforms = rng.random((1000, distributions.NUM_UNIFORMS))
+    group = distributions.sample_people(
         distributions.find_distribution(name, TASKS), task.pose, scene.posture, furniture, uniforms
     )
     assert shoulder_limits.within_limits(group.joint_angles_rad).all()
@@ -116,12 +116,13 @@ def test_crowded_poses_are_drawn_again(rng):
     spread = np.where(distributions.RIGHT_ARM, np.radians(10.0), 0.0)
     close = distributions.Pose(joint_angles(right_shoulder_y=10.0, right_elbow_x=-20.0), spread)
     distribution = distributions.find_distribution("original", TASKS)
-    uniforms = rng.random((400, distributions.UNIFORMS))
+    uniforms = rng.random((400, distributions.NUM_UNIFORMS))
     once = uniforms.copy()
-    once[:, 2:] = np.tile(once[:, 2:22], distributions.ATTEMPTS)
+    once[:, 2:] = np.tile(once[:, 2:22], distributions.MAX_POSE_ATTEMPTS)
     crowded = [
         (
-            clearance(*person_capsules(distributions.sample(distribution, close, SEATED, None, drawn))) < 0.01
+            clearance(*person_capsules(distributions.sample_people(distribution, close, SEATED, None, drawn)))
+            < 0.01
         ).mean()
         for drawn in (once, uniforms)
     ]
@@ -139,7 +140,7 @@ def test_one_of_many_is_a_person(rng):
 
 
 def test_a_person_repeats():
-    group = distributions.repeat(Person("woman", 0.5), 3)
+    group = distributions.repeat_person(Person("woman", 0.5), 3)
     assert group.is_woman.all()
     assert_allclose(group.torso_height_m, [0.5] * 3)
     assert group.joint_angles_rad.shape == (3, 20)

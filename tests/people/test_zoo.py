@@ -9,10 +9,16 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, SEATED, UPPER_RAD, People, Person
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people import distributions, impairments, shoulder_limits
-from avrgym.people.cooperation import Offered
+from avrgym.people.cooperation import OfferedPart
 from avrgym.people.zoo import partner_behaviour
-from avrgym.people.zoo.partner_behaviour import ACCELERATION_RAD_S2, SPEED_RAD_S, Mind
-from avrgym.people.zoo.partners import MANNERS, PARTNERS, TRAITS, ZOOS, endow
+from avrgym.people.zoo.partner_behaviour import ACCELERATION_RAD_S2, SPEED_RAD_S, PartnerState
+from avrgym.people.zoo.partners import (
+    PARAMETER_NAMES,
+    PARTNER_PARAMETERS,
+    PARTNERS,
+    ZOOS,
+    apply_partner_bodies,
+)
 from avrgym.people.zoo.styles import STYLES
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
@@ -31,9 +37,11 @@ def rows(zoo: str, style: str) -> np.ndarray:
     return np.array([i for i, one in enumerate(PARTNERS) if (one.zoo, one.style) == (zoo, style)])
 
 
-def begun(partners: np.ndarray, chance: float | np.ndarray = 0.3) -> tuple[People, Mind]:
-    people = endow(distributions.repeat(Person("man", 0.6), len(partners)), partners)
-    return people, partner_behaviour.begin(people, partners, np.broadcast_to(chance, (len(partners), 4)))
+def begun(partners: np.ndarray, chance: float | np.ndarray = 0.3) -> tuple[People, PartnerState]:
+    people = apply_partner_bodies(distributions.repeat_person(Person("man", 0.6), len(partners)), partners)
+    return people, partner_behaviour.initial_state(
+        people, partners, np.broadcast_to(chance, (len(partners), 4))
+    )
 
 
 def seeing(offset: tuple[float, ...] | np.ndarray) -> State:
@@ -52,10 +60,14 @@ def seeing(offset: tuple[float, ...] | np.ndarray) -> State:
 
 
 def lived(
-    mind: Mind, people: People, offset: tuple[float, ...] | np.ndarray, steps: int, offered: Offered = "mouth"
-) -> Mind:
+    mind: PartnerState,
+    people: People,
+    offset: tuple[float, ...] | np.ndarray,
+    steps: int,
+    offered: OfferedPart = "mouth",
+) -> PartnerState:
     for _ in range(steps):
-        mind = partner_behaviour.live(
+        mind = partner_behaviour.step(
             mind, sight(offset, len(mind.partner)), offered, SEATED, possible_for(people)
         )
     return mind
@@ -71,26 +83,26 @@ def sight(offset: tuple[float, ...] | np.ndarray, count: int) -> State:
 
 
 def possible_for(people: People):
-    return lambda angles: shoulder_limits.clip(impairments.limit(people, angles))
+    return lambda angles: shoulder_limits.clip(impairments.clip_to_ranges(people, angles))
 
 
 # Who there is ------------------------------------------------------------------------------------------------
 
 
 def test_there_are_at_least_625_partners_whom_training_never_meets():
-    traits = np.stack([getattr(MANNERS, trait) for trait in TRAITS], axis=-1)
+    traits = np.stack([getattr(PARTNER_PARAMETERS, trait) for trait in PARAMETER_NAMES], axis=-1)
     zoo = np.array([partner.zoo for partner in PARTNERS])
     unseen = np.unique(traits[zoo == "zoo/unseen"], axis=0)
     assert len(unseen) == len(ZOOS["zoo/unseen"]) >= 625
     assert len(np.unique(traits, axis=0)) == len(PARTNERS)
 
 
-@pytest.mark.parametrize("trait", TRAITS)
+@pytest.mark.parametrize("trait", PARAMETER_NAMES)
 def test_no_value_of_a_trait_that_a_style_moves_is_in_both_zoos(trait):
     values = {zoo: set[float]() for zoo in ZOOS}
     for row, partner in enumerate(PARTNERS):
         if any(trait in axis for axis in STYLES[partner.style].axes):
-            values[partner.zoo].add(float(getattr(MANNERS, trait)[row].round(9)))
+            values[partner.zoo].add(float(getattr(PARTNER_PARAMETERS, trait)[row].round(9)))
     assert values["zoo/train"]
     assert not values["zoo/train"] & values["zoo/unseen"]
 
@@ -98,12 +110,12 @@ def test_no_value_of_a_trait_that_a_style_moves_is_in_both_zoos(trait):
 def test_every_style_moves_traits_that_there_are_within_what_its_ranges_say():
     for style in STYLES.values():
         moved = [trait for axis in style.axes for trait in axis]
-        assert set(moved) <= set(TRAITS)
+        assert set(moved) <= set(PARAMETER_NAMES)
         assert len(set(moved)) == len(moved)
     for row, partner in enumerate(PARTNERS):
         for axis in STYLES[partner.style].axes:
             for trait, (first, last) in axis.items():
-                assert first - 1e-9 <= getattr(MANNERS, trait)[row] <= last + 1e-9
+                assert first - 1e-9 <= getattr(PARTNER_PARAMETERS, trait)[row] <= last + 1e-9
 
 
 def test_styles_are_met_equally_often_and_partners_of_one_too(rng):
@@ -133,22 +145,26 @@ def test_unknown_zoos_and_styles_name_what_there_is(name):
 
 
 @pytest.mark.parametrize("offered", ["mouth", "arm", "nothing"])
-def test_nobody_moves_faster_or_more_suddenly_than_the_speeds_and_accelerations_say(offered: Offered, rng):
+def test_nobody_moves_faster_or_more_suddenly_than_the_speeds_and_accelerations_say(
+    offered: OfferedPart, rng
+):
     people, mind = begun(ALL, rng.random((len(ALL), 4)))
     possible = possible_for(people)
     tool = np.array(FAR) + np.zeros((len(ALL), 3))
     for _ in range(150):
         tool = np.clip(tool + rng.uniform(-0.08, 0.08, tool.shape), -0.6, 0.6)
-        later = partner_behaviour.live(mind, sight(tool, len(ALL)), offered, SEATED, possible)
-        startled = (later.startled_s <= MANNERS.of(later.partner).startle_s)[:, None]
+        later = partner_behaviour.step(mind, sight(tool, len(ALL)), offered, SEATED, possible)
+        startled = (later.startled_s <= PARTNER_PARAMETERS.of(later.partner).startle_s)[:, None]
         pace = np.where(
-            startled, partner_behaviour.STARTLED_SPEED, MANNERS.of(later.partner).speed_share[:, None]
+            startled,
+            partner_behaviour.STARTLE_SPEED_FACTOR,
+            PARTNER_PARAMETERS.of(later.partner).speed_share[:, None],
         )
         was_startled = np.abs(mind.speed_rad_s) > SPEED_RAD_S * pace
         moved = (later.targets_rad - mind.targets_rad) / CONTROL_STEP_S
         assert ((np.abs(moved) <= SPEED_RAD_S * pace + 1e-9) | was_startled).all()
         gained = np.abs(later.speed_rad_s - mind.speed_rad_s) / CONTROL_STEP_S
-        most = ACCELERATION_RAD_S2 * np.where(startled, partner_behaviour.STARTLED_ACCELERATION, pace)
+        most = ACCELERATION_RAD_S2 * np.where(startled, partner_behaviour.STARTLE_ACCELERATION_FACTOR, pace)
         assert (gained <= most + 1e-9).all()
         shown = possible(later.targets_rad + partner_behaviour.oscillation_rad(later))
         assert np.isfinite(shown).all()
@@ -167,7 +183,7 @@ def test_all_begin_at_rest_where_they_were_found():
 def test_nobody_sees_the_tool_before_the_reaction_time(style):
     partners = rows("zoo/unseen", style)
     people, mind = begun(partners, 0.0)
-    steps = np.floor(MANNERS.of(partners).reaction_s / CONTROL_STEP_S)
+    steps = np.floor(PARTNER_PARAMETERS.of(partners).reaction_s / CONTROL_STEP_S)
     before = lived(mind, people, NEAR, int(steps.min()) + 1)
     assert_array_equal(before.targets_rad[:, WAIST_X], mind.rest_rad[:, WAIST_X])
     later = lived(mind, people, NEAR, int(steps.max()) + 6)
@@ -193,8 +209,12 @@ def test_the_cooperating_lean_to_the_tool_and_the_averse_from_it():
 def test_the_hesitant_wait_and_stop_half_way():
     partners = rows("zoo/unseen", "hesitant")
     people, mind = begun(partners)
-    goal = MANNERS.of(partners).approach_share * np.radians(10.0)
-    leans, wait_s, reaction_s = [], MANNERS.of(partners).pause_s, MANNERS.of(partners).reaction_s
+    goal = PARTNER_PARAMETERS.of(partners).approach_share * np.radians(10.0)
+    leans, wait_s, reaction_s = (
+        [],
+        PARTNER_PARAMETERS.of(partners).pause_s,
+        PARTNER_PARAMETERS.of(partners).reaction_s,
+    )
     for _ in range(80):
         mind = lived(mind, people, NEAR, 1)
         leans.append(mind.targets_rad[:, WAIST_X] - mind.rest_rad[:, WAIST_X])
@@ -256,7 +276,7 @@ def test_those_who_chew_do_so_at_their_pace():
     back = heads("chewing", 100)[10:, :, 0]
     back -= back.mean(axis=0)
     crossings = (np.diff(np.sign(back), axis=0) > 0).sum(axis=0)
-    assert_allclose(crossings / 9.0, MANNERS.of(partners).chew_hz, atol=0.25)
+    assert_allclose(crossings / 9.0, PARTNER_PARAMETERS.of(partners).chew_hz, atol=0.25)
 
 
 def test_the_restless_sit_otherwise_every_few_seconds():
@@ -267,21 +287,21 @@ def test_the_restless_sit_otherwise_every_few_seconds():
         mind = lived(mind, people, FAR, 1)
         waists.append(mind.targets_rad[:, WAIST_X : WAIST_X + 3])
     moved = np.degrees(np.ptp(np.array(waists), axis=0))
-    assert (moved.max(axis=-1) > 0.5 * MANNERS.of(partners).shift_deg).all()
-    assert (moved <= 2.0 * MANNERS.of(partners).shift_deg[:, None] + 1e-9).all()
+    assert (moved.max(axis=-1) > 0.5 * PARTNER_PARAMETERS.of(partners).shift_deg).all()
+    assert (moved <= 2.0 * PARTNER_PARAMETERS.of(partners).shift_deg[:, None] + 1e-9).all()
 
 
 def test_bodies_are_as_their_style_has_them_and_impairments_add_to_it(rng):
-    people = distributions.repeat(Person("woman", 0.54), len(ALL))
-    body, manner = endow(people, ALL), MANNERS
+    people = distributions.repeat_person(Person("woman", 0.54), len(ALL))
+    body, manner = apply_partner_bodies(people, ALL), PARTNER_PARAMETERS
     assert_allclose(body.strength_share, manner.strength_share)
     assert_allclose(np.degrees(body.tremor_rad[:, HEAD_X]), manner.tremor_deg)
-    uniforms = rng.random((len(ALL), impairments.UNIFORMS))
-    weaker = impairments.impair(body, "weakness", uniforms)
+    uniforms = rng.random((len(ALL), impairments.NUM_UNIFORMS))
+    weaker = impairments.apply_impairment(body, "weakness", uniforms)
     assert (weaker.strength_share <= body.strength_share).all()
-    stiffer = impairments.impair(body, "limits", uniforms)
+    stiffer = impairments.apply_impairment(body, "limits", uniforms)
     assert (stiffer.range_share <= body.range_share).all()
-    shakier = impairments.impair(body, "tremor", uniforms)
+    shakier = impairments.apply_impairment(body, "tremor", uniforms)
     assert (shakier.tremor_rad >= body.tremor_rad).all()
 
 

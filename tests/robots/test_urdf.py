@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from avrgym.models.robot import Arm, Robot, compiled, hold_joints, robot_spec, tuned_arm
+from avrgym.models.robot import Arm, Robot, compiled, fix_joints, robot_spec, tuned_arm
 from avrgym.models.urdf import Urdf
 from avrgym.robots.registry import ROBOTS
 from avrgym.robots.validation import check_robot
@@ -77,7 +77,7 @@ def test_a_joint_that_mimics_is_where_the_other_one_puts_it() -> None:
     for name, position in {"joint_7": 0.02, "joint_8": 3 * ninth, "joint_9": ninth}.items():
         data.joint(name).qpos[:] = position
     mujoco.mj_kinematics(model, data)
-    hold_joints(held, JOINTS, {"joint_7": 0.02})
+    fix_joints(held, JOINTS, {"joint_7": 0.02})
     welded = held.compile()
     assert (welded.njnt, welded.neq) == (6, 0)
     there = mujoco.MjData(welded)

@@ -70,7 +70,7 @@ def test_it_acts_as_speeds_say_and_gives_else_what_was_asked():
     simulation = episodes.simulation
     guard, before = ForceGuard(simulation), simulation.state()
     allowed_m_s = blow_speed_m_s(0.5 * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation))
-    leads = episodes.task.reactive_expert(episodes)
+    leads = episodes.task.feedback_expert(episodes)
     seen: list[tuple[bool, bool]] = []
     for _ in range(LEANING_STEPS):
         now, asked = simulation.state(), np.clip(leads(episodes.observe()), -1.0, 1.0)
@@ -119,7 +119,7 @@ def largest_shares(environment: str, whom: str, asked: Asked) -> tuple[FloatArra
 
 
 def test_heads_that_come_to_a_spoon_are_not_struck():
-    without, guarded = largest_shares(FEEDING, "participants", lambda each: each.task.reactive_expert(each))
+    without, guarded = largest_shares(FEEDING, "participants", lambda each: each.task.feedback_expert(each))
     assert (without > 1.0).sum() >= 2
     assert (guarded < 0.75).all()
 

@@ -93,7 +93,7 @@ def test_each_world_has_a_person_of_its_own():
     assert len(np.unique(state.head_pos_w.round(6), axis=0)) == 8
     for world in range(8):
         person = episodes.person_in(world)
-        pos, q = human.body_frames(distributions.repeat(person, 1))
+        pos, q = human.body_frames(distributions.repeat_person(person, 1))
         frames = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
         centre = pos["head"] + transforms.rotate(q["head"], frames.site_pos["head_centre"])
         assert_allclose(state.head_pos_w[world], centre[0], atol=1e-9)
@@ -234,12 +234,12 @@ def test_parked_food_rests_far_from_everything():
 def pressed(scene) -> Simulation:
     """A world in which the spoon's tip presses on the middle of the face."""
     simulation = Simulation(scene, 1, num_threads=1)
-    who = distributions.repeat(Person("man", 0.60), 1)
+    who = distributions.repeat_person(Person("man", 0.60), 1)
     head = human.body_frames(who)[0]["head"]
     tool = head + np.array([0.0, -0.135, 0.06])
     bowl = {BOWL_BODY: np.array([BOWL_START_M])}
-    level, uniforms = SPOON_Q_W[None], np.full((1, placement.UNIFORMS), 0.5)
-    start = placement.start(scene, who, bowl, tool, level, tool[:, None], level[:, None], uniforms)
+    level, uniforms = SPOON_Q_W[None], np.full((1, placement.NUM_UNIFORMS), 0.5)
+    start = placement.placed_start(scene, who, bowl, tool, level, tool[:, None], level[:, None], uniforms)
     simulation.reset(np.array([0]), start)
     for _ in range(8):
         now = simulation.state().arm_angles_rad

@@ -85,7 +85,7 @@ def test_what_is_known_before_tasks_are_imported_is_what_they_say() -> None:
         if task in constants.TASKS and robot in constants.ROBOTS
     ]
     assert packaged == [*constants.ENVIRONMENTS]
-    assert (*DISTRIBUTIONS,) == population_names.NAMES
+    assert (*DISTRIBUTIONS,) == population_names.POPULATION_NAMES
 
 
 def test_people_are_at_hand_without_an_import_of_their_own() -> None:

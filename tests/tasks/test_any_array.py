@@ -74,18 +74,20 @@ def crowded_state(rng: np.random.Generator, joints: int, particles: int) -> Stat
 def people_from(uniforms: Any, distribution: str, impairment: str, task: str) -> People:
     whom, usual = DISTRIBUTIONS[distribution], TASKS[task]
     of_people, of_mind, of_impairment = np.cumsum(
-        [distributions.UNIFORMS, cooperation.UNIFORMS, impairments.UNIFORMS]
+        [distributions.NUM_UNIFORMS, cooperation.NUM_UNIFORMS, impairments.NUM_UNIFORMS]
     ).tolist()
     posture = RECLINED if task == "BedBathing" else SEATED
-    who = distributions.sample(whom, whom.pose_in(task, usual.pose), posture, None, uniforms[:, :of_people])
+    who = distributions.sample_people(
+        whom, whom.pose_in(task, usual.pose), posture, None, uniforms[:, :of_people]
+    )
     if whom.partners is not None:
-        who = partners.endow(who, whom.partners.draw(uniforms[:, of_people:of_mind]))
-    return impairments.impair(
+        who = partners.apply_partner_bodies(who, whom.partners.draw(uniforms[:, of_people:of_mind]))
+    return impairments.apply_impairment(
         who, impairments.find_impairment(impairment), uniforms[:, of_mind:of_impairment]
     )
 
 
-UNIFORMS = distributions.UNIFORMS + cooperation.UNIFORMS + impairments.UNIFORMS
+NUM_UNIFORMS = distributions.NUM_UNIFORMS + cooperation.NUM_UNIFORMS + impairments.NUM_UNIFORMS
 
 
 def step(environment: str, state: Any, action: Any, task_state: Any) -> tuple[Any, ...]:
@@ -107,7 +109,7 @@ def situation(request: pytest.FixtureRequest) -> tuple[str, State, Any, Any]:
     particles, joints = scene.tool.particles, len(scene.arm.joints)
     state = crowded_state(rng, joints, 0 if particles is None else len(particles.bodies))
     kept = task.init_state(
-        people_from(rng.random((WORLDS, UNIFORMS)), "revised", "none", name),
+        people_from(rng.random((WORLDS, NUM_UNIFORMS)), "revised", "none", name),
         rng.random((WORLDS, task.uniforms)),
     )
     if task.marks is not None:
@@ -151,7 +153,7 @@ def lives(
     joints = cooperation.OFFERED_JOINTS[offered]
 
     def possible(angles: Any) -> Any:
-        return shoulder_limits.clip(impairments.limit(who, angles))
+        return shoulder_limits.clip(impairments.clip_to_ranges(who, angles))
 
     def targets(sight: Any) -> Any:
         if steered:
@@ -170,10 +172,10 @@ def test_people_are_and_do_the_same_on_tensors(
     task: str, distribution: str, impairment: str, steered: bool
 ) -> None:
     rng = np.random.default_rng(3)
-    uniforms = rng.random((WORLDS, UNIFORMS))
+    uniforms = rng.random((WORLDS, NUM_UNIFORMS))
     who = people_from(uniforms, distribution, impairment, task)
     assert_alike(people_from(tensors(uniforms), distribution, impairment, task), who)
-    given = who, uniforms[:, -cooperation.UNIFORMS :], tuple(crowded_state(rng, 7, 0) for _ in range(4))
+    given = who, uniforms[:, -cooperation.NUM_UNIFORMS :], tuple(crowded_state(rng, 7, 0) for _ in range(4))
     wanted = lives(*given, distribution=distribution, task=task, steered=steered)
     assert_alike(
         tuple(lives(*tensors(given), distribution=distribution, task=task, steered=steered)), tuple(wanted)
@@ -184,8 +186,8 @@ def test_people_are_and_do_the_same_on_tensors(
 @pytest.mark.parametrize("task", ["Feeding", "ScratchItch"])
 def test_what_people_do_copies_nothing_to_the_host(task: str, distribution: str) -> None:
     rng = np.random.default_rng(3)
-    uniforms = rng.random((WORLDS, UNIFORMS))
+    uniforms = rng.random((WORLDS, NUM_UNIFORMS))
     who = people_from(uniforms, distribution, "tremor", task)
-    given = who, uniforms[:, -cooperation.UNIFORMS :], (crowded_state(rng, 7, 0),)
+    given = who, uniforms[:, -cooperation.NUM_UNIFORMS :], (crowded_state(rng, 7, 0),)
     (targets,) = lives(*tensors(given, "meta"), distribution=distribution, task=task, steered=False)
     assert targets.device.type == "meta"

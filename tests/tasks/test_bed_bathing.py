@@ -236,8 +236,8 @@ def test_a_side_that_touches_adds_nothing_to_what_the_face_wipes():
 @pytest.mark.parametrize(("side", "wipes"), [("face", True), ("lower", False), ("upper", False)])
 def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
     """A cloth that lies along the upper arm and is pressed on it, with one of its sides or another, by a real arm."""
-    scene, who = TASK.scene(JACO), distributions.repeat(Person("man", 0.60, TASK.pose.rest_rad), 1)
-    shoulder, elbow, _ = placement.right_arm(who, RECLINED)[0]
+    scene, who = TASK.scene(JACO), distributions.repeat_person(Person("man", 0.60, TASK.pose.rest_rad), 1)
+    shoulder, elbow, _ = placement.right_arm_joints_w(who, RECLINED)[0]
     along = transforms.normalize(elbow - shoulder)
     down = transforms.normalize(-UP + (UP @ along) * along)
     x, half = {"face": (down, 0), "lower": (np.cross(down, along), 2), "upper": (np.cross(along, down), 2)}[
@@ -247,7 +247,9 @@ def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
     pad = 0.5 * (shoulder + elbow) - (UPPER_ARM_RADIUS_M + PAD_HALF_SIZE_M[half] + 0.015) * down
     tool = (pad - transforms.rotate(tool_q, PAD_CENTRE_M))[None]
     uniforms = np.random.default_rng(0).random((1, TASK.uniforms))
-    start = placement.start(scene, who, {}, tool, tool_q[None], tool[:, None], tool_q[None, None], uniforms)
+    start = placement.placed_start(
+        scene, who, {}, tool, tool_q[None], tool[:, None], tool_q[None, None], uniforms
+    )
     simulation = Simulation(scene, 1, num_threads=1)
     simulation.reset(np.array([0]), replace(start, placed_pos_w={"nightstand": start.robot_pos_w}))
     task_state, pressed_n = fresh(), 0.0
@@ -429,11 +431,13 @@ def test_episodes_begin_with_the_cloth_beside_the_arm(robot):
 
 def test_the_nightstand_goes_with_the_robot(rng):
     scene = TASK.scene(JACO)
-    start = TASK.start(scene, distributions.repeat(MAN, 8), rng.random((8, TASK.uniforms)))
+    start = TASK.start(scene, distributions.repeat_person(MAN, 8), rng.random((8, TASK.uniforms)))
     assert_array_equal(start.placed_pos_w["nightstand"], start.robot_pos_w)
     assert np.abs(start.robot_pos_w - [-0.75, 0.15, 0.6]).max() <= 0.1
     assert (
-        TASK.start(TASK.scene(PR2), distributions.repeat(MAN, 1), rng.random((1, TASK.uniforms))).placed_pos_w
+        TASK.start(
+            TASK.scene(PR2), distributions.repeat_person(MAN, 1), rng.random((1, TASK.uniforms))
+        ).placed_pos_w
         == {}
     )
 

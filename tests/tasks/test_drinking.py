@@ -49,7 +49,9 @@ def state(water: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> 
 
 
 def fresh(count: int = 1) -> DrinkingState:
-    return DRINKING.init_state(distributions.repeat(Person(), count), np.zeros((count, DRINKING.uniforms)))
+    return DRINKING.init_state(
+        distributions.repeat_person(Person(), count), np.zeros((count, DRINKING.uniforms))
+    )
 
 
 def judged(seen: State, task_state: DrinkingState | None = None, action: np.ndarray = STILL) -> StepResult:

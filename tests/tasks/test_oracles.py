@@ -6,7 +6,7 @@ from avrgym.geometry import transforms
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import MAX_LEAD_RAD
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.motion_planner import BLOCKED_S, Guide
+from avrgym.tasks.experts.motion_planner import BLOCKED_S, MotionPlanner
 from avrgym.tasks.feeding.expert import FeedingExpert
 
 COUNT = 4
@@ -26,7 +26,9 @@ def start() -> Episodes:
     return begun()
 
 
-def nearby(guide: Guide, way: tuple[float, float, float], turn_rad: float) -> tuple[np.ndarray, np.ndarray]:
+def nearby(
+    guide: MotionPlanner, way: tuple[float, float, float], turn_rad: float
+) -> tuple[np.ndarray, np.ndarray]:
     """The tool's pose, moved along ``way`` and turned about the vertical."""
     turn = transforms.from_axis_angle([0.0, 0.0, 1.0], np.full(len(guide.q_w), turn_rad))
     return guide.pos_w + way, transforms.multiply(turn, guide.q_w)
@@ -36,7 +38,7 @@ def nearby(guide: Guide, way: tuple[float, float, float], turn_rad: float) -> tu
 
 
 def test_a_guide_begins_where_the_tool_is(start):
-    guide, state = Guide(start), start.simulation.state()
+    guide, state = MotionPlanner(start), start.simulation.state()
     assert_allclose(guide.pos_w, state.tool_pos_w, atol=1e-9)
     assert_allclose(transforms.angle_between(guide.q_w, state.tool_q_w), 0.0, atol=1e-6)
 
@@ -44,7 +46,7 @@ def test_a_guide_begins_where_the_tool_is(start):
 def test_a_tool_follows_a_straight_line():
     """Asked for and done, within 5 mm, where nothing is in the way; it arrives within 2 mm and 1°."""
     episodes = begun(robot="PR2")
-    guide = Guide(episodes)
+    guide = MotionPlanner(episodes)
     begin = guide.pos_w
     target, q_w = nearby(guide, (-0.04, 0.0, 0.08), 0.2)
     along = transforms.normalize(target - begin)
@@ -61,7 +63,7 @@ def test_a_tool_follows_a_straight_line():
 
 def test_a_tool_moves_and_turns_no_faster_than_it_may():
     episodes = begun()
-    guide = Guide(episodes)
+    guide = MotionPlanner(episodes)
     target, q_w = nearby(guide, (0.1, 0.1, 0.0), 1.0)
     for _ in range(10):
         pos, q = guide.pos_w, guide.q_w
@@ -72,16 +74,16 @@ def test_a_tool_moves_and_turns_no_faster_than_it_may():
 
 def test_actions_are_shares_of_the_joints_speeds(start):
     """However far and fast it should go."""
-    guide = Guide(start)
+    guide = MotionPlanner(start)
     action = guide.toward(guide.pos_w + 1.0, guide.q_w, 10.0, 10.0)
     assert np.abs(action).max() <= 1.0 + 1e-12
-    far = Guide(start)
+    far = MotionPlanner(start)
     assert_allclose(np.abs(far.ask(far.angles_rad + np.linspace(-3.0, 3.0, 7))).max(axis=-1), 1.0)
 
 
 def test_what_is_asked_for_does_not_run_away_from_a_blocked_arm(start):
     """Nobody steps the world: the arm does not follow."""
-    guide = Guide(start)
+    guide = MotionPlanner(start)
     target, q_w = nearby(guide, (0.0, 0.3, 0.0), 0.0)
     for _ in range(20):
         guide.toward(target, q_w, 0.2, 0.5)
@@ -92,7 +94,7 @@ def test_what_is_asked_for_does_not_run_away_from_a_blocked_arm(start):
 
 def test_a_swing_arrives_at_its_angles_with_the_tool_level():
     episodes = begun()
-    guide = Guide(episodes)
+    guide = MotionPlanner(episodes)
     target = guide.angles_rad + np.array([0.3, 0.1, -0.2, 0.2, 0.3, 0.2, 0.4])
     target = guide.angles_at(guide.pose(target)[0], guide.q_w, target)
     for _ in range(40):
@@ -103,7 +105,7 @@ def test_a_swing_arrives_at_its_angles_with_the_tool_level():
 
 
 def test_found_angles_have_the_pose(start):
-    guide = Guide(start)
+    guide = MotionPlanner(start)
     pos_w, q_w = nearby(guide, (0.05, 0.05, 0.05), -0.3)
     angles, cost = guide.find(pos_w[:, None], q_w[:, None])
     found_pos, found_q = guide.pose(angles[:, 0])
@@ -113,14 +115,14 @@ def test_found_angles_have_the_pose(start):
 
 
 def test_nothing_is_found_out_of_reach(start):
-    guide = Guide(start)
+    guide = MotionPlanner(start)
     _, cost = guide.find(guide.pos_w[:, None] + [0.0, 0.0, 2.0], guide.q_w[:, None])
     assert np.isinf(cost).all()
 
 
 def test_it_costs_to_reach_through_the_table(start):
     """A hand in the air is free; with the spoon in the table's top it is not."""
-    guide = Guide(start)
+    guide = MotionPlanner(start)
     in_table = np.tile([0.0, -0.70, 0.735], (COUNT, 1))
     poses = np.stack([nearby(guide, (0.0, 0.1, 0.0), 0.0)[0], in_table], axis=1)
     _, cost = guide.find(poses, np.stack([guide.q_w, guide.q_w], axis=1))
@@ -129,7 +131,7 @@ def test_it_costs_to_reach_through_the_table(start):
 
 
 def test_a_world_is_led_alike_alone_and_among_others(start):
-    together, alone = Guide(start), Guide(begun(1, first=2))
+    together, alone = MotionPlanner(start), MotionPlanner(begun(1, first=2))
     target, q_w = nearby(together, (0.1, 0.2, 0.0), 0.5)
     only = slice(2, 3)
     actions = together.toward(target, q_w, 0.2, 0.8)

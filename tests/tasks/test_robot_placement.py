@@ -23,7 +23,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks import episodes, placement_check, registry, task_check
 from avrgym.tasks.constants import environment_id
-from avrgym.tasks.placement_check import DRAWS_LIMIT, check_starts, draws_by_body, has_room
+from avrgym.tasks.placement_check import MAX_MEAN_DRAWS, check_starts, draws_by_body, is_collision_free
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.placements import place
 from helpers.studies.small_studies import make_study
@@ -91,7 +91,7 @@ def test_the_robots_of_our_examples_leave_everybody_room_too(
 def test_a_robot_in_the_table_fails_its_check_and_that_of_the_task(
     crowded: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = rf"FeedingJaco-v1: a start is drawn \d\.\d times .* allowed: {DRAWS_LIMIT:g}"
+    words = rf"FeedingJaco-v1: a start is drawn \d\.\d times .* allowed: {MAX_MEAN_DRAWS:g}"
     with pytest.raises(ValueError, match=words):
         placement_check.check_placement("Jaco")
     monkeypatch.setattr(task_check, "ENVIRONMENTS", {ENVIRONMENT: ("Feeding", "Jaco")})
@@ -113,7 +113,7 @@ def test_evaluation_reports_draws_and_warns_above_the_limit(
     asked = ["evaluate", ENVIRONMENT, "--policy", "zero", "--episodes", "8", "--jobs", "1"]
     ran = CliRunner().invoke(app, [*asked, "--json", str(tmp_path / "rows.json")])
     (row,) = json.loads((tmp_path / "rows.json").read_text())
-    assert DRAWS_LIMIT < row["start_draws_mean"] <= row["start_draws_max"]
+    assert MAX_MEAN_DRAWS < row["start_draws_mean"] <= row["start_draws_max"]
     assert row["starts_refused"] == round(8 * (row["start_draws_mean"] - 1.0))
     assert f"a start is drawn {row['start_draws_mean']:.1f} times on average" in ran.stderr
     assert f"{row['starts_refused']} people were left out" in ran.stderr
@@ -178,11 +178,11 @@ def test_a_dry_run_without_room_names_environment_body_and_what_is_in_the_way(
 def test_poses_in_furniture_or_person_are_told_from_those_with_room(monkeypatch: pytest.MonkeyPatch) -> None:
     seed = JACO.arms["right"].seed_pose_rad
     random = np.random.default_rng(0).uniform(-np.pi, np.pi, (20, len(seed)))
-    clear = has_room("Feeding", JACO, np.array([seed, *random]))
+    clear = is_collision_free("Feeding", JACO, np.array([seed, *random]))
     assert clear[0]
     assert 0 < clear[1:].sum() < 20
-    assert has_room("Feeding", JACO, random[:3]).tolist() == clear[1:4].tolist()
-    assert has_room("Feeding", JACO, random[:0]).shape == (0,)
+    assert is_collision_free("Feeding", JACO, random[:3]).tolist() == clear[1:4].tolist()
+    assert is_collision_free("Feeding", JACO, random[:0]).shape == (0,)
 
 
 def test_the_page_s_search_for_a_seed_pose_ends_with_one_that_has_room(
@@ -197,9 +197,9 @@ def test_the_page_s_search_for_a_seed_pose_ends_with_one_that_has_room(
     mount = JACO.mounts["wheelchair"]
     moved = replace(mount, pos_w=(mount.pos_w[0] + 0.1, *mount.pos_w[1:]))
     robot = replace(JACO, mounts={**JACO.mounts, "wheelchair": moved})
-    assert has_room("Feeding", robot, best(search, robot)).all()
+    assert is_collision_free("Feeding", robot, best(search, robot)).all()
     without = search.replace("angles = angles[has_room", "# ")
-    assert not has_room("Feeding", robot, best(without, robot)).any()
+    assert not is_collision_free("Feeding", robot, best(without, robot)).any()
 
 
 def best(search: str, robot: Robot) -> np.ndarray:

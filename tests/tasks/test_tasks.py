@@ -62,7 +62,7 @@ def test_a_record_with_a_part_that_cannot_be_is_refused(changes: Mapping[str, An
 
 
 @pytest.mark.parametrize(
-    "part", ["scene", "observation", "evaluate_step", "expert", "reactive_expert", "views"]
+    "part", ["scene", "observation", "evaluate_step", "expert", "feedback_expert", "views"]
 )
 def test_a_record_without_a_part_names_it(part):
     parts = {name: value for name, value in vars(FEEDING).items() if name != part}

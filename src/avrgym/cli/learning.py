@@ -33,7 +33,7 @@ from avrgym.cli.terminal import (
     warn,
     write_json,
 )
-from avrgym.people.population_names import NAMES
+from avrgym.people.population_names import POPULATION_NAMES
 from avrgym.policies.names import CHOICES
 from avrgym.system.engines import THREADS
 
@@ -313,9 +313,9 @@ def _shown(env: str, steps: int, folder: Path) -> "Generator[training.Tell]":
 
 
 def _run_name(env: str, people: str, impairment: str, recipe: str | None, seed: int) -> str:
-    from avrgym.people.distributions import NAMED
+    from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 
-    whom = people.replace("/", "-") if people in NAMED else Path(people).stem
+    whom = people.replace("/", "-") if people in NAMED_DISTRIBUTIONS else Path(people).stem
     limited = [] if impairment == "none" else [impairment]
     by_recipe = [] if recipe is None else [recipe]
     return "-".join([env.removeprefix("avrgym/"), whom, *limited, *by_recipe, str(seed)])
@@ -358,7 +358,7 @@ def evaluate(
         typer.Option(
             "--cross-play",
             help="Show success as a matrix of policies and people; unless named, original and revised policies with "
-            f"{', '.join(NAMES)}.",
+            f"{', '.join(POPULATION_NAMES)}.",
         ),
     ] = False,
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
@@ -399,13 +399,13 @@ def evaluate(
     from avrgym.learning.cross_play import matrix
     from avrgym.learning.seed_streams import stream_of
     from avrgym.tasks.constants import EPISODE_STEPS
-    from avrgym.tasks.placement_check import above_limit
+    from avrgym.tasks.placement_check import excess_draws
 
     with plain_errors():
         check_json(json_file)
         chosen = chosen_environments(env, all_environments)
         policies = policy or (["original", "revised"] if cross_play else ["revised"])
-        groups = people or ([*NAMES] if cross_play else ["revised"])
+        groups = people or ([*POPULATION_NAMES] if cross_play else ["revised"])
         steps = len(chosen) * len(policies) * len(groups) * episodes * EPISODE_STEPS
         with (
             on_cluster(cluster, jobs) as workers,
@@ -439,7 +439,7 @@ def evaluate(
         for row in rows:
             for difference in row["plugin_differences"]:
                 warn(f"{_whose(row)}: not as the policy was trained: {difference}")
-            crowded = above_limit(row["start_draws_mean"], row["start_draws_max"])
+            crowded = excess_draws(row["start_draws_mean"], row["start_draws_max"])
             if crowded:
                 warn(f"{_whose(row)}: {crowded}; {row['starts_refused']} people were left out")
 

@@ -13,7 +13,7 @@ from avrgym.system.engines import ENGINES
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster as ConnectedCluster
 
-PEOPLE = population_names.CHOICES
+PEOPLE = population_names.ALLOWED_PEOPLE
 Policy = Annotated[str, typer.Option(help=f"Who drives: {CHOICES}.")]
 Impairment = Annotated[
     str,

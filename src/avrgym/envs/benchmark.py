@@ -11,7 +11,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.arrays import brought
+from avrgym.geometry.arrays import moved_to
 from avrgym.models.scene import SUBSTEPS
 from avrgym.simulation.engines.engine import Engine
 from avrgym.system.engines import THREADS
@@ -88,7 +88,7 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     drawn = np.random.default_rng(seed).uniform(
         -1.0, 1.0, (steps, episodes.simulation.num_worlds, episodes.action_size)
     )
-    actions = brought(drawn, episodes.simulation.exemplar)
+    actions = moved_to(drawn, episodes.simulation.exemplar)
     began = perf_counter()
     _begin(episodes, seed)
     reset_s = perf_counter() - began

@@ -84,7 +84,7 @@ def _spec(episodes: Episodes) -> mujoco.MjSpec:
     """The scene of the first world with its looks, and where the episode put things."""
     scene, simulation = episodes.scene, episodes.simulation
     spec = build_spec(scene, episodes.person_in(0), moving=simulation.moving, appearance=True)
-    compliance.bound_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
+    compliance.limit_contact_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
     model, placed = spec.compile(), simulation.batch.get_model(0)
     for field in OF_THE_EPISODE:
         getattr(model, field)[:] = getattr(placed, field)

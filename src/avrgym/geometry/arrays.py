@@ -29,18 +29,18 @@ def namespace(*values: Any) -> Any:
     return np
 
 
-def floats(*values: Any) -> tuple[Any, ...]:
+def as_floats(*values: Any) -> tuple[Any, ...]:
     """The values' library, then each of them as an array of it, of floating numbers.
 
     NumPy's become float64; numbers of the host beside another library's arrays become like these.
     """
     for value in values:
         if not isinstance(value, _NUMPYS):
-            return array_namespace(value), *[like(each, value) for each in values]
+            return array_namespace(value), *[constant_like(each, value) for each in values]
     return np, *[np.asarray(value, float) for value in values]
 
 
-def like(values: Any, array: Any) -> Any:
+def constant_like(values: Any, array: Any) -> Any:
     """Constant numbers of the host, where an array is: beside NumPy's as they are, else once brought there.
 
     Floating ones get the type of the array.
@@ -57,7 +57,7 @@ def _there(numbers: bytes, shape: tuple[int, ...], kind: str, xp: Any, dtype: An
     return xp.asarray(np.frombuffer(numbers, kind).reshape(shape).copy(), dtype=dtype, device=device)
 
 
-def brought(values: Any, beside: Any) -> Any:
+def moved_to(values: Any, beside: Any) -> Any:
     """An array of the host, or a dataclass of some, brought to where another array is; those not of the host stay.
 
     Floating numbers get the type of that array.
@@ -65,7 +65,7 @@ def brought(values: Any, beside: Any) -> Any:
     if isinstance(beside, _NUMPYS):
         return values
     if is_dataclass(values) and not isinstance(values, type):
-        return replace(values, **{name: brought(each, beside) for name, each in vars(values).items()})
+        return replace(values, **{name: moved_to(each, beside) for name, each in vars(values).items()})
     if not isinstance(values, _NUMPYS):
         return values
     numbers = np.asarray(values)
@@ -73,23 +73,23 @@ def brought(values: Any, beside: Any) -> Any:
     return namespace(beside).asarray(numbers.copy(), dtype=dtype, device=beside.device)
 
 
-def on_host(array: Any) -> NumpyArray:
+def to_numpy(array: Any) -> NumpyArray:
     """NumPy's array of the same numbers: the same one, or a copy that waits for the device."""
     return np.asarray(array if isinstance(array, _NUMPYS) else to_device(array, "cpu"))
 
 
-def copied(array: ArrayLike) -> Any:
+def float_copy(array: ArrayLike) -> Any:
     """A copy, of floating numbers, that may be changed."""
-    xp, numbers = floats(array)
+    xp, numbers = as_floats(array)
     return xp.asarray(numbers, copy=True)
 
 
-def row_numbers(array: Any) -> Any:
+def row_indices(array: Any) -> Any:
     """0, 1, … for each of an array's rows (n, ...), where the array is."""
     return namespace(array).arange(len(array), device=array.device)
 
 
-def worth_computing(mask: Any) -> tuple[Any, ...]:
+def active_indices(mask: Any) -> tuple[Any, ...]:
     """The indices, an array for each axis, of what is worth computing: with NumPy that for which a mask is true.
 
     With other libraries it is everything, since how much is true would have to be copied to the host, which would wait

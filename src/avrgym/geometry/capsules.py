@@ -10,7 +10,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import floats, namespace
+from avrgym.geometry.arrays import as_floats, namespace
 
 
 def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:
@@ -100,7 +100,7 @@ def _clamp(x: FloatArray, low: FloatArray | float, high: FloatArray | float) -> 
 
 def _axis_first(*vectors: FloatArray) -> list[FloatArray]:
     """Vectors (..., n), as many leading axes as they have, as (n, ...) with equally many axes."""
-    xp, *arrays = floats(*vectors)
+    xp, *arrays = as_floats(*vectors)
     axes = max(v.ndim for v in arrays)
     order = (axes - 1, *range(axes - 1))
     turned = [xp.permute_dims(v.reshape((1,) * (axes - v.ndim) + v.shape), order) for v in arrays]

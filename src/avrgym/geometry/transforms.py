@@ -11,7 +11,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary
-from avrgym.geometry.arrays import floats, like, namespace
+from avrgym.geometry.arrays import as_floats, constant_like, namespace
 
 Numbers = Any
 """An array of any library, or what NumPy makes one of."""
@@ -22,7 +22,7 @@ _CONJUGATED = np.array([1.0, -1.0, -1.0, -1.0])
 
 def multiply(a: Numbers, b: Numbers) -> FloatArray:
     """The product a ⊗ b: the rotation b followed by a. Shapes (..., 4)."""
-    _, a, b = floats(a, b)
+    _, a, b = as_floats(a, b)
     aw, ax, ay, az = _components(a)
     bw, bx, by, bz = _components(b)
     return _joined(
@@ -35,25 +35,25 @@ def multiply(a: Numbers, b: Numbers) -> FloatArray:
 
 def conjugate(q: Numbers) -> FloatArray:
     """The inverse rotation of a unit quaternion (..., 4)."""
-    _, q = floats(q)
-    return q * like(_CONJUGATED, q)
+    _, q = as_floats(q)
+    return q * constant_like(_CONJUGATED, q)
 
 
 def normalize(q: Numbers) -> FloatArray:
     """Scale quaternions or vectors (..., n) to unit length; zero length gives non-finite values."""
-    xp, q = floats(q)
+    xp, q = as_floats(q)
     return q / xp.sqrt((q * q).sum(axis=-1, keepdims=True))
 
 
 def norm(v: Numbers) -> FloatArray:
     """The length (...) of vectors (..., n)."""
-    xp, v = floats(v)
+    xp, v = as_floats(v)
     return xp.sqrt((v * v).sum(axis=-1))
 
 
 def rotate(q: Numbers, v: Numbers) -> FloatArray:
     """Rotate vectors v (..., 3) by unit quaternions q (..., 4)."""
-    _, q, v = floats(q, v)
+    _, q, v = as_floats(q, v)
     w, u = q[..., :1], q[..., 1:]
     t = 2.0 * cross(u, v)
     return v + w * t + cross(u, t)
@@ -61,7 +61,7 @@ def rotate(q: Numbers, v: Numbers) -> FloatArray:
 
 def cross(a: Numbers, b: Numbers) -> FloatArray:
     """The cross product of vectors (..., 3); ``numpy.cross`` takes several times as long on a few vectors."""
-    _, a, b = floats(a, b)
+    _, a, b = as_floats(a, b)
     ax, ay, az = _components(a)
     bx, by, bz = _components(b)
     return _joined(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
@@ -69,13 +69,13 @@ def cross(a: Numbers, b: Numbers) -> FloatArray:
 
 def from_axis_angle(axis: Numbers, angle_rad: Numbers) -> FloatArray:
     """The rotation by ``angle_rad`` (...) about the unit vector ``axis`` (..., 3), as (..., 4)."""
-    _, axis, angle_rad = floats(axis, angle_rad)
+    _, axis, angle_rad = as_floats(axis, angle_rad)
     return from_rotation_vector(axis * angle_rad[..., None])
 
 
 def from_rotation_vector(v: Numbers) -> FloatArray:
     """The exponential map: rotation vectors (..., 3) in radians to quaternions (..., 4)."""
-    xp, v = floats(v)
+    xp, v = as_floats(v)
     angle = xp.sqrt((v * v).sum(axis=-1, keepdims=True))
     half = np.pi * xp.where(angle == 0.0, 1e-20, 0.5 * angle / np.pi)
     sine, cosine = elementary.sine_and_cosine(half)
@@ -84,7 +84,7 @@ def from_rotation_vector(v: Numbers) -> FloatArray:
 
 def to_rotation_vector(q: Numbers) -> FloatArray:
     """The logarithm of unit quaternions (..., 4): rotation vectors (..., 3) of length at most π."""
-    xp, q = floats(q)
+    xp, q = as_floats(q)
     q = xp.where(q[..., :1] < 0.0, -q, q)
     sine = xp.sqrt((q[..., 1:] ** 2).sum(axis=-1, keepdims=True))
     angle = 2.0 * elementary.arctan2(sine, q[..., :1])
@@ -94,7 +94,7 @@ def to_rotation_vector(q: Numbers) -> FloatArray:
 
 def to_matrix(q: Numbers) -> FloatArray:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
-    _, q = floats(q)
+    _, q = as_floats(q)
     w, x, y, z = _components(q)
     x2, y2, z2 = x + x, y + y, z + z
     xx, yy, zz = x * x2, y * y2, z * z2
@@ -114,7 +114,7 @@ def from_matrix(matrix: Numbers) -> FloatArray:
     Shepperd's choice: the largest of the four squared components is the pivot, so no division is
     ill-conditioned.
     """
-    xp, m = floats(matrix)
+    xp, m = as_floats(matrix)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
     xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
@@ -137,7 +137,7 @@ def angle_between(a: Numbers, b: Numbers) -> FloatArray:
 
 def compose(pos_ab: Numbers, q_ab: Numbers, pos_bc: Numbers, q_bc: Numbers) -> tuple[FloatArray, FloatArray]:
     """Chain two poses: T_ac = T_ab · T_bc, as (position, quaternion)."""
-    _, pos_ab, turned = floats(pos_ab, rotate(q_ab, pos_bc))
+    _, pos_ab, turned = as_floats(pos_ab, rotate(q_ab, pos_bc))
     return pos_ab + turned, multiply(q_ab, q_bc)
 
 

@@ -8,7 +8,7 @@ import msgspec
 
 from avrgym.learning.settings_file import settings_of
 from avrgym.networks.policy import FILE_SUFFIX
-from avrgym.people.distributions import NAMED
+from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 from avrgym.people.populations import carried_people, is_trained
 from avrgym.system.engines import THREADS
 from avrgym.system.files import write_whole
@@ -155,7 +155,7 @@ def store(configuration: TrainingConfiguration, out: Path) -> None:
 
 def store_people(people: str, out: Path) -> None:
     """Keep a copy of people who have no name in the folder of a training."""
-    if people in NAMED:
+    if people in NAMED_DISTRIBUTIONS:
         return
     kept = out / PEOPLE
     if not Path(people).is_dir():
@@ -165,7 +165,7 @@ def store_people(people: str, out: Path) -> None:
 
 def stored_people(configuration: TrainingConfiguration, out: Path) -> str:
     """Name, file or folder of the people of the training in ``out``."""
-    if configuration.people in NAMED:
+    if configuration.people in NAMED_DISTRIBUTIONS:
         return configuration.people
     copies = [out / f"{PEOPLE}{suffix}" for suffix in (PEOPLE_SUFFIX, FILE_SUFFIX, "")]
     return str(next((copy for copy in copies if copy.exists()), copies[0]))

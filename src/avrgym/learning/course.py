@@ -15,7 +15,7 @@ from avrgym.learning.exporting import export_policy
 from avrgym.learning.hard_episodes import HardEpisodes
 from avrgym.learning.stable_baselines import Normaliser, Trainee
 from avrgym.networks.policy import HumanRole, Policy
-from avrgym.people.distributions import NAMED
+from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 from avrgym.people.populations import HUMAN_FILE
 from avrgym.system.files import read_user_text
 
@@ -97,7 +97,7 @@ class Course:
 
     def _role(self, partner: Policy) -> HumanRole:
         people = stored_people(self.configuration, self._out)
-        text = "" if people in NAMED else read_user_text(Path(people))
+        text = "" if people in NAMED_DISTRIBUTIONS else read_user_text(Path(people))
         return HumanRole(partner=partner.digest, people_file=text)
 
     def save(self, trainees: Sequence[Trainee[Normaliser]], episodes: list[dict[str, Any]]) -> list[Policy]:

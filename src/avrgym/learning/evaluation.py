@@ -138,8 +138,8 @@ def evaluate_all(
     Args:
         environment_ids: such as ``avrgym/FeedingJaco-v1``.
         policy: whatever ``policies.registry.find`` finds, but ``operator``.
-        people: whom to meet, a name in ``people.distributions.NAMED``, a file of people, a trained human or a
-            folder of them.
+        people: whom to meet, a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a file of people, a trained human
+            or a folder of them.
         episodes: how many in each, 1 or more.
         seed: of the episodes; another seed gives other people and starts.
         progress: told again and again how many environment steps were made since it was told last.

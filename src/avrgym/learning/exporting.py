@@ -15,7 +15,7 @@ from stable_baselines3 import PPO
 from avrgym.learning.configuration import TrainingConfiguration
 from avrgym.learning.stable_baselines import Normaliser
 from avrgym.networks.policy import HumanRole, Policy, PolicyMetadata
-from avrgym.people.populations import people_name
+from avrgym.people.populations import population_label
 from avrgym.tasks.registry import plugins_of
 
 CURVE_POINTS = 100
@@ -50,7 +50,7 @@ def export_policy(
         action_deviation=exp(configuration.log_std_at(steps)),
         metadata=PolicyMetadata(
             environment=configuration.environment,
-            people=people_name(configuration.people) + beside_human,
+            people=population_label(configuration.people) + beside_human,
             impairment=configuration.impairment,
             steps=steps,
             seed=configuration.seed,

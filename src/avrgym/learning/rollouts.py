@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.array_types import BoolArray, Float32Array, FloatArray
-from avrgym.geometry.arrays import brought, namespace, on_host
+from avrgym.geometry.arrays import moved_to, namespace, to_numpy
 from avrgym.learning.evaluation import watched_step
 from avrgym.policies.actors import Actor, ActorThere
 from avrgym.policies.trained import Policy
@@ -23,7 +23,7 @@ from avrgym.system.engines import THREADS
 from avrgym.system.transferred_files import Carried
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes, Step
-from avrgym.tasks.experts.filtered import steadied
+from avrgym.tasks.experts.filtered import filtered
 from avrgym.tasks.task import Controller
 
 NOISE_STREAMS = 4, 5
@@ -173,7 +173,7 @@ def roll_out_all(policies: Sequence[Policy], order: Order) -> list[Rollout]:
         force_n = force_n + step.force_on_person_n / EPISODE_STEPS
         success = step.success
     worlds.check()
-    of_episodes = on_host(returns), on_host(success), on_host(force_n)
+    of_episodes = to_numpy(returns), to_numpy(success), to_numpy(force_n)
     rollouts = [agent.rollout(*of_episodes) for agent in (robot, *humans)]
     if expert is not None:
         rollouts[0] = replace(rollouts[0], arm_angles_rad=np.stack(arm_angles_rad).astype(np.float32))
@@ -200,8 +200,8 @@ def _expert_for(policy: Policy, order: Order, worlds: Episodes) -> Controller:
         return Actor(order.teacher, len(order.episodes)).mean
     task = worlds.task
     if policy.memory is None:
-        return task.reactive_expert(worlds)
-    return steadied(task.patient_expert or task.reactive_expert)(worlds)
+        return task.feedback_expert(worlds)
+    return filtered(task.memory_expert or task.feedback_expert)(worlds)
 
 
 class _Agent:
@@ -214,7 +214,7 @@ class _Agent:
         self.done: list[Any] = []
         self.rewards: list[Any] = []
         self._actor = Actor(policy, len(order.episodes)) if self._xp is np else ActorThere(policy, first)
-        self._chance = brought(policy.action_deviation * _noise(policy, noise_stream, order), first)
+        self._chance = moved_to(policy.action_deviation * _noise(policy, noise_stream, order), first)
         self.see(first)
 
     def see(self, observation: Any) -> None:

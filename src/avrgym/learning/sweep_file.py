@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from avrgym.learning.configuration import TrainingConfiguration, configuration_for
 from avrgym.learning.settings_file import changed_settings, read_toml, refusal
-from avrgym.people.distributions import NAMED
+from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 from avrgym.people.impairments import find_impairment
 from avrgym.people.population_names import ORIGINAL
 from avrgym.tasks.company import find_company
@@ -86,7 +86,7 @@ def planned(sweep: Sweep, where: str) -> dict[str, list[Planned]]:
                 recipe,
                 configuration_for(
                     environment,
-                    people if people in NAMED else str(Path(people).resolve()),
+                    people if people in NAMED_DISTRIBUTIONS else str(Path(people).resolve()),
                     sweep.steps,
                     seed,
                     sweep.impairment,
@@ -99,4 +99,4 @@ def planned(sweep: Sweep, where: str) -> dict[str, list[Planned]]:
 
 
 def _plain(people: str) -> str:
-    return people.replace("/", "_") if people in NAMED else Path(people).stem
+    return people.replace("/", "_") if people in NAMED_DISTRIBUTIONS else Path(people).stem

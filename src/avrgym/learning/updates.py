@@ -19,7 +19,7 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.utils import configure_logger
 
 from avrgym.array_types import BoolArray, Float32Array
-from avrgym.geometry.arrays import brought, namespace, on_host
+from avrgym.geometry.arrays import moved_to, namespace, to_numpy
 from avrgym.learning import checkpoint
 from avrgym.learning.configuration import TrainingConfiguration, turn
 from avrgym.learning.course import CHECKPOINT_FILE, Course
@@ -203,7 +203,7 @@ class UpdateNormaliser:
         """Observations (…, O) in standard deviations from the mean, single precision."""
         xp = namespace(obs)
         deviation = np.sqrt(self.obs_rms.var + self.epsilon)
-        scaled = (obs - brought(self.obs_rms.mean, obs)) / brought(deviation, obs)
+        scaled = (obs - moved_to(self.obs_rms.mean, obs)) / moved_to(deviation, obs)
         return xp.astype(xp.clip(scaled, -self.clip_obs, self.clip_obs), xp.float32)
 
     def see(self, rollout: Rollout) -> None:
@@ -220,14 +220,14 @@ class UpdateNormaliser:
             so_far = so_far * self._discount + reward
             returns.append(so_far)
         _see(self.ret_rms, xp.stack(returns).reshape(-1))
-        scaled = rewards / brought(np.sqrt(self.ret_rms.var + self.epsilon), rewards)
+        scaled = rewards / moved_to(np.sqrt(self.ret_rms.var + self.epsilon), rewards)
         return xp.astype(xp.clip(scaled, -10.0, 10.0), xp.float32)
 
 
 def _see(statistics: RunningMeanStd, samples: Any) -> None:
     """Take in what samples (S, …) were like; nothing but their moments leaves a device."""
     xp = namespace(samples)
-    mean, variance = (on_host(moment(samples, axis=0)) for moment in (xp.mean, xp.var))
+    mean, variance = (to_numpy(moment(samples, axis=0)) for moment in (xp.mean, xp.var))
     statistics.update_from_moments(mean, variance, len(samples))
 
 

@@ -9,18 +9,18 @@ _PERSON, _ROBOT, _TOOL, _PARTICLE, _FURNITURE, _HULL = 1, 2, 4, 8, 16, 32
 
 
 @dataclass(frozen=True)
-class ContactBits:
+class CollisionBits:
     """Two geoms touch when one's ``contype`` meets the other's ``conaffinity``."""
 
     contype: int
     conaffinity: int
 
 
-PERSON = ContactBits(_PERSON, 0)
-ROBOT = ContactBits(_ROBOT, _PERSON)
-TOOL = ContactBits(_TOOL, _PERSON)
-HULL = ContactBits(_HULL, _PERSON)
-PARTICLE = ContactBits(_PARTICLE, _PERSON | _TOOL | _PARTICLE | _FURNITURE)
-FURNITURE = ContactBits(_FURNITURE, _ROBOT | _TOOL)
-ROOM = ContactBits(0, 0)
+PERSON = CollisionBits(_PERSON, 0)
+ROBOT = CollisionBits(_ROBOT, _PERSON)
+TOOL = CollisionBits(_TOOL, _PERSON)
+HULL = CollisionBits(_HULL, _PERSON)
+PARTICLE = CollisionBits(_PARTICLE, _PERSON | _TOOL | _PARTICLE | _FURNITURE)
+FURNITURE = CollisionBits(_FURNITURE, _ROBOT | _TOOL)
+NO_COLLISION = CollisionBits(0, 0)
 """Touches nothing: what keeps people out of the place of something else."""

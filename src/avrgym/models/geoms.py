@@ -5,7 +5,7 @@ from typing import Any
 
 import mujoco
 
-from avrgym.models.collision_bits import COLLISION_GROUP, VISUAL_GROUP, ContactBits
+from avrgym.models.collision_bits import COLLISION_GROUP, VISUAL_GROUP, CollisionBits
 from avrgym.models.shapes import Mesh
 
 BOX = mujoco.mjtGeom.mjGEOM_BOX
@@ -15,7 +15,7 @@ SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE
 
 
 def add_collision(
-    body: mujoco.MjsBody, name: str, kind: mujoco.mjtGeom, bits: ContactBits, **attributes: Any
+    body: mujoco.MjsBody, name: str, kind: mujoco.mjtGeom, bits: CollisionBits, **attributes: Any
 ) -> None:
     """Add an invisible geom that touches; attributes as of ``MjsBody.add_geom``."""
     body.add_geom(

@@ -120,7 +120,7 @@ class UnsuitableError(ValueError):
     """A robot lacks what a task asks for."""
 
 
-def equipment(robot: Robot, place: Place, side: Side, tool: Tool) -> tuple[Arm, Mount]:
+def select_equipment(robot: Robot, place: Place, side: Side, tool: Tool) -> tuple[Arm, Mount]:
     """The arm that holds a tool beside a person, and the mount there.
 
     Raises:
@@ -153,7 +153,7 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
     held = dict(robot.holding)
     if grip is not None:
         held |= {arm.finger_prefix + finger: value for finger, value in grip.fingers.items()}
-    hold_joints(spec, arm.joints, held)
+    fix_joints(spec, arm.joints, held)
     _add_servos(spec, arm)
     _shape_brakes(spec, arm)
     return spec
@@ -179,7 +179,7 @@ def _delete_unused_meshes(spec: mujoco.MjSpec) -> None:
         spec.delete(mesh)
 
 
-def hold_joints(spec: mujoco.MjSpec, moving: Sequence[str], held: Mapping[str, float]) -> None:
+def fix_joints(spec: mujoco.MjSpec, moving: Sequence[str], held: Mapping[str, float]) -> None:
     """Weld all joints but the moving ones: hinges at radians, slides at metres, 0 where ``held`` names none.
 
     A joint that mimics another one, in MuJoCo by an equality, is where that one puts it.
@@ -295,7 +295,7 @@ def tuned_arm(
             ("torque_limit_n_m", torque_limit_n_m),
         )
     )
-    hold_joints(spec, joints, {})
+    fix_joints(spec, joints, {})
     model = compiled(spec)
     data = mujoco.MjData(model)
     places = [model.joint(name).qposadr[0] for name in joints]

@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import like, namespace
+from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.geometry.capsules import segment_box_distance, segment_distance
 from avrgym.models import human
 from avrgym.models.human import GEOMS, RIGHT_ARM, SEATED, People, Posture, Z
@@ -67,7 +67,9 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArr
     pos_w, q_w = human.body_frames(people, posture)
     segments: list[FloatArray] = []
     for name, geom in GEOMS.items():
-        reach = layout.geom_size[name][:, 1:2] * like(np.array(geom.axis or Z), people.torso_height_m)
+        reach = layout.geom_size[name][:, 1:2] * constant_like(
+            np.array(geom.axis or Z), people.torso_height_m
+        )
         ends = layout.geom_pos[name][:, None] + xp.stack([-reach, reach], axis=1)
         segments.append(pos_w[geom.body][:, None] + transforms.rotate(q_w[geom.body][:, None], ends))
     radii = [layout.geom_size[name][:, 0] for name in GEOMS]
@@ -84,13 +86,17 @@ def clearance(segments_w: FloatArray, radii_m: FloatArray, furniture: Boxes | No
         radii_m: their radii (N, G).
         furniture: boxes to keep away from too.
     """
-    xp, first, second = namespace(segments_w), like(_PART, segments_w), like(_OTHER, segments_w)
+    xp, first, second = (
+        namespace(segments_w),
+        constant_like(_PART, segments_w),
+        constant_like(_OTHER, segments_w),
+    )
     part, other = segments_w[:, first], segments_w[:, second]
     apart = segment_distance(part[:, :, 0], part[:, :, 1], other[:, :, 0], other[:, :, 1])
     gap = xp.min(apart - radii_m[:, first] - radii_m[:, second], axis=1)
     if furniture is None:
         return gap
-    arm = like(_ARM, segments_w)
+    arm = constant_like(_ARM, segments_w)
     return xp.minimum(gap, _furniture_gap(segments_w[:, arm], radii_m[:, arm], furniture))
 
 

@@ -14,15 +14,15 @@ import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
-from avrgym.geometry.arrays import copied, interpolate, like, namespace, row_numbers
+from avrgym.geometry.arrays import constant_like, float_copy, interpolate, namespace, row_indices
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
 
-Offered = Literal["mouth", "arm", "nothing"]
+OfferedPart = Literal["mouth", "arm", "nothing"]
 
 
-class Sight(Protocol):
+class PersonObservation(Protocol):
     """What N people see and feel of the tool and of themselves, as in ``simulation.worlds.State``; world frame."""
 
     @property
@@ -46,7 +46,7 @@ class Sight(Protocol):
         ...
 
 
-UNIFORMS = 6
+NUM_UNIFORMS = 6
 """How many uniform numbers a person's manner takes."""
 
 REMEMBERED_STEPS = 5
@@ -62,7 +62,7 @@ SPEED_RAD_S = np.array(
     [{"torso": 0.2, "head": 0.8}.get(joint.body, 0.4) for joint in JOINTS.values()], dtype=float
 )
 
-OFFERED_JOINTS: Mapping[Offered, tuple[str, ...]] = {
+OFFERED_JOINTS: Mapping[OfferedPart, tuple[str, ...]] = {
     "mouth": tuple(name for name, joint in JOINTS.items() if joint.body in ("torso", "head")),
     "arm": tuple(name for name in JOINTS if name.startswith("right_")),
     "nothing": (),
@@ -75,7 +75,7 @@ _LIFT = np.array([JOINT_INDEX["right_shoulder_y"], JOINT_INDEX["right_elbow_x"]]
 
 
 @dataclass(frozen=True)
-class Mind:
+class CooperationState:
     """What N cooperating people carry from one control step to the next.
 
     ``seen_w`` (N, ``REMEMBERED_STEPS``, 3) are the latest places of the tool, newest first; ``targets_rad``
@@ -95,11 +95,11 @@ class Mind:
     phase_rad: FloatArray
 
 
-def begin(people: People, uniforms: FloatArray) -> Mind:
-    """The minds of people whose episode begins, from uniform numbers (n, ``UNIFORMS``)."""
+def initial_state(people: People, uniforms: FloatArray) -> CooperationState:
+    """The minds of people whose episode begins, from uniform numbers (n, ``NUM_UNIFORMS``)."""
     xp, count = namespace(uniforms), len(uniforms)
     low, high = REACTION_STEPS
-    return Mind(
+    return CooperationState(
         seen_w=xp.full((count, REMEMBERED_STEPS, 3), xp.inf, dtype=uniforms.dtype, device=uniforms.device),
         targets_rad=people.joint_angles_rad,
         rest_rad=people.joint_angles_rad,
@@ -112,7 +112,9 @@ def begin(people: People, uniforms: FloatArray) -> Mind:
     )
 
 
-def see(mind: Mind, sight: Sight, offered: Offered, posture: Posture) -> Mind:
+def update_targets(
+    mind: CooperationState, sight: PersonObservation, offered: OfferedPart, posture: Posture
+) -> CooperationState:
     """They see the tool, and their targets move.
 
     Args:
@@ -123,25 +125,25 @@ def see(mind: Mind, sight: Sight, offered: Offered, posture: Posture) -> Mind:
     """
     xp = namespace(mind.targets_rad)
     seen = xp.concat([sight.tool_pos_w[:, None], mind.seen_w[:, :-1]], axis=1)
-    tool = seen[row_numbers(seen), mind.reaction]
+    tool = seen[row_indices(seen), mind.reaction]
     match offered:
         case "mouth":
-            wanted = _bring_mouth(mind, sight, tool, posture)
+            wanted = _mouth_targets(mind, sight, tool, posture)
         case "arm":
-            wanted = _bring_arm(mind, sight, tool)
+            wanted = _arm_targets(mind, sight, tool)
         case "nothing":
             wanted = mind.targets_rad
-    reach = like(SPEED_RAD_S * CONTROL_STEP_S, mind.targets_rad)
+    reach = constant_like(SPEED_RAD_S * CONTROL_STEP_S, mind.targets_rad)
     moved = mind.targets_rad + xp.clip(wanted - mind.targets_rad, -reach, reach)
     return replace(mind, seen_w=seen, targets_rad=moved)
 
 
-def wait(mind: Mind) -> Mind:
+def advance_time(mind: CooperationState) -> CooperationState:
     """One control step passes."""
     return replace(mind, time_s=mind.time_s + CONTROL_STEP_S)
 
 
-def sway_rad(mind: Mind) -> FloatArray:
+def sway_rad(mind: CooperationState) -> FloatArray:
     """What sway adds to the joints' targets (N, 20): the waist rocks to and fro and to the sides."""
     xp = namespace(mind.targets_rad)
     angle = 2.0 * np.pi * mind.sway_hz * mind.time_s
@@ -152,37 +154,39 @@ def sway_rad(mind: Mind) -> FloatArray:
     return wave
 
 
-def _bring_mouth(mind: Mind, sight: Sight, tool_w: FloatArray, posture: Posture) -> FloatArray:
+def _mouth_targets(
+    mind: CooperationState, sight: PersonObservation, tool_w: FloatArray, posture: Posture
+) -> FloatArray:
     """Targets that turn the face to the tool, and lean to it when it is near and in front."""
-    xp, most, head = namespace(tool_w), like(HEAD_TURN_RAD, tool_w), like(_HEAD, tool_w)
+    xp, most, head = namespace(tool_w), constant_like(HEAD_TURN_RAD, tool_w), constant_like(_HEAD, tool_w)
     seen = xp.isfinite(tool_w).all(axis=-1)
     offset = xp.where(seen[:, None], tool_w, sight.mouth_pos_w) - sight.head_pos_w
-    ahead = ahead_of(mind.targets_rad, offset, posture)
-    turn = xp.clip(mind.facing[:, None] * facing_rad(ahead), -most, most)
+    ahead = in_torso_frame(mind.targets_rad, offset, posture)
+    turn = xp.clip(mind.facing[:, None] * head_angles_toward(ahead), -most, most)
     near = seen & (transforms.norm(ahead) < NEAR_MOUTH_M) & (ahead[:, 1] < 0.0)
-    wanted = copied(mind.targets_rad)
+    wanted = float_copy(mind.targets_rad)
     wanted[:, head] = xp.where(seen[:, None], turn, wanted[:, head])
     wanted[:, _WAIST_X] = xp.where(near, LEAN_RAD, wanted[:, _WAIST_X])
     return wanted
 
 
-def _bring_arm(mind: Mind, sight: Sight, tool_w: FloatArray) -> FloatArray:
+def _arm_targets(mind: CooperationState, sight: PersonObservation, tool_w: FloatArray) -> FloatArray:
     """Targets that lift the right arm sideways and stretch it a little when the tool is near."""
-    xp, lift = namespace(tool_w), like(_LIFT, tool_w)
+    xp, lift = namespace(tool_w), constant_like(_LIFT, tool_w)
     gap = xp.min(transforms.norm(sight.right_arm_pos_w - tool_w[:, None]), axis=-1)
     lifted = mind.rest_rad[:, lift] + LIFT_RAD
-    wanted = copied(mind.targets_rad)
+    wanted = float_copy(mind.targets_rad)
     wanted[:, lift] = xp.where((gap < NEAR_ARM_M)[:, None], lifted, wanted[:, lift])
     return wanted
 
 
-def ahead_of(joint_angles_rad: FloatArray, offset_w: FloatArray, posture: Posture) -> FloatArray:
+def in_torso_frame(joint_angles_rad: FloatArray, offset_w: FloatArray, posture: Posture) -> FloatArray:
     """Offsets (N, 3), world frame, in the torso's frame of people with joint angles (N, 20): ahead is −y."""
     hips, torso = (human.body_rotation(body, joint_angles_rad, posture) for body in ("hips", "torso"))
     return transforms.rotate(transforms.conjugate(transforms.multiply(hips, torso)), offset_w)
 
 
-def facing_rad(ahead: FloatArray) -> FloatArray:
+def head_angles_toward(ahead: FloatArray) -> FloatArray:
     """The head's joint angles (N, 3) that turn the face to what lies there from the head (N, 3), torso's frame."""
     xp = namespace(ahead)
     facing = xp.zeros_like(ahead)

@@ -11,20 +11,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.geometry.arrays import copied, interpolate, like, namespace, worth_computing
+from avrgym.geometry.arrays import active_indices, constant_like, float_copy, interpolate, namespace
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Person, Posture
 from avrgym.people import shoulder_limits
 from avrgym.people.arm_clearance import Boxes, clearance, person_capsules
-from avrgym.people.population_names import CHOICES, ORIGINAL, PARTICIPANTS, REVISED
-from avrgym.people.zoo.partners import OF_ONE_STYLE, ZOOS, Partners
+from avrgym.people.population_names import ALLOWED_PEOPLE, ORIGINAL, PARTICIPANTS, REVISED
+from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOOS, PartnerSet
 
 if TYPE_CHECKING:
     from avrgym.people.people_file import PeopleFile
 
 
-ATTEMPTS = 8
-UNIFORMS = 2 + ATTEMPTS * len(JOINTS)
+MAX_POSE_ATTEMPTS = 8
+NUM_UNIFORMS = 2 + MAX_POSE_ATTEMPTS * len(JOINTS)
 """How many uniform numbers a person takes: sex, torso height, and each attempt at a pose."""
 
 
@@ -46,7 +46,7 @@ class Distribution:
     waist_deg: float
     cooperating: bool = False
     poses: Mapping[str, JointRanges] = field(default_factory=dict[str, JointRanges])
-    partners: Partners | None = None
+    partners: PartnerSet | None = None
 
     @property
     def moving(self) -> bool:
@@ -69,12 +69,12 @@ DISTRIBUTIONS: Mapping[str, Distribution] = {
     PARTICIPANTS: Distribution((0.51, 0.58), (0.51, 0.58), waist_deg=5.0, cooperating=True),
     **{name: replace(_REVISED, partners=partners) for name, partners in ZOOS.items()},
 }
-NAMED: Mapping[str, Distribution] = DISTRIBUTIONS | {
-    name: replace(_REVISED, partners=partners) for name, partners in OF_ONE_STYLE.items()
+NAMED_DISTRIBUTIONS: Mapping[str, Distribution] = DISTRIBUTIONS | {
+    name: replace(_REVISED, partners=partners) for name, partners in SINGLE_STYLE_SETS.items()
 }
 """All that have names: with those of a single style of the zoo, such as ``zoo/train/startled``."""
 
-ROOM_M = 0.01
+ARM_CLEARANCE_M = 0.01
 """What a random arm keeps from the rest of the body and from the furniture (reference)."""
 
 RIGHT_ARM = np.array([name.startswith("right_") for name in JOINTS])
@@ -103,10 +103,10 @@ def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution
     Raises:
         ValueError: naming the distributions there are, or what is wrong in the file.
     """
-    if name_or_path in NAMED:
-        return NAMED[name_or_path]
+    if name_or_path in NAMED_DISTRIBUTIONS:
+        return NAMED_DISTRIBUTIONS[name_or_path]
     if not Path(name_or_path).is_file():
-        raise ValueError(f"unknown people {name_or_path!r}; the distributions are {CHOICES}")
+        raise ValueError(f"unknown people {name_or_path!r}; the distributions are {ALLOWED_PEOPLE}")
     from avrgym.people.people_file import read_people  # with what reads and writes such files
 
     return distribution_of(read_people(Path(name_or_path), tasks))
@@ -118,12 +118,12 @@ def distribution_of(people: "PeopleFile") -> Distribution:
     return Distribution(heights.man, heights.woman, 0.0, people.cooperating, people.poses)
 
 
-def sample(
+def sample_people(
     distribution: Distribution, pose: Pose, posture: Posture, furniture: Boxes | None, uniforms: FloatArray
 ) -> People:
-    """People from uniform numbers (n, ``UNIFORMS``) in 0..1, man or woman with equal chance.
+    """People from uniform numbers (n, ``NUM_UNIFORMS``) in 0..1, man or woman with equal chance.
 
-    A random arm is drawn again, up to ``ATTEMPTS`` times, until the shoulder can turn like that and nothing of
+    A random arm is drawn again, up to ``MAX_POSE_ATTEMPTS`` times, until the shoulder can turn like that and nothing of
     the arm is within 1 cm of the body or of the furniture; then the last attempt stays, its shoulder clipped.
     """
     xp = namespace(uniforms)
@@ -131,21 +131,23 @@ def sample(
     man = interpolate(distribution.torso_height_man_m, uniforms[:, 1])
     woman = interpolate(distribution.torso_height_woman_m, uniforms[:, 1])
     spread = pose.spread_rad + np.where(WAIST, np.radians(distribution.waist_deg), 0.0)
-    shares = uniforms[:, 2:].reshape(len(uniforms), ATTEMPTS, len(JOINTS))
+    shares = uniforms[:, 2:].reshape(len(uniforms), MAX_POSE_ATTEMPTS, len(JOINTS))
     rest, spread, lower, upper = (
-        like(each, uniforms) for each in (pose.rest_rad, spread, human.LOWER_RAD, human.UPPER_RAD)
+        constant_like(each, uniforms) for each in (pose.rest_rad, spread, human.LOWER_RAD, human.UPPER_RAD)
     )
     poses = xp.clip(rest + spread * (2.0 * shares - 1.0), lower, upper)
     people = People.unimpaired(is_woman, xp.where(is_woman, woman, man), poses[:, 0])
-    return _make_room(people, poses, posture, furniture) if pose.spreads_arm else people
+    return _resample_crowded_poses(people, poses, posture, furniture) if pose.spreads_arm else people
 
 
-def _make_room(people: People, poses: FloatArray, posture: Posture, furniture: Boxes | None) -> People:
-    """The people in the first of their poses (n, ``ATTEMPTS``, 20) that leaves the right arm room."""
-    xp, angles = namespace(poses), copied(poses[:, 0])
+def _resample_crowded_poses(
+    people: People, poses: FloatArray, posture: Posture, furniture: Boxes | None
+) -> People:
+    """The people in the first of their poses (n, ``MAX_POSE_ATTEMPTS``, 20) that leaves the right arm room."""
+    xp, angles = namespace(poses), float_copy(poses[:, 0])
     crowded = ~_has_room(people, posture, furniture)
-    for attempt in range(1, ATTEMPTS):
-        (rows,) = worth_computing(crowded)
+    for attempt in range(1, MAX_POSE_ATTEMPTS):
+        (rows,) = active_indices(crowded)
         if not len(rows):
             break
         angles[rows] = xp.where(crowded[rows, None], poses[rows, attempt], angles[rows])
@@ -157,10 +159,10 @@ def _make_room(people: People, poses: FloatArray, posture: Posture, furniture: B
 
 def _has_room(people: People, posture: Posture, furniture: Boxes | None) -> BoolArray:
     segments_w, radii_m = person_capsules(people, posture)
-    room = clearance(segments_w, radii_m, furniture) >= ROOM_M
+    room = clearance(segments_w, radii_m, furniture) >= ARM_CLEARANCE_M
     return room & shoulder_limits.within_limits(people.joint_angles_rad)
 
 
-def repeat(person: Person, count: int) -> People:
+def repeat_person(person: Person, count: int) -> People:
     """The same person in ``count`` worlds."""
     return People.of([person] * count)

@@ -6,10 +6,10 @@ from avrgym.people.zoo.styles import STYLES
 
 ORIGINAL, REVISED, PARTICIPANTS = "original", "revised", "participants"
 TRAIN_ZOO, UNSEEN_ZOO = "zoo/train", "zoo/unseen"
-NAMES = (ORIGINAL, REVISED, PARTICIPANTS, TRAIN_ZOO, UNSEEN_ZOO)
+POPULATION_NAMES = (ORIGINAL, REVISED, PARTICIPANTS, TRAIN_ZOO, UNSEEN_ZOO)
 """Of the distributions of people."""
-CHOICES = (
-    f"{', '.join(NAMES)}, a style of the zoo such as {TRAIN_ZOO}/startled "
+ALLOWED_PEOPLE = (
+    f"{', '.join(POPULATION_NAMES)}, a style of the zoo such as {TRAIN_ZOO}/startled "
     f"({', '.join(STYLES)}), a file of people, a trained human, or a folder of those"
 )
 """All that may be named, in words."""

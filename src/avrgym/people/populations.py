@@ -13,19 +13,19 @@ import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.networks.policy import FILE_SUFFIX, Policy, PolicyError
-from avrgym.people.distributions import NAMED, Distribution, distribution_of, find_distribution
+from avrgym.people.distributions import NAMED_DISTRIBUTIONS, Distribution, distribution_of, find_distribution
 from avrgym.people.impairments import find_impairment
 from avrgym.people.population_names import Impairment
 from avrgym.system.transferred_files import Carried
 
 HUMAN_FILE = "human.safetensors"
 """What a training of robot and human calls the human's file."""
-CHANCE = 5
+EXPLORATION_STREAM = 5
 """Tells the streams of humans' chance from those of trainings, which are drawn from their seeds."""
 
 
 @dataclass(frozen=True, eq=False)
-class Kind:
+class Population:
     """People of one kind: their bodies and manners, what impairs them unless something else is asked for, and the
     network that moves them, if they were trained.
 
@@ -44,26 +44,26 @@ class Kind:
 
 def is_trained(name_or_path: str) -> bool:
     """Whether people are trained humans: a file of one, or a folder of several, which ends with / where it is gone."""
-    if name_or_path in NAMED:
+    if name_or_path in NAMED_DISTRIBUTIONS:
         return False
     return name_or_path.endswith((FILE_SUFFIX, "/")) or Path(name_or_path).is_dir()
 
 
-def people_name(name_or_path: str) -> str:
+def population_label(name_or_path: str) -> str:
     """What to call people where their file is not at hand."""
-    if name_or_path in NAMED:
+    if name_or_path in NAMED_DISTRIBUTIONS:
         return name_or_path
     return f"{'trained' if is_trained(name_or_path) else 'fitted'}: {Path(name_or_path).name}"
 
 
-def find_kinds(name_or_path: str, tasks: Collection[str]) -> tuple[Kind, ...]:
+def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Population, ...]:
     """The kinds that ``--people`` names: one, or for a folder those of all trained humans in it.
 
     Raises:
         ValueError: naming the distributions there are, or what is wrong in a file.
     """
     if not is_trained(name_or_path):
-        return (Kind(name_or_path, find_distribution(name_or_path, tasks)),)
+        return (Population(name_or_path, find_distribution(name_or_path, tasks)),)
     if not Path(name_or_path).is_dir():
         return (_trained(Path(name_or_path), tasks),)
     files = human_files(Path(name_or_path))
@@ -94,7 +94,7 @@ def carried_people(name_or_path: str) -> Carried:
     return Carried.of(name_or_path)
 
 
-def _trained(path: Path, tasks: Collection[str]) -> Kind:
+def _trained(path: Path, tasks: Collection[str]) -> Population:
     policy = Policy.load(path)
     metadata = policy.metadata
     if metadata.human is None:
@@ -107,10 +107,10 @@ def _trained(path: Path, tasks: Collection[str]) -> Kind:
         bodies = distribution_of(parse_people(text, f"{path}: its people", tasks))
     else:
         bodies = find_distribution(metadata.people, tasks)
-    return Kind(str(path), bodies, find_impairment(metadata.impairment), policy)
+    return Population(str(path), bodies, find_impairment(metadata.impairment), policy)
 
 
-class Humans:
+class TrainedHumans:
     """Trained humans at work in N worlds: who is in which, and the chance that each acts with."""
 
     def __init__(self, trained: Sequence[Policy], worlds: int) -> None:
@@ -123,7 +123,7 @@ class Humans:
         """Begin episodes in worlds ``ids`` (n,) of humans ``who`` (n,), with chance from uniform numbers (n,)."""
         self._who[ids] = who
         for world, uniform in zip(ids.tolist(), uniforms.tolist(), strict=True):
-            self._chance[world] = np.random.default_rng([CHANCE, int(uniform * 2**53)])
+            self._chance[world] = np.random.default_rng([EXPLORATION_STREAM, int(uniform * 2**53)])
 
     def act(self, observations: FloatArray) -> FloatArray:
         """Their actions (N, K) for what they observe (N, O), one control step on."""

@@ -22,7 +22,7 @@ Only these angles are judged, not the posture: a shoulder may reach the same pos
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.geometry.arrays import RAD_PER_DEGREE, copied, floats, like, namespace
+from avrgym.geometry.arrays import RAD_PER_DEGREE, as_floats, constant_like, float_copy, namespace
 from avrgym.models.human import JOINT_INDEX, LOWER_RAD, UPPER_RAD
 
 ABDUCTION_RAD = -9.0 * RAD_PER_DEGREE, 160.0 * RAD_PER_DEGREE
@@ -56,10 +56,10 @@ def clip(joint_angles_rad: FloatArray) -> FloatArray:
     abduction = xp.clip(abduction, *ABDUCTION_RAD)
     flexion = xp.clip(flexion, *flexion_range_rad(abduction))
     rotation = xp.clip(rotation, *rotation_range_rad(abduction, flexion))
-    clipped, side = copied(joint_angles_rad), like(_SIDE, abduction)
-    clipped[..., like(_SHOULDER_Y, side)] = side * abduction
-    clipped[..., like(_SHOULDER_X, side)] = -flexion
-    clipped[..., like(_SHOULDER_Z, side)] = -side * rotation
+    clipped, side = float_copy(joint_angles_rad), constant_like(_SIDE, abduction)
+    clipped[..., constant_like(_SHOULDER_Y, side)] = side * abduction
+    clipped[..., constant_like(_SHOULDER_X, side)] = -flexion
+    clipped[..., constant_like(_SHOULDER_Z, side)] = -side * rotation
     return clipped
 
 
@@ -85,9 +85,11 @@ def _shoulders(joint_angles_rad: FloatArray) -> tuple[FloatArray, FloatArray, Fl
     Turning about y lifts the right arm outward and the left one inward, turning about x moves both backward,
     turning about z brings the right hand inward and the left one outward.
     """
-    _, angles = floats(joint_angles_rad)
-    y, x, z = (angles[..., like(joints, angles)] for joints in (_SHOULDER_Y, _SHOULDER_X, _SHOULDER_Z))
-    side = like(_SIDE, angles)
+    _, angles = as_floats(joint_angles_rad)
+    y, x, z = (
+        angles[..., constant_like(joints, angles)] for joints in (_SHOULDER_Y, _SHOULDER_X, _SHOULDER_Z)
+    )
+    side = constant_like(_SIDE, angles)
     return side * y, -x, -side * z
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.arrays import brought, namespace
+from avrgym.geometry.arrays import moved_to, namespace
 from avrgym.policies.trained import Policy, PolicyError
 
 
@@ -51,10 +51,10 @@ class ActorThere:
     def __init__(self, policy: Policy, beside: Any) -> None:
         """Bring the policy there."""
         deviation = np.sqrt(policy.observation_variance + policy.observation_epsilon)
-        self._mean, self._deviation = brought(policy.observation_mean, beside), brought(deviation, beside)
+        self._mean, self._deviation = moved_to(policy.observation_mean, beside), moved_to(deviation, beside)
         self._clip = policy.observation_clip
-        self._weights = [brought(weight, beside) for weight in policy.weights]
-        self._biases = [brought(bias, beside) for bias in policy.biases]
+        self._weights = [moved_to(weight, beside) for weight in policy.weights]
+        self._biases = [moved_to(bias, beside) for bias in policy.biases]
 
     def mean(self, observations: Any) -> Any:
         """The means (N, A) that actions are drawn about; observations (N, O)."""

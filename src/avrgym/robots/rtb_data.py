@@ -5,6 +5,6 @@ from pathlib import Path
 import rtbdata
 
 
-def public_folder(path: str) -> Path:
+def rtb_data_path(path: str) -> Path:
     """A folder or file among them, such as ``kinova_description/meshes``."""
     return Path(next(iter(rtbdata.__path__))) / "xacro" / path

@@ -17,7 +17,7 @@ from avrgym.geometry.transforms import norm
 from avrgym.models.robot import BaseRange
 
 CANDIDATES = 100
-UNIFORMS = 3 * CANDIDATES
+NUM_UNIFORMS = 3 * CANDIDATES
 """How many numbers draw the candidates of a world."""
 GOAL_ACCURACY_M, GOAL_ACCURACY_RAD = 0.03, np.radians(15.0)
 START_ITERATIONS, START_TOLERANCE_M = 15, 0.003

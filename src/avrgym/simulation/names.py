@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from avrgym.array_types import IntArray
-from avrgym.geometry.arrays import like
+from avrgym.geometry.arrays import constant_like
 from avrgym.models import human, robot
 from avrgym.models.scene import (
     EFFECTOR_VELOCITY_SENSOR,
@@ -64,7 +64,7 @@ class Names:
         there = copy(self)
         for name, addresses in vars(self).items():
             if isinstance(addresses, np.ndarray):
-                setattr(there, name, like(addresses, array))
+                setattr(there, name, constant_like(addresses, array))
         return there
 
 

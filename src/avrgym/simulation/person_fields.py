@@ -65,7 +65,7 @@ class PersonFields:
             )
             for name, field in self._inertia.items():
                 field[world, self._ids] = inertia[name]
-        torque = compliance.muscle_torque_n_m(
+        torque = compliance.person_torque_limit_n_m(
             people.strength_share[:, None] * human.TORQUE_N_M, people.tremor_rad
         )
         self._force_range[ids[:, None], self._actuators] = np.stack([-torque, torque], axis=-1)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry.transforms import norm
 from avrgym.models import collision_bits, human
-from avrgym.models.collision_bits import ContactBits
+from avrgym.models.collision_bits import CollisionBits
 from avrgym.models.human import RIGHT_ARM
 from avrgym.people.arm_clearance import PAIRS
 
@@ -156,7 +156,7 @@ def _of_arms(model: mujoco.MjModel, *, arms: bool, offered: bool) -> Rooms:
     limbs = [f"{side}_{part}" for side in ("right", "left") for part in ("upper_arm", "forearm", "hand")]
     rooms = _between(_parts(model, limbs), furniture, -PADDING_M) if arms else {}
     if offered:
-        kept_free = _geoms(model, collision_bits.ROOM)
+        kept_free = _geoms(model, collision_bits.NO_COLLISION)
         rooms |= _between(_parts(model, RIGHT_ARM), [*furniture, *kept_free], 0.0)
         rooms |= _between_parts(model, PAIRS, 0.0)
     return rooms
@@ -170,7 +170,7 @@ def _between(first: Iterable[int], second: Sequence[int], room_m: float) -> Room
     return {(a, b): room_m for a in first for b in second}
 
 
-def _geoms(model: mujoco.MjModel, bits: ContactBits) -> list[int]:
+def _geoms(model: mujoco.MjModel, bits: CollisionBits) -> list[int]:
     """The geoms of a kind, whatever may touch them; the floor is not among them, which no start comes near."""
     return [
         geom

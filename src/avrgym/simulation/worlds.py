@@ -12,7 +12,7 @@ from mujoco.batch import Batch
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import brought, copied, like, namespace, on_host
+from avrgym.geometry.arrays import constant_like, float_copy, moved_to, namespace, to_numpy
 from avrgym.geometry.transforms import norm
 from avrgym.models import compliance, human
 from avrgym.models.human import Person
@@ -50,7 +50,7 @@ PARKING_W = np.array([4.0, 4.0, 0.1])
 def _compiled(scene: SceneConfig, moving: bool, by_region: bool, gliding: bool) -> mujoco.MjModel:
     """The scene's model, see ``Simulation``; whoever would change it copies it."""
     spec = build_spec(scene, Person(), moving=moving, appearance=False)
-    compliance.bound_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
+    compliance.limit_contact_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
     if by_region:
         add_region_sensors(spec, scene)
     if gliding:
@@ -110,8 +110,8 @@ class Simulation:
         self._at = self._names.beside(self.exemplar)
         self._person = PersonFields(self.batch, scene, moving)
         geoms = num_worlds, len(human.GEOMS), 2
-        self._segment_w: Any = brought(np.zeros((*geoms, 3)), self.exemplar)
-        self._capsule_m: Any = brought(np.zeros(geoms), self.exemplar)
+        self._segment_w: Any = moved_to(np.zeros((*geoms, 3)), self.exemplar)
+        self._capsule_m: Any = moved_to(np.zeros(geoms), self.exemplar)
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
         self._speed_limit = scene.arm.speed_limit_rad_s
         self._brakes = Brakes(self.batch, scene.arm) if self.engine.name == THREADS else None
@@ -150,9 +150,9 @@ class Simulation:
     def _show_person(self, ids: IntArray) -> None:
         """Bring sizes and places of the capsules of people of worlds ``ids`` (n,) to where the states are."""
         size_m = self._person.geom_size[np.ix_(ids, self._names.person_geoms)][..., :2]
-        self._capsule_m[ids] = brought(size_m, self._capsule_m)
+        self._capsule_m[ids] = moved_to(size_m, self._capsule_m)
         segment_w = _segments(self._host, self._names.person_geoms, size_m[..., 1:], ids)
-        self._segment_w[ids] = brought(segment_w, self._segment_w)
+        self._segment_w[ids] = moved_to(segment_w, self._segment_w)
 
     def geoms(self, ids: IntArray) -> Geoms:
         """All geoms of worlds ``ids`` (n,), as they are."""
@@ -184,7 +184,7 @@ class Simulation:
 
     def _speed(self, action: FloatArray) -> FloatArray:
         """What actions (n, J) ask of the joints, rad/s."""
-        return namespace(action).clip(action, -1.0, 1.0) * like(self._speed_limit, action)
+        return namespace(action).clip(action, -1.0, 1.0) * constant_like(self._speed_limit, action)
 
     def amend_robot(self, action: FloatArray, which: BoolArray) -> None:
         """Set it anew in some worlds (N,), whose robots have been commanded before. Not on a device."""
@@ -230,7 +230,7 @@ class Simulation:
         number, each = np.arange(len(particles.bodies)), gone[:, :, None]
         spots = PARKING_W + np.stack([0.02 * number, 0.0 * number, 0.0 * number], axis=-1)
         pos, velocity = now.qpos[:, at.particle_qpos], now.qvel[:, at.particle_dof]
-        now.qpos[:, at.particle_qpos] = xp.where(each, like(spots, pos), pos)
+        now.qpos[:, at.particle_qpos] = xp.where(each, constant_like(spots, pos), pos)
         now.qvel[:, at.particle_dof] = xp.where(each, 0.0, velocity)
         push = now.qfrc_applied[:, at.particle_dof[:, 2]]
         weight_n = -float(self.model.opt.gravity[2]) * particles.mass_kg
@@ -240,27 +240,27 @@ class Simulation:
         """The state of all worlds, in arrays of its own."""
         at, now = self._at, self._now
         sensors, xp = now.sensordata, namespace(now.sensordata)
-        by_tool = copied(sensors[:, at.tool_contacts]).reshape(self.num_worlds, TOOL_CONTACTS, 9)
+        by_tool = float_copy(sensors[:, at.tool_contacts]).reshape(self.num_worlds, TOOL_CONTACTS, 9)
         by_robot = sensors[:, at.robot_contacts].reshape(self.num_worlds, ROBOT_CONTACTS, 3)
         tool_contact_force_n, total_force_n = norm(by_tool[..., :3]), _added_up(norm(by_robot))
         return State(
-            robot_pos_w=copied(now.xpos[:, at.robot_torso]),
+            robot_pos_w=float_copy(now.xpos[:, at.robot_torso]),
             arm_angles_rad=self.arm_angles_rad(),
-            effector_velocity_w=copied(sensors[:, at.effector_velocity]),
-            tool_velocity_w=copied(sensors[:, at.tool_velocity]),
-            tool_pos_w=copied(now.xpos[:, at.tool]),
-            tool_q_w=copied(now.xquat[:, at.tool]),
-            pad_pos_w=copied(now.xpos[:, at.pad]),
-            pad_q_w=copied(now.xquat[:, at.pad]),
-            head_pos_w=copied(now.site_xpos[:, at.head_centre]),
-            head_q_w=copied(now.xquat[:, at.head]),
-            mouth_pos_w=copied(now.site_xpos[:, at.mouth]),
+            effector_velocity_w=float_copy(sensors[:, at.effector_velocity]),
+            tool_velocity_w=float_copy(sensors[:, at.tool_velocity]),
+            tool_pos_w=float_copy(now.xpos[:, at.tool]),
+            tool_q_w=float_copy(now.xquat[:, at.tool]),
+            pad_pos_w=float_copy(now.xpos[:, at.pad]),
+            pad_q_w=float_copy(now.xquat[:, at.pad]),
+            head_pos_w=float_copy(now.site_xpos[:, at.head_centre]),
+            head_q_w=float_copy(now.xquat[:, at.head]),
+            mouth_pos_w=float_copy(now.site_xpos[:, at.mouth]),
             **vars(self.right_arm()),
-            placed_pos_w={name: copied(now.xpos[:, body]) for name, body in at.placed.items()},
+            placed_pos_w={name: float_copy(now.xpos[:, body]) for name, body in at.placed.items()},
             particle_pos_w=now.qpos[:, at.particle_qpos],
             particle_velocity_w=now.qvel[:, at.particle_dof],
-            person_segment_w=self._person_segments() if self.moving else copied(self._segment_w),
-            person_radius_m=copied(self._capsule_m[..., 0]),
+            person_segment_w=self._person_segments() if self.moving else float_copy(self._segment_w),
+            person_radius_m=float_copy(self._capsule_m[..., 0]),
             robot_force_n=norm(sensors[:, at.robot_force]),
             tool_force_n=norm(sensors[:, at.tool_force]),
             total_force_n=total_force_n,
@@ -309,7 +309,7 @@ class Simulation:
 
     def controls(self) -> FloatArray:
         """What all servos are told, (N, nu)."""
-        return copied(self._now.ctrl)
+        return float_copy(self._now.ctrl)
 
     def integration_state(self, world: int = 0) -> FloatArray:
         """Everything that the next step depends on, as MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
@@ -329,8 +329,8 @@ class Simulation:
             "fields": {name: array.copy() for name, array in self._expanded().items()},
             "worlds": {
                 "state": self.batch.state.copy(),
-                "segment_w": on_host(copied(self._segment_w)),
-                "sensordata": on_host(copied(self._now.sensordata)),
+                "segment_w": to_numpy(float_copy(self._segment_w)),
+                "sensordata": to_numpy(float_copy(self._now.sensordata)),
             },
         }
 
@@ -345,10 +345,10 @@ class Simulation:
         self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
         everywhere = np.arange(self.num_worlds)
         self._show_person(everywhere)
-        self._segment_w[:] = brought(saved["worlds"]["segment_w"], self._segment_w)
+        self._segment_w[:] = moved_to(saved["worlds"]["segment_w"], self._segment_w)
         self.engine.take_over(everywhere)
         forces = saved["worlds"]["sensordata"].copy()  # of a step that is not made again
-        self._now = replace(self.engine.now, sensordata=brought(forces, self.exemplar))
+        self._now = replace(self.engine.now, sensordata=moved_to(forces, self.exemplar))
 
     def _expanded(self) -> dict[str, NumpyArray]:
         """The model's fields of which every world has its own, by name."""
@@ -358,12 +358,12 @@ class Simulation:
 
     def qpos(self, world: int) -> FloatArray:
         """The joint coordinates (nq,) of one world."""
-        return np.array(on_host(self._now.qpos[world]), float)
+        return np.array(to_numpy(self._now.qpos[world]), float)
 
     def body_poses(self, world: int) -> FloatArray:
         """Poses (B, 7) of one world's ``bodies``: x, y, z, then w, x, y, z; world frame."""
         poses = np.empty((len(self.bodies), 7))
-        poses[:, :3], poses[:, 3:] = on_host(self._now.xpos[world, 1:]), on_host(self._now.xquat[world, 1:])
+        poses[:, :3], poses[:, 3:] = to_numpy(self._now.xpos[world, 1:]), to_numpy(self._now.xquat[world, 1:])
         return poses
 
     def person_angles_rad(self) -> FloatArray:

@@ -1,19 +1,19 @@
 """Whom the worlds of an environment may meet."""
 
 from avrgym.networks.policy import PolicyError
-from avrgym.people.populations import Kind, find_kinds
+from avrgym.people.populations import Population, find_populations
 from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.registry import TASKS
 
 
-def find_company(name_or_path: str, environment_id: str) -> tuple[Kind, ...]:
+def find_company(name_or_path: str, environment_id: str) -> tuple[Population, ...]:
     """The kinds of people that ``--people`` names, for an environment.
 
     Raises:
         ValueError: for unknown people, naming what is allowed; for a damaged file, and for humans who were trained for
             another environment, or whose network is of another size.
     """
-    kinds = find_kinds(name_or_path, TASKS)
+    kinds = find_populations(name_or_path, TASKS)
     for kind in kinds:
         if kind.trained is None:
             continue

@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import brought, choose_index, namespace
+from avrgym.geometry.arrays import choose_index, moved_to, namespace
 from avrgym.models import robot
 from avrgym.models.human import People, Person
 from avrgym.people import cooperation, distributions, impairments, shoulder_limits
 from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.distributions import Pose
 from avrgym.people.population_names import Impairment
-from avrgym.people.populations import Humans, Kind
+from avrgym.people.populations import Population, TrainedHumans
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
 from avrgym.safety.withdrawal import Withdrawal
@@ -30,7 +30,7 @@ from avrgym.tasks.company import find_company
 from avrgym.tasks.human_view import HumanView
 from avrgym.tasks.minds import Minds
 from avrgym.tasks.registry import TASKS, find_environment
-from avrgym.tasks.task import StepResult, TaskState, arrays_of, merge
+from avrgym.tasks.task import StepResult, TaskState, replace_worlds, state_arrays
 
 EFFORT = "action_squared"
 """The reward term of an agent's own effort."""
@@ -111,8 +111,8 @@ class Episodes:
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
             num_worlds: N.
-            distribution: whom to meet, a name in ``people.distributions.NAMED``, a file of people, a trained human or a
-                folder of them.
+            distribution: whom to meet, a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a file of people, a
+                trained human or a folder of them.
             person: one fixed person for every episode instead.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
             moving: whether the people's joints are driven from outside, with ``command_person``.
@@ -160,7 +160,7 @@ class Episodes:
             raise ValueError(
                 f"who is steered, or trained, acts on threads; allowed with {engine}: other people"
             )
-        self._humans = Humans(trained, num_worlds) if trained and not (steered or moving) else None
+        self._humans = TrainedHumans(trained, num_worlds) if trained and not (steered or moving) else None
         steered = steered or self._humans is not None
         partners_there = any(kind.distribution.partners is not None for kind in self._kinds)
         self._swing_m = (
@@ -168,7 +168,10 @@ class Episodes:
         )
         self._moved_by_themselves = not moving and (
             steered
-            or any(kind.distribution.moving or kind.impairment in impairments.MOVING for kind in self._kinds)
+            or any(
+                kind.distribution.moving or kind.impairment in impairments.MOVING_IMPAIRMENTS
+                for kind in self._kinds
+            )
         )
         self.scene = self.task.scene(find_robot(robot))
         self.action_size = len(self.scene.arm.joints)
@@ -191,8 +194,8 @@ class Episodes:
         self._room = self._room_of_scene(led=moving and person is not None)
         there = self.simulation.exemplar
         self._on_device = on_device
-        self._meet(distributions.repeat(person or Person(), num_worlds))
-        self.task_state = brought(
+        self._meet(distributions.repeat_person(person or Person(), num_worlds))
+        self.task_state = moved_to(
             self.task.init_state(self.people, np.zeros((num_worlds, self.task.uniforms))), there
         )
         self._minds = Minds(
@@ -205,7 +208,7 @@ class Episodes:
         )
         withdraws = withdraw_after_success and self.task.ends_with_success
         self._withdrawal = Withdrawal(self.simulation) if withdraws else None
-        self._unusable: Any = brought(np.zeros(num_worlds, dtype=bool), there)
+        self._unusable: Any = moved_to(np.zeros(num_worlds, dtype=bool), there)
         """Where actions on the device have not been finite, (N,)."""
         self._arm_start_rad = np.zeros((num_worlds, len(self.scene.arm.joints)))
         self.draws = np.zeros(num_worlds, dtype=int)
@@ -242,7 +245,7 @@ class Episodes:
     def _meet(self, people: People) -> None:
         """Have these people in the worlds: as they began, on the host, and as steps see them, where those are."""
         self.people = people
-        self._people = brought(people, self.simulation.exemplar)
+        self._people = moved_to(people, self.simulation.exemplar)
 
     def begin(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> FloatArray:
         """Begin episodes in worlds ``ids`` (n,), each drawn from its generator; give observations (n, O).
@@ -281,7 +284,7 @@ class Episodes:
             "placed_pos_w": {
                 name: pos[world].tolist() for name, pos in self.simulation.placed_pos_w().items()
             },
-            "memory": {name: array[world].tolist() for name, array in arrays_of(self.task_state).items()},
+            "memory": {name: array[world].tolist() for name, array in state_arrays(self.task_state).items()},
         }
 
     def begin_as(self, start: Mapping[str, Any]) -> None:
@@ -293,19 +296,24 @@ class Episodes:
         first = np.array([0])
         task_state = {
             name: np.array(start["memory"][name], array.dtype).reshape(array[:1].shape)
-            for name, array in arrays_of(self.task_state).items()
+            for name, array in state_arrays(self.task_state).items()
         }
         placed = {name: np.array([start["placed_pos_w"][name]]) for name in self.scene.movable}
         pos_w, q_w, angles = (
             np.array([start[name]], float) for name in ("robot_pos_w", "robot_q_w", "arm_angles_rad")
         )
-        self._meet(distributions.repeat(self.person or Person(), 1))
+        self._meet(distributions.repeat_person(self.person or Person(), 1))
         self._put(first, Start(self.people, pos_w, q_w, angles, placed), type(self.task_state)(**task_state))
 
     def _draw(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> None:
         """Draw a start for each of worlds ``ids`` (n,) and put them into it."""
         parts = np.cumsum(
-            [distributions.UNIFORMS, impairments.UNIFORMS, cooperation.UNIFORMS, self.task.uniforms]
+            [
+                distributions.NUM_UNIFORMS,
+                impairments.NUM_UNIFORMS,
+                cooperation.NUM_UNIFORMS,
+                self.task.uniforms,
+            ]
         )
         uniforms = np.stack([generator.random(int(parts[-1])) for generator in generators])
         for_people, for_impairments, for_minds, for_task = np.split(uniforms, parts[:-1], axis=1)
@@ -314,8 +322,8 @@ class Episodes:
         for number, kind in enumerate(self._kinds[1:], start=1):
             (rows,) = np.nonzero(of_kind == number)
             others = self._draw_people(kind, for_people[rows], for_impairments[rows], for_minds[rows])
-            who = merge(who, others, rows)
-        self._meet(merge(self.people, who, ids))
+            who = replace_worlds(who, others, rows)
+        self._meet(replace_worlds(self.people, who, ids))
         self._minds.begin(ids, who, for_minds)
         if self._humans is not None:
             self._humans.begin(ids, of_kind, for_minds[:, _CHANCE])
@@ -324,7 +332,7 @@ class Episodes:
     def _put(self, ids: IntArray, start: Start, task_state: TaskState) -> None:
         self.simulation.reset(ids, replace(start, people=self._with_strength(start.people)))
         self._arm_start_rad[ids] = start.arm_angles_rad
-        self.task_state = merge(self.task_state, task_state, ids)
+        self.task_state = replace_worlds(self.task_state, task_state, ids)
 
     def _with_strength(self, people: People) -> People:
         """The people with what strength the task leaves them."""
@@ -456,7 +464,7 @@ class Episodes:
     def assess(self) -> Step:
         """Evaluate the present state as if nothing had been asked of the robots; the tasks' states stay as they are."""
         state = self.simulation.state()
-        rest = brought(np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.exemplar)
+        rest = moved_to(np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.exemplar)
         return self._step(state, self.task.evaluate_step(state, rest, self.task_state))
 
     def _step(self, state: State, result: StepResult) -> Step:
@@ -516,24 +524,24 @@ class Episodes:
             offered=self.person is None and any(self._pose_of(kind).spreads_arm for kind in self._kinds),
         )
 
-    def _pose_of(self, kind: Kind) -> Pose:
+    def _pose_of(self, kind: Population) -> Pose:
         return kind.distribution.pose_in(self.task.name, self.task.pose)
 
     def _draw_people(
-        self, kind: Kind, uniforms: FloatArray, for_impairments: FloatArray, for_minds: FloatArray
+        self, kind: Population, uniforms: FloatArray, for_impairments: FloatArray, for_minds: FloatArray
     ) -> People:
         """People (n,) of a kind, in their bodies."""
         if self.person is not None:
-            who = distributions.repeat(self.person, len(uniforms))
+            who = distributions.repeat_person(self.person, len(uniforms))
         else:
-            who = distributions.sample(
+            who = distributions.sample_people(
                 kind.distribution, self._pose_of(kind), self.scene.posture, self._furniture, uniforms
             )
         if kind.distribution.partners is not None:
-            who = partners.endow(who, kind.distribution.partners.draw(for_minds[:, :2]))
-        return impairments.impair(who, kind.impairment, for_impairments)
+            who = partners.apply_partner_bodies(who, kind.distribution.partners.draw(for_minds[:, :2]))
+        return impairments.apply_impairment(who, kind.impairment, for_impairments)
 
 
 def _possible(people: People, joint_angles_rad: FloatArray) -> FloatArray:
     """Joint angles (N, 20) brought to where these people's joints can go."""
-    return shoulder_limits.clip(impairments.limit(people, joint_angles_rad))
+    return shoulder_limits.clip(impairments.clip_to_ranges(people, joint_angles_rad))

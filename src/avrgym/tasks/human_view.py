@@ -9,7 +9,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.human import JOINTS
-from avrgym.people.cooperation import OFFERED_JOINTS, Offered
+from avrgym.people.cooperation import OFFERED_JOINTS, OfferedPart
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.observation import FORCE_N, REACH_M, TURN_RAD, UNIT, Observation
 from avrgym.tasks.registry import task_and_scene
@@ -45,7 +45,7 @@ class HumanView:
     and tool (1) and that of the tool (1).
     """
 
-    def __init__(self, offered: Offered, observation: Observation) -> None:
+    def __init__(self, offered: OfferedPart, observation: Observation) -> None:
         """Of people who offer something, where a robot has such an observation."""
         self._arm = offered == "arm"
         self.goals = [entry for entry in observation.entries if entry.scale is not None]

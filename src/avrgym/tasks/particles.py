@@ -2,7 +2,7 @@
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import capsules
-from avrgym.geometry.arrays import namespace, worth_computing
+from avrgym.geometry.arrays import active_indices, namespace
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 
@@ -21,7 +21,7 @@ def touching_person(state: State, radius_m: float, asked: BoolArray) -> BoolArra
     reach = norm(state.particle_pos_w - state.tool_pos_w[:, None]) + margin
     xp = namespace(reach)
     near = asked & (reach > xp.min(_gaps(state, state.tool_pos_w), axis=-1)[:, None])
-    world, particle = worth_computing(near)
+    world, particle = active_indices(near)
     gaps = _gaps(state, state.particle_pos_w[world, particle], world)
     touching = xp.zeros_like(asked)
     touching[world, particle] = (gaps < margin).any(axis=-1)

@@ -4,12 +4,12 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import like, namespace
+from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.models.human import JOINTS, RIGHT_ARM, SEATED_RAD
 from avrgym.people import distributions
 from avrgym.people.distributions import Pose
 
-HEAD_TURNED = Pose(
+TURNED_HEAD = Pose(
     rest_rad=SEATED_RAD,
     spread_rad=np.array([np.radians(30.0) if joint.body == "head" else 0.0 for joint in JOINTS.values()]),
 )
@@ -26,12 +26,12 @@ SIDEWAYS = np.array([1.0, 1.0, 0.0])
 """Takes of a place on a limb, in the limb's frame, what is across the limb."""
 
 
-def when_strong(force_n: FloatArray) -> FloatArray:
+def force_above_limit(force_n: FloatArray) -> FloatArray:
     """Forces (N,) of at least ``STRONG_FORCE_N``, and nothing for gentler ones."""
     return namespace(force_n).where(force_n >= STRONG_FORCE_N, force_n, 0.0)
 
 
-def above_clothes(places: FloatArray) -> FloatArray:
+def above_sleeve(places: FloatArray) -> FloatArray:
     """Places (..., 3) on a limb's collision shape, in the limb's frame, moved outside of skin and sleeve."""
-    outwards = places * like(SIDEWAYS, places)
+    outwards = places * constant_like(SIDEWAYS, places)
     return places + DRAWN_ABOVE_M * transforms.normalize(outwards)

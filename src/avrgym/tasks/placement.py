@@ -8,18 +8,18 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, kinematics, transforms
-from avrgym.geometry.arrays import like, namespace
+from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.models import human
 from avrgym.models.furniture import add_hospital_bed, add_wheelchair
 from avrgym.models.human import RECLINED, SEATED, People, Posture
-from avrgym.models.robot import Furniture, Mount, Robot, Side, equipment
+from avrgym.models.robot import Furniture, Mount, Robot, Side, select_equipment
 from avrgym.models.scene import TOOL_BODY, SceneConfig, robot_with_tool
 from avrgym.models.tools import Tool
 from avrgym.simulation import base_search
 from avrgym.simulation.base_search import BasePoses
 from avrgym.simulation.worlds import Start
 
-UNIFORMS = base_search.UNIFORMS
+NUM_UNIFORMS = base_search.NUM_UNIFORMS
 """How many numbers draw a base or, where it is fixed, an arm: enough for the restarts of 75 joints."""
 Z = [0.0, 0.0, 1.0]
 FURNITURE_EDGE_M: Mapping[Posture, float] = {SEATED: -0.345, RECLINED: -0.47}
@@ -42,7 +42,7 @@ def wheelchair_scene(
     Raises:
         UnsuitableError: where the robot lacks arm, mount or grip.
     """
-    arm, mount = equipment(robot, "wheelchair", side, tool)
+    arm, mount = select_equipment(robot, "wheelchair", side, tool)
     if mount.on_floor:
         x, y, z = mount.pos_w
         mount = replace(mount, pos_w=(x + standing_offset_m[0], y + standing_offset_m[1], z))
@@ -56,7 +56,7 @@ def bed_scene(robot: Robot, side: Side, tool: Tool) -> SceneConfig:
     Raises:
         UnsuitableError: where the robot lacks arm, mount or grip.
     """
-    arm, mount = equipment(robot, "bed", side, tool)
+    arm, mount = select_equipment(robot, "bed", side, tool)
     around = (add_hospital_bed, *_carrier(mount))
     return SceneConfig(around, _carried(mount), RECLINED, robot, arm, tool, mount)
 
@@ -76,26 +76,28 @@ def arm_chain(scene: SceneConfig) -> kinematics.Chain:
     return kinematics.chain_of(model, scene.arm.joints, scene.robot.base, TOOL_BODY)
 
 
-def mouth(people: People) -> tuple[FloatArray, FloatArray]:
+def mouth_poses(people: People) -> tuple[FloatArray, FloatArray]:
     """Where the mouths (n, 3) and how the heads (n, 4) of seated people are, world frame."""
     pos_w, q_w = human.body_frames(people, bodies=("head",))
     site = human.layout(people.is_woman, people.torso_height_m).site_pos["mouth"]
     return transforms.compose(pos_w["head"], q_w["head"], site, transforms.IDENTITY_QUATERNION)
 
 
-def right_arm(people: People, posture: Posture) -> FloatArray:
+def right_arm_joints_w(people: People, posture: Posture) -> FloatArray:
     """Shoulder, elbow and wrist (n, 3, 3) of the people's right arms, world frame."""
     pos_w, _ = human.body_frames(people, posture, human.RIGHT_ARM)
     return namespace(people.torso_height_m).stack([pos_w[name] for name in human.RIGHT_ARM], axis=1)
 
 
-def held(scene: SceneConfig, hand_pos_w: FloatArray, tool_q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
+def tool_in_hand(
+    scene: SceneConfig, hand_pos_w: FloatArray, tool_q_w: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """The tool's poses, (n, 3) and (n, 4), in hands at positions (n, 3), all turned alike (4,)."""
-    pos_w = hand_pos_w - like(transforms.rotate(tool_q_w, scene.tool.grip_pos), hand_pos_w)
-    return pos_w, namespace(pos_w).tile(like(tool_q_w, pos_w), (len(pos_w), 1))
+    pos_w = hand_pos_w - constant_like(transforms.rotate(tool_q_w, scene.tool.grip_pos), hand_pos_w)
+    return pos_w, namespace(pos_w).tile(constant_like(tool_q_w, pos_w), (len(pos_w), 1))
 
 
-def start(
+def placed_start(
     scene: SceneConfig,
     people: People,
     placed_pos_w: dict[str, FloatArray],
@@ -108,7 +110,7 @@ def start(
     """How n worlds begin whose tool starts at positions (n, 3) and rotations (n, 4).
 
     A base that may be chosen is searched for among ``base_search.CANDIDATES``: one from which the tool also
-    reaches the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``UNIFORMS``) draw the candidates, or drive the
+    reaches the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) draw the candidates, or drive the
     restarts of the inverse kinematics where the seed pose of a mounted arm does not lead there.
     """
     chain, seed_rad, mount = arm_chain(scene), scene.arm.seed_pose_rad, scene.mount

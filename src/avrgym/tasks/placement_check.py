@@ -19,7 +19,7 @@ from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
-DRAWS_LIMIT = 2.0
+MAX_MEAN_DRAWS = 2.0
 """How often a start may be drawn on average: then half of all draws are refused."""
 PEOPLE, STARTS = "revised", 32
 """The people of a check of a robot, and how many starts it draws."""
@@ -39,16 +39,16 @@ class StartDraws:
     @property
     def fault(self) -> str:
         """What is wrong in words, if anything is."""
-        return self.refused or above_limit(self.mean, self.most)
+        return self.refused or excess_draws(self.mean, self.most)
 
 
-def above_limit(mean: float, most: int) -> str:
+def excess_draws(mean: float, most: int) -> str:
     """That starts are drawn too often, in words; empty where they are not."""
-    if mean <= DRAWS_LIMIT:
+    if mean <= MAX_MEAN_DRAWS:
         return ""
     return (
         f"a start is drawn {mean:.1f} times on average and {most} times at most until it has room; "
-        f"allowed: {DRAWS_LIMIT:g} on average: move the robot's mount or choose another seed pose"
+        f"allowed: {MAX_MEAN_DRAWS:g} on average: move the robot's mount or choose another seed pose"
     )
 
 
@@ -82,7 +82,7 @@ def check_starts(environment_id: str) -> StartDraws:
         How often they were drawn beside random people.
 
     Raises:
-        ValueError: where that is more often than ``DRAWS_LIMIT``, or somebody has no start.
+        ValueError: where that is more often than ``MAX_MEAN_DRAWS``, or somebody has no start.
     """
     drawn = draw_starts(Episodes(environment_id, STARTS, distribution=PEOPLE, num_threads=1))
     faults = [
@@ -103,7 +103,7 @@ def check_placement(robot: str) -> dict[str, StartDraws]:
     return {environment: check_starts(environment) for environment in own}
 
 
-def has_room(task: str, robot: Robot, angles_rad: FloatArray) -> BoolArray:
+def is_collision_free(task: str, robot: Robot, angles_rad: FloatArray) -> BoolArray:
     """Which poses (n, J) of a robot's arm keep clear of person and furniture, with its base where its mount puts it.
 
     The person rests as the task has it, in either body of middle height.
@@ -119,7 +119,7 @@ def _clear(task: str, robot: Robot, angles_rad: FloatArray, sex: Sex) -> BoolArr
     count, record = len(angles_rad), TASKS[task]
     scene = record.scene(robot)
     person = Person(sex, joint_angles_rad=record.pose.rest_rad)
-    start = record.start(scene, distributions.repeat(person, 1), np.full((1, record.uniforms), 0.5))
+    start = record.start(scene, distributions.repeat_person(person, 1), np.full((1, record.uniforms), 0.5))
     mount = scene.mount
     simulation = Simulation(scene, count, moving=False, num_threads=1)
     placed = {name: np.tile(pos, (count, 1)) for name, pos in start.placed_pos_w.items()}
@@ -127,7 +127,7 @@ def _clear(task: str, robot: Robot, angles_rad: FloatArray, sex: Sex) -> BoolArr
         np.arange(count),
         replace(
             start,
-            people=distributions.repeat(person, count),
+            people=distributions.repeat_person(person, count),
             robot_pos_w=np.tile(mount.pos_w, (count, 1)),
             robot_q_w=np.tile(transforms.from_axis_angle(placement.Z, np.asarray(mount.yaw_rad)), (count, 1)),
             arm_angles_rad=angles_rad,

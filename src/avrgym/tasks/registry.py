@@ -57,7 +57,7 @@ class Registry:
         return True
 
 
-def _filled() -> Registry:
+def _build_registry() -> Registry:
     registry = Registry(ROBOTS)
     for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING):
         registry.add(task)
@@ -65,7 +65,7 @@ def _filled() -> Registry:
     return registry
 
 
-_REGISTRY = _filled()
+_REGISTRY = _build_registry()
 TASKS: Mapping[str, Task] = _REGISTRY.tasks
 ENVIRONMENTS: Mapping[str, tuple[str, str]] = _REGISTRY.environments
 """Environment id to the names of task and robot."""

@@ -6,12 +6,12 @@ from functools import cache
 from typing import Any, NamedTuple, Protocol, get_args
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
-from avrgym.geometry.arrays import brought, namespace
+from avrgym.geometry.arrays import moved_to, namespace
 from avrgym.models.body_names import PARTS, Part
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
-from avrgym.people.cooperation import Offered
+from avrgym.people.cooperation import OfferedPart
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Simulation, Start, State
 from avrgym.tasks.observation import Observation
@@ -127,10 +127,10 @@ class Task:
         evaluate_step: what the control step gave that ends in a state, from that state, the action (N, A) and the
             task's state before.
         expert: plans with all that can be known: it shows that the task can be done.
-        reactive_expert: does without plan or memory what depends evenly on the present: training imitates it.
+        feedback_expert: does without plan or memory what depends evenly on the present: training imitates it.
         views: from where pictures are taken.
         training: how policies are trained.
-        patient_expert: may remember; policies that remember imitate it in place of the reactive one.
+        memory_expert: may remember; policies that remember imitate it in place of the reactive one.
         detour_m: how much longer than straight on the way of tool and hand to the goal is, (N,); with a
             ``training.detour_weight_per_m`` training draws the policy along it.
         marks: what is drawn on the person.
@@ -147,7 +147,7 @@ class Task:
     name: str
     goal: str
     pose: Pose
-    offered: Offered
+    offered: OfferedPart
     scene: Callable[[Robot], SceneConfig]
     uniforms: int
     start: Callable[[SceneConfig, People, FloatArray], Start]
@@ -156,11 +156,11 @@ class Task:
     weights: Mapping[str, float]
     evaluate_step: Callable[[State, FloatArray, TaskState], StepResult]
     expert: Expert
-    reactive_expert: Expert
+    feedback_expert: Expert
     views: Views
     strength_share: float | None = None
     training: TrainingSettings = field(default_factory=TrainingSettings)
-    patient_expert: Expert | None = None
+    memory_expert: Expert | None = None
     detour_m: Callable[[State, TaskState], FloatArray] | None = None
     marks: Marks | None = None
     ends_with_success: bool = False
@@ -196,8 +196,8 @@ class Task:
             )
         if self.training.detour_weight_per_m and self.detour_m is None:
             raise ValueError(f"task {self.name} has a weight for detours in its training, but no detour_m")
-        if self.patient_expert is not None:
-            self._check_part("patient_expert", callable(self.patient_expert), "function")
+        if self.memory_expert is not None:
+            self._check_part("memory_expert", callable(self.memory_expert), "function")
         object.__setattr__(self, "scene", cache(self.scene))
 
     def _check_part(self, part: str, fits: bool, kind: str) -> None:
@@ -221,7 +221,7 @@ class Task:
         return total
 
 
-OFFERED: tuple[Offered, ...] = get_args(Offered)
+OFFERED: tuple[OfferedPart, ...] = get_args(OfferedPart)
 _KINDS: Mapping[str, type] = {
     "name": str,
     "goal": str,
@@ -239,18 +239,18 @@ _FUNCTIONS = (
     "observation",
     "evaluate_step",
     "expert",
-    "reactive_expert",
+    "feedback_expert",
 )
 
 
-def arrays_of(task_state: object) -> dict[str, NumpyArray]:
+def state_arrays(task_state: object) -> dict[str, NumpyArray]:
     """What a task's state of N worlds holds, by name."""
     return vars(task_state)
 
 
-def merge(old: TaskState, new: TaskState, ids: IntArray) -> TaskState:
+def replace_worlds(old: TaskState, new: TaskState, ids: IntArray) -> TaskState:
     """The arrays ``old`` of N worlds with the worlds ``ids`` replaced by ``new``, of the host or where ``old`` is."""
-    arrays = {name: namespace(array).asarray(array, copy=True) for name, array in arrays_of(old).items()}
+    arrays = {name: namespace(array).asarray(array, copy=True) for name, array in state_arrays(old).items()}
     for name, array in arrays.items():
-        array[ids] = brought(getattr(new, name), array)
+        array[ids] = moved_to(getattr(new, name), array)
     return type(old)(**arrays)

@@ -25,7 +25,7 @@ def check_task(name: str) -> None:
         if task == name:
             check_starts(environment_id)
             episodes = Episodes(environment_id, WORLDS, num_threads=1)
-            for part in ("expert", "reactive_expert", "patient_expert"):
+            for part in ("expert", "feedback_expert", "memory_expert"):
                 expert: Expert | None = getattr(TASKS[name], part)
                 if expert is not None:
                     _check_expert(episodes, part, expert)

@@ -11,7 +11,7 @@ from avrgym.models.robot import Robot, UnsuitableError, robot_spec
 from avrgym.models.scene import build_spec
 from avrgym.models.urdf import add_mesh, colour_of, read_mesh
 from avrgym.robots.registry import ROBOTS
-from avrgym.robots.rtb_data import public_folder
+from avrgym.robots.rtb_data import rtb_data_path
 from avrgym.tasks.registry import TASKS
 from helpers.system.places import ROOT
 
@@ -31,7 +31,7 @@ def panda() -> mujoco.MjModel:
     for number, link in enumerate(PANDA_LINKS):
         row, column = divmod(number, 4)
         body = spec.worldbody.add_body(name=link, pos=[0.3 * column, 0.0, 0.4 * row])
-        parts = read_mesh(public_folder("franka_description/meshes/visual") / f"{link}.dae")
+        parts = read_mesh(rtb_data_path("franka_description/meshes/visual") / f"{link}.dae")
         for index, part in enumerate(parts):
             add_mesh(spec, body, f"{link}_{index}", part, rgb=colour_of(part))
     return spec.compile()

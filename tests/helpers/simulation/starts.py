@@ -75,6 +75,6 @@ def deepest_overlap_m(episodes: Episodes) -> float:
     return deepest
 
 
-def _of(model: mujoco.MjModel, bits: collision_bits.ContactBits) -> list[int]:
+def _of(model: mujoco.MjModel, bits: collision_bits.CollisionBits) -> list[int]:
     kind = (model.geom_contype == bits.contype) & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
     return np.nonzero(kind)[0].tolist()

@@ -10,9 +10,9 @@ from avrgym.geometry import transforms
 from avrgym.models.furniture import NIGHTSTAND_BODY, NIGHTSTAND_TOP_M, add_bracket, add_nightstand
 from avrgym.models.robot import BaseRange, Grip, Mount, Robot, tuned_arm
 from avrgym.models.urdf import Urdf
-from avrgym.robots.rtb_data import public_folder
+from avrgym.robots.rtb_data import rtb_data_path
 
-KORTEX = public_folder("kortex_description")
+KORTEX = rtb_data_path("kortex_description")
 ARM_MESHES = {
     "base_link": "base_link",
     "Shoulder_Link": "shoulder_link",

@@ -8,9 +8,9 @@ import numpy as np
 from avrgym.geometry import transforms
 from avrgym.models.robot import BaseRange, Grip, Mount, Robot, tuned_arm
 from avrgym.models.urdf import add_mesh, colour_of, read_mesh
-from avrgym.robots.rtb_data import public_folder
+from avrgym.robots.rtb_data import rtb_data_path
 
-MESHES = public_folder("ur_description/meshes/ur5/visual")
+MESHES = rtb_data_path("ur_description/meshes/ur5/visual")
 LINKS = ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3")
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 

@@ -11,7 +11,7 @@ from avrgym.analysis.rows import PersonRow, TrialRow
 from avrgym.array_types import FloatArray
 from avrgym.models.human import SEATED, SEXES
 from avrgym.people.arm_clearance import furniture_boxes
-from avrgym.people.distributions import DISTRIBUTIONS, UNIFORMS, Distribution, sample
+from avrgym.people.distributions import DISTRIBUTIONS, NUM_UNIFORMS, Distribution, sample_people
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.design import Design
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
@@ -50,8 +50,8 @@ def _people(name: str, task: str, robot: str) -> list[PersonRow]:
     """They come from streams of their own, which depend on nothing but distribution and task."""
     scene = TASKS[task].scene(ROBOTS[robot])
     rng = np.random.default_rng([SEED, list(TRAINED_WITH).index(name), list(TASKS).index(task)])
-    uniforms = rng.random((PEOPLE_PER_TASK, UNIFORMS))
-    drawn = sample(
+    uniforms = rng.random((PEOPLE_PER_TASK, NUM_UNIFORMS))
+    drawn = sample_people(
         TRAINED_WITH[name], TASKS[task].pose, scene.posture, furniture_boxes(scene.furniture), uniforms
     )
     heads_w = head_centres(drawn, scene.posture)

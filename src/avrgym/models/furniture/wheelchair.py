@@ -137,7 +137,9 @@ def add_bracket(
     body = spec.body(WHEELCHAIR_BODY)
     half_height = 0.5 * shoulder_m
     room = [x, y, z + half_height]
-    add_collision(body, "shoulder_room", BOX, collision_bits.ROOM, pos=room, size=[0.05, 0.05, half_height])
+    add_collision(
+        body, "shoulder_room", BOX, collision_bits.NO_COLLISION, pos=room, size=[0.05, 0.05, half_height]
+    )
     if not appearance:
         return
     paint = finish(spec, "bracket")

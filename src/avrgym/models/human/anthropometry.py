@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from avrgym.array_types import BoolArray
-from avrgym.geometry.arrays import like, namespace
+from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.models.body_names import Sex
 
 TORSO_HEIGHT_RANGE_M = (0.40, 0.75)
@@ -95,7 +95,7 @@ def proportions_of(is_woman: BoolArray, numbers: Any = 0.0) -> Proportions:
     """The unscaled measures of N people, each field an array (N,) of the library and type of ``numbers``."""
     where = namespace(is_woman).where
     measures: dict[str, Any] = {
-        each.name: where(is_woman, *[like(getattr(sex, each.name), numbers) for sex in (WOMAN, MAN)])
+        each.name: where(is_woman, *[constant_like(getattr(sex, each.name), numbers) for sex in (WOMAN, MAN)])
         for each in fields(Proportions)
     }
     return Proportions(**measures)

@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import floats, like, namespace
+from avrgym.geometry.arrays import as_floats, constant_like, namespace
 from avrgym.models.body_names import Sex
 from avrgym.models.human.anthropometry import Proportions, proportions_of
 from avrgym.models.human.joints import JOINTS, X, Y, Z, joint_angles
@@ -63,7 +63,7 @@ class Posture:
         """The origin of the hips, (3,) or (N, 3), world frame."""
         if self.hips_pos_w is None:
             return _vector(0.0, 0.03, p.seated_hips_height)
-        pos_w = like(np.array(self.hips_pos_w), p.mass)
+        pos_w = constant_like(np.array(self.hips_pos_w), p.mass)
         return namespace(p.mass).broadcast_to(pos_w, (*np.shape(p.mass), 3))
 
     def turns_deg(self) -> dict[str, float]:
@@ -256,12 +256,12 @@ def body_rotations(joint_angles_rad: FloatArray, posture: Posture = SEATED) -> d
 
 def body_rotation(body: str, joint_angles_rad: FloatArray, posture: Posture = SEATED) -> FloatArray:
     """One body's rotation in its parent, (N, 4), of people with joint angles (N, 20)."""
-    xp, angles = floats(joint_angles_rad)
+    xp, angles = as_floats(joint_angles_rad)
     turns = [(joint.axis, angles[..., i]) for i, joint in enumerate(JOINTS.values()) if joint.body == body]
     if body in posture.turns_deg():
         turn = float(np.radians(posture.turns_deg()[body]))
         turns.append((X, xp.full(angles.shape[:-1], turn, dtype=angles.dtype, device=angles.device)))
-    rotation = xp.broadcast_to(like(transforms.IDENTITY_QUATERNION, angles), (*angles.shape[:-1], 4))
+    rotation = xp.broadcast_to(constant_like(transforms.IDENTITY_QUATERNION, angles), (*angles.shape[:-1], 4))
     for axis, angle in turns:
         rotation = transforms.multiply(rotation, transforms.from_axis_angle(axis, angle))
     return rotation
@@ -312,5 +312,5 @@ def bind_frames(
 
 
 def _vector(x: float | FloatArray, y: float | FloatArray, z: float | FloatArray) -> FloatArray:
-    xp, *parts = floats(x, y, z)
+    xp, *parts = as_floats(x, y, z)
     return xp.stack(xp.broadcast_arrays(*parts), axis=-1)

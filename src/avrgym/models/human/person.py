@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.geometry.arrays import floats
+from avrgym.geometry.arrays import as_floats
 from avrgym.models.body_names import SEXES, Sex
 from avrgym.models.human.anthropometry import ARM_SCALE_RANGE, TORSO_HEIGHT_RANGE_M
 from avrgym.models.human.joints import JOINTS, SEATED_RAD
@@ -116,7 +116,7 @@ class People:
         cls, is_woman: BoolArray, torso_height_m: FloatArray, joint_angles_rad: FloatArray
     ) -> "People":
         """People with full ranges and strength, without tremor, and with arms as most have them."""
-        xp, height, angles = floats(torso_height_m, joint_angles_rad)
+        xp, height, angles = as_floats(torso_height_m, joint_angles_rad)
         full = xp.ones_like(height)
         return cls(is_woman, torso_height_m, joint_angles_rad, full, full, xp.zeros_like(angles), full)
 

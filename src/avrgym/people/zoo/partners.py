@@ -1,7 +1,7 @@
 """Who lives in the zoo: every style at every combination of levels of its axes, some to train with and others to meet.
 
-A partner is a row of ``MANNERS``. Those of ``zoo/unseen`` lie between those of ``zoo/train`` on every axis: no trait
-that a style moves has the same value in both.
+A partner is a row of ``PARTNER_PARAMETERS``. Those of ``zoo/unseen`` lie between those of ``zoo/train`` on every axis:
+no trait that a style moves has the same value in both.
 """
 
 from collections.abc import Collection, Mapping
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
-from avrgym.geometry.arrays import RAD_PER_DEGREE, choose_index, like
+from avrgym.geometry.arrays import RAD_PER_DEGREE, choose_index, constant_like
 from avrgym.models.human import JOINTS, People
 from avrgym.people import impairments
 from avrgym.people.impairments import TREMOR_TARGET_RAD
@@ -27,7 +27,7 @@ LEVELS: Mapping[str, tuple[float, ...]] = {
 
 
 @dataclass(frozen=True)
-class Manner:
+class BehaviourParameters:
     """How P partners behave, (P,) each; the defaults are of those who do nothing.
 
     Attributes:
@@ -70,12 +70,12 @@ class Manner:
     strength_share: FloatArray
     range_share: FloatArray
 
-    def of(self, rows: IntArray, numbers: Any = 0.0) -> "Manner":
+    def of(self, rows: IntArray, numbers: Any = 0.0) -> "BehaviourParameters":
         """Those of some partners, as arrays of the library and type of ``numbers``, or else of NumPy."""
-        return Manner(*(like(array, numbers)[rows] for array in vars(self).values()))
+        return BehaviourParameters(*(constant_like(array, numbers)[rows] for array in vars(self).values()))
 
 
-TRAITS = tuple(each.name for each in fields(Manner))
+PARAMETER_NAMES = tuple(each.name for each in fields(BehaviourParameters))
 _USUAL: Mapping[str, float] = {
     "speed_share": 1.0,
     "strength_share": 1.0,
@@ -114,13 +114,13 @@ def _traits(style: Style, levels: tuple[float, ...]) -> dict[str, float]:
 
 PARTNERS = _partners()
 _MOVED = [_traits(STYLES[partner.style], partner.levels) for partner in PARTNERS]
-MANNERS = Manner(
-    *(np.array([moved.get(trait, _USUAL.get(trait, 0.0)) for moved in _MOVED]) for trait in TRAITS)
+PARTNER_PARAMETERS = BehaviourParameters(
+    *(np.array([moved.get(trait, _USUAL.get(trait, 0.0)) for moved in _MOVED]) for trait in PARAMETER_NAMES)
 )
 """The manner of each of ``PARTNERS``."""
 
 
-class Partners:
+class PartnerSet:
     """Some of the partners to draw from: each style with the same chance, then each of its partners."""
 
     def __init__(self, zoo: str, styles: Collection[str]) -> None:
@@ -137,23 +137,23 @@ class Partners:
 
     def draw(self, uniforms: FloatArray) -> IntArray:
         """Partners (n,) from uniform numbers (n, 2)."""
-        first, count = like(self._first, uniforms), like(self._count, uniforms)
+        first, count = constant_like(self._first, uniforms), constant_like(self._count, uniforms)
         style = choose_index(uniforms[:, 0], len(self.styles))
         return first[style] + choose_index(uniforms[:, 1], count[style])
 
 
-ZOOS: Mapping[str, Partners] = {zoo: Partners(zoo, STYLES) for zoo in LEVELS}
-OF_ONE_STYLE: Mapping[str, Partners] = {
-    f"{zoo}/{style}": Partners(zoo, [style]) for zoo in LEVELS for style in STYLES
+ZOOS: Mapping[str, PartnerSet] = {zoo: PartnerSet(zoo, STYLES) for zoo in LEVELS}
+SINGLE_STYLE_SETS: Mapping[str, PartnerSet] = {
+    f"{zoo}/{style}": PartnerSet(zoo, [style]) for zoo in LEVELS for style in STYLES
 }
 
 _TREMOR_SHARE = TREMOR_TARGET_RAD / TREMOR_TARGET_RAD[list(JOINTS).index("head_x")]
 
 
-def endow(people: People, partners: IntArray) -> People:
+def apply_partner_bodies(people: People, partners: IntArray) -> People:
     """The same people with what the bodies of partners (n,) are like: ranges, strength and tremor."""
-    manner = MANNERS.of(partners, people.torso_height_m)
-    share = like(_TREMOR_SHARE, people.torso_height_m)
+    manner = PARTNER_PARAMETERS.of(partners, people.torso_height_m)
+    share = constant_like(_TREMOR_SHARE, people.torso_height_m)
     tremor_rad = (RAD_PER_DEGREE * manner.tremor_deg)[:, None] * share
     strong = replace(people, strength_share=manner.strength_share, tremor_rad=tremor_rad)
-    return impairments.with_ranges(strong, manner.range_share)
+    return impairments.limit_joint_ranges(strong, manner.range_share)

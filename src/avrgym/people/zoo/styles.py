@@ -1,7 +1,8 @@
 """The styles of the zoo: what people of each do, within which ranges, and where the ranges come from.
 
-A style has up to three axes, its delay, its amplitude and its tempo. Each moves some of the traits of ``Manner`` from a
-first to a last value; what a style does not name keeps the value of ``Manner``'s own.
+A style has up to three axes, its delay, its amplitude and its tempo. Each moves some of the traits of
+``BehaviourParameters`` from a first to a last value; what a style does not name keeps the value of
+``BehaviourParameters``'s own.
 """
 
 from collections.abc import Mapping

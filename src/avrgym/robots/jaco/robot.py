@@ -10,9 +10,9 @@ import numpy as np
 from avrgym.geometry import transforms
 from avrgym.models.furniture import NIGHTSTAND_BODY, NIGHTSTAND_TOP_M, add_bracket, add_nightstand
 from avrgym.models.robot import Arm, BaseRange, Grip, Mount, Robot
-from avrgym.robots.rtb_data import public_folder
+from avrgym.robots.rtb_data import rtb_data_path
 
-MESHES = public_folder("kinova_description/meshes")
+MESHES = rtb_data_path("kinova_description/meshes")
 SHOULDER_M = 0.33
 """Up to here the shoulder is above its mount, however the arm moves."""
 ON_WHEELCHAIR_M = (-0.35, -0.30, 0.36)

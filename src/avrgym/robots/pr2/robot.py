@@ -10,9 +10,9 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.robot import SIDES, Arm, BaseRange, Grip, Mount, Robot, Side
 from avrgym.robots.jaco.robot import JACO
-from avrgym.robots.rtb_data import public_folder
+from avrgym.robots.rtb_data import rtb_data_path
 
-MESHES = public_folder("pr2_description/meshes")
+MESHES = rtb_data_path("pr2_description/meshes")
 BESIDE_M = (-0.85, -0.4, 0.0)
 """Beside the person, facing their right side (reference)."""
 TURN_RAD = (-np.radians(30.0), np.radians(30.0))

@@ -15,7 +15,7 @@ import mujoco
 from mujoco.batch import MODEL_FIELDS, Batch
 
 from avrgym.array_types import IntArray, NumpyArray
-from avrgym.geometry.arrays import on_host
+from avrgym.geometry.arrays import to_numpy
 from avrgym.models.collision_bits import PARTICLE
 from avrgym.simulation.engines.batch import ForkSafeBatch
 from avrgym.simulation.engines.engine import NAMES, WRITTEN, Arrays, check_host_memory, check_memory
@@ -112,8 +112,8 @@ class Warp:
     def hand_back(self, ids: IntArray) -> None:
         """See ``Engine``; what follows from positions and velocities is computed anew."""
         for name in WRITTEN:
-            getattr(self._host, name)[ids] = on_host(getattr(self.now, name))[ids]
-        self._warm_start[ids] = on_host(self._tensor("qacc_warmstart"))[ids]
+            getattr(self._host, name)[ids] = to_numpy(getattr(self.now, name))[ids]
+        self._warm_start[ids] = to_numpy(self._tensor("qacc_warmstart"))[ids]
         self.batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def step(self, substeps: int) -> None:
@@ -125,7 +125,7 @@ class Warp:
             self._there[name].copy_(self._torch.as_tensor(getattr(self.now, name)))
         self._run(substeps)
         for name in NAMES:
-            getattr(self.now, name)[:] = on_host(self._there[name])
+            getattr(self.now, name)[:] = to_numpy(self._there[name])
         self.check()
 
     def _run(self, substeps: int) -> None:

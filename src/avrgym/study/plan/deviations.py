@@ -33,7 +33,7 @@ from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design, DesignError, parse_design
 from avrgym.study.design.languages import word_files
 from avrgym.study.plan.frozen_plan import FROZEN, Frozen, Record, sha256, software
-from avrgym.study.plan.plan import FILE, NOT_PLANNED, Offered
+from avrgym.study.plan.plan import FILE, NOT_PLANNED, OfferedPart
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.session_designs import designs_used, listed
 from avrgym.study.storage.states import UNKNOWN
@@ -152,9 +152,9 @@ def deviation(where: str, what: str) -> Finding:
 def deviations(
     store: Store,
     frozen: Frozen,
-    offered: Offered,
+    offered: OfferedPart,
     left_out: Sequence[LeftOut] = (),
-    besides: Offered = MappingProxyType({}),
+    besides: OfferedPart = MappingProxyType({}),
 ) -> list[Finding]:
     """Each difference between a study and its frozen plan.
 
@@ -250,7 +250,7 @@ def _people(store: Store, record: Record) -> Iterator[Finding]:
         yield deviation("participants", f"{completed} {have} completed the study, {planned} were planned")
 
 
-def _tests(record: Record, offered: Offered, besides: Offered) -> Iterator[Finding]:
+def _tests(record: Record, offered: OfferedPart, besides: OfferedPart) -> Iterator[Finding]:
     """Tests that the report has and the plan does not name, and the other way round."""
     plan = record.parsed()
     for test, measures in offered.items():

@@ -20,7 +20,7 @@ from avrgym.study.checking.preflight import plugins_needed, policy_faults
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.languages import word_files
 from avrgym.study.design.validation import read_text
-from avrgym.study.plan.plan import FILE, Offered, Plan, parse_frozen_plan, read_plan
+from avrgym.study.plan.plan import FILE, OfferedPart, Plan, parse_frozen_plan, read_plan
 from avrgym.study.plan.timestamps import (
     Registration,
     TimeStamp,
@@ -65,7 +65,7 @@ class Record(msgspec.Struct, frozen=True):
         return parse_frozen_plan(self.plan, FROZEN)
 
 
-def freeze(store: Store, offered: Offered) -> Record:
+def freeze(store: Store, offered: OfferedPart) -> Record:
     """Freeze the plan in a study's folder.
 
     Args:

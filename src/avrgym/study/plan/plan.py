@@ -14,7 +14,7 @@ from avrgym.system.toml_lines import Place
 
 FILE = "plan.toml"
 CONFIRMATORY, EXPLORATORY, NOT_PLANNED = "confirmatory", "exploratory", "not in the plan"
-Offered = Mapping[str, Sequence[str]]
+OfferedPart = Mapping[str, Sequence[str]]
 """The tests that a study's analysis does, by name, each with its measures."""
 Words = Annotated[str, msgspec.Meta(min_length=1)]
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
@@ -65,7 +65,7 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 _TABLES: Tables = {("hypotheses",): Hypothesis, ("exclusion",): Exclusion}
 
 
-def read_plan(folder: Path, design: Design, offered: Offered) -> tuple[Plan, str]:
+def read_plan(folder: Path, design: Design, offered: OfferedPart) -> tuple[Plan, str]:
     """The plan in a study's folder, and its text.
 
     Raises:
@@ -79,7 +79,7 @@ def read_plan(folder: Path, design: Design, offered: Offered) -> tuple[Plan, str
     return parse_plan(text, str(folder / FILE), design, offered), text
 
 
-def parse_plan(text: str, name: str, design: Design, offered: Offered) -> Plan:
+def parse_plan(text: str, name: str, design: Design, offered: OfferedPart) -> Plan:
     """The plan that a text holds, with ``read_plan``'s errors, in which ``name`` stands."""
     return parse(text, name, Plan, _TABLES, lambda plan: _check(plan, design, offered))
 
@@ -89,7 +89,7 @@ def parse_frozen_plan(text: str, name: str) -> Plan:
     return parse(text, name, Plan, _TABLES, lambda plan: None)
 
 
-def _check(plan: Plan, design: Design, offered: Offered) -> None:
+def _check(plan: Plan, design: Design, offered: OfferedPart) -> None:
     """Raise ``Wrong`` for the first value that no type forbids but that cannot be."""
     _check_equal(("participants",), plan.participants, design.participants)
     _check_equal(("exclusion", "max_held_share"), plan.exclusion.max_held_share, design.max_held_share)
@@ -108,7 +108,7 @@ def _check_equal(place: Place, planned: float, designed: float) -> None:
         raise Wrong(place, f"{place[-1]} is {planned:g}; allowed: {designed:g}, as {DESIGN} says")
 
 
-def _check_hypothesis(place: Place, hypothesis: Hypothesis, offered: Offered) -> None:
+def _check_hypothesis(place: Place, hypothesis: Hypothesis, offered: OfferedPart) -> None:
     measures = dict.fromkeys(measure for taken in offered.values() for measure in taken)
     for index, test in enumerate(hypothesis.tests):
         _check_known((*place, "tests", index), "test", test, offered)

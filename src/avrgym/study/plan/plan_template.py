@@ -8,7 +8,7 @@ import tomlkit
 
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design
-from avrgym.study.plan.plan import FILE, Hypothesis, Offered
+from avrgym.study.plan.plan import FILE, Hypothesis, OfferedPart
 from avrgym.study.storage.states import StudyError
 from avrgym.system.files import write_new
 
@@ -58,7 +58,9 @@ tests = {tests}
 """
 
 
-def write_template(folder: Path, design: Design, offered: Offered, hypotheses: Sequence[Hypothesis]) -> Path:
+def write_template(
+    folder: Path, design: Design, offered: OfferedPart, hypotheses: Sequence[Hypothesis]
+) -> Path:
     """Write ``plan.toml`` into a study's folder, with hypotheses to begin with.
 
     Raises:
@@ -73,7 +75,7 @@ def write_template(folder: Path, design: Design, offered: Offered, hypotheses: S
     return path
 
 
-def template(design: Design, offered: Offered, hypotheses: Sequence[Hypothesis]) -> str:
+def template(design: Design, offered: OfferedPart, hypotheses: Sequence[Hypothesis]) -> str:
     """The text of a plan that fits a design."""
     return _TEXT.format(
         title=_toml(design.title),
@@ -92,7 +94,7 @@ def template(design: Design, offered: Offered, hypotheses: Sequence[Hypothesis])
     )
 
 
-def _not_confirmatory(offered: Offered, hypotheses: Sequence[Hypothesis]) -> list[str]:
+def _not_confirmatory(offered: OfferedPart, hypotheses: Sequence[Hypothesis]) -> list[str]:
     """The tests of which at least one measure belongs to no hypothesis."""
     judged = {(test, measure) for each in hypotheses for test in each.tests for measure in each.measures}
     return [

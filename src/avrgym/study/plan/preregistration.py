@@ -10,7 +10,7 @@ from pathlib import Path
 from avrgym.study.design.description import blinding, conditions, description, randomization
 from avrgym.study.design.design import Design
 from avrgym.study.plan.frozen_plan import FROZEN, check_untouched, read_frozen
-from avrgym.study.plan.plan import Offered, Plan, read_plan
+from avrgym.study.plan.plan import OfferedPart, Plan, read_plan
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import read_user_text, write_new
@@ -21,7 +21,7 @@ NOT_SAID = "(Nothing is said of it.)"
 BEFOREHAND = "None: a plan is frozen only while nobody has taken part."
 
 
-def write_preregistration(store: Store, offered: Offered, form: str) -> Path:
+def write_preregistration(store: Store, offered: OfferedPart, form: str) -> Path:
     """Write a study's plan, the frozen one if there is one, as the fields of a form.
 
     Raises:
@@ -67,7 +67,7 @@ def as_markdown(title: str, state: str, fields: Fields) -> str:
     return "\n\n".join(lines) + "\n"
 
 
-def _osf(design: Design, plan: Plan, offered: Offered) -> Fields:
+def _osf(design: Design, plan: Plan, offered: OfferedPart) -> Fields:
     return {
         "Study information": {
             "Title": design.title,
@@ -105,7 +105,7 @@ def _osf(design: Design, plan: Plan, offered: Offered) -> Fields:
     }
 
 
-def _aspredicted(design: Design, plan: Plan, offered: Offered) -> Fields:
+def _aspredicted(design: Design, plan: Plan, offered: OfferedPart) -> Fields:
     questions = {
         "Data collected already": BEFOREHAND,
         "Question or hypothesis": _hypotheses(plan),
@@ -121,7 +121,7 @@ def _aspredicted(design: Design, plan: Plan, offered: Offered) -> Fields:
     return {"": {f"{number}. {name}": text for number, (name, text) in enumerate(questions.items(), start=1)}}
 
 
-FORMS: Mapping[str, tuple[str, Callable[[Design, Plan, Offered], Fields]]] = {
+FORMS: Mapping[str, tuple[str, Callable[[Design, Plan, OfferedPart], Fields]]] = {
     "osf": ("fields of the OSF preregistration", _osf),
     "aspredicted": ("answers for AsPredicted", _aspredicted),
 }
@@ -166,7 +166,7 @@ def _measure(design: Design, name: str) -> str:
     return f"{name}: {item.text} {scale[0].upper()}{scale[1:]}."
 
 
-def _tests(plan: Plan, offered: Offered) -> str:
+def _tests(plan: Plan, offered: OfferedPart) -> str:
     return _list(
         f"{each.id}: {test} ({'; '.join(name for name in offered.get(test, ()) if name in each.measures)})"
         for each in plan.hypotheses

@@ -15,7 +15,7 @@ import numpy as np
 from avrgym.models.human import SEXES
 from avrgym.people import impairments
 from avrgym.people.population_names import Impairment
-from avrgym.people.populations import Kind, find_kinds, people_name
+from avrgym.people.populations import Population, find_populations, population_label
 from avrgym.policies.registry import Operated
 from avrgym.policies.trained import PolicyError
 from avrgym.recording.schema import Answer
@@ -51,18 +51,18 @@ class Cast:
 
     seed: int
     people: str = "participants"
-    kinds: tuple[Kind, ...] = (Kind("participants", PARTICIPANTS),)
+    kinds: tuple[Population, ...] = (Population("participants", PARTICIPANTS),)
     impairment: Impairment = "none"
 
     def __str__(self) -> str:
         words = f"simulated with seed {self.seed}"
-        words += "" if self.people == "participants" else f", people {people_name(self.people)}"
+        words += "" if self.people == "participants" else f", people {population_label(self.people)}"
         return words + ("" if self.impairment == "none" else f", impairment {self.impairment}")
 
 
 def cast_of(seed: int, people: str, impairment: str) -> Cast:
     """The cast of people and an impairment by name; ``ValueError`` names what is allowed."""
-    return Cast(seed, people, find_kinds(people, TASKS), impairments.find_impairment(impairment))
+    return Cast(seed, people, find_populations(people, TASKS), impairments.find_impairment(impairment))
 
 
 def simulate_study(
@@ -84,8 +84,8 @@ def simulate_study(
         progress: told again and again how many of their trials are completed, and how many there are.
         jobs: how many take part at the same time, each in a process; without it as many as there are cores. What
             each gives does not depend on it.
-        people: what participants are like, a name in ``people.distributions.NAMED``, a file of people, a trained
-            human or a folder of them.
+        people: what participants are like, a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a file of people, a
+            trained human or a folder of them.
         impairment: of all of them, a name in ``people.impairments.IMPAIRMENTS``.
         cluster: on whose workers they take part instead of in processes here; each has to see the study's folder.
 

@@ -9,7 +9,7 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.bed_bathing.reward import LIMB_GEOMS, is_wiped
-from avrgym.tasks.experts.motion_planner import Guide
+from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import RunningEpisodes
 
 UPPER_ARM, FOREARM = 0, 1
@@ -49,7 +49,7 @@ class BedBathingExpert:
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin with the first sweep."""
         self._episodes = episodes
-        self._guide = Guide(episodes)
+        self._guide = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
         self._limb, self._angle, self._first, self._last = (np.array(c) for c in zip(*SWEEPS, strict=True))
         self._sweep, self._phase, self._waited = np.zeros((3, count), dtype=np.intp)

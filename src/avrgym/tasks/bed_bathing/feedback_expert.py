@@ -21,8 +21,8 @@ from avrgym.tasks.bed_bathing.expert import (
     cloth_pose,
     limb_frame,
 )
-from avrgym.tasks.experts.feedback import Aim, funnel_m
-from avrgym.tasks.experts.motion_planner import Guide
+from avrgym.tasks.experts.feedback import ToolTarget, funnel_standoff_m
+from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
 TOP_RAD, SIDE_RAD = np.radians([12.0, 75.0])
@@ -42,7 +42,7 @@ YIELD_M_N, SOFTER_M, FIRMER_M, LOST_M = 0.0003, -0.002, 0.001, 0.006
 HEIGHT_M = (-0.03, 0.01)
 
 
-def wipe(state: State, task_state: TaskState, guide: Guide) -> Aim:
+def wiping_target(state: State, task_state: TaskState, guide: MotionPlanner) -> ToolTarget:
     """The cloth from the shoulder to the wrist on top of the arm, and back on its outer side."""
     along, angle, above_m = _on_arm(state)
     away = above_m > AWAY_M
@@ -60,7 +60,7 @@ def wipe(state: State, task_state: TaskState, guide: Guide) -> Aim:
     deeper = np.where(state.tool_force_n > 0.0, deeper, LOST_M)
     height = np.clip(((guide.pos_w - skin_w) * out).sum(axis=-1) - deeper, *HEIGHT_M)
     height = np.maximum(height, HEIGHT_M[0] + elbow * (LIFT_M - HEIGHT_M[0]))
-    before = HOVER_M + funnel_m(skin_w - state.tool_pos_w, out, HOVER_M, 4.0 * HOVER_M)
+    before = HOVER_M + funnel_standoff_m(skin_w - state.tool_pos_w, out, HOVER_M, 4.0 * HOVER_M)
     speed = WIPE_M_S * np.clip(2.0 - state.tool_force_n / STRONG_N, 0.2, 1.0)
     pos_w = skin_w + np.where(away, before, height)[:, None] * out
     return pos_w, q_w, np.where(away, CARRY_M_S, speed)

@@ -14,13 +14,13 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import capsules, elementary, transforms
-from avrgym.geometry.arrays import like, namespace, row_numbers, worth_computing
+from avrgym.geometry.arrays import active_indices, constant_like, namespace, row_indices
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, RECLINED, TORSO_HEIGHT_RANGE_M, People
 from avrgym.models.washcloth import NAP_M, PAD_CENTRE_M, PAD_HALF_SIZE_M
 from avrgym.simulation.worlds import State
-from avrgym.tasks.person import LIMBS, when_strong
+from avrgym.tasks.person import LIMBS, force_above_limit
 from avrgym.tasks.task import StepResult
 
 MARKER_SPACING_M = 0.03
@@ -78,7 +78,7 @@ def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
     radius = xp.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
     length = 2.0 * xp.stack([size[limb][:, 1] for limb in LIMBS], axis=1)[..., None]
     rings, around = xp.minimum(length // MARKER_SPACING_M, RINGS), 2.0 * np.pi * radius // MARKER_SPACING_M
-    ring, spot = (like(each, uniforms) for each in np.divmod(np.arange(MARKERS), AROUND))
+    ring, spot = (constant_like(each, uniforms) for each in np.divmod(np.arange(MARKERS), AROUND))
     along = 0.5 * length + (ring - 0.5 * (rings - 1.0)) * MARKER_SPACING_M
     angle = 2.0 * np.pi * spot / around
     sine, cosine = elementary.sine_and_cosine(angle)
@@ -106,7 +106,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: BedBathingState)
         "markers_wiped": _count(newly_wiped),
         "tool_speed_m_s": norm(state.tool_velocity_w),
         "force_elsewhere_n": xp.maximum(state.total_force_n - force_at_arm, 0.0),
-        "strong_force_at_arm_n": when_strong(force_at_arm),
+        "strong_force_at_arm_n": force_above_limit(force_at_arm),
     }
     nothing = xp.zeros((len(distance), 0), dtype=xp.bool, device=distance.device)
     wiped = newly_wiped.sum(axis=(-2, -1))
@@ -131,12 +131,12 @@ def cloth_distance(state: State) -> FloatArray:
 
 def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
     """The cloth's contacts in the frames of both limbs (N, 2, C, 3), and which lie within 2.5 cm of the limb."""
-    xp, limbs = namespace(state.tool_pos_w), like(LIMB_GEOMS, state.tool_pos_w)
+    xp, limbs = namespace(state.tool_pos_w), constant_like(LIMB_GEOMS, state.tool_pos_w)
     touching = state.tool_contact_force_n > 0.0
     shape = len(touching), len(LIMBS), touching.shape[1]
     contact_pos = xp.zeros((*shape, 3), dtype=state.tool_pos_w.dtype, device=touching.device)
     near = xp.zeros(shape, dtype=xp.bool, device=touching.device)
-    (rows,) = worth_computing(touching.any(axis=-1))
+    (rows,) = active_indices(touching.any(axis=-1))
     limb_w, to_limb = (
         state.right_arm_pos_w[rows, :2, None],
         transforms.conjugate(state.right_arm_q_w[rows, :2, None]),
@@ -169,7 +169,7 @@ def _touched(contact_pos: FloatArray, near: BoolArray, marker_pos: FloatArray) -
     xp = namespace(marker_pos)
     touching = xp.any(near, axis=-1)
     touched = xp.zeros(marker_pos.shape[:-1], dtype=xp.bool, device=near.device)
-    world, limb = worth_computing(touching)
+    world, limb = active_indices(touching)
     if len(world):
         first, last = _ends(contact_pos[world, limb], near[world, limb])
         markers = marker_pos[world, limb]
@@ -180,7 +180,7 @@ def _touched(contact_pos: FloatArray, near: BoolArray, marker_pos: FloatArray) -
 
 def _ends(pos: FloatArray, near: BoolArray) -> tuple[FloatArray, FloatArray]:
     """The first and the last along the limb, (n, 3) each, of the near ones of contacts (n, C, 3)."""
-    xp, row, along = namespace(pos), row_numbers(pos), -pos[..., 2]
+    xp, row, along = namespace(pos), row_indices(pos), -pos[..., 2]
     first = xp.where(near, along, np.inf).argmin(axis=-1)
     last = xp.where(near, along, -np.inf).argmax(axis=-1)
     return pos[row, first], pos[row, last]

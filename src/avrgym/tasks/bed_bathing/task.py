@@ -6,7 +6,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import like, namespace
+from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.models import human
 from avrgym.models.human import RECLINED, People
 from avrgym.models.robot import Robot
@@ -17,11 +17,11 @@ from avrgym.simulation.worlds import RightArm, Start
 from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
 from avrgym.tasks.bed_bathing.expert import BedBathingExpert
-from avrgym.tasks.bed_bathing.feedback_expert import wipe
+from avrgym.tasks.bed_bathing.feedback_expert import wiping_target
 from avrgym.tasks.bed_bathing.reward import MARKERS, WEIGHTS, BedBathingState, evaluate_step, init_state
-from avrgym.tasks.experts.feedback import Reactive
+from avrgym.tasks.experts.feedback import FeedbackExpert
 from avrgym.tasks.observation import Observation
-from avrgym.tasks.person import ARM_SPREAD_RAD, above_clothes
+from avrgym.tasks.person import ARM_SPREAD_RAD, above_sleeve
 from avrgym.tasks.task import Marks, Task, View, Views
 from avrgym.tasks.training_settings import TrainingSettings
 
@@ -51,10 +51,10 @@ def scene(robot: Robot) -> SceneConfig:
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """The hand right of and above the person's right arm, the base within reach of shoulder, elbow and wrist."""
     xp, count = namespace(uniforms), len(uniforms)
-    hand, turned = like(HAND_START_W, uniforms), like(START_Q_W, uniforms)
-    goals, goal_q = placement.right_arm(people, RECLINED), xp.tile(turned, (count, 3, 1))
-    tool, tool_q = placement.held(scene, xp.tile(hand, (count, 1)), START_Q_W)
-    return placement.start(scene, people, {}, tool, tool_q, goals, goal_q, uniforms)
+    hand, turned = constant_like(HAND_START_W, uniforms), constant_like(START_Q_W, uniforms)
+    goals, goal_q = placement.right_arm_joints_w(people, RECLINED), xp.tile(turned, (count, 3, 1))
+    tool, tool_q = placement.tool_in_hand(scene, xp.tile(hand, (count, 1)), START_Q_W)
+    return placement.placed_start(scene, people, {}, tool, tool_q, goals, goal_q, uniforms)
 
 
 def observation(scene: SceneConfig) -> Observation:
@@ -72,11 +72,11 @@ def observation(scene: SceneConfig) -> Observation:
 
 def marks_w(arm: RightArm, task_state: BedBathingState) -> FloatArray:
     """Where the markers not yet wiped are drawn (N, 2 × ``MARKERS``, 3), world frame; the others below the floor."""
-    drawn = above_clothes(task_state.marker_pos)
+    drawn = above_sleeve(task_state.marker_pos)
     limb_pos_w, limb_q_w = arm.right_arm_pos_w[:, :2, None], arm.right_arm_q_w[:, :2, None]
     pos_w = limb_pos_w + transforms.rotate(limb_q_w, drawn)
     shown = task_state.exists & ~task_state.wiped
-    hidden = like(BELOW_THE_FLOOR_W, pos_w)
+    hidden = constant_like(BELOW_THE_FLOOR_W, pos_w)
     return namespace(pos_w).where(shown[..., None], pos_w, hidden).reshape(len(pos_w), -1, 3)
 
 
@@ -88,14 +88,14 @@ BED_BATHING = Task(
     pose=POSE,
     offered="arm",
     scene=scene,
-    uniforms=placement.UNIFORMS,
+    uniforms=placement.NUM_UNIFORMS,
     start=start,
     init_state=init_state,
     observation=observation,
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
     expert=BedBathingExpert,
-    reactive_expert=partial(Reactive, aim=wipe),
+    feedback_expert=partial(FeedbackExpert, aim=wiping_target),
     views=Views(
         mounted=View((-0.25, -0.02, 0.92), 1.85, 70.0, -28.0),
         on_floor=View((-0.35, -0.05, 0.85), 2.6, 112.0, -28.0),

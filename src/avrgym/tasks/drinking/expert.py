@@ -10,8 +10,8 @@ from avrgym.geometry.transforms import norm
 from avrgym.models.cup import AXIS_X_M, RIM_RADIUS_M
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.head_clearance import heading, way_out
-from avrgym.tasks.experts.motion_planner import BLOCKED_S, Guide
+from avrgym.tasks.experts.head_clearance import clearance_way_m, face_direction
+from avrgym.tasks.experts.motion_planner import BLOCKED_S, MotionPlanner
 from avrgym.tasks.experts.robot_clearance import Clearance
 from avrgym.tasks.task import RunningEpisodes
 
@@ -60,7 +60,7 @@ class DrinkingExpert:
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Plan for the people who are there now."""
         self._episodes = episodes
-        self._guide, self._clearance = Guide(episodes), Clearance(episodes.simulation)
+        self._guide, self._clearance = MotionPlanner(episodes), Clearance(episodes.simulation)
         count = self._episodes.simulation.num_worlds
         self._tilt_rad, self._arrived = np.full(count, TIPPED_RAD), np.zeros(count, dtype=bool)
         self._way, self._before_rad = self._plan(self._episodes.state())
@@ -120,7 +120,7 @@ def carried_tilt_rad(q_w: FloatArray) -> FloatArray:
 
 def yaw_q_w(state: State, way: Way) -> FloatArray:
     """The rotation (N, 4) of an upright cup whose x axis is the way's heading."""
-    into = heading(state)
+    into = face_direction(state)
     return transforms.from_axis_angle(UP, elementary.arctan2(into[:, 1], into[:, 0]) + way.aside_rad)
 
 
@@ -134,7 +134,7 @@ def at_mouth(state: State, way: Way, tilt_rad: FloatArray) -> tuple[FloatArray, 
     lips_w = state.mouth_pos_w + LIPS_BACK_M * back + LIPS_UP_M * UP
     pos_w = lips_w - _edge_w(np.zeros(3), q_w, way)
     rim_w = pos_w[:, None] + transforms.rotate(q_w[:, None], RIM)
-    return pos_w + way_out(rim_w, back, state, CLEARANCE_M)[:, None] * back, q_w
+    return pos_w + clearance_way_m(rim_w, back, state, CLEARANCE_M)[:, None] * back, q_w
 
 
 def _edge_w(pos_w: FloatArray, q_w: FloatArray, way: Way) -> FloatArray:

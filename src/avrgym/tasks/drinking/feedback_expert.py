@@ -7,8 +7,8 @@ from avrgym.geometry.transforms import norm
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
 from avrgym.tasks.drinking import expert
-from avrgym.tasks.experts.feedback import TURN_RAD_S, Aim, funnel_m, speed_m_s
-from avrgym.tasks.experts.motion_planner import Guide
+from avrgym.tasks.experts.feedback import TURN_RAD_S, ToolTarget, funnel_standoff_m, speed_m_s
+from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
 NEAR_M = 0.015
@@ -17,7 +17,7 @@ TILT_RAD_S = 0.12
 """How fast a cup is tilted that pours."""
 
 
-def give_drink(state: State, task_state: TaskState, guide: Guide) -> Aim:
+def drinking_target(state: State, task_state: TaskState, guide: MotionPlanner) -> ToolTarget:
     """The cup to the lips, straight on; where it is there, tilted on from how it is tilted."""
     way = expert.Way(*np.zeros((2, len(guide.pos_w))))
     tilt = expert.carried_tilt_rad(guide.q_w)
@@ -28,5 +28,5 @@ def give_drink(state: State, task_state: TaskState, guide: Guide) -> Aim:
     far = norm(offset) > expert.AWAY_M
     tilt = np.where(near, tilt + CONTROL_STEP_S * rate, np.where(far, expert.TIPPED_RAD, tilt))
     goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_RAD))
-    back_m = funnel_m(offset, into, 0.01, expert.AWAY_M)
+    back_m = funnel_standoff_m(offset, into, 0.01, expert.AWAY_M)
     return goal_w - back_m[:, None] * into, q_w, speed_m_s(offset, expert.ENTER_M_S)

@@ -24,8 +24,14 @@ from avrgym.simulation.worlds import State
 from avrgym.tasks.drinking import expert
 from avrgym.tasks.drinking.expert import Way
 from avrgym.tasks.drinking.reward import in_cup
-from avrgym.tasks.experts.feedback import FASTEST_M_S, SPEED_PER_M, TURN_RAD_S, PresentGuide, funnel_m
-from avrgym.tasks.experts.head_clearance import heading
+from avrgym.tasks.experts.feedback import (
+    FASTEST_M_S,
+    SPEED_PER_M,
+    TURN_RAD_S,
+    FeedbackPlanner,
+    funnel_standoff_m,
+)
+from avrgym.tasks.experts.head_clearance import face_direction
 from avrgym.tasks.particles import count
 from avrgym.tasks.task import RunningEpisodes
 
@@ -63,12 +69,12 @@ LOOKING_RAD = float(np.radians(8.0))
 _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "left"))
 
 
-class PatientExpert:
+class MemoryExpert:
     """Brings the cup to each of N mouths, waits, and pours where it may."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin where people and arms are."""
-        self._episodes, self._guide = episodes, PresentGuide(episodes)
+        self._episodes, self._guide = episodes, FeedbackPlanner(episodes)
         state = episodes.state()
         self._mouth_w, self._first_turn_rad = state.mouth_pos_w, _turn_rad(state)
 
@@ -98,7 +104,7 @@ class PatientExpert:
         tilt = _next_tilt_rad(tilt, pours_rad, norm(offset), rests, away)
         goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_RAD))
         into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
-        back_m = funnel_m(offset, into, 0.01, expert.AWAY_M) + np.where(away, WAITING_M, 0.0)
+        back_m = funnel_standoff_m(offset, into, 0.01, expert.AWAY_M) + np.where(away, WAITING_M, 0.0)
         goal_w = goal_w + aside - back_m[:, None] * into
         too_far = ((goal_w - guide.pos_w) * into).sum(axis=-1) < -ROOM_M
         slowest = np.where(too_far, RETREAT_M_S, SLOWEST_M_S)
@@ -132,7 +138,7 @@ def _to_the_left(state: State) -> FloatArray:
 
 def _turn_rad(state: State) -> FloatArray:
     """How far (N,) faces are turned to the left of where those are turned that look at the cup."""
-    into, left = heading(state), _to_the_left(state)
+    into, left = face_direction(state), _to_the_left(state)
     turn_rad = elementary.arctan2(
         -(into * left).sum(axis=-1), (into * transforms.cross(expert.UP, left)).sum(axis=-1)
     )

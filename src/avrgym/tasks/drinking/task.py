@@ -6,7 +6,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import like
+from avrgym.geometry.arrays import constant_like
 from avrgym.models.cup import CUP
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
@@ -14,12 +14,12 @@ from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import Start
 from avrgym.tasks import placement
 from avrgym.tasks.drinking.expert import DrinkingExpert
-from avrgym.tasks.drinking.feedback_expert import give_drink
-from avrgym.tasks.drinking.memory_expert import PatientExpert
+from avrgym.tasks.drinking.feedback_expert import drinking_target
+from avrgym.tasks.drinking.memory_expert import MemoryExpert
 from avrgym.tasks.drinking.reward import WEIGHTS, evaluate_step, init_state
-from avrgym.tasks.experts.feedback import Reactive
+from avrgym.tasks.experts.feedback import FeedbackExpert
 from avrgym.tasks.observation import tool_at_the_mouth
-from avrgym.tasks.person import HEAD_TURNED
+from avrgym.tasks.person import TURNED_HEAD
 from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
 from avrgym.tasks.training_settings import TrainingSettings
 
@@ -36,10 +36,10 @@ def scene(robot: Robot) -> SceneConfig:
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Hand within ±5 cm of a point before the person, cup upright."""
-    hand = like(np.array(HAND_START_W), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    tool, upright = placement.held(scene, hand, CUP_Q_W)
-    mouth, _ = placement.mouth(people)
-    return placement.start(
+    hand = constant_like(np.array(HAND_START_W), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    tool, upright = placement.tool_in_hand(scene, hand, CUP_Q_W)
+    mouth, _ = placement.mouth_poses(people)
+    return placement.placed_start(
         scene, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:]
     )
 
@@ -47,18 +47,18 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 DRINKING = Task(
     name="Drinking",
     goal="Drink the water from the cup.",
-    pose=HEAD_TURNED,
+    pose=TURNED_HEAD,
     offered="mouth",
     scene=scene,
-    uniforms=3 + placement.UNIFORMS,
+    uniforms=3 + placement.NUM_UNIFORMS,
     start=start,
     init_state=init_state,
     observation=tool_at_the_mouth,
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
     expert=DrinkingExpert,
-    reactive_expert=partial(Reactive, aim=give_drink),
-    patient_expert=PatientExpert,
+    feedback_expert=partial(FeedbackExpert, aim=drinking_target),
+    memory_expert=MemoryExpert,
     views=Views(
         mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
         on_floor=BESIDE_WHEELCHAIR,

@@ -7,10 +7,10 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.motion_planner import Guide
+from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import RunningEpisodes, TaskState
 
-Aim = tuple[FloatArray, FloatArray, FloatArray]
+ToolTarget = tuple[FloatArray, FloatArray, FloatArray]
 """Where a tool should go: position (N, 3) and rotation (N, 4), world frame, and its speed (N,), m/s."""
 
 FASTEST_M_S, TURN_RAD_S = 0.35, 0.8
@@ -22,7 +22,7 @@ END_SHARE = 0.35
 """What share of a joint's range, at each end of it, the arm is drawn out of wherever the tool leaves it free to."""
 
 
-class PresentGuide(Guide):
+class FeedbackPlanner(MotionPlanner):
     """Goes on from where the arms are, which a policy sees, and not from where their servos aim, which it does not.
 
     The arms go along as they come, drawn nowhere but away from the ends of their joints' ranges.
@@ -44,13 +44,15 @@ class PresentGuide(Guide):
         self._put(self._simulation.arm_angles_rad())
 
 
-class Reactive:
+class FeedbackExpert:
     """Moves the tools to where a rule aims them."""
 
-    def __init__(self, episodes: RunningEpisodes, aim: Callable[[State, TaskState, Guide], Aim]) -> None:
+    def __init__(
+        self, episodes: RunningEpisodes, aim: Callable[[State, TaskState, MotionPlanner], ToolTarget]
+    ) -> None:
         """Begin where the arms are."""
         self._episodes, self._aim = episodes, aim
-        self._guide = PresentGuide(episodes)
+        self._guide = FeedbackPlanner(episodes)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
@@ -60,12 +62,12 @@ class Reactive:
         return self._guide.toward(pos_w, q_w, speed, TURN_RAD_S)
 
 
-def funnel_m(offset: FloatArray, axis: FloatArray, free_m: float, most_m: float) -> FloatArray:
+def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, most_m: float) -> FloatArray:
     """How far before its goal a tool should stay, (N,), that is beside the goal's axis by more than ``free_m``."""
-    return before_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, most_m)
+    return standoff_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, most_m)
 
 
-def before_m(beside_m: FloatArray, free_m: float, most_m: float) -> FloatArray:
+def standoff_m(beside_m: FloatArray, free_m: float, most_m: float) -> FloatArray:
     """How far before its goal a tool should stay, (N,), that is beside it by (N,), more than ``free_m``."""
     return np.clip(FUNNEL * (beside_m - free_m), 0.0, most_m)
 

@@ -15,19 +15,19 @@ ROTATIONS = ("head_q_w", "right_arm_q_w")
 """What of a state is where the person is."""
 
 
-def steadied(expert: Expert) -> Expert:
+def filtered(expert: Expert) -> Expert:
     """The same expert, who sees the person half-way between now and the control step before.
 
     Tremor changes its direction at every control step (``people.impairments``): between two of them it is gone.
     """
 
     def make(episodes: RunningEpisodes) -> Controller:
-        return _Steadied(_Seen(episodes), expert)
+        return _FilteredExpert(_FilteredEpisodes(episodes), expert)
 
     return make
 
 
-class _Seen:
+class _FilteredEpisodes:
     """Running episodes with people who are steadied."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
@@ -57,8 +57,8 @@ class _Seen:
         return replace(now, **places, **rotations)
 
 
-class _Steadied:
-    def __init__(self, seen: _Seen, expert: Expert) -> None:
+class _FilteredExpert:
+    def __init__(self, seen: _FilteredEpisodes, expert: Expert) -> None:
         self._seen, self._controller = seen, expert(seen)
 
     def __call__(self, observation: FloatArray) -> FloatArray:

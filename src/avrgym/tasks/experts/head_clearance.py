@@ -10,13 +10,13 @@ from avrgym.simulation.worlds import State
 HEAD = [list(GEOMS).index(name) for name in ("jaw", "cranium")]
 
 
-def heading(state: State) -> FloatArray:
+def face_direction(state: State) -> FloatArray:
     """The level direction (N, 3) into the face."""
     into = transforms.rotate(state.head_q_w, [0.0, 1.0, 0.0])
     return transforms.normalize(into * [1.0, 1.0, 0.0])
 
 
-def way_out(
+def clearance_way_m(
     points_w: FloatArray, out: FloatArray, state: State, clearance_m: FloatArray | float
 ) -> FloatArray:
     """How far (N,) points (N, P, 3) must move along ``out`` (N, 3) to be clear of the head by (N,) metres."""

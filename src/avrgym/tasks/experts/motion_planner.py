@@ -24,7 +24,7 @@ ACCURACY_M, ACCURACY_RAD = 0.003, 0.03
 UP = (0.0, 0.0, 1.0)
 
 
-class Guide:
+class MotionPlanner:
     """The moving arms of N worlds and the angles they are asked for, from one control step to the next.
 
     What is asked for goes on from where the servos aim, so that their lag does not slow the tool down. ``pos_w``

@@ -7,8 +7,8 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.spoon import FOOD, OUTLINE
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.head_clearance import heading, way_out
-from avrgym.tasks.experts.motion_planner import Guide
+from avrgym.tasks.experts.head_clearance import clearance_way_m, face_direction
+from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.feeding.reward import MOUTH_RADIUS_M, SUCCESS_SHARE
 from avrgym.tasks.task import RunningEpisodes
 
@@ -37,7 +37,7 @@ class FeedingExpert:
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Plan for the people who are there now."""
         self._episodes = episodes
-        self._guide = Guide(episodes)
+        self._guide = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
         self._clearance_m, self._arrived = np.full(count, CLEARANCE_M), np.zeros(count, dtype=bool)
         self._plan(episodes.state())
@@ -64,7 +64,7 @@ class FeedingExpert:
         from_mouth = norm(food_w - state.mouth_pos_w[:, None, None])
         in_doubt = (from_mouth > MOUTH_RADIUS_M - SHIFT_M).sum(axis=-1)
         failed = (from_mouth > MOUTH_RADIUS_M).sum(axis=-1) > SPARE_PIECES
-        before_rad, seconds = self._guide.find(pos_w - AWAY_M * heading(state)[:, None], q_w, TILT_RAD)
+        before_rad, seconds = self._guide.find(pos_w - AWAY_M * face_direction(state)[:, None], q_w, TILT_RAD)
         cost = seconds + SECONDS_PER_PIECE * in_doubt + FAILED_S * failed
         best = cost.argmin(axis=-1)
         world = np.arange(len(best))
@@ -75,7 +75,7 @@ class FeedingExpert:
 
 def _spoon_q_w(state: State) -> FloatArray:
     """The spoon's rotation in every way, (N, K, 4)."""
-    into = heading(state)
+    into = face_direction(state)
     yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None]
     turn = transforms.from_axis_angle([0.0, 0.0, 1.0], yaw + np.radians(TURNS_DEG))
     pitch = transforms.from_axis_angle([0.0, -1.0, 0.0], np.radians(PITCHES_DEG))
@@ -89,8 +89,8 @@ def at_mouth(
     """Where (N, 3) the spoon is in the middle of the mouth, or as far in as it stays clear of the face."""
     pos_w = state.mouth_pos_w + np.multiply.outer(rise_m, UP)
     outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], OUTLINE)
-    back = -heading(state)
-    return pos_w + way_out(outline_w, back, state, clearance_m)[:, None] * back
+    back = -face_direction(state)
+    return pos_w + clearance_way_m(outline_w, back, state, clearance_m)[:, None] * back
 
 
 def _is_hungry(state: State) -> BoolArray:

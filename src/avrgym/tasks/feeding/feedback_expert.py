@@ -6,9 +6,9 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import angle_between, norm
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.feedback import FASTEST_M_S, Aim, funnel_m, speed_m_s
-from avrgym.tasks.experts.head_clearance import heading
-from avrgym.tasks.experts.motion_planner import Guide
+from avrgym.tasks.experts.feedback import FASTEST_M_S, ToolTarget, funnel_standoff_m, speed_m_s
+from avrgym.tasks.experts.head_clearance import face_direction
+from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.feeding import expert
 from avrgym.tasks.task import TaskState
 
@@ -18,21 +18,23 @@ MISSED_M_RAD, TURNED_M_RAD = 0.1, 0.02
 """What a radian counts that the arm misses, and one that the spoon is turned, beside metres that the arm misses."""
 
 
-def feed(state: State, task_state: TaskState, guide: Guide, kept_off_m: FloatArray | float = 0.0) -> Aim:
+def feeding_target(
+    state: State, task_state: TaskState, guide: MotionPlanner, kept_off_m: FloatArray | float = 0.0
+) -> ToolTarget:
     """The level spoon through a funnel before the face into the mouth, turned as the arm gets there.
 
     A spoon that is kept off stays so far (N,) before the mouth at least, and goes there as fast as it can.
     """
-    into = heading(state)
+    into = face_direction(state)
     goal_w, q_w = _within_reach(state, guide, elementary.arctan2(into[:, 1], into[:, 0]))
-    back_m = np.maximum(funnel_m(goal_w - guide.pos_w, into, 0.005, expert.AWAY_M), kept_off_m)
+    back_m = np.maximum(funnel_standoff_m(goal_w - guide.pos_w, into, 0.005, expert.AWAY_M), kept_off_m)
     speed = np.where(
         np.greater(kept_off_m, 0.0), FASTEST_M_S, speed_m_s(goal_w - guide.pos_w, expert.ENTER_M_S)
     )
     return goal_w - back_m[:, None] * into, q_w, speed
 
 
-def _within_reach(state: State, guide: Guide, yaw_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _within_reach(state: State, guide: MotionPlanner, yaw_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The place (N, 3) in the mouth and the rotation (N, 4) of the turn at which the arm misses least."""
     clearance_m = np.full(len(yaw_rad), expert.CLEARANCE_M)
     goals_w: list[FloatArray] = []

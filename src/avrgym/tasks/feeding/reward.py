@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.geometry.arrays import like, namespace
+from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.geometry.transforms import norm
 from avrgym.models.furniture import BOWL_BODY, TABLE_HEIGHT_M
 from avrgym.models.human import People
 from avrgym.models.spoon import FOOD
 from avrgym.simulation.worlds import State
 from avrgym.tasks.particles import GROUND_M, check_count, count, touching_person
-from avrgym.tasks.person import when_strong
+from avrgym.tasks.person import force_above_limit
 from avrgym.tasks.task import StepResult
 
 MOUTH_RADIUS_M = 0.02
@@ -87,12 +87,12 @@ def evaluate_step(state: State, action: FloatArray, task_state: FeedingState) ->
 
 def strong_tool_force(state: State) -> FloatArray:
     """What the tool presses the person with, wherever, where that is strong, (N,) newtons."""
-    return when_strong(state.tool_contact_force_n.sum(axis=-1))
+    return force_above_limit(state.tool_contact_force_n.sum(axis=-1))
 
 
 def _is_dropped(state: State) -> BoolArray:
     pos = state.particle_pos_w
-    low, high = like(TABLE_LOW_M, pos), like(TABLE_HIGH_M, pos)
+    low, high = constant_like(TABLE_LOW_M, pos), constant_like(TABLE_HIGH_M, pos)
     over_table = ((pos[..., :2] > low) & (pos[..., :2] < high)).all(axis=-1)
     on_table = over_table & (pos[..., 2] < TABLE_HEIGHT_M + 2.0 * FOOD.radius_m)
     from_bowl = pos - state.placed_pos_w[BOWL_BODY][:, None]

@@ -6,7 +6,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
-from avrgym.geometry.arrays import like, namespace
+from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.models.furniture import BOWL_BODY, BOWL_START_M, add_table
 from avrgym.models.human import People
 from avrgym.models.robot import Robot
@@ -14,13 +14,13 @@ from avrgym.models.scene import SceneConfig
 from avrgym.models.spoon import SPOON
 from avrgym.simulation.worlds import Start
 from avrgym.tasks import placement
-from avrgym.tasks.experts.feedback import Reactive
+from avrgym.tasks.experts.feedback import FeedbackExpert
 from avrgym.tasks.feeding.expert import FeedingExpert
-from avrgym.tasks.feeding.feedback_expert import feed
-from avrgym.tasks.feeding.memory_expert import PatientExpert
+from avrgym.tasks.feeding.feedback_expert import feeding_target
+from avrgym.tasks.feeding.memory_expert import MemoryExpert
 from avrgym.tasks.feeding.reward import WEIGHTS, evaluate_step, init_state
 from avrgym.tasks.observation import tool_at_the_mouth
-from avrgym.tasks.person import HEAD_TURNED
+from avrgym.tasks.person import TURNED_HEAD
 from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
 from avrgym.tasks.training_settings import TrainingSettings
 
@@ -40,36 +40,36 @@ def scene(robot: Robot) -> SceneConfig:
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Bowl within ±5 cm of its place, hand within ±5 cm of a point above and before it, spoon level."""
-    bowl = like(np.array(BOWL_START_M), uniforms) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    hand = bowl + like(HAND_FROM_BOWL_M, uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
-    tool, level = placement.held(scene, hand, SPOON_Q_W)
+    bowl = constant_like(np.array(BOWL_START_M), uniforms) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    hand = bowl + constant_like(HAND_FROM_BOWL_M, uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
+    tool, level = placement.tool_in_hand(scene, hand, SPOON_Q_W)
     placed = {BOWL_BODY: bowl}
-    return placement.start(scene, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
+    return placement.placed_start(scene, people, placed, tool, level, *_goals(people), uniforms[:, 6:])
 
 
 def _goals(people: People) -> tuple[FloatArray, FloatArray]:
     """Where (n, 2, 3) and how (n, 2, 4) the spoon may come to the mouths: level, tip first or with its left side."""
-    mouth, head_q = placement.mouth(people)
+    mouth, head_q = placement.mouth_poses(people)
     into = transforms.rotate(head_q, [0.0, 1.0, 0.0])
-    yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None] + like(TURNED_RAD, into)
+    yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None] + constant_like(TURNED_RAD, into)
     return namespace(mouth).stack([mouth, mouth], axis=1), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw)
 
 
 FEEDING = Task(
     name="Feeding",
     goal="Eat the food from the spoon.",
-    pose=HEAD_TURNED,
+    pose=TURNED_HEAD,
     offered="mouth",
     scene=scene,
-    uniforms=6 + placement.UNIFORMS,
+    uniforms=6 + placement.NUM_UNIFORMS,
     start=start,
     init_state=init_state,
     observation=tool_at_the_mouth,
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
     expert=FeedingExpert,
-    reactive_expert=partial(Reactive, aim=feed),
-    patient_expert=PatientExpert,
+    feedback_expert=partial(FeedbackExpert, aim=feeding_target),
+    memory_expert=MemoryExpert,
     views=Views(
         mounted=View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
         on_floor=BESIDE_WHEELCHAIR,

@@ -6,11 +6,11 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import elementary, transforms
-from avrgym.geometry.arrays import like
+from avrgym.geometry.arrays import constant_like
 from avrgym.geometry.transforms import norm
 from avrgym.models.scratcher import RADIUS_M
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.motion_planner import Guide
+from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.person import SIDEWAYS
 from avrgym.tasks.scratch_itch.reward import ITCH_RADIUS_M, ScratchItchState, itch_pos_w, limb_frame
 from avrgym.tasks.task import RunningEpisodes
@@ -56,7 +56,7 @@ class ScratchItchExpert:
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Plan for the people who are there now."""
         self._episodes = episodes
-        self._guide = Guide(episodes)
+        self._guide = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
         self._arrived, self._touched = np.zeros((2, count), dtype=bool)
         self._q_limb, self._before_rad = (
@@ -124,7 +124,7 @@ class ScratchItchExpert:
         return cost_s[world, best]
 
 
-def find_detour(guide: Guide, state: State) -> tuple[FloatArray, FloatArray]:
+def find_detour(guide: MotionPlanner, state: State) -> tuple[FloatArray, FloatArray]:
     """Angles (N, J) before and above the wrist, the rod pointing down, and what it costs to go there (N,)."""
     wrist_w = state.right_arm_pos_w[:, 2]
     turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
@@ -165,7 +165,7 @@ def rub(
 
 def surface(task_state: ScratchItchState, limb_q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Unit vectors (N, 3), world frame, at the itch: out of the limb, and along it."""
-    out = transforms.normalize(task_state.itch * like(SIDEWAYS, task_state.itch))
+    out = transforms.normalize(task_state.itch * constant_like(SIDEWAYS, task_state.itch))
     return transforms.rotate(limb_q_w, out), transforms.rotate(limb_q_w, [0.0, 0.0, 1.0])
 
 

@@ -4,12 +4,12 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
-from avrgym.geometry.arrays import like, namespace
+from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.bed_bathing.expert import FOREARM
-from avrgym.tasks.experts.feedback import Aim, before_m, speed_m_s
-from avrgym.tasks.experts.motion_planner import Guide
+from avrgym.tasks.experts.feedback import ToolTarget, speed_m_s, standoff_m
+from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.scratch_itch import expert
 from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_pos_w, limb_frame
 
@@ -43,7 +43,7 @@ LEANING_N, BACK_M, BACK_M_S = 5.0, 0.03, 0.3
 """From what force of its links on the person an arm draws back, how far in a control step it aims, and how fast."""
 
 
-def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
+def scratching_target(state: State, task_state: ScratchItchState, guide: MotionPlanner) -> ToolTarget:
     """The tip goes around the limb above the skin and comes down at the itch; where it touches, it rubs.
 
     Where it itches on the inner side, an arm that is mounted on the wheelchair first turns its hand before the wrist.
@@ -54,8 +54,8 @@ def scratch(state: State, task_state: ScratchItchState, guide: Guide) -> Aim:
     return aim(state, task_state, guide, faces_in(out_w) * (not guide.scene.mount.on_floor))
 
 
-def aim(state: State, task_state: ScratchItchState, guide: Guide, in_front: FloatArray) -> Aim:
-    """Where tips go as in ``scratch``, of hands that come by a share (N,) from in front."""
+def aim(state: State, task_state: ScratchItchState, guide: MotionPlanner, in_front: FloatArray) -> ToolTarget:
+    """Where tips go as in ``scratching_target``, of hands that come by a share (N,) from in front."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     out_w, _ = expert.surface(task_state, limb_q_w)
     rod_w = transforms.rotate(guide.q_w, expert.ROD)
@@ -105,7 +105,7 @@ def hand(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
     right, forwards = xp.ones_like(above), FORWARDS + SWERVE * (above - out_w[:, 1])
     room_w = xp.stack([-right, -forwards, UPWARDS + SWERVE * above], axis=-1)
     share = (in_front + xp.zeros_like(above))[:, None]
-    room_w = (1.0 - share) * transforms.normalize(room_w) + share * like(FRONT_W, out_w)
+    room_w = (1.0 - share) * transforms.normalize(room_w) + share * constant_like(FRONT_W, out_w)
     axis, angle = _turn(out_w, room_w)
     slant_rad = SLANT_RAD + in_front * (FRONT_SLANT_RAD - SLANT_RAD)
     return transforms.rotate(transforms.from_axis_angle(axis, xp.minimum(angle, slant_rad)), out_w)
@@ -118,7 +118,7 @@ def around(tool: FloatArray, task_state: ScratchItchState) -> FloatArray:
     shorter = (there - now + np.pi) % (2.0 * np.pi) - np.pi
     way = np.where(task_state.limb == FOREARM, shorter, there - now)
     beside = np.hypot(radius * way, task_state.itch[:, 2] - tool[:, 2])
-    above = before_m(beside, BESIDE_M, expert.AWAY_M)
+    above = standoff_m(beside, BESIDE_M, expert.AWAY_M)
     height = radius + np.where(above > 0.0, above, -expert.SEEK_DEPTH_M)
     angle = now + np.clip(way, -AHEAD_RAD, AHEAD_RAD)
     return np.stack(

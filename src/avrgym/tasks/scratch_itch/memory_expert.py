@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.tasks.experts.feedback import TURN_RAD_S, PresentGuide, Reactive
+from avrgym.tasks.experts.feedback import TURN_RAD_S, FeedbackExpert, FeedbackPlanner
 from avrgym.tasks.scratch_itch.expert import SWING_M_S, surface
-from avrgym.tasks.scratch_itch.feedback_expert import Range, aim, faces_in, scratch
+from avrgym.tasks.scratch_itch.feedback_expert import Range, aim, faces_in, scratching_target
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from avrgym.tasks.task import Controller, RunningEpisodes
 
@@ -40,10 +40,10 @@ SWUNG = 0.85
 """What share of the way is enough."""
 
 
-def patient_expert(episodes: RunningEpisodes) -> Controller:
+def memory_expert(episodes: RunningEpisodes) -> Controller:
     """One whose arm first swings in front, where it is one of ``SWINGS``; others are reactive."""
     swing = SWINGS.get(episodes.scene.robot.name)
-    return Reactive(episodes, scratch) if swing is None else SwingsInFront(episodes, swing)
+    return FeedbackExpert(episodes, scratching_target) if swing is None else SwingsInFront(episodes, swing)
 
 
 class SwingsInFront:
@@ -51,7 +51,7 @@ class SwingsInFront:
 
     def __init__(self, episodes: RunningEpisodes, swing: Swing) -> None:
         """Begin where people and arms are."""
-        self._episodes, self._guide = episodes, PresentGuide(episodes)
+        self._episodes, self._guide = episodes, FeedbackPlanner(episodes)
         self._swing, self._first_rad = swing, self._guide.angles_rad
         self._way_rad = np.array(swing.way_rad)
         self._swung = np.zeros(len(self._first_rad), dtype=bool)

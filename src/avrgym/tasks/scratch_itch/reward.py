@@ -7,12 +7,12 @@ import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
-from avrgym.geometry.arrays import like, namespace, row_numbers
+from avrgym.geometry.arrays import constant_like, namespace, row_indices
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import People
 from avrgym.simulation.worlds import RightArm, State
-from avrgym.tasks.person import LIMBS, STRONG_FORCE_N, when_strong
+from avrgym.tasks.person import LIMBS, STRONG_FORCE_N, force_above_limit
 from avrgym.tasks.task import StepResult
 
 ITCH_RADIUS_M = 0.025
@@ -54,10 +54,10 @@ def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
     xp = namespace(uniforms)
     limb = xp.astype(uniforms[:, 3] < 0.5, xp.int64)
     layout = human.layout_of(people)
-    sizes = xp.stack([layout.geom_size[name] for name in LIMBS], axis=1)[row_numbers(limb), limb]
+    sizes = xp.stack([layout.geom_size[name] for name in LIMBS], axis=1)[row_indices(limb), limb]
     radius, length = sizes[:, 0], 2.0 * sizes[:, 1]
     along = length * (ALONG[0] + (ALONG[1] - ALONG[0]) * uniforms[:, 4])
-    around = like(AROUND_RAD, uniforms)[limb] * (2.0 * uniforms[:, 5] - 1.0)
+    around = constant_like(AROUND_RAD, uniforms)[limb] * (2.0 * uniforms[:, 5] - 1.0)
     sine, cosine = elementary.sine_and_cosine(around)
     itch = xp.stack([-radius * cosine, radius * sine, -along], axis=-1)
     return ScratchItchState(limb, itch, xp.zeros_like(itch), xp.zeros_like(limb))
@@ -87,7 +87,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState
         "scratch_force_n": xp.where(scratch, force_n, 0.0),
         "tool_speed_m_s": norm(state.tool_velocity_w),
         "force_elsewhere_n": xp.maximum(state.total_force_n - force_n, 0.0),
-        "strong_force_at_itch_n": when_strong(force_n),
+        "strong_force_at_itch_n": force_above_limit(force_n),
     }
     success = after.scratches >= SUCCESS_SCRATCHES
     nothing = xp.zeros((len(distance), 0), dtype=xp.bool, device=distance.device)
@@ -104,7 +104,7 @@ def itch_pos_w(state: State, task_state: ScratchItchState) -> FloatArray:
 
 def limb_frame(arm: RightArm, task_state: ScratchItchState) -> tuple[FloatArray, FloatArray]:
     """The frame of the limb that itches: (N, 3) and (N, 4), world frame."""
-    worlds = row_numbers(task_state.limb)
+    worlds = row_indices(task_state.limb)
     return arm.right_arm_pos_w[worlds, task_state.limb], arm.right_arm_q_w[worlds, task_state.limb]
 
 

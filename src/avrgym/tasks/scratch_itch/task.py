@@ -6,7 +6,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import like, namespace
+from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.models import human
 from avrgym.models.furniture import add_wheelchair_without_right_armrest
 from avrgym.models.human import People
@@ -17,13 +17,13 @@ from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Start
 from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
-from avrgym.tasks.experts.feedback import Reactive
+from avrgym.tasks.experts.feedback import FeedbackExpert
 from avrgym.tasks.observation import Observation, from_goal, position
-from avrgym.tasks.person import ARM_SPREAD_RAD, above_clothes
+from avrgym.tasks.person import ARM_SPREAD_RAD, above_sleeve
 from avrgym.tasks.scratch_itch.detour import around_arm_m
 from avrgym.tasks.scratch_itch.expert import ScratchItchExpert
-from avrgym.tasks.scratch_itch.feedback_expert import scratch
-from avrgym.tasks.scratch_itch.memory_expert import patient_expert
+from avrgym.tasks.scratch_itch.feedback_expert import scratching_target
+from avrgym.tasks.scratch_itch.memory_expert import memory_expert
 from avrgym.tasks.scratch_itch.reward import (
     WEIGHTS,
     ScratchItchState,
@@ -57,11 +57,11 @@ def scene(robot: Robot) -> SceneConfig:
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Hand within ±5 cm of a point beside the person's elbow; the goals are shoulder, elbow and wrist."""
     place = MOBILE_HAND_M if scene.mount.on_floor else HAND_M
-    hand = like(np.array(place), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    tool, tool_q = placement.held(scene, hand, SCRATCHER_Q_W)
-    goals = placement.right_arm(people, scene.posture)
-    goals_q = namespace(goals).tile(like(SCRATCHER_Q_W, goals), (*goals.shape[:2], 1))
-    return placement.start(scene, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
+    hand = constant_like(np.array(place), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    tool, tool_q = placement.tool_in_hand(scene, hand, SCRATCHER_Q_W)
+    goals = placement.right_arm_joints_w(people, scene.posture)
+    goals_q = namespace(goals).tile(constant_like(SCRATCHER_Q_W, goals), (*goals.shape[:2], 1))
+    return placement.placed_start(scene, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
 
 
 def observation(scene: SceneConfig) -> Observation:
@@ -82,7 +82,7 @@ def observation(scene: SceneConfig) -> Observation:
 def marks_w(arm: RightArm, task_state: ScratchItchState) -> FloatArray:
     """Where the itch is drawn, (N, 1, 3), world frame."""
     limb_pos_w, limb_q_w = limb_frame(arm, task_state)
-    return (limb_pos_w + transforms.rotate(limb_q_w, above_clothes(task_state.itch)))[:, None]
+    return (limb_pos_w + transforms.rotate(limb_q_w, above_sleeve(task_state.itch)))[:, None]
 
 
 MARKS = Marks(
@@ -98,14 +98,14 @@ SCRATCH_ITCH = Task(
     pose=POSE,
     offered="arm",
     scene=scene,
-    uniforms=6 + placement.UNIFORMS,
+    uniforms=6 + placement.NUM_UNIFORMS,
     start=start,
     init_state=init_state,
     observation=observation,
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
     expert=ScratchItchExpert,
-    reactive_expert=partial(Reactive, aim=scratch),
+    feedback_expert=partial(FeedbackExpert, aim=scratching_target),
     views=Views(
         mounted=View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
         on_floor=View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
@@ -119,7 +119,7 @@ SCRATCH_ITCH = Task(
         detour_weight_per_m=5.0,
         hard_share=0.5,
     ),
-    patient_expert=patient_expert,
+    memory_expert=memory_expert,
     detour_m=around_arm_m,
     marks=MARKS,
     tracked=("head", "right"),

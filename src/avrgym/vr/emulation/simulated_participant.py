@@ -57,9 +57,9 @@ class Traits:
     ``sway_m`` and ``sway_hz`` describe the slow movement of the head; ``lean_deg`` how far they bend forward at
     rest, ``arm_deg`` how much farther back than most they hold their arms. ``cooperation`` (0 to 1) is how far they
     bring mouth or arm to the tool, as they saw it ``reaction_s`` ago. ``leniency`` is by how much of the scale they
-    rate everything higher than most. A ``partner`` of the zoo, a row of its ``MANNERS``, moves as that one does, and
-    who was ``trained`` as the network has it. The rest are impairments, see ``People``; who has less strength moves
-    less far.
+    rate everything higher than most. A ``partner`` of the zoo, a row of its ``PARTNER_PARAMETERS``, moves as that one
+    does, and who was ``trained`` as the network has it. The rest are impairments, see ``People``; who has less strength
+    moves less far.
     """
 
     sex: Sex
@@ -109,11 +109,11 @@ def _with_body(
     traits: Traits, random: np.random.Generator, whom: Distribution, impairment: Impairment
 ) -> Traits:
     """The same with what a partner's body is like, and an impairment."""
-    body, partner = distributions.repeat(Person(traits.sex, traits.torso_height_m), 1), None
+    body, partner = distributions.repeat_person(Person(traits.sex, traits.torso_height_m), 1), None
     if whom.partners is not None:
         drawn = whom.partners.draw(random.random((1, 2)))
-        body, partner = partners.endow(body, drawn), int(drawn[0])
-    body = impairments.impair(body, impairment, random.random((1, impairments.UNIFORMS)))
+        body, partner = partners.apply_partner_bodies(body, drawn), int(drawn[0])
+    body = impairments.apply_impairment(body, impairment, random.random((1, impairments.NUM_UNIFORMS)))
     return replace(
         traits,
         partner=partner,
@@ -156,7 +156,7 @@ class SimulatedParticipant:
         self._turned = self._turned_s = 0.0
         self._bodies: list[str] = []
         self._environment = ""
-        self._offered: cooperation.Offered = "mouth"
+        self._offered: cooperation.OfferedPart = "mouth"
         self._rest(SEATED, SEATED_RAD)
 
     def take_place(self, environment_id: str) -> None:
@@ -183,8 +183,8 @@ class SimulatedParticipant:
 
     def _rest(self, posture: human.Posture, rest_rad: FloatArray) -> None:
         traits = self.traits
-        people = distributions.repeat(Person(traits.sex, traits.torso_height_m, rest_rad), 1)
-        self._people = impairments.with_ranges(people, np.array([traits.range_share]))
+        people = distributions.repeat_person(Person(traits.sex, traits.torso_height_m, rest_rad), 1)
+        self._people = impairments.limit_joint_ranges(people, np.array([traits.range_share]))
         person = self._people.person(0)
         self._posture, self._rest_rad = posture, person.joint_angles_rad
         self._held_rad = self._rest_rad
@@ -197,11 +197,13 @@ class SimulatedParticipant:
 
     def _open_mind(self) -> None:
         """Forget what was seen."""
-        self._mind: cooperation.Mind | partner_behaviour.Mind
+        self._mind: cooperation.CooperationState | partner_behaviour.PartnerState
         if self.traits.partner is not None:
-            self._mind = partner_behaviour.begin(self._people, np.array([self.traits.partner]), self._chance)
+            self._mind = partner_behaviour.initial_state(
+                self._people, np.array([self.traits.partner]), self._chance
+            )
         else:
-            mind = cooperation.begin(self._people, np.full((1, cooperation.UNIFORMS), 0.5))
+            mind = cooperation.initial_state(self._people, np.full((1, cooperation.NUM_UNIFORMS), 0.5))
             self._mind = replace(mind, reaction=np.array([round(self.traits.reaction_s / CONTROL_STEP_S)]))
         self._next_look_s = -np.inf
 
@@ -215,12 +217,12 @@ class SimulatedParticipant:
         sight = self._sight(bodies)
         if self.traits.trained is not None:
             self._act(self.traits.trained, sight, bodies, marks_w)
-        elif isinstance(self._mind, partner_behaviour.Mind):
-            self._mind = partner_behaviour.live(
+        elif isinstance(self._mind, partner_behaviour.PartnerState):
+            self._mind = partner_behaviour.step(
                 self._mind, sight, self._offered, self._posture, self._possible
             )
         else:
-            self._mind = cooperation.see(self._mind, sight, self._offered, self._posture)
+            self._mind = cooperation.update_targets(self._mind, sight, self._offered, self._posture)
 
     def _act(
         self, trained: Policy, sight: _Sight, bodies: Mapping[str, FloatArray], marks_w: FloatArray
@@ -242,7 +244,7 @@ class SimulatedParticipant:
             tool_force_n=np.zeros(1),
         )
         action = trained.act(self._view.of(seen), [self._chance_of_actions])
-        targets = partner_behaviour.steered_rad(
+        targets = partner_behaviour.steer_targets(
             self._mind.targets_rad, cooperation.OFFERED_JOINTS[self._offered], action.astype(float)
         )
         self._mind = replace(self._mind, targets_rad=self._possible(targets))
@@ -296,7 +298,7 @@ class SimulatedParticipant:
             return self._rest_rad
         traits, mind = self.traits, self._mind
         brought = traits.strength_share * (mind.targets_rad[0] - self._rest_rad)
-        if isinstance(mind, partner_behaviour.Mind):
+        if isinstance(mind, partner_behaviour.PartnerState):
             angles = self._rest_rad + brought + partner_behaviour.oscillation_rad(mind)[0]
         elif traits.trained is not None:
             angles = self._rest_rad + brought
@@ -307,7 +309,7 @@ class SimulatedParticipant:
 
     def _possible(self, joint_angles_rad: FloatArray) -> FloatArray:
         """Joint angles (1, 20) brought to where the participant's joints can go."""
-        return impairments.limit(self._people, joint_angles_rad)
+        return impairments.clip_to_ranges(self._people, joint_angles_rad)
 
     def _habits(self, time_s: float) -> FloatArray:
         """What lean, sway and the way to hold the arms add to the joint angles (20,)."""

@@ -42,7 +42,7 @@ class Viewing:
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
             policy: whatever ``policies.registry.find_for_session`` finds.
-            people: whom to meet, a name in ``people.distributions.NAMED`` or a file of people.
+            people: whom to meet, a name in ``people.distributions.NAMED_DISTRIBUTIONS`` or a file of people.
             seed: of the first episode; each later one takes the next.
             send: takes every message for the client.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.

@@ -7,8 +7,8 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.simulation.worlds import RightArm, State
-from avrgym.tasks.experts.feedback import Aim, Reactive, funnel_m
-from avrgym.tasks.experts.motion_planner import Guide
+from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget, funnel_standoff_m
+from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import Controller, RunningEpisodes
 from avrgym_example.arm_manipulation.reward import ArmState, taken_w, to_armrest, under_w
 
@@ -35,13 +35,13 @@ def cradling_q_w(arm: RightArm, heading_w: Heading) -> FloatArray:
 
 def lifting(episodes: RunningEpisodes) -> Controller:
     """The expert: it depends on the present alone."""
-    return Reactive(episodes, partial(lift, heading_w=HEADING_W[episodes.scene.mount.on_floor]))
+    return FeedbackExpert(episodes, partial(lift, heading_w=HEADING_W[episodes.scene.mount.on_floor]))
 
 
-def lift(state: State, task_state: ArmState, guide: Guide, heading_w: Heading) -> Aim:
+def lift(state: State, task_state: ArmState, guide: MotionPlanner, heading_w: Heading) -> ToolTarget:
     """Come below the forearm, then push its lower side up and, once it is high, to the person's left."""
     down_w, way = under_w(state), to_armrest(state)
-    before = funnel_m(state.tool_pos_w - taken_w(state), down_w, FREE_M, BEFORE_M)
+    before = funnel_standoff_m(state.tool_pos_w - taken_w(state), down_w, FREE_M, BEFORE_M)
     push = np.where(before > 0.0, 0.0, np.clip(way[:, 1] + OVER_M, 0.0, PUSH_M))
     up_w = transforms.normalize([0.0, 0.0, UPWARDS] - down_w)
     goal_w = taken_w(state) + (TOUCHING_M + before)[:, None] * down_w + push[:, None] * up_w

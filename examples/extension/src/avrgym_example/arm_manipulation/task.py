@@ -68,7 +68,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     goals_w = np.stack([raised_w, rested_w], axis=1)
     goals_q_w = np.tile(transforms.IDENTITY_QUATERNION, (*goals_w.shape[:2], 1))
     tool_q_w = cradling_q_w(arm, heading_w)
-    return placement.start(scene, people, {}, tool_w, tool_q_w, goals_w, goals_q_w, uniforms[:, 3:])
+    return placement.placed_start(scene, people, {}, tool_w, tool_q_w, goals_w, goals_q_w, uniforms[:, 3:])
 
 
 def observation(scene: SceneConfig) -> Observation:
@@ -93,14 +93,14 @@ ARM_MANIPULATION = Task(
     offered="nothing",
     strength_share=0.03,
     scene=scene,
-    uniforms=3 + placement.UNIFORMS,
+    uniforms=3 + placement.NUM_UNIFORMS,
     start=start,
     init_state=init_state,
     observation=observation,
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
     expert=lifting,
-    reactive_expert=lifting,
+    feedback_expert=lifting,
     views=Views(
         mounted=View((-0.30, -0.15, 0.75), 1.75, 62.0, -20.0),
         on_floor=View((-0.35, -0.20, 0.80), 2.1, 100.0, -20.0),

@@ -18,10 +18,10 @@ from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Start, State
 from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
-from avrgym.tasks.experts.feedback import Aim, Reactive, speed_m_s
-from avrgym.tasks.experts.motion_planner import Guide
+from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget, speed_m_s
+from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.observation import Observation, from_goal
-from avrgym.tasks.person import ARM_SPREAD_RAD, when_strong
+from avrgym.tasks.person import ARM_SPREAD_RAD, force_above_limit
 from avrgym.tasks.task import Marks, StepResult, Task, View, Views
 from avrgym.tasks.training_settings import TrainingSettings
 
@@ -49,9 +49,9 @@ def scene(robot: Robot) -> SceneConfig:
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """The hand within ±5 cm of a point beside the elbow; the base from where the elbow is within reach."""
     hand_w = np.array(HAND_W) + 0.05 * (2.0 * uniforms[:, :3] - 1.0)
-    tool_w, tool_q_w = placement.held(scene, hand_w, POINTING_Q_W)
-    elbow_w = placement.right_arm(people, scene.posture)[:, ELBOW]
-    return placement.start(
+    tool_w, tool_q_w = placement.tool_in_hand(scene, hand_w, POINTING_Q_W)
+    elbow_w = placement.right_arm_joints_w(people, scene.posture)[:, ELBOW]
+    return placement.placed_start(
         scene, people, {}, tool_w, tool_q_w, elbow_w[:, None], tool_q_w[:, None], uniforms[:, 3:]
     )
 
@@ -95,7 +95,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: TouchState) -> S
             "distance_m": distance,
             "action_squared": (action * action).sum(axis=-1),
             "touched": touched.astype(float),
-            "strong_force_n": when_strong(state.tool_contact_force_n.sum(axis=-1)),
+            "strong_force_n": force_above_limit(state.tool_contact_force_n.sum(axis=-1)),
         },
         distance_m=distance,
         force_on_person_n=state.total_force_n,
@@ -105,7 +105,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: TouchState) -> S
     )
 
 
-def aim(state: State, task_state: TouchState, guide: Guide) -> Aim:
+def aim(state: State, task_state: TouchState, guide: MotionPlanner) -> ToolTarget:
     """Straight to the elbow, ever more slowly, and no farther once the tool touches."""
     goal_w = np.where(state.tool_force_n[:, None] > 0.0, guide.pos_w, elbow_w(state))
     return goal_w, np.tile(POINTING_Q_W, (len(goal_w), 1)), speed_m_s(goal_w - guide.pos_w, 0.03)
@@ -117,14 +117,14 @@ TASK = Task(
     pose=POSE,
     offered="arm",
     scene=scene,
-    uniforms=3 + placement.UNIFORMS,
+    uniforms=3 + placement.NUM_UNIFORMS,
     start=start,
     init_state=init_state,
     observation=observation,
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
-    expert=partial(Reactive, aim=aim),
-    reactive_expert=partial(Reactive, aim=aim),
+    expert=partial(FeedbackExpert, aim=aim),
+    feedback_expert=partial(FeedbackExpert, aim=aim),
     views=Views(
         mounted=View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
         on_floor=View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),

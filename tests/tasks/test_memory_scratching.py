@@ -4,10 +4,10 @@ import pytest
 from avrgym.geometry.transforms import norm
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.filtered import steadied
+from avrgym.tasks.experts.filtered import filtered
 from avrgym.tasks.scratch_itch.expert import surface
 from avrgym.tasks.scratch_itch.feedback_expert import faces_in
-from avrgym.tasks.scratch_itch.memory_expert import SWINGS, SwingsInFront, patient_expert
+from avrgym.tasks.scratch_itch.memory_expert import SWINGS, SwingsInFront, memory_expert
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from helpers.learning.experts import assert_acts_reactively
 from helpers.simulation.itches import forearm_itch
@@ -27,13 +27,13 @@ def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
 
 @pytest.mark.parametrize("robot", SWINGS)
 def test_what_does_not_face_in_is_scratched_as_by_the_reactive_expert(robot):
-    assert_acts_reactively(patient_expert, begun(robot, OUTER_RAD), 40)
+    assert_acts_reactively(memory_expert, begun(robot, OUTER_RAD), 40)
 
 
 @pytest.mark.parametrize("robot", SWINGS)
 def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
     episodes = begun(robot, INNER_RAD)
-    patient, reactive = patient_expert(episodes), episodes.task.reactive_expert(episodes)
+    patient, reactive = memory_expert(episodes), episodes.task.feedback_expert(episodes)
     assert isinstance(patient, SwingsInFront)
     out_w, _ = surface(episodes.task_state, limb_frame(episodes.state(), episodes.task_state)[1])
     assert np.all(faces_in(out_w, SWINGS[robot].inwards, SWINGS[robot].not_down) == 1.0)
@@ -56,7 +56,7 @@ def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
 @pytest.mark.parametrize("robot", SWINGS)
 def test_the_inner_side_of_the_forearm_is_scratched_by_an_arm_that_swung_in_front(robot):
     episodes = begun(robot, INNER_RAD)
-    scratches = steadied(patient_expert)(episodes)
+    scratches = filtered(memory_expert)(episodes)
     for _ in range(EPISODE_STEPS):
         step = episodes.step(scratches(episodes.observe()))
     assert step.success.mean() >= 0.75

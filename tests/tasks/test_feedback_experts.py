@@ -8,7 +8,7 @@ from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm, normalize
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.feedback import PresentGuide
+from avrgym.tasks.experts.feedback import FeedbackPlanner
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.scratch_itch import expert, feedback_expert
 from avrgym.tasks.scratch_itch.expert import surface
@@ -29,7 +29,7 @@ def begun(environment: str, count: int) -> Episodes:
 def test_what_a_reactive_expert_does_depends_on_nothing_but_the_present(environment):
     """One that saw everything so far and one that comes in now do the same."""
     episodes = begun(environment, 2)
-    make = episodes.task.reactive_expert
+    make = episodes.task.feedback_expert
     reacts = make(episodes)
     for _ in range(30):
         episodes.step(reacts(episodes.observe()))
@@ -41,14 +41,14 @@ def test_what_a_reactive_expert_does_depends_on_nothing_but_the_present(environm
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_reactive_expert_brings_the_tool_nearer(environment):
     episodes = begun(environment, 8)
-    reacts = episodes.task.reactive_expert(episodes)
+    reacts = episodes.task.feedback_expert(episodes)
     distances = [episodes.step(reacts(episodes.observe())).distance_m.mean() for _ in range(60)]
     assert distances[-1] < 0.5 * distances[0]
 
 
 def share_of_successes(episodes: Episodes) -> float:
     """In how many worlds the expert has succeeded after an episode."""
-    reacts = episodes.task.reactive_expert(episodes)
+    reacts = episodes.task.feedback_expert(episodes)
     success = np.zeros(1, dtype=bool)
     for _ in range(EPISODE_STEPS):
         success = episodes.step(reacts(episodes.observe())).success
@@ -90,10 +90,10 @@ def test_a_tip_goes_around_the_limb_and_not_through_it():
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_an_arm_that_leans_on_somebody_draws_back_to_where_its_hand_has_room(robot):
     episodes = begun(f"avrgym/ScratchItch{robot}-v1", 4)
-    guide, state, itch = PresentGuide(episodes), episodes.state(), episodes.task_state
+    guide, state, itch = FeedbackPlanner(episodes), episodes.state(), episodes.task_state
     leaning = replace(state, links_force_n=np.array([0.0, 4.0, 6.0, 100.0]))
-    pos_w, q_w, speed = feedback_expert.scratch(leaning, itch, guide)
-    free = feedback_expert.scratch(replace(state, links_force_n=np.zeros(4)), itch, guide)
+    pos_w, q_w, speed = feedback_expert.scratching_target(leaning, itch, guide)
+    free = feedback_expert.scratching_target(replace(state, links_force_n=np.zeros(4)), itch, guide)
     for now, then in zip((pos_w, q_w, speed), free, strict=True):
         assert_array_equal(now[:2], then[:2])
     out_w, _ = surface(itch, limb_frame(state, itch)[1])
@@ -149,11 +149,11 @@ def test_a_hand_that_comes_from_in_front_turns_before_it_comes(robot):
     """With the itch on the inner side of the forearm a mounted arm aims before the wrist, and then at the itch."""
     episodes = begun(f"avrgym/ScratchItch{robot}-v1", 8)
     itch = forearm_itch(episodes, np.full(8, np.radians(-150.0)))
-    guide, state = PresentGuide(episodes), episodes.state()
+    guide, state = FeedbackPlanner(episodes), episodes.state()
     out_w, _ = surface(itch, limb_frame(state, itch)[1])
     in_front = feedback_expert.faces_in(out_w) == 1.0
     before_wrist_w = state.right_arm_pos_w[:, 2] + expert.FROM_WRIST_M
-    goal_w, _, _ = feedback_expert.scratch(state, itch, guide)
+    goal_w, _, _ = feedback_expert.scratching_target(state, itch, guide)
     waits = np.all(np.abs(goal_w - before_wrist_w) < 1e-9, axis=-1)
     assert in_front.any()
     assert_array_equal(waits, in_front & (robot == "Jaco"))

@@ -12,13 +12,13 @@ from avrgym.tasks.drinking.memory_expert import (
     EXPECTED_RAD,
     NEAR_M,
     POUR_RAD_S,
-    PatientExpert,
+    MemoryExpert,
 )
 from avrgym.tasks.drinking.reward import in_cup
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.feedback import PresentGuide
-from avrgym.tasks.experts.filtered import steadied
-from avrgym.tasks.experts.head_clearance import heading
+from avrgym.tasks.experts.feedback import FeedbackPlanner
+from avrgym.tasks.experts.filtered import filtered
+from avrgym.tasks.experts.head_clearance import face_direction
 
 YES, NO = np.array([True]), np.array([False])
 
@@ -98,7 +98,7 @@ def test_a_cup_stays_on_its_side_of_the_face_where_that_is_near_the_lips(state):
 def test_a_cup_beside_the_lips_is_turned_so_that_it_pours_there(state):
     """To a tenth of a millimetre: its distance from the head is that of 24 points of its rim, which turn with it."""
     tilt = np.full(24, 1.4)
-    left = -transforms.cross(expert.UP, heading(state))
+    left = -transforms.cross(expert.UP, face_direction(state))
 
     def brought(left_m: float) -> tuple[np.ndarray, np.ndarray]:
         way = memory_expert._way(np.full(24, left_m))
@@ -116,7 +116,7 @@ def test_a_cup_beside_the_lips_is_turned_so_that_it_pours_there(state):
 def test_a_turned_cup_comes_to_everybody(robot):
     """The Jaco cannot bring it straight to all of them."""
     episodes = begun(robot, "zoo/train", 24)
-    guide, state, tilt = PresentGuide(episodes), episodes.state(), np.full(24, np.radians(88.0))
+    guide, state, tilt = FeedbackPlanner(episodes), episodes.state(), np.full(24, np.radians(88.0))
 
     def reached(left_m: float) -> np.ndarray:
         pos_w, q_w = expert.at_mouth(state, memory_expert._way(np.full(24, left_m)), tilt)
@@ -130,11 +130,11 @@ def test_a_turned_cup_comes_to_everybody(robot):
 def test_whoever_has_looked_aside_from_the_beginning_is_not_waited_for(monkeypatch):
     """Revised people turn the head by up to 30°, and stay so."""
     episodes, away = begun("Jaco", "revised", 24), []
-    bring = PatientExpert._bring
+    bring = MemoryExpert._bring
     monkeypatch.setattr(
-        PatientExpert, "_bring", lambda self, *seen: away.append(seen[2]) or bring(self, *seen)
+        MemoryExpert, "_bring", lambda self, *seen: away.append(seen[2]) or bring(self, *seen)
     )
-    controller = PatientExpert(episodes)
+    controller = MemoryExpert(episodes)
     assert (np.abs(memory_expert._turn_rad(episodes.state())) > memory_expert.AWAY_RAD).any()
     for _ in range(10):
         episodes.step(controller(episodes.observe()))
@@ -144,7 +144,7 @@ def test_whoever_has_looked_aside_from_the_beginning_is_not_waited_for(monkeypat
 def test_water_leaves_a_cup_at_the_tilt_at_which_it_is_expected():
     """The cup moves with the mouth, so to three degrees; the last particles stick to no rule."""
     episodes = begun("Jaco", "original", 4)
-    controller, differences_rad = PatientExpert(episodes), []
+    controller, differences_rad = MemoryExpert(episodes), []
     for _ in range(EPISODE_STEPS):
         before = in_cup(episodes.state()).sum(axis=1)
         episodes.step(controller(episodes.observe()))
@@ -169,6 +169,6 @@ def test_patience_gives_drink_to_more_people(robot):
         return success.mean()
 
     task = begun(robot, "zoo/train", 1).task
-    patience = successes(steadied(task.patient_expert))
+    patience = successes(filtered(task.memory_expert))
     assert patience > 0.6
-    assert patience > successes(steadied(task.reactive_expert))
+    assert patience > successes(filtered(task.feedback_expert))

@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose
 
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.filtered import PLACES, ROTATIONS, steadied
+from avrgym.tasks.experts.filtered import PLACES, ROTATIONS, filtered
 
 
 class Recorder:
@@ -28,7 +28,7 @@ def watched(impairment: str, steps: int):
         recorders.append(Recorder(running))
         return recorders[0]
 
-    controller, there = steadied(expert)(episodes), []
+    controller, there = filtered(expert)(episodes), []
     for _ in range(steps):
         there.append(episodes.state())
         episodes.step(controller(episodes.observe()))
@@ -74,7 +74,7 @@ def test_a_steadied_expert_often_succeeds(environment, impairment, share):
         f"avrgym/{environment}-v1", 24, distribution="zoo/train", impairment=impairment, num_threads=1
     )
     episodes.begin(np.arange(24), [np.random.default_rng([6, i]) for i in range(24)])
-    expert, success = steadied(episodes.task.reactive_expert)(episodes), np.zeros(24, dtype=bool)
+    expert, success = filtered(episodes.task.feedback_expert)(episodes), np.zeros(24, dtype=bool)
     for _ in range(EPISODE_STEPS):
         success = episodes.step(expert(episodes.observe())).success
     assert success.mean() >= share

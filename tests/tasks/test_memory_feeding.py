@@ -7,8 +7,8 @@ from numpy.testing import assert_array_equal
 from avrgym.learning.evaluation import watched_step
 from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
 from avrgym.safety.region_forces import RegionWatch
-from avrgym.tasks.experts.filtered import steadied
-from avrgym.tasks.feeding.memory_expert import KEPT_OFF_M, RESTING_M_S, PatientExpert, kept_off_m
+from avrgym.tasks.experts.filtered import filtered
+from avrgym.tasks.feeding.memory_expert import KEPT_OFF_M, RESTING_M_S, MemoryExpert, kept_off_m
 from avrgym.tasks.task import Expert
 from helpers.learning.experts import assert_acts_reactively
 from helpers.simulation.starts import begun
@@ -26,13 +26,13 @@ def test_a_spoon_is_kept_off_the_more_the_faster_the_mouth_goes():
 
 
 def test_who_rests_is_fed_reactively():
-    assert_acts_reactively(PatientExpert, begun(FEEDING, WORLDS), 30)
+    assert_acts_reactively(MemoryExpert, begun(FEEDING, WORLDS), 30)
 
 
 def fed(expert: Expert) -> tuple[float, float]:
     """People who come to meet the spoon: the share of them that it feeds, and the mean force on them."""
     episodes = begun(FEEDING, WORLDS, "participants", by_region=True)
-    feeds, watch, force_n = steadied(expert)(episodes), RegionWatch(WORLDS), 0.0
+    feeds, watch, force_n = filtered(expert)(episodes), RegionWatch(WORLDS), 0.0
     for _ in range(100):
         step = watched_step(episodes, np.clip(feeds(episodes.observe()), -1.0, 1.0), watch)
         force_n += float(step.force_on_person_n.mean()) / 100
@@ -44,7 +44,7 @@ def fed(expert: Expert) -> tuple[float, float]:
 @pytest.mark.slow
 def test_who_comes_to_meet_the_spoon_is_pressed_less():
     task = begun(FEEDING, 1).task
-    assert task.patient_expert is not None
-    reactive, patient = fed(task.reactive_expert), fed(task.patient_expert)
+    assert task.memory_expert is not None
+    reactive, patient = fed(task.feedback_expert), fed(task.memory_expert)
     assert patient[0] < 0.5 * reactive[0]
     assert patient[1] < 0.5 * reactive[1]
