@@ -1,21 +1,22 @@
-# Each target does its own set-up, and does nothing twice: what is done leaves its output or a stamp behind.
-# The stamps live in the virtual environment, so that removing it makes everything in it anew.
+# Each target installs what it needs, once: an output or a stamp marks what is done.
+# The stamps are in the virtual environment. Without it, `make` installs everything again.
 
 PYTHON ?= $(firstword $(foreach name,python3 python3.14 python3.13 python3.12 python3.11 python,\
 	$(shell command -v $(name) >/dev/null && $(name) -c \
 	'import sys; sys.version_info >= (3, 11) and print("$(name)")' 2>/dev/null)))
 TORCH ?= torch==2.13.0
 DONE := .venv/stamps
-PIP_INSTALL := .venv/bin/python -m pip install --quiet --disable-pip-version-check
+# Twice quiet: errors only. Warnings about package sources concern the machine, not this project.
+PIP_INSTALL := .venv/bin/python -m pip install -qq --disable-pip-version-check
 PYTEST_IN_PARALLEL := .venv/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 NODE_IS_NEW := const [major, minor] = process.versions.node.split("."); \
 	process.exit(+(major * 100 + +minor < 2019))
 CLIENT := src/avrgym/vr/static/index.html
 CLIENT_SOURCES := $(shell find client -mindepth 1 -name node_modules -prune -o -print)
 
-# The virtual environment holds Node.js where the machine has none.
+# The virtual environment contains Node.js where the machine has none.
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
-# Tests start hundreds of processes: none of them compiles the package anew, whatever the shell says.
+# Tests start hundreds of processes, which share compiled modules even where the shell forbids to write them.
 export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL := help
@@ -29,31 +30,31 @@ help: ## list the targets
 demo: $(DONE)/demo $(DONE)/chromium $(CLIENT) ## a whole session of a simulated participant, then its report
 	@.venv/bin/avrgym demo
 
-# What the tests leave idle while they wait is enough for the other checks.
+# The other checks use the processor time that waiting tests leave.
 test: setup ## linters, types, the client's tests, and all tests but slow ones
 	@nice -n 5 $(MAKE) --no-print-directory lint client-test > .venv/checks.log 2>&1 & checks=$$!; \
 	OMP_NUM_THREADS=1 $(PYTEST_IN_PARALLEL) -m 'not slow'; \
 	tests=$$?; wait $$checks; checks=$$?; cat .venv/checks.log; exit $$((tests | checks))
 
-test-slow: setup ## whole journeys, trainings and kills that take more than two seconds each
+test-slow: setup ## user journeys, trainings and kills that take more than a second each
 	OMP_NUM_THREADS=1 $(PYTEST_IN_PARALLEL) -m slow
 
 client-test: $(CLIENT) ## the client's tests
 	cd client && npm test
 
-soak: setup ## crashes, and sessions of up to an hour: nothing is lost, memory stays flat
+soak: setup ## crashes and sessions of up to an hour: no data loss, constant memory
 	.venv/bin/python -m pytest -s $(filter-out tests/soak/soak_cluster.py,$(wildcard tests/soak/*.py))
 
-test-engines: setup $(DONE)/gpu $(DONE)/cluster ## what needs MuJoCo Warp or Ray; compiles kernels for half an hour
+test-engines: setup $(DONE)/gpu $(DONE)/cluster ## tests of MuJoCo Warp and Ray; compiles kernels for half an hour
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest tests/simulation/test_engines.py tests/learning/test_on_device.py tests/engines/*.py
 	.venv/bin/python -m pytest -s tests/learning/test_cluster.py tests/soak/soak_cluster.py
 	.venv/bin/python -m pytest tests/cli/test_examples.py -k 'rllib or torchrl'
 
-setup: $(DONE)/test $(DONE)/chromium $(DONE)/postgresql $(CLIENT) ## install all that development and training need
+setup: $(DONE)/test $(DONE)/chromium $(DONE)/postgresql $(CLIENT) ## install everything for development and training
 
 client: $(CLIENT) ## build the VR client into the package
 
-format: $(DONE)/test ## sort imports, format, and mend what ruff can
+format: $(DONE)/test ## sort imports, format, and fix what ruff can
 	.venv/bin/ruff check --fix
 	.venv/bin/ruff format
 
@@ -63,15 +64,15 @@ lint: $(DONE)/test $(DONE)/node ## ruff, pyright and the layers of packages
 	.venv/bin/pyright
 	.venv/bin/lint-imports --no-logo --no-cache
 
-docs: setup ## build the site into build/site; check its links, and run its commands and blocks of code
+docs: setup ## build the site into build/site, check its links, run its commands and code blocks
 	.venv/bin/python -m pytest tests/cli/test_site.py tests/cli/test_docs.py tests/cli/test_commands_in_pages.py tests/cli/test_examples.py
 	@echo 'To read it: .venv/bin/python -m http.server --directory build/site 8080, then http://localhost:8080'
 
-bench: setup ## steps per second of the simulation, and the live server's ticks
+bench: setup ## steps per second of the simulation; tick times of the live server
 	.venv/bin/avrgym bench sim
 	.venv/bin/avrgym bench vr
 
-clean: ## remove everything that was installed, built or tested here
+clean: ## remove everything that was installed or built here
 	rm -rf .venv client/node_modules src/avrgym/vr/static build dist .cache .hypothesis .pytest_cache .ruff_cache
 	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
@@ -97,7 +98,7 @@ $(DONE)/gpu: $(DONE)/test
 	@$(PIP_INSTALL) -e '.[gpu]'
 	@touch $@
 
-# Hundreds of megabytes that nothing but clusters and two examples need.
+# Hundreds of megabytes for clusters and two examples.
 $(DONE)/cluster: pyproject.toml $(DONE)/test
 	@echo 'Installing Ray and TorchRL'
 	@$(PIP_INSTALL) '$(TORCH)' -e '.[cluster]' 'ray[rllib]' torchrl
@@ -125,7 +126,7 @@ $(CLIENT): $(CLIENT_SOURCES) client/node_modules/.package-lock.json
 	@cd client && npm run --silent build
 	@touch $@
 
-# The demo runs in process where no browser can be had, so a failure here ends nothing.
+# Without a browser the demo runs in one process, so a failure here is not fatal.
 $(DONE)/chromium: $(DONE)/python
 	@if command -v chromium || command -v chromium-browser || command -v google-chrome; \
 	then touch $@; \
@@ -134,15 +135,15 @@ $(DONE)/chromium: $(DONE)/python
 	then touch $@; \
 	elif $(PIP_INSTALL) playwright && .venv/bin/playwright install chromium; \
 	then touch $@; \
-	else echo 'No Chromium: going on without a browser' >&2; \
+	else echo 'No Chromium: continuing without a browser' >&2; \
 	fi
 
-# Without a server the tests on PostgreSQL are skipped, so a failure here ends nothing.
+# Without a server the tests on PostgreSQL are skipped, so a failure here is not fatal.
 $(DONE)/postgresql: $(DONE)/python
 	@if command -v initdb || ls /usr/lib/postgresql/*/bin/initdb 2>/dev/null; \
 	then touch $@; \
 	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
 		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq --yes postgresql >/dev/null; \
 	then touch $@; \
-	else echo 'No PostgreSQL server: going on without one' >&2; \
+	else echo 'No PostgreSQL server: continuing without one' >&2; \
 	fi

@@ -1,4 +1,4 @@
-"""What a wheel or a source distribution must hold before it is built: the browser client, policies and bodies."""
+"""Checks that a wheel or source distribution contains the browser client, the policies and the body meshes."""
 
 import shutil
 import subprocess
@@ -23,12 +23,12 @@ ASSETS = (
 
 
 class CustomBuildHook(BuildHookInterface):
-    """Refuses to build an installation that could not serve."""
+    """Refuses to build an incomplete distribution."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Build the pages if only they are missing; end the build where anything is.
+        """Build the client's pages if only they are missing; abort if anything else is missing.
 
-        An editable installation finds them once they are built.
+        Editable installations are not checked.
         """
         if version == "editable":
             return
@@ -38,14 +38,14 @@ class CustomBuildHook(BuildHookInterface):
         missing += self._missing(PAGES)
         if missing:
             self.app.abort(
-                f"avrgym: missing in {Path(self.root, PACKAGE)}: {', '.join(missing)}; a whole clone holds policies "
-                "and bodies, and `make client` builds the pages, with Node.js that it brings where there is none"
+                f"avrgym: missing in {Path(self.root, PACKAGE)}: {', '.join(missing)}; a complete clone contains policies "
+                "and bodies; `make client` builds the pages and installs Node.js if needed"
             )
 
     def _missing(self, names: tuple[str, ...]) -> list[str]:
         return [name for name in names if not Path(self.root, PACKAGE, name).is_file()]
 
     def _build_pages(self) -> None:
-        """As ``make client`` does, in a clone on a machine with ``make``."""
+        """Run ``make client`` where this is a clone and ``make`` is installed."""
         if shutil.which("make") and Path(self.root, "Makefile").is_file():
             subprocess.run(["make", "client"], cwd=self.root, stdout=sys.stderr, check=False)
