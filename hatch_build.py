@@ -38,8 +38,8 @@ class CustomBuildHook(BuildHookInterface):
         missing += self._missing(PAGES)
         if missing:
             self.app.abort(
-                f"avrgym: missing in {Path(self.root, PACKAGE)}: {', '.join(missing)}; a complete clone contains policies "
-                "and bodies; `make client` builds the pages and installs Node.js if needed"
+                f"avrgym: missing in {Path(self.root, PACKAGE)}: {', '.join(missing)}; a complete clone contains "
+                "policies and bodies; `make client` builds the pages and installs Node.js if needed"
             )
 
     def _missing(self, names: tuple[str, ...]) -> list[str]:
