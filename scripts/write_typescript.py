@@ -24,7 +24,7 @@ from msgspec import inspect
 
 from avrgym.models import human
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
-from avrgym.texts.interface_texts import read_texts, shipped
+from avrgym.texts.interface_texts import included_languages, read_texts
 from avrgym.vr.latency import STAGE_WORDS
 from avrgym.vr.protocol import messages, state_encoding, webxr
 from avrgym.vr.session.phases import where
@@ -63,7 +63,7 @@ PARTS_OF_MESSAGES = (messages.XRPose, messages.Skeleton, messages.StageLatency, 
 
 CONSTANTS = {
     "PROTOCOL": messages.PROTOCOL,
-    "STATES_A_RECEIPT": messages.STATES_A_RECEIPT,
+    "STATES_PER_RECEIPT": messages.STATES_PER_RECEIPT,
     "STALE_S": STALE_S,
     "TICK_S": messages.TICK_S,
     "JOINT_STEPS": json.dumps(state_encoding.JOINT_STEPS.tolist()),
@@ -218,7 +218,7 @@ def texts() -> str:
     """The whole of ``interface-texts.ts``: the words of the page in every language that AVR Gym brings."""
     words = {
         language: {"direction": each.direction, "words": dict(each.page)}
-        for language, each in ((language, read_texts(language)) for language in shipped())
+        for language, each in ((language, read_texts(language)) for language in included_languages())
     }
     shown = json.dumps(words, indent=2, ensure_ascii=False)
     return f"{HEADER}\nexport const TEXTS = {shown} as const;\n"

@@ -107,7 +107,7 @@ class Moment:
         self._poses = poses(self._episodes)
         self._ticks = 0
 
-    def greet(self, send: Send, role: messages.Role, now_s: float) -> None:
+    def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
         """Tell the client what to draw."""
         name = self._episodes.environment_id
         send(messages.Welcome(messages.PROTOCOL, name, role, haptics=False, sounds=False))

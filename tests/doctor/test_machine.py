@@ -59,7 +59,7 @@ def test_a_user_without_a_name_is_told_by_number(monkeypatch: pytest.MonkeyPatch
     for name in ("LOGNAME", "USER", "LNAME", "USERNAME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(os, "getuid", lambda: 4321)
-    monkeypatch.setattr(machine, "take_precedence", lambda: False)
+    monkeypatch.setattr(machine, "use_real_time_priority", lambda: False)
     assert "`4321 - rtprio 10`" in machine.precedence().cure
 
 
@@ -81,7 +81,7 @@ def test_processors_of_a_virtual_machine_halt_where_nobody_may_keep_them_awake(
         assert machine.halting(driver, latency).state == "ok"
         driver.write_text("intel_idle\n")
         assert machine.halting(driver, latency).state == "ok"
-        driver.write_text(f"{cpu_idle.GUEST_DRIVER}\n")
+        driver.write_text(f"{cpu_idle.GUEST_IDLE_DRIVER}\n")
         assert machine.halting(driver, latency).state == "ok"
         latency.chmod(0o400)
         found = machine.halting(driver, latency)

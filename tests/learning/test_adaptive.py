@@ -21,7 +21,7 @@ from avrgym.policies.actors import Actor
 from avrgym.policies.trained import Policy, PolicyMetadata, packaged_policies
 from avrgym.safety.limits import TRANSIENT_LIMIT_N
 from avrgym.safety.region_forces import RegionWatch
-from avrgym.system.transferred_files import Carried
+from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, sizes
 
@@ -172,7 +172,7 @@ def test_windows_begin_where_the_one_before_ended():
 
 def test_what_is_shown_is_what_the_teacher_would_do():
     teacher, learner = (packaged(TINY.environment, kind) for kind in ("revised", "original"))
-    place = Place(TINY.environment, Carried.of(TINY.people), "none", 1, "threads")
+    place = Place(TINY.environment, TransferredFile.of(TINY.people), "none", 1, "threads")
     by_expert = np.array([True, False])
     shown = roll_out(learner, Order(place, 0, np.arange(2), by_expert=by_expert, teacher=teacher))
     for seen, done in zip(shown.observations[:-1], shown.actions, strict=True):
@@ -230,7 +230,7 @@ def test_an_overload_costs_by_the_highest_share_of_a_limit(monkeypatch):
     environment, steps, seeds = "avrgym/FeedingPR2-v1", 40, [0, 1, 2]
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", steps)
     policy = packaged(environment, "revised")
-    place = Place(environment, Carried.of("participants"), "none", 1, "threads")
+    place = Place(environment, TransferredFile.of("participants"), "none", 1, "threads")
     orders = [Order(place, 0, np.array(seeds), overload_weight=weight) for weight in (0.0, 1.0, 3.0)]
     free, once, thrice = (roll_out(policy, order) for order in orders)
     assert free.observations.tobytes() == once.observations.tobytes()
@@ -257,7 +257,7 @@ def test_newtons_beyond_the_most_are_not_paid_for(monkeypatch):
     environment, steps, seeds, most = TINY.environment, 60, np.arange(2), 3.0
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", steps)
     policy = packaged(environment, "revised")
-    place = Place(environment, Carried.of("revised"), "none", 1, "threads")
+    place = Place(environment, TransferredFile.of("revised"), "none", 1, "threads")
     free, held = (roll_out(policy, Order(place, 0, seeds, paid_force_n=each)) for each in (np.inf, most))
     worlds, actor = Episodes(environment, 2, distribution="revised", num_threads=1), Actor(policy, 2)
     seen, taken_off = worlds.begin(np.arange(2), [np.random.default_rng(seed) for seed in seeds]), []
@@ -278,7 +278,7 @@ def test_a_folder_without_training_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_with_withdrawal_contact_after_success_earns_nothing_and_imitation_shows_waiting():
-    place = Place("avrgym/FeedingJaco-v1", Carried.of("revised"), "none", 1, "threads")
+    place = Place("avrgym/FeedingJaco-v1", TransferredFile.of("revised"), "none", 1, "threads")
     order = Order(place, 0, np.array([3]), by_expert=np.array([True]))
     policy = packaged("avrgym/FeedingJaco-v1", "adaptive")
     goes_on = roll_out(policy, order)

@@ -30,7 +30,7 @@ from avrgym.learning.updates import UpdateNormaliser, improve_here, observation_
 from avrgym.policies.actors import ActorThere
 from avrgym.policies.trained import Policy, find_policy
 from avrgym.simulation.engines import warp
-from avrgym.system.transferred_files import Carried
+from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.registry import sizes
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
@@ -73,7 +73,7 @@ def test_episodes_on_the_device_are_those_of_threads() -> None:
         roll_out(
             policy,
             Order(
-                Place(SCRATCHING, Carried.of("revised"), "none", 1, engine),
+                Place(SCRATCHING, TransferredFile.of("revised"), "none", 1, engine),
                 first=0,
                 episodes=np.arange(50, 50 + WORLDS),
                 noise=(3, 400),

@@ -25,7 +25,7 @@ from avrgym.learning.rollouts import Order, Place, roll_out_all
 from avrgym.learning.training import Progress, TrainingConfiguration, resume, train
 from avrgym.networks.policy import HumanRole, Policy, PolicyError
 from avrgym.people.populations import find_populations
-from avrgym.system.transferred_files import Carried
+from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.human_view import human_view_of
@@ -170,7 +170,7 @@ def test_training_makes_the_episodes_of_the_parallel_environment_to_the_bit(envi
     """With the same actions of both; observations and rewards of both, and those of each agent's own effort."""
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 6)
     networks = [network(environment, of_human=of_human, deviation=0.3) for of_human in (False, True)]
-    place = Place(environment, Carried.of("zoo/train"), "tremor", 1, "threads")
+    place = Place(environment, TransferredFile.of("zoo/train"), "tremor", 1, "threads")
     order = Order(place, 0, np.array([7, 8]), noise=(1, 2), shared_reward=False)
     robot, human = roll_out_all(networks, order)
     for world, seed in enumerate(order.episodes):

@@ -12,7 +12,7 @@ from avrgym.learning.tool_error import ACTIONS_WEIGHT, SLOW, UNIT_M, UNIT_RAD, T
 from avrgym.learning.updates import observation_of
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.policies.trained import Policy, packaged_policies
-from avrgym.system.transferred_files import Carried
+from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks import placement
 from avrgym.tasks.registry import ENVIRONMENTS, task_and_scene
 
@@ -67,7 +67,7 @@ def test_the_same_error_counts_less_the_faster_the_tool_is_to_go():
 def test_a_rollout_says_where_the_arm_was_when_the_expert_spoke(monkeypatch):
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 5)
     policy = Policy.load(packaged_policies(ENVIRONMENT)["adaptive"])
-    place = Place(ENVIRONMENT, Carried.of("zoo/train"), "none", 1, "threads")
+    place = Place(ENVIRONMENT, TransferredFile.of("zoo/train"), "none", 1, "threads")
     parts = [
         roll_out(policy, Order(place, first, np.arange(first, first + 2), by_expert=np.array([True, False])))
         for first in (0, 2)

@@ -32,7 +32,7 @@ from avrgym.learning.training import (
     train,
 )
 from avrgym.policies.trained import Policy, find_policy
-from avrgym.system.transferred_files import Carried
+from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
@@ -415,7 +415,7 @@ def test_detours_are_subtracted_from_the_rewards_of_all_but_the_last_step():
 
 def orders_of(split: tuple[int, ...], how: dict) -> list[Order]:
     """Of five worlds, in parts of these sizes."""
-    place = Place(SCRATCHING, Carried.of("participants"), "tremor", 1, "threads")
+    place = Place(SCRATCHING, TransferredFile.of("participants"), "tremor", 1, "threads")
     ends = np.cumsum(split)
     return [
         Order(

@@ -18,7 +18,7 @@ from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation import emulated_headset
-from avrgym.vr.emulation.emulated_headset import BrowserAttendance
+from avrgym.vr.emulation.emulated_headset import BrowserClient
 from avrgym.vr.latency import TOTAL, percentiles_ms
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.browser.journey import Journey
@@ -41,7 +41,7 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(emulated_headset, "PATIENCE_S", 600.0)
 
 
-class Visitor(BrowserAttendance):
+class Visitor(BrowserClient):
     """Attends, and looks at memory and clocks now and then."""
 
     every_s = 10.0

@@ -51,7 +51,7 @@ def painted(journey: Journey, covered: bool) -> int:
     """How many pixels of both eyes' pictures show the panel."""
     headset = journey.headset
     headset.page.evaluate(PAINT, covered)
-    headset.await_frames(3)
+    headset.wait_for_frames(3)
     picture = np.asarray(Image.open(io.BytesIO(headset.page.screenshot())).convert("RGB"))
     Image.fromarray(picture).save(journey.folder / f"panel-{covered}.png")
     return int((picture == (255, 0, 255)).all(axis=-1).sum())

@@ -18,7 +18,7 @@ from avrgym.models import human
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation import emulated_headset
-from avrgym.vr.emulation.emulated_headset import BrowserAttendance
+from avrgym.vr.emulation.emulated_headset import BrowserClient
 from avrgym.vr.protocol.messages import TICK_S, Command
 from avrgym.vr.server import real_time_loop
 from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, TrialPlan, load_policies
@@ -70,7 +70,7 @@ class LetTime:
         self._let.release()
 
 
-class Photographer(BrowserAttendance):
+class Photographer(BrowserClient):
     """Attends, pictures every phase, stops the robot once, and looks down to see whether body and seat fit.
 
     An emulated headset passes no check: the experimenter leaves it out.

@@ -30,8 +30,8 @@ from avrgym.vr.server import session_links as links_module
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.server.session_links import (
     CODE_VALID_S,
-    WRONG_CODES,
-    WRONG_WITHIN_S,
+    MAX_WRONG_CODES,
+    WRONG_CODE_WINDOW_S,
     CodeError,
     SessionLinks,
     TooManyCodes,
@@ -277,13 +277,13 @@ def test_guesses_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
     code = links.code()
     assert code is not None
     wrong = f"{(int(code) + 1) % 10**6:06}"
-    for _ in range(WRONG_CODES):
+    for _ in range(MAX_WRONG_CODES):
         with pytest.raises(CodeError):
             links.exchange(wrong)
     for guess in (wrong, code):
         with pytest.raises(TooManyCodes):
             links.exchange(guess)
-    clock.now_s += WRONG_WITHIN_S + 1.0
+    clock.now_s += WRONG_CODE_WINDOW_S + 1.0
     assert links.exchange(code) == "link"
 
 
@@ -302,7 +302,7 @@ def test_the_page_exchanges_a_code(served: Served) -> None:
     assert served.request("POST", "/link", "nobody", content=b"{}").status_code == 415
     url = f"http://127.0.0.1:{served.server.port}/link"
     assert httpx.post(url, json={"code": code}, headers={"origin": "http://evil.test"}).status_code == 403
-    for _ in range(WRONG_CODES):
+    for _ in range(MAX_WRONG_CODES):
         served.request("POST", "/link", "nobody", json={"code": "x"})
     assert served.request("POST", "/link", "nobody", json={"code": "x"}).status_code == 429
 

@@ -128,7 +128,7 @@ def test_symptoms_rise_the_session_pauses_and_the_experimenter_sees_why(store: S
         attended.until("paused")
         assert told(attended) == [f"the session pauses: {WHY}"]
         status: Status = attended.said(Status)[-1]
-        assert (status.paused, status.held_because) == (True, WHY)
+        assert (status.paused, status.pause_reason) == (True, WHY)
         words: Phase = attended.said(Phase)[-1]
         assert "take a break" in words.text
         assert "sick" not in words.text
@@ -175,6 +175,6 @@ def test_who_is_sick_already_begins_paused_or_not_at_all(store: Store, nausea: i
     assert len(problems) == (nausea > 2)
     if runs:
         status = [each for each in heard if isinstance(each, Status)][-1]
-        assert (status.paused, status.held_because) == (nausea == 3, WHY if nausea == 3 else "")
+        assert (status.paused, status.pause_reason) == (nausea == 3, WHY if nausea == 3 else "")
     assert [event.name for event in store.events()].count("stop rule met") == (nausea > 2)
     sessions.close(1.0)

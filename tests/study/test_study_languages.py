@@ -18,7 +18,7 @@ from avrgym.study.people.participants import add_note, edit_note, enrol, record_
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.texts.interface_texts import Said, TextsError, normal, read_texts
+from avrgym.texts.interface_texts import Text, TextsError, normalize_whitespace, read_texts
 from avrgym.vr.protocol.messages import Back, Language, Phase, Question, Ready
 from helpers.studies.small_studies import fitting_answers, make_study
 from helpers.vr.visit import Visit
@@ -84,8 +84,11 @@ def test_a_study_may_have_words_for_the_page_alone(tmp_path: Path) -> None:
     own = tmp_path / "texts" / "de.toml"
     own.parent.mkdir()
     own.write_text('[session]\nreach_ahead_page = "Strecken Sie beide Arme."\n')
-    texts, ahead = read_texts("de", tmp_path), Said("reach_ahead")
-    assert (texts.say(ahead), texts.say_on_page(ahead)) == (GERMAN.say(ahead), "Strecken Sie beide Arme.")
+    texts, ahead = read_texts("de", tmp_path), Text("reach_ahead")
+    assert (texts.render(ahead), texts.render_for_page(ahead)) == (
+        GERMAN.render(ahead),
+        "Strecken Sie beide Arme.",
+    )
     for wrong, words in (("reach_ahead_page = '{hand}'", "other names"), ("ahead_page = ''", "unknown")):
         own.write_text(f"[session]\n{wrong}\n")
         with pytest.raises(TextsError, match=words):
@@ -102,7 +105,7 @@ def test_a_participant_reads_one_language_throughout(folder: Path, tmp_path: Pat
         with StudyVisit(store, pseudonym) as visit:
             plan = replace(visit.plan(), countdown_s=0.1)
             attended = Visit(Path(), plan, make=lambda send: visit.session(plan, send))
-            attended.session.greet(attended.heard.append, "participant", 0.0)
+            attended.session.welcome(attended.heard.append, "participant", 0.0)
             attended.go_to("questionnaire")
             attended.content = False
             attended.answer(2)
@@ -134,7 +137,7 @@ def test_the_dashboard_shows_consent_in_the_participants_language(
         pseudonym = take_in_german(store)
         seen = participant_view(store, pseudonym)
         assert (seen.language, seen.direction) == ("de", "ltr")
-        assert seen.consent == GERMAN.sentences[normal(store.design.consent.text)]
+        assert seen.consent == GERMAN.sentences[normalize_whitespace(store.design.consent.text)]
         assert seen.inclusion["epilepsy"] == "Hatten Sie schon einmal Epilepsie?"
         whole = overview(store, None, store.design.furniture)
         assert (whole.languages, whole.warnings) == ({"en": "English", "de": "Deutsch"}, ())

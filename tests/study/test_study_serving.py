@@ -96,8 +96,8 @@ def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store
     first, second = take_in(store), take_in(store)
     greeted: list[Sent] = []
     watched: list[Sent] = []
-    loop.sessions.greet(greeted.append, "participant", 0.0)
-    loop.sessions.greet(watched.append, "spectator", 0.0)
+    loop.sessions.welcome(greeted.append, "participant", 0.0)
+    loop.sessions.welcome(watched.append, "spectator", 0.0)
     loop.sessions.receive(Entered(), 0.0)
     loop.tick()
     assert (loop.sessions.participant, list(loop.sessions.scenes)) == (None, [])
@@ -172,7 +172,7 @@ def answer(loop: Loop, item: str, value: int) -> None:
 
 def test_questions_come_before_and_after_the_trials_and_are_stored_at_once(asking: Store) -> None:
     loop, pseudonym = Loop(asking), take_in(asking)
-    loop.sessions.greet(loop.heard.append, "participant", 0.0)
+    loop.sessions.welcome(loop.heard.append, "participant", 0.0)
     loop.ask(loop.sessions.begin, pseudonym)
     assert [type(message) for message in loop.heard[-4:]] == [Welcome, Language, Phase, Question]
     loop.sessions.receive(Entered(), loop.now_s)
@@ -195,7 +195,7 @@ def test_questions_come_before_and_after_the_trials_and_are_stored_at_once(askin
     assert asked(loop.heard)[-1] == "effort"
     assert loop.sessions.participant == pseudonym
     late: list[Sent] = []
-    loop.sessions.greet(late.append, "participant", loop.now_s)
+    loop.sessions.welcome(late.append, "participant", loop.now_s)
     assert asked(late) == ["effort"]
     answer(loop, "effort", 1)
     loop.tick()
@@ -238,7 +238,7 @@ def test_who_only_lacks_the_last_answers_is_asked_them(asking: Store) -> None:
         connection.execute(sa.update(schema.SESSION).values(process=NO_PROCESS))
     loop.ask(loop.sessions.begin, pseudonym)
     assert asked(loop.heard) == []
-    loop.sessions.greet(loop.heard.append, "participant", loop.now_s)
+    loop.sessions.welcome(loop.heard.append, "participant", loop.now_s)
     assert asked(loop.heard) == ["effort"]
     answer(loop, "effort", 2)
     loop.tick()
@@ -260,7 +260,7 @@ def test_a_session_without_a_link_does_not_begin(
             loop.ask(loop.sessions.begin, pseudonym)
     assert (loop.sessions.participant, loop.sessions.at_rest) == (None, True)
     watched: list[Sent] = []
-    loop.sessions.greet(watched.append, "experimenter", loop.now_s)
+    loop.sessions.welcome(watched.append, "experimenter", loop.now_s)
     assert [each.session for each in watched if isinstance(each, Welcome)] == [""]
     loop.ask(loop.sessions.begin, pseudonym)
     assert loop.sessions.participant == pseudonym

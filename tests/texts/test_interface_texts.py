@@ -13,11 +13,11 @@ from avrgym.texts.interface_texts import (
     FOLDER,
     ON_PAGE,
     SELECT_BY,
-    Said,
+    Text,
     TextsError,
-    normal,
+    included_languages,
+    normalize_whitespace,
     read_texts,
-    shipped,
 )
 from avrgym.vr.protocol.messages import Language, Phase, Problem, Ready, Stop
 from avrgym.vr.server.authentication import Tokens
@@ -49,7 +49,7 @@ def own(folder: Path, language: str, text: str) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("language", shipped())
+@pytest.mark.parametrize("language", included_languages())
 def test_every_language_is_whole_and_its_own(language: str) -> None:
     texts = read_texts(language)
     assert set(SKIN_TONES) <= set(texts.page)
@@ -64,7 +64,7 @@ def test_every_language_is_whole_and_its_own(language: str) -> None:
             assert not CONTROLLER.search(on_page), key
 
 
-@pytest.mark.parametrize("language", shipped())
+@pytest.mark.parametrize("language", included_languages())
 def test_nobody_reads_of_an_input_that_they_do_not_have(language: str) -> None:
     """Each kind of input has its own words, in VR and in what is put into other words."""
     texts = read_texts(language)
@@ -75,10 +75,10 @@ def test_nobody_reads_of_an_input_that_they_do_not_have(language: str) -> None:
         if "{select}" not in text.lower() or key.endswith(ON_PAGE):
             assert key.startswith(SELECT_BY) or not SELECTS.search(text), key
             continue
-        said = Said("more_faults", {"faults": Said(key, values), "more": "1"})
-        by_input = texts.say_by_input(said)
+        said = Text("more_faults", {"faults": Text(key, values), "more": "1"})
+        by_input = texts.render_by_input(said)
         assert set(by_input) == INPUTS - {"trigger"}
-        assert len({texts.say(said), *by_input.values()}) == len(INPUTS)
+        assert len({texts.render(said), *by_input.values()}) == len(INPUTS)
         for kind, told in by_input.items():
             words = texts.session[SELECT_BY + kind]
             assert words[1:] in told
@@ -89,8 +89,8 @@ def test_a_language_of_an_earlier_version_has_one_way_to_select(tmp_path: Path) 
     lines = whole_file().replace("{select}", "reggirt").replace("{Select}", "reggirT").splitlines()
     old = "\n".join(line for line in lines if not line.startswith(SELECT_BY))
     texts = read_texts("xx", own(tmp_path, "xx", old))
-    assert "reggirt" in texts.say(Said("questionnaire"))
-    assert texts.say_by_input(Said("questionnaire")) == {}
+    assert "reggirt" in texts.render(Text("questionnaire"))
+    assert texts.render_by_input(Text("questionnaire")) == {}
     with pytest.raises(TextsError, match="lacks select_by_trigger"):
         read_texts("yy", own(tmp_path, "yy", old.replace("reggirt", "{select}")))
 
@@ -99,7 +99,7 @@ def test_the_participant_hears_of_their_input_wherever_they_are_spoken_to(tmp_pa
     visit = Visit(tmp_path, plan())
     visit.go_to("calibration")
     assert "Then pinch" in visit.said(Phase)[-1].texts_by_input["pinch"]
-    visit.session.greet(visit.heard.append, "participant", 0.0)
+    visit.session.welcome(visit.heard.append, "participant", 0.0)
     assert "Then pinch" in visit.said(Phase)[-1].texts_by_input["pinch"]
     visit.tracking = False
     visit.tick(100)
@@ -111,9 +111,9 @@ def test_the_participant_hears_of_their_input_wherever_they_are_spoken_to(tmp_pa
 def test_a_study_brings_a_language_written_from_right_to_left(tmp_path: Path) -> None:
     texts = read_texts("ar-EG", own(tmp_path, "ar-EG", whole_file()))
     assert (texts.direction, texts.name) == ("rtl", "Hsilgne")
-    assert texts.say(Said("trial", {"trial": "2", "trials": "8"})) == "8 fo 2 lairT"
+    assert texts.render(Text("trial", {"trial": "2", "trials": "8"})) == "8 fo 2 lairT"
     visit = Visit(tmp_path, replace(plan(), texts=texts))
-    visit.session.greet(visit.heard.append, "participant", 0.0)
+    visit.session.welcome(visit.heard.append, "participant", 0.0)
     told = visit.said(Language)[-1]
     assert (told.language, told.direction, told.words["stop"]) == ("ar-EG", "rtl", "tobor eht potS")
     visit.leave()
@@ -124,8 +124,8 @@ def test_a_study_changes_single_texts_of_a_language(tmp_path: Path) -> None:
     texts = read_texts("de", folder)
     assert (texts.page["enter"], texts.page["leave"]) == ("Los", GERMAN.page["leave"])
     assert texts.translate(" a b ") == "c"
-    assert texts.lacking(["a b", "d", "d", " "]) == ["d"]
-    assert normal("a\n  b ") == "a b"
+    assert texts.untranslated(["a b", "d", "d", " "]) == ["d"]
+    assert normalize_whitespace("a\n  b ") == "a b"
 
 
 @pytest.mark.parametrize(
@@ -163,13 +163,13 @@ def test_a_session_speaks_one_language(tmp_path: Path) -> None:
     german = {text.split("{")[0] for text in GERMAN.session.values() if text.split("{")[0]}
     for texts in said:
         assert all(any(text.startswith(begin) for begin in german) for text in texts)
-    assert said[-1] == (GERMAN.say(Said("stopped")), GERMAN.session["stopped_page"])
+    assert said[-1] == (GERMAN.render(Text("stopped")), GERMAN.session["stopped_page"])
     problem = visit.said(Problem)[-1]
     assert (problem.message, problem.role) == (GERMAN.session["nothing_to_begin"], "participant")
     assert "Essen Sie das Essen vom Löffel." in said[-4][0]
     assert visit.recordings()[0].metadata["language"] == "de"
-    moved = Said("head_moved", {"moved_cm": "3.4", "most_cm": "2"})
-    assert "3,4 cm" in GERMAN.say(moved)
+    moved = Text("head_moved", {"moved_cm": "3.4", "most_cm": "2"})
+    assert "3,4 cm" in GERMAN.render(moved)
     visit.leave()
 
 

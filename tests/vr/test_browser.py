@@ -139,7 +139,7 @@ def test_own_hands_are_drawn_in_the_frame_of_their_pose_and_held_by_the_robot(tm
             for share in np.linspace(0.2, 1.0, 5):
                 angles = human.SEATED_RAD + share * (REACHING_RAD - human.SEATED_RAD)
                 journey.headset.set_poses(journey.participant.frame_of(angles, 0.0))
-                journey.headset.await_frames(1)
+                journey.headset.wait_for_frames(1)
                 hand = OwnHand(journey)
                 assert hand.drawn_off_m < NEAR_M
                 assert hand.drawn_off_deg < NEAR_DEG
@@ -155,7 +155,7 @@ def test_own_hands_are_drawn_in_the_frame_of_their_pose_and_held_by_the_robot(tm
         for place_w in way:
             grip = grip_from_hand(registration, Pose(place_w, hand_pose(registration, frame.right).q_w))
             journey.headset.set_poses(msgspec.structs.replace(frame, right=grip))
-            journey.headset.await_frames(2)
+            journey.headset.wait_for_frames(2)
         await_that(lambda: OwnHand(journey).held)
         journey.headset.set_poses(frame)
         await_that(lambda: OwnHand(journey).drawn_off_m < NEAR_M)

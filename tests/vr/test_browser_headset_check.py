@@ -28,7 +28,7 @@ def test_the_emulated_headset_is_measured_and_told_what_it_lacks(tmp_path: Path)
         headset.enter_vr()
         await_that(lambda: session.phase == "headset")
         while session.phase == "headset":
-            headset.await_frames(5)
+            headset.wait_for_frames(5)
             headset.pull_trigger("right")
         journey.await_phase("headset_stop")
         headset.press_menu("left")
@@ -37,7 +37,7 @@ def test_the_emulated_headset_is_measured_and_told_what_it_lacks(tmp_path: Path)
             headset.answer(value)
         journey.await_phase("headset")
         (check,) = [each.check for each in journey.observed if isinstance(each, events.HeadsetChecked)]
-        told = ENGLISH.say_on_page(check.verdict(FAULTS_SHOWN))
+        told = ENGLISH.render_for_page(check.verdict(FAULTS_SHOWN))
         headset.page.get_by_text(told).first.wait_for(state="attached")
         headset.screenshot(tmp_path / "result.png")
     assert "The buzz was not felt" in check.fault_words

@@ -61,14 +61,14 @@ class Wearer:
     def choose(self, item: str, value: int) -> None:
         """Choose a button once the panel has those of a question, of the ``check``, or to ``confirm``."""
         self.journey.await_buttons(item)
-        self.headset.await_frames(10)
+        self.headset.wait_for_frames(10)
         self.headset.answer(value)
 
     def go_on(self, *phases: str) -> None:
         """Select nothing on the panel until phases are over."""
         self.headset.call("pointAt", self._aside)
         while self.headset.call("phase")["name"] in phases:
-            self.headset.await_frames(20)
+            self.headset.wait_for_frames(20)
             if self.headset.call("phase")["name"] in phases:
                 self.headset.select()
 
@@ -128,7 +128,7 @@ def test_each_headset_stops_the_robot_in_its_own_way(name: str, tmp_path: Path) 
         wearer = Wearer(name, tmp_path, opened, trial_steps=ENDLESS)
         wearer.go_on("calibration", "loading", "check")
         wearer.journey.await_phase("trial")
-        wearer.headset.await_frames(5)
+        wearer.headset.wait_for_frames(5)
         shown = wearer.headset.call("stop")
         assert shown["way"] == ("triggers" if WAYS[name] == "squeeze" else WAYS[name])
         assert (shown["sign"] is not None) == (WAYS[name] == "gaze")

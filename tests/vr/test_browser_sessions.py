@@ -12,7 +12,7 @@ import pytest
 from avrgym.models.human import SKIN_TONES
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
-from avrgym.vr.emulation.emulated_headset import BrowserAttendance
+from avrgym.vr.emulation.emulated_headset import BrowserClient
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from helpers.browser.journey import PATIENCE_S, Journey, await_that
@@ -54,7 +54,7 @@ def test_every_task_with_one_robot_or_the_other(
 ) -> None:
     """Take place, move freely, be helped, answer, go on, leave: in wheelchair and bed, by Jaco and PR2."""
     whole = journey(plan(*MIXED, steps=5))
-    BrowserAttendance(whole.headset, whole.session, whole.participant, tmp_path, lambda words: None).run()
+    BrowserClient(whole.headset, whole.session, whole.participant, tmp_path, lambda words: None).run()
     recordings = [read_recording(path) for path in whole.session.recordings]
     completed = [each for each in recordings if each.outcome and each.outcome["result"] == "completed"]
     assert [each.metadata["environment"] for each in completed] == list(MIXED)

@@ -69,7 +69,7 @@ def test_small_messages_are_sent_at_once(
 def test_of_too_many_strangers_the_longest_silent_goes(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gate_module, "MOST_STRANGERS", 8)
+    monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED", 8)
     with make_server() as server, idle(server.port, 8) as first:
         with idle(server.port, 5):
             await_that(lambda: [is_open(each) for each in first] == [False] * 5 + [True] * 3)
@@ -105,7 +105,7 @@ def test_the_three_parties_stay_and_are_served_whatever_comes(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Six times as many strangers as may be, while participant, experimenter and spectator are connected."""
-    monkeypatch.setattr(gate_module, "MOST_STRANGERS", 16)
+    monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED", 16)
     with (
         make_server() as server,
         participant(server) as seated,
@@ -131,7 +131,7 @@ def test_the_three_parties_stay_and_are_served_whatever_comes(
 
 def test_one_address_fills_no_more_than_its_share(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of another machine; those of this one share an address with a headset on a cable."""
-    monkeypatch.setattr(gate_module, "MOST_STRANGERS", 8)
+    monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED", 8)
     ended: list[str] = []
 
     class Taken(gate_module.Connection):
@@ -140,19 +140,19 @@ def test_one_address_fills_no_more_than_its_share(monkeypatch: pytest.MonkeyPatc
             self.role = "spectator"  # no stranger any more
 
     with socket.create_server(("127.0.0.1", 0)) as listener, socket.socket() as unused:
-        gate = gate_module.Gate(listener, Tokens.new())
+        limiter = gate_module.ConnectionLimiter(listener, Tokens.new())
         hosts = ["192.0.2.1"] * 4 + ["192.0.2.2", "127.0.0.1", "127.0.0.1", "127.0.0.1", "192.0.2.3"]
         for port, host in enumerate(hosts):
-            gate._connections[host, port] = Taken(unused, host)
-            gate._make_room(host)
+            limiter._connections[host, port] = Taken(unused, host)
+            limiter._enforce_limits(host)
     assert ended == ["192.0.2.1"] * 2
 
 
 def test_silence_is_closed(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gate_module, "SILENT_S", 0.2)
-    monkeypatch.setattr(gate_module, "SWEEP_EVERY_S", 0.05)
+    monkeypatch.setattr(gate_module, "IDLE_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(gate_module, "SWEEP_INTERVAL_S", 0.05)
     with make_server() as server:
         for said in (b"", b"GET / HTTP/1.1\r\nHost: ", request(server.port)):
             with dial(server.port) as connection:
@@ -169,8 +169,8 @@ def test_drop_by_drop_is_no_request(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A header that goes on and on counts as silence."""
-    monkeypatch.setattr(gate_module, "SILENT_S", 0.3)
-    monkeypatch.setattr(gate_module, "SWEEP_EVERY_S", 0.05)
+    monkeypatch.setattr(gate_module, "IDLE_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(gate_module, "SWEEP_INTERVAL_S", 0.05)
     with make_server() as server, dial(server.port) as connection:
         connection.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ")
         await_that(lambda: not accepts(connection, b"x"))
@@ -188,7 +188,7 @@ def accepts(connection: socket.socket, data: bytes) -> bool:
 def test_handshakes_that_do_not_come_are_closed(
     make_server: Callable[..., LiveServer[Session]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gate_module, "HANDSHAKE_S", 0.3)
+    monkeypatch.setattr(gate_module, "TLS_TIMEOUT_S", 0.3)
     certificate = certificate_for(("lab",), tmp_path / "certificate")
     with make_server(certificate=certificate) as server:
         with idle(server.port, 20) as silent:
@@ -223,8 +223,8 @@ def test_who_may_have_one_connection_too_many_is_a_stranger_by_it(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A token opens many connections, but not so many that the server has none left."""
-    monkeypatch.setattr(gate_module, "MOST_STRANGERS", 4)
-    monkeypatch.setattr(gate_module, "MOST_OF_ONE_ROLE", 2)
+    monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED", 4)
+    monkeypatch.setattr(gate_module, "MAX_PER_ROLE", 2)
     token = b"Authorization: Bearer "
     with make_server() as server, idle(server.port, 4) as many:
         shown = token + server.tokens.spectator.encode() + b"\r\n"

@@ -7,7 +7,7 @@ import pytest
 from test_real_time_loop import FakeSession, run
 
 from avrgym.vr.server import cpu_idle
-from avrgym.vr.server.cpu_idle import AT_ONCE, DRIVER_FILE, LATENCY_FILE, KeepAwake
+from avrgym.vr.server.cpu_idle import DRIVER_FILE, LATENCY_FILE, ZERO_LATENCY, CpuIdlePrevention
 
 
 @pytest.fixture
@@ -19,21 +19,21 @@ def guest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "latency"
 
 
-def holds(kept: KeepAwake) -> bool:
+def holds(kept: CpuIdlePrevention) -> bool:
     """Whether it has the file open."""
-    return kept._held is not None and not kept._held.closed
+    return kept._file is not None and not kept._file.closed
 
 
 def test_no_waiting_is_asked_for_until_it_is_let_go(guest: Path) -> None:
-    kept = KeepAwake()
+    kept = CpuIdlePrevention()
     kept.set(False)
     assert not guest.exists()
     for _ in range(2):
         for _ in range(2):
             kept.set(True)
             assert holds(kept)
-            assert guest.read_bytes() == AT_ONCE == bytes(4)
-        held = kept._held
+            assert guest.read_bytes() == ZERO_LATENCY == bytes(4)
+        held = kept._file
         kept.set(False)
         assert not holds(kept)
         assert held is not None
@@ -45,13 +45,13 @@ def test_a_machine_of_its_own_is_left_alone(guest: Path, driver: str | None) -> 
     cpu_idle.DRIVER_FILE.unlink()
     if driver:
         cpu_idle.DRIVER_FILE.write_text(f"{driver}\n")
-    KeepAwake().set(True)
+    CpuIdlePrevention().set(True)
     assert not guest.exists()
 
 
 def test_who_may_not_ask_goes_on_without(guest: Path) -> None:
     guest.mkdir()
-    kept = KeepAwake()
+    kept = CpuIdlePrevention()
     kept.set(True)
     guest.rmdir()
     kept.set(True)
@@ -62,33 +62,33 @@ def test_the_loop_keeps_processors_awake_while_something_moves(
     guest: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[bool] = []
-    keep = KeepAwake.set
+    keep = CpuIdlePrevention.set
 
-    def note(kept: KeepAwake, awake: bool) -> None:
+    def note(kept: CpuIdlePrevention, awake: bool) -> None:
         asked.append(awake)
         keep(kept, awake)
 
     def rest(ticks: int) -> None:
         session.at_rest = ticks <= 3
 
-    monkeypatch.setattr(KeepAwake, "set", note)
+    monkeypatch.setattr(CpuIdlePrevention, "set", note)
     session = FakeSession(rest)
     run(session, 8)
     assert asked[:8] == 3 * [False] + 5 * [True]
     assert not asked[-1]
-    assert guest.read_bytes() == AT_ONCE
+    assert guest.read_bytes() == ZERO_LATENCY
 
 
 @pytest.mark.skipif(
     not DRIVER_FILE.exists()
-    or DRIVER_FILE.read_text().strip() != cpu_idle.GUEST_DRIVER
+    or DRIVER_FILE.read_text().strip() != cpu_idle.GUEST_IDLE_DRIVER
     or not os.access(LATENCY_FILE, os.R_OK | os.W_OK),
     reason="only a virtual machine whose system can keep processors awake, and lets this user, shows it",
 )
 def test_the_system_hears_it() -> None:
-    kept = KeepAwake()
+    kept = CpuIdlePrevention()
     before = LATENCY_FILE.read_bytes()
     kept.set(True)
-    assert LATENCY_FILE.read_bytes() == AT_ONCE
+    assert LATENCY_FILE.read_bytes() == ZERO_LATENCY
     kept.set(False)
     assert LATENCY_FILE.read_bytes() == before

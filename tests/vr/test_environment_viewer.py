@@ -19,7 +19,7 @@ from avrgym.vr.protocol.messages import (
     Stop,
     Welcome,
 )
-from avrgym.vr.server.environment_viewer import LOADING_S, LOOK_AT_END_S, Viewing
+from avrgym.vr.server.environment_viewer import LOADING_S, LOOK_AT_END_S, EnvironmentViewer
 
 BATHING = "avrgym/BedBathingJaco-v1"
 TICK_S = 0.01
@@ -30,7 +30,7 @@ class Watcher:
 
     def __init__(self, environment: str, policy: str = "zero") -> None:
         self.said: list[Message] = []
-        self.viewing = Viewing(environment, policy, "original", 0, self.said.append)
+        self.viewing = EnvironmentViewer(environment, policy, "original", 0, self.said.append)
         self._now_s = 0.0
 
     def run(self, seconds: float) -> None:
@@ -60,7 +60,7 @@ def place(state: State) -> np.ndarray:
 def test_whoever_connects_is_told_what_to_draw():
     watcher = Watcher(BATHING)
     watcher.said.clear()
-    watcher.viewing.greet(watcher.said.append, "experimenter", 0.0)
+    watcher.viewing.welcome(watcher.said.append, "experimenter", 0.0)
     assert [type(message) for message in watcher.said] == [Welcome, Scene, Phase, Status]
     assert watcher.said[0].protocol == messages.PROTOCOL  # type: ignore[attr-defined]
     assert watcher.words == f"{BATHING}, zero, episode 1: preparing"

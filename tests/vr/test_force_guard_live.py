@@ -92,9 +92,9 @@ def test_who_watches_sees_which_region_bears_most(guarded: Trial, unguarded: Tri
         assert pressed
         assert all(status.force_region in names for status in pressed)
         rest = [status for status in trial.statuses if not status.force_share]
-        assert {(status.force_region, status.draws_back) for status in rest} <= {("", False), ("", True)}
+        assert {(status.force_region, status.retracting) for status in rest} <= {("", False), ("", True)}
     assert max(status.force_share for status in unguarded.statuses) > GUARD_SHARE
-    assert all(status.phase == "trial" for status in guarded.statuses if status.draws_back)
+    assert all(status.phase == "trial" for status in guarded.statuses if status.retracting)
 
 
 def test_a_participant_bears_less_with_it(guarded: Trial, unguarded: Trial) -> None:

@@ -1,4 +1,4 @@
-"""Answers can be changed until they are confirmed; the last one that was given counts."""
+"""ResponseHeaders can be changed until they are confirmed; the last one that was given counts."""
 
 from pathlib import Path
 

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from avrgym.texts.interface_texts import read_texts, shipped
+from avrgym.texts.interface_texts import included_languages, read_texts
 from avrgym.vr.headset_check import HeadsetCheck, TrackedPart
 from avrgym.vr.latency import STAGES
 
@@ -81,13 +81,13 @@ def test_each_fault_is_told_alone_with_what_to_do(check: HeadsetCheck, what: str
 def test_who_reads_in_vr_is_told_the_first_faults_and_how_many_more_there_are() -> None:
     bad = but(haptics=False, sound=False, dropped_share=0.2)
     assert len(bad.faults()) == 3
-    for texts in map(read_texts, shipped()):
-        told, third = texts.say(bad.verdict(2)), texts.say(bad.faults()[2])
-        assert all(texts.say(fault) in told for fault in bad.faults()[:2])
+    for texts in map(read_texts, included_languages()):
+        told, third = texts.render(bad.verdict(2)), texts.render(bad.faults()[2])
+        assert all(texts.render(fault) in told for fault in bad.faults()[:2])
         assert "1" in told
         assert third not in told
-        assert third in texts.say(bad.verdict(3))
-        assert all(texts.say(each.verdict(9)) for each in ALL)
+        assert third in texts.render(bad.verdict(3))
+        assert all(texts.render(each.verdict(9)) for each in ALL)
 
 
 def test_a_bare_hand_may_tremble_more_than_a_controller() -> None:

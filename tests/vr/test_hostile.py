@@ -17,11 +17,11 @@ from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
 from avrgym.vr.server import connection_limits as gate_module
 from avrgym.vr.server.authentication import Tokens
-from avrgym.vr.server.connection_limits import Gate
-from avrgym.vr.server.http_protocols import MOST_FRAGMENTS
+from avrgym.vr.server.connection_limits import ConnectionLimiter
+from avrgym.vr.server.http_protocols import MAX_FRAGMENTS
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.server.response_headers import headers
-from avrgym.vr.server.web_server import WebThread, listen
+from avrgym.vr.server.web_server import WebServer, listen
 from avrgym.vr.session.session import Session
 from helpers.studies.small_studies import make_study
 from helpers.system.places import ROOT
@@ -311,7 +311,7 @@ def test_a_message_in_frames_without_end_is_cut_off(server: LiveServer[Session])
         connection.sendall(request(server.port, "/ws", UPGRADE))
         assert status(connection.recv(1 << 16)) == 101
         empty = b"\x00\x80\x00\x00\x00\x00"
-        connection.sendall(b"\x02" + empty[1:] + empty * (MOST_FRAGMENTS + 1))
+        connection.sendall(b"\x02" + empty[1:] + empty * (MAX_FRAGMENTS + 1))
         answer = b""
         while more := connection.recv(1 << 16):
             answer += more
@@ -342,7 +342,7 @@ def failing() -> FastAPI:
 
 def test_a_failure_is_a_plain_500_and_one_line_without_words(caplog: pytest.LogCaptureFixture) -> None:
     listener = listen("127.0.0.1", 0)
-    port, web = listener.getsockname()[1], WebThread(failing(), Gate(listener, Tokens.new()))
+    port, web = listener.getsockname()[1], WebServer(failing(), ConnectionLimiter(listener, Tokens.new()))
     web.start()
     try:
         secret = b"Authorization: Bearer TOKEN\r\n"
@@ -374,7 +374,13 @@ SECURITY = (ROOT / "docs" / "security.md").read_text("utf-8")
 
 
 def test_what_connections_are_granted_is_what_the_documentation_says() -> None:
-    for name in ("MOST_STRANGERS", "MOST_OF_ONE_ROLE", "HANDSHAKE_S", "SILENT_S", "ANSWER_S"):
+    for name in (
+        "MAX_UNAUTHENTICATED",
+        "MAX_PER_ROLE",
+        "TLS_TIMEOUT_S",
+        "IDLE_TIMEOUT_S",
+        "RESPONSE_TIMEOUT_S",
+    ):
         assert f" {getattr(gate_module, name):g} " in SECURITY.replace("\n", " "), name
 
 

@@ -10,7 +10,7 @@ from avrgym.recording.schema import LONGEST_MS, MOST_FRAMES, Latency
 from avrgym.vr.latency import STAGES, percentiles_ms
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import State, Status
-from avrgym.vr.server.connection import FRAMES_REMEMBERED, Passage
+from avrgym.vr.server.connection import FRAMES_REMEMBERED, FrameTimes
 from helpers.vr.visit import Visit, plan
 
 
@@ -25,7 +25,7 @@ def state(followed: int) -> State:
 
 
 def test_a_frame_passes_once_from_its_arrival_to_the_first_state_that_follows_it() -> None:
-    passage = Passage()
+    passage = FrameTimes()
     passage.arrive(3)
     passage.arrive(4)
     assert passage.leave(state(-1), 0.0) is None
@@ -37,7 +37,7 @@ def test_a_frame_passes_once_from_its_arrival_to_the_first_state_that_follows_it
 
 
 def test_frames_that_no_state_follows_are_forgotten() -> None:
-    passage = Passage()
+    passage = FrameTimes()
     for sequence in range(3 * FRAMES_REMEMBERED):
         passage.arrive(sequence)
     assert passage.leave(state(0), 0.0) is None

@@ -53,7 +53,7 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.protocol.state_encoding import StateDecoder
 from avrgym.vr.scene import export_process as rendering_module
-from avrgym.vr.scene.export_process import SceneRenderer
+from avrgym.vr.scene.export_process import SceneExporter
 from avrgym.vr.server import broadcast, connection, web_server
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.server.web_server import ServerError
@@ -539,7 +539,7 @@ def state_of(sequence: int) -> State:
 @pytest.mark.parametrize("takes", [1, 5, 100])
 def test_however_slowly_a_client_takes_states_the_next_is_the_newest(takes: int) -> None:
     """Of a hundred states made, a client takes so many: what it takes is never older than what may be on the way."""
-    most_behind = messages.STATES_ON_THE_WAY * 100 // takes
+    most_behind = messages.MAX_UNACKNOWLEDGED_STATES * 100 // takes
 
     async def run() -> None:
         outbox, on_the_way, received = broadcast.Outbox(), list[int](), 0
@@ -556,9 +556,9 @@ def test_however_slowly_a_client_takes_states_the_next_is_the_newest(takes: int)
             if made * takes % 100 < takes and on_the_way:
                 assert made - on_the_way.pop(0) <= most_behind
                 received += 1
-                if received % messages.STATES_A_RECEIPT == 0:
+                if received % messages.STATES_PER_RECEIPT == 0:
                     outbox.receipt(received)
-            assert len(on_the_way) <= messages.STATES_ON_THE_WAY
+            assert len(on_the_way) <= messages.MAX_UNACKNOWLEDGED_STATES
 
     asyncio.run(run())
 
@@ -654,8 +654,8 @@ class Rendering:
         self.rendered: list[str] = []
         self.pools = 0
         self.failure: Exception | None = None
-        monkeypatch.setattr(rendering_module, "render_scene", self._render)
-        monkeypatch.setattr(rendering_module, "rendering_process", self._make)
+        monkeypatch.setattr(rendering_module, "export_scene", self._render)
+        monkeypatch.setattr(rendering_module, "export_process", self._make)
 
     def _make(self) -> ThreadPoolExecutor:
         self.pools += 1
@@ -674,7 +674,7 @@ def rendering(monkeypatch: pytest.MonkeyPatch) -> Rendering:
     return Rendering(monkeypatch)
 
 
-def ask(*numbers: int, renderer: SceneRenderer) -> list[bytes | BaseException]:
+def ask(*numbers: int, renderer: SceneExporter) -> list[bytes | BaseException]:
     """Ask for scenes at once."""
 
     async def gather() -> list[bytes | BaseException]:
@@ -685,7 +685,7 @@ def ask(*numbers: int, renderer: SceneRenderer) -> list[bytes | BaseException]:
 
 
 def test_a_scene_is_rendered_once_whoever_asks(rendering: Rendering) -> None:
-    renderer = SceneRenderer()
+    renderer = SceneExporter()
     assert ask(0, 0, 1, 0, renderer=renderer) == [b"0", b"0", b"1", b"0"]
     assert ask(0, 1, renderer=renderer) == [b"0", b"1"]
     renderer.close()
@@ -693,7 +693,7 @@ def test_a_scene_is_rendered_once_whoever_asks(rendering: Rendering) -> None:
 
 
 def test_a_failure_is_told_to_all_and_tried_again(rendering: Rendering) -> None:
-    renderer = SceneRenderer()
+    renderer = SceneExporter()
     rendering.failure = ValueError("no mesh")
     assert [str(error) for error in ask(0, 0, renderer=renderer)] == ["no mesh", "no mesh"]
     rendering.failure = BrokenProcessPool("killed")
@@ -706,7 +706,7 @@ def test_a_failure_is_told_to_all_and_tried_again(rendering: Rendering) -> None:
 
 
 def test_what_is_rendered_ahead_is_there_when_it_is_asked_for(rendering: Rendering) -> None:
-    renderer = SceneRenderer()
+    renderer = SceneExporter()
     ahead = renderer.render(0, "0", Person())
     assert ask(0, renderer=renderer) == [b"0"]
     assert ahead.done()
@@ -715,8 +715,8 @@ def test_what_is_rendered_ahead_is_there_when_it_is_asked_for(rendering: Renderi
 
 
 def test_only_the_newest_scenes_are_kept(rendering: Rendering) -> None:
-    renderer = SceneRenderer()
-    many = rendering_module.SCENES_KEPT + 2
+    renderer = SceneExporter()
+    many = rendering_module.MAX_CACHED_SCENES + 2
     for number in range(many):
         ask(number, renderer=renderer)
     ask(many - 1, 2, 0, renderer=renderer)
@@ -726,9 +726,9 @@ def test_only_the_newest_scenes_are_kept(rendering: Rendering) -> None:
 
 ORPHAN = """
 import os, time
-from avrgym.vr.scene.export_process import rendering_process
+from avrgym.vr.scene.export_process import export_process
 if __name__ == "__main__":
-    print(rendering_process().submit(os.getpid).result(), flush=True)
+    print(export_process().submit(os.getpid).result(), flush=True)
     time.sleep(100)
 """
 

@@ -224,7 +224,7 @@ def test_a_session_may_begin_with_a_later_trial(tmp_path: Path) -> None:
 
 def test_the_observer_is_told_all_in_order(visit: Callable[..., Visit]) -> None:
     session = visit(seeds=(1,))
-    session.session.greet(session.heard.append, "participant", 0.0)
+    session.session.welcome(session.heard.append, "participant", 0.0)
     session.go_to("questionnaire")
     session.answer(7, 6, 5, 4)
     names = [

@@ -46,14 +46,14 @@ def blink(visit: Visit) -> None:
     """The connection breaks, and the page comes back by itself."""
     visit.tell(Disconnected())
     visit.tick(300)
-    visit.session.greet(visit.heard.append, "participant", visit.now_s)
+    visit.session.welcome(visit.heard.append, "participant", visit.now_s)
     visit.tell(Entered())
 
 
 def reload(visit: Visit) -> None:
     """The page is reloaded, perhaps in another browser, and nobody enters VR."""
     visit.tell(Disconnected())
-    visit.session.greet(visit.heard.append, "participant", visit.now_s)
+    visit.session.welcome(visit.heard.append, "participant", visit.now_s)
 
 
 def take_off(visit: Visit) -> None:

@@ -20,7 +20,7 @@ from avrgym.vr.protocol.messages import (
     Welcome,
 )
 from avrgym.vr.protocol.state_encoding import StateEncoder
-from avrgym.vr.scene.export_process import render_scene
+from avrgym.vr.scene.export_process import export_scene
 from helpers.browser.accessibility import violations
 from helpers.browser.journey import DRAW_LITTLE
 from helpers.browser.staged_page import StagedPage
@@ -248,7 +248,7 @@ def test_the_card_never_hides_the_robot(environment: str, browser: Browser, tmp_
     page = browser.new_page(viewport={"width": 1366, "height": 768})
     page.add_init_script(f"({DRAW_LITTLE})()")
     staged = StagedPage(
-        page, [welcome("experimenter"), *shown], render_scene(environment, visit.session.person)
+        page, [welcome("experimenter"), *shown], export_scene(environment, visit.session.person)
     )
     staged.open("spectator")
     page.wait_for_function("() => !document.body.classList.contains('sceneless')", timeout=120_000)

@@ -1,4 +1,4 @@
-"""Who reads what was wrong: whom it concerns, and nobody else."""
+"""Who reads what was wrong: whom it is_for_role, and nobody else."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack

@@ -13,8 +13,18 @@ import numpy as np
 import pytest
 
 from avrgym.vr.protocol.messages import TICK_S, Answer, Command, Disconnected, Entered, Ready, Stop, Tracking
-from avrgym.vr.server.inbox import FRAMES_KEPT, INBOX_MESSAGES, MESSAGES_PER_TICK, MESSAGES_S
-from avrgym.vr.server.real_time_loop import CATCH_UP_TICKS, PRIORITY, TIDY_EVERY_S, RealTimeLoop
+from avrgym.vr.server.inbox import (
+    MAX_TRACKING_FRAMES,
+    MAX_WAITING_MESSAGES,
+    MESSAGE_TIME_S,
+    MESSAGES_PER_TICK,
+)
+from avrgym.vr.server.real_time_loop import (
+    CATCH_UP_TICKS,
+    GARBAGE_COLLECTION_INTERVAL_S,
+    PRIORITY,
+    RealTimeLoop,
+)
 from avrgym.vr.session.session import Session
 
 PATIENCE_S = 30.0
@@ -37,7 +47,7 @@ class FakeSession:
     def receive(self, message: object, now_s: float) -> None:
         self.received.append(message)
 
-    def greet(self, send: object, role: str, now_s: float) -> None:
+    def welcome(self, send: object, role: str, now_s: float) -> None:
         self.received.append(role)
 
     def close(self, now_s: float) -> None:
@@ -165,7 +175,7 @@ def test_garbage_is_collected_only_where_nothing_moves(
     )
     run(session, 5000)
     assert collected[0] == pytest.approx(100.0 + 2000 * TICK_S)
-    assert np.diff(collected).min() >= TIDY_EVERY_S
+    assert np.diff(collected).min() >= GARBAGE_COLLECTION_INTERVAL_S
     assert len(collected) >= 3
 
 
@@ -184,7 +194,7 @@ def test_messages_reach_the_session_in_order() -> None:
     loop = RealTimeLoop(cast(Session, session))
     sent = [Answer(item=str(i), value=1, response_time_s=0.0) for i in range(50)]
     loop.post(Ready())
-    loop.greet(lambda message: None, "participant")
+    loop.welcome(lambda message: None, "participant")
     loop.start()
     for message in sent:
         loop.post(message)
@@ -198,12 +208,12 @@ def test_a_flood_makes_its_sender_wait_and_loses_nothing() -> None:
     session = FakeSession()
     loop = RealTimeLoop(cast(Session, session))
     assert not loop.full
-    for _ in range(INBOX_MESSAGES):
+    for _ in range(MAX_WAITING_MESSAGES):
         loop.post(Ready())
     assert loop.full
     loop.start()
     await_that(lambda: not loop.full)
-    await_that(lambda: len(session.received) == INBOX_MESSAGES)
+    await_that(lambda: len(session.received) == MAX_WAITING_MESSAGES)
     loop.stop()
 
 
@@ -227,14 +237,14 @@ def test_a_flood_costs_no_tick_more_than_its_share_and_a_stop_comes_first(clock:
     loop.stop()
     assert session.received[:2] == [Command(name="stop"), Stop()]
     assert received_at[0] == received_at[1] == session.ticked_s[0]
-    assert max(Counter(received_at).values()) <= MESSAGES_S / 0.0004 + 1
+    assert max(Counter(received_at).values()) <= MESSAGE_TIME_S / 0.0004 + 1
     assert loop.missed_ticks == len(loop.late) == 0
 
 
 def test_of_many_frames_the_newest_count(clock: FakeClock) -> None:
     session = FakeSession()
     loop = RealTimeLoop(cast(Session, session))
-    for sequence in range(3 * FRAMES_KEPT):
+    for sequence in range(3 * MAX_TRACKING_FRAMES):
         loop.post(
             Tracking(
                 sequence=sequence,
@@ -247,10 +257,10 @@ def test_of_many_frames_the_newest_count(clock: FakeClock) -> None:
             )
         )
     loop.start()
-    await_that(lambda: len(session.received) == FRAMES_KEPT)
+    await_that(lambda: len(session.received) == MAX_TRACKING_FRAMES)
     loop.stop()
     received = [cast(Tracking, message).sequence for message in session.received]
-    assert received == list(range(2 * FRAMES_KEPT, 3 * FRAMES_KEPT))
+    assert received == list(range(2 * MAX_TRACKING_FRAMES, 3 * MAX_TRACKING_FRAMES))
 
 
 def test_who_is_gone_is_gone_at_once_whatever_they_still_had_to_say(clock: FakeClock) -> None:

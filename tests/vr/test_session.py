@@ -391,7 +391,7 @@ def test_who_comes_back_repeats_the_trial(visit: Callable[..., Visit]) -> None:
     back.answer(4, 4, 4, 4)
     back.until("trial")
     back.tell(Disconnected())
-    back.session.greet(back.heard.append, "participant", back.now_s)
+    back.session.welcome(back.heard.append, "participant", back.now_s)
     kinds = [type(message).__name__ for message in back.heard[-5:]]
     assert kinds == ["Welcome", "Language", "Body", "Scene", "Phase"]
     back.participant = SimulatedParticipant(back.participant.traits, 8)

@@ -114,7 +114,7 @@ def test_who_comes_meanwhile_is_told_where_the_world_goes(tmp_path: Path) -> Non
     visit.slide(0.3, 0.0)
     visit.tick(300)
     late: list[object] = []
-    visit.session.greet(late.append, "spectator", visit.now_s)
+    visit.session.welcome(late.append, "spectator", visit.now_s)
     (scene,) = (each for each in late if isinstance(each, Scene))
     (placed,) = (each for each in late if isinstance(each, Placed))
     assert scene.xr_from_world == visit.place.xr_from_world()

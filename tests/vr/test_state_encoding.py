@@ -10,7 +10,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import State
 from avrgym.vr.protocol.state_encoding import (
     JOINT_STEP_RAD,
-    MOST_STEPS,
+    MAX_STEPS,
     POSE_STEPS,
     POSITION_STEP_M,
     QUATERNION_STEP,
@@ -90,7 +90,7 @@ def test_what_is_no_number_or_far_away_hurts_nothing_else() -> None:
         poses[1, 0] = wrong
         told = numbers(decoder.decode(encoder.encode(state(poses))).poses, 7)
         np.testing.assert_allclose(told[[0, 2]], poses[[0, 2]])
-        assert abs(told[1, 0]) == pytest.approx(MOST_STEPS * POSITION_STEP_M)
+        assert abs(told[1, 0]) == pytest.approx(MAX_STEPS * POSITION_STEP_M)
     poses[1, 0] = 0.25
     check(state(poses), decoder.decode(encoder.encode(state(poses))))
 

@@ -135,7 +135,7 @@ def test_a_menu_that_opens_while_the_scene_loads_begins_no_trial(visit: Callable
 def test_a_new_connection_sees_the_scene_until_it_reports_otherwise(visit: Callable[..., Visit]) -> None:
     back = visit()
     back.tell(VisibilityChanged("hidden"))
-    back.session.greet(back.heard.append, "participant", back.now_s)
+    back.session.welcome(back.heard.append, "participant", back.now_s)
     back.sit_down()
     back.until("trial")
 

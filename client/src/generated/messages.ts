@@ -2,7 +2,7 @@
 
 export const PROTOCOL = 12;
 
-export const STATES_A_RECEIPT = 2;
+export const STATES_PER_RECEIPT = 2;
 
 export const STALE_S = 0.2;
 
@@ -16,9 +16,9 @@ export const STAGE_WORDS = {"sample_ms": "pose", "up_ms": "up", "simulate_ms": "
 
 export const FORCE_LIMITS_N: Readonly<Record<string, number>> = {"skull": 130.0, "face": 65.0, "neck": 150.0, "shoulders": 210.0, "chest": 140.0, "abdomen": 110.0, "pelvis": 180.0, "upper_arms": 150.0, "forearms": 160.0, "hands": 140.0, "thighs": 220.0, "lower_legs": 130.0};
 
-export type Sex = "man" | "woman";
-
 export type Part = "head" | "left" | "right";
+
+export type Sex = "man" | "woman";
 
 export type Vector3 = [number, number, number];
 
@@ -102,7 +102,7 @@ export interface Tracking {
   right_modality: Modality;
 }
 
-/** How many states this connection has brought so far; it is told after every `STATES_A_RECEIPT` of them. */
+/** How many states this connection has brought so far; it is told after every `STATES_PER_RECEIPT` of them. */
 export interface Receipt {
   type: "receipt";
   states: number;
@@ -397,12 +397,12 @@ export interface Feedback {
  *
  * `step` counts the attempt's control steps, `reward` sums them up, `success` is so far; distance and force are
  * those of the latest one. `force_region` is the region of the body that bears most now, by its limit, and
- * `force_share` how much of that; empty and 0 where none bears anything. `draws_back`: the force guard moves the
+ * `force_share` how much of that; empty and 0 where none bears anything. `retracting`: the force guard moves the
  * robot. `withdrawing`: after success the robot withdraws its tool, or waits withdrawn. `tracking_age_s` is the
  * time since the newest usable frame. `untracked_parts` have stale poses; those of them that are in
  * `needed_parts`, which the task needs, hold the robot, and end an attempt after a second. `visibility`: whether
  * the participant sees the scene. `operated`: in this trial the experimenter drives; `idle`: the robot holds
- * still for want of an action. `held_because`: the answer for which a stop rule paused the session, empty where
+ * still for want of an action. `pause_reason`: the answer for which a stop rule paused the session, empty where
  * none did. `latency`: how late pictures were in the last seconds of which the client told, from pose to picture
  * as `total_ms` and by stage. `streams`: those of other devices. */
 export interface Status {
@@ -413,7 +413,7 @@ export interface Status {
   attempt: number;
   environment: string;
   paused: boolean;
-  held_because: string;
+  pause_reason: string;
   torso_height_m: number;
   step: number;
   steps: number;
@@ -423,7 +423,7 @@ export interface Status {
   force_on_person_n: number;
   force_region: string;
   force_share: number;
-  draws_back: boolean;
+  retracting: boolean;
   withdrawing: boolean;
   tracking_age_s: number | null;
   visibility: Visibility;

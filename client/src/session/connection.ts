@@ -1,7 +1,7 @@
 import { Decoder, Encoder } from "@msgpack/msgpack";
 import {
   PROTOCOL,
-  STATES_A_RECEIPT,
+  STATES_PER_RECEIPT,
   type ClientMessage,
   type ExperimenterMessage,
   type ServerMessage,
@@ -86,7 +86,7 @@ export class Connection {
       this.events.link("connected", 0);
     }
     if (this.welcomed || message.type === "language") this.events.message(message);
-    if (message.type === "state" && ++this.states % STATES_A_RECEIPT === 0)
+    if (message.type === "state" && ++this.states % STATES_PER_RECEIPT === 0)
       this.send({ type: "receipt", states: this.states });
   }
 

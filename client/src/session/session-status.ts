@@ -67,14 +67,14 @@ function successWords({ success, withdrawing }: Status): string {
   return success ? `, success${withdrawing ? ", withdrawn" : ""}` : "";
 }
 
-function limitWords({ force_region, force_share, draws_back }: Status): string {
+function limitWords({ force_region, force_share, retracting }: Status): string {
   const limit = FORCE_LIMITS_N[force_region];
   const bears = limit === undefined ? "no force" : `${(100 * force_share).toFixed(0)} % of ${limit} N, ${force_region.replaceAll("_", " ")}`;
-  return `${bears}${draws_back ? ": draws back" : ""}`;
+  return `${bears}${retracting ? ": draws back" : ""}`;
 }
 
-function pausedWords({ paused, held_because }: Status): string {
-  return paused ? (held_because ? `; on hold: ${held_because}` : "; on hold") : "";
+function pausedWords({ paused, pause_reason }: Status): string {
+  return paused ? (pause_reason ? `; on hold: ${pause_reason}` : "; on hold") : "";
 }
 
 function trackingWords(status: Status): string {

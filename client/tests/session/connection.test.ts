@@ -1,7 +1,7 @@
 import { decode as decodeAny, encode as encodeAny } from "@msgpack/msgpack";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { Connection, REFUSED, SUPERSEDED, retryDelayMs, type Link } from "../../src/session/connection";
-import { PROTOCOL, STATES_A_RECEIPT, type ServerMessage } from "../../src/generated/messages";
+import { PROTOCOL, STATES_PER_RECEIPT, type ServerMessage } from "../../src/generated/messages";
 
 class FakeSocket {
   static readonly OPEN = 1;
@@ -78,9 +78,9 @@ describe("a connection", () => {
     for (const drops of [true, false]) {
       newest().onopen?.();
       newest().receive(WELCOME);
-      for (let count = 0; count < 2 * STATES_A_RECEIPT + 1; count++) newest().receive({ type: "state" });
+      for (let count = 0; count < 2 * STATES_PER_RECEIPT + 1; count++) newest().receive({ type: "state" });
       expect(newest().sent.slice(1)).toEqual(
-        [1, 2].map((times) => ({ type: "receipt", states: times * STATES_A_RECEIPT })),
+        [1, 2].map((times) => ({ type: "receipt", states: times * STATES_PER_RECEIPT })),
       );
       if (!drops) continue;
       newest().drop();

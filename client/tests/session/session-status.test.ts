@@ -10,7 +10,7 @@ const STATUS: Status = {
   attempt: 3,
   environment: "avrgym/FeedingJaco-v1",
   paused: true,
-  held_because: "",
+  pause_reason: "",
   torso_height_m: 0.5449,
   step: 12,
   steps: 200,
@@ -20,7 +20,7 @@ const STATUS: Status = {
   force_on_person_n: 1.5,
   force_region: "",
   force_share: 0,
-  draws_back: false,
+  retracting: false,
   withdrawing: false,
   tracking_age_s: 0.011,
   visibility: "visible",
@@ -75,7 +75,7 @@ describe("how a session stands", () => {
   it("says which part of the body bears most, and when the robot draws back", () => {
     const pressed = { ...STATUS, force_region: "upper_arms", force_share: 0.56 };
     expect(statusWords(pressed)["watch-limit"]).toBe("56 % of 150 N, upper arms");
-    expect(statusWords({ ...pressed, draws_back: true })["watch-limit"]).toBe("56 % of 150 N, upper arms: draws back");
+    expect(statusWords({ ...pressed, retracting: true })["watch-limit"]).toBe("56 % of 150 N, upper arms: draws back");
   });
 
   it("says when the robot has withdrawn after success", () => {
@@ -83,7 +83,7 @@ describe("how a session stands", () => {
   });
 
   it("says for which answer a stop rule paused the session, until it goes on", () => {
-    const held = { ...STATUS, held_because: "'Nausea' was answered 'severe'" };
+    const held = { ...STATUS, pause_reason: "'Nausea' was answered 'severe'" };
     expect(statusWords(held)["watch-phase"]).toBe("free movement before the robot starts; on hold: 'Nausea' was answered 'severe'");
     expect(statusWords({ ...held, paused: false })["watch-phase"]).toBe("free movement before the robot starts");
   });

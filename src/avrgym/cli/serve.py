@@ -163,7 +163,7 @@ def serve(
             reach=reach,
         )
         with LiveServer(make_session, address, port, certificate) as server:
-            server.render_ahead()
+            server.export_next_scene()
             _explain(server, "spectator", server.urls())
             _wait(server)
 
@@ -222,7 +222,7 @@ def _serve_study(
             links=links,
         ) as server,
     ):
-        server.render_ahead()
+        server.export_next_scene()
         _explain(server, "dashboard", server.urls(token=links.link) if links.link else server.pages())
         if links.link is None:
             say(
@@ -347,16 +347,16 @@ def view(
     The page shows reward, success and force, pauses, and goes on to the next episode; with
     `--policy operator` it drives the robot.
     """
-    from avrgym.vr.server.environment_viewer import Viewing
+    from avrgym.vr.server.environment_viewer import EnvironmentViewer
     from avrgym.vr.server.live_server import LiveServer
 
     with (
         plain_errors(),
         LiveServer(
-            lambda send: Viewing(env, policy, people, seed, send, impairment), "127.0.0.1", port
+            lambda send: EnvironmentViewer(env, policy, people, seed, send, impairment), "127.0.0.1", port
         ) as server,
     ):
-        server.render_ahead()
+        server.export_next_scene()
         say("Open this address in a browser; drag to look around. Stop with Ctrl+C.")
         say(f"    {server.urls('spectator', server.tokens.experimenter)[0]}")
         _wait(server)

@@ -9,7 +9,7 @@ from avrgym.demo.report import telling_moment_s, write_report
 from avrgym.recording.reader import read_recording
 from avrgym.replay.pictures import draw_moment
 from avrgym.replay.trial import ReplayError
-from avrgym.vr.emulation.emulated_headset import BrowserAttendance, BrowserMissingError, EmulatedHeadset
+from avrgym.vr.emulation.emulated_headset import BrowserClient, BrowserMissingError, EmulatedHeadset
 from avrgym.vr.emulation.in_process_client import InProcessClient
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol.messages import Message
@@ -96,7 +96,7 @@ def _in_browser(
         EmulatedHeadset(server.url) as headset,
     ):
         say(f"the server listens on http://{server.host}:{server.port}, a headset is emulated in Chromium")
-        taken = BrowserAttendance(headset, server.session, participant, pictures, say).run()
+        taken = BrowserClient(headset, server.session, participant, pictures, say).run()
         return taken, list(server.session.recordings)
 
 

@@ -10,7 +10,7 @@ from packaging.specifiers import SpecifierSet
 from avrgym.doctor.finding import Finding, fault, ok, warning
 from avrgym.policies.registry import skipped_plugins
 from avrgym.system.extras import FOR_DEVELOPERS
-from avrgym.vr.server.web_server import HOW_TO_GET_PAGES, PAGES, ServerError, check_page
+from avrgym.vr.server.web_server import INSTALL_PAGES, PAGES, ServerError, check_page
 
 SHOWN = ("mujoco", "numpy", "gymnasium")
 """The packages whose versions most reports of bugs need."""
@@ -74,7 +74,7 @@ def client() -> Finding:
         for page in PAGES:
             check_page(page)
     except ServerError:
-        return fault("the browser client is missing", HOW_TO_GET_PAGES)
+        return fault("the browser client is missing", INSTALL_PAGES)
     return ok("the pages of participant, experimenter and replay are there")
 
 

@@ -15,8 +15,8 @@ from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.server import cpu_idle
-from avrgym.vr.server.connection_limits import MOST_STRANGERS, SHARE_OF_HANDLES, most_file_handles
-from avrgym.vr.server.real_time_loop import PRIORITY, take_precedence
+from avrgym.vr.server.connection_limits import FILE_HANDLE_DIVISOR, MAX_UNAUTHENTICATED, max_open_files
+from avrgym.vr.server.real_time_loop import PRIORITY, use_real_time_priority
 
 SLEEPS = 20
 OVERSLEEP_SHARE = 0.2
@@ -43,7 +43,7 @@ def precedence() -> Finding:
     if sys.platform != "linux" or _processor_count() == 1:
         return ok("the system decides which thread goes first")
     with ThreadPoolExecutor(1) as thread:
-        if thread.submit(take_precedence).result():
+        if thread.submit(use_real_time_priority).result():
             return ok("the simulation's thread goes before all others")
     return warning(
         "the simulation's thread may not go before others, so a busy computer delays it",
@@ -79,7 +79,7 @@ def timer(late_s: float) -> Finding:
 
 def halting(driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENCY_FILE) -> Finding:
     """Whether processors of a virtual machine, which its host gives back late, can be kept from halting."""
-    if not driver.exists() or driver.read_text().strip() != cpu_idle.GUEST_DRIVER:
+    if not driver.exists() or driver.read_text().strip() != cpu_idle.GUEST_IDLE_DRIVER:
         return ok("idle processors wake at once")
     if os.access(latency, os.W_OK, effective_ids=True):
         return ok("the processors of this virtual machine can be kept awake")
@@ -91,8 +91,8 @@ def halting(driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENC
 
 def handles(number: int | None = None) -> Finding:
     """Whether so many open files, or those that this process may have, are enough for a server."""
-    allowed = most_file_handles() if number is None else number
-    needed = SHARE_OF_HANDLES * MOST_STRANGERS
+    allowed = max_open_files() if number is None else number
+    needed = FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED
     if allowed >= needed:
         return ok(f"{allowed}")
     return warning(f"{allowed}, which lets fewer browsers in at a time", f"ulimit -n {needed}")

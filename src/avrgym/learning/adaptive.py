@@ -49,7 +49,7 @@ from avrgym.policies import registry
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
-from avrgym.system.transferred_files import Carried
+from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import find_environment, plugins_of, sizes, task_and_scene
 
@@ -385,7 +385,7 @@ class _Learner:
         configuration = self._configuration
         return Place(
             configuration.environment,
-            Carried.of(people),
+            TransferredFile.of(people),
             impairment,
             configuration.threads,
             "threads",

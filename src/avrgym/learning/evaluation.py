@@ -18,7 +18,7 @@ from avrgym.safety.region_forces import RegionFigures, RegionLoads, RegionWatch,
 from avrgym.simulation.engines.engine import check_engine
 from avrgym.system.engines import THREADS
 from avrgym.system.jobs import cores, report, run_all
-from avrgym.system.transferred_files import Carried
+from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.registry import find_environment
@@ -86,8 +86,8 @@ class _Batch:
     """Episodes of one environment that run together; numbers of ``episodes`` count from 0."""
 
     environment_id: str
-    policy: Carried
-    people: Carried
+    policy: TransferredFile
+    people: TransferredFile
     impairment: str
     stream: Stream
     seed: int
@@ -173,7 +173,7 @@ def evaluate_all(
     size = min(MAX_WORLDS, -(-every // jobs))
     threads = max(1, there // jobs) if cluster is None else 1
     split = _split(episodes, size)
-    driver, whom = Carried.of(policy), carried_people(people)
+    driver, whom = TransferredFile.of(policy), carried_people(people)
     batches = [
         _Batch(
             environment_id=environment_id,

@@ -20,7 +20,7 @@ from avrgym.policies.trained import Policy
 from avrgym.safety.limits import TRANSIENT_LIMIT_N
 from avrgym.safety.region_forces import RegionWatch
 from avrgym.system.engines import THREADS
-from avrgym.system.transferred_files import Carried
+from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.experts.filtered import filtered
@@ -36,7 +36,7 @@ class Place:
     """The worlds of a training, which a process compiles once; on any engine but threads they stay on its device."""
 
     environment: str
-    people: Carried
+    people: TransferredFile
     impairment: str
     threads: int
     engine: str

@@ -16,7 +16,7 @@ from avrgym.networks.policy import FILE_SUFFIX, Policy, PolicyError
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS, Distribution, distribution_of, find_distribution
 from avrgym.people.impairments import find_impairment
 from avrgym.people.population_names import Impairment
-from avrgym.system.transferred_files import Carried
+from avrgym.system.transferred_files import TransferredFile
 
 HUMAN_FILE = "human.safetensors"
 """What a training of robot and human calls the human's file."""
@@ -87,11 +87,11 @@ def human_files(folder: Path) -> list[Path]:
     return [file for file in [*beside, *below] if Policy.load(file).metadata.human is not None]
 
 
-def carried_people(name_or_path: str) -> Carried:
+def carried_people(name_or_path: str) -> TransferredFile:
     """People for processes that may not see their files."""
     if is_trained(name_or_path) and Path(name_or_path).is_dir():
-        return Carried.folder(name_or_path, human_files(Path(name_or_path)))
-    return Carried.of(name_or_path)
+        return TransferredFile.folder(name_or_path, human_files(Path(name_or_path)))
+    return TransferredFile.of(name_or_path)
 
 
 def _trained(path: Path, tasks: Collection[str]) -> Population:

@@ -46,8 +46,8 @@ from avrgym.replay.output import check_new
 from avrgym.replay.timeline import recorded_scene, timeline_of
 from avrgym.system.files import write_whole
 from avrgym.vr.protocol.messages import XRPose
-from avrgym.vr.scene.body_surfaces import Surface, body_surfaces
-from avrgym.vr.scene.export_process import shown_model
+from avrgym.vr.scene.body_surfaces import BodySurface, body_surfaces
+from avrgym.vr.scene.export_process import model_with_appearance
 
 WORLD, TRACKING = "world", "local_floor"
 """The frames: the simulated world, z up; and that of tracked poses, y up, which the headset gives."""
@@ -78,7 +78,7 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
     began = recording.began_at or NO_DATE
     data = io.BytesIO()
     log = _Log(data, round(began.timestamp() * 1e9), _described(recording, began))
-    surfaces = body_surfaces(shown_model(*recorded_scene(recording)))
+    surfaces = body_surfaces(model_with_appearance(*recorded_scene(recording)))
     log.write("/scene", 0.0, SceneUpdate(entities=[_entity(log, *each) for each in surfaces.items()]))
     for body, cloud in _clouds(surfaces):
         log.write(f"/surfaces/{body.replace('/', '_')}", 0.0, _point_cloud(log, body, cloud))
@@ -155,7 +155,7 @@ def _described(recording: Recording, began: datetime) -> dict[str, str]:
     return {**{name: str(fact) for name, fact in facts.items()}, "began_at": began.isoformat()}
 
 
-def _entity(log: _Log, body: str, surfaces: Sequence[Surface]) -> SceneEntity:
+def _entity(log: _Log, body: str, surfaces: Sequence[BodySurface]) -> SceneEntity:
     """What a body looks like; it stays, and moves with the body's frame."""
     triangles = [
         TriangleListPrimitive(
@@ -171,14 +171,14 @@ def _entity(log: _Log, body: str, surfaces: Sequence[Surface]) -> SceneEntity:
     )
 
 
-def _colours(surface: Surface) -> Mapping[str, Any]:
+def _colours(surface: BodySurface) -> Mapping[str, Any]:
     """One colour where all vertices have the same, else one for each."""
     colours = [Color(r=r, g=g, b=b, a=a) for r, g, b, a in surface.rgba.tolist()]
     one = bool((surface.rgba == surface.rgba[0]).all())
     return {"color": colours[0]} if one else {"colors": colours}
 
 
-def _clouds(surfaces: Mapping[str, Sequence[Surface]]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+def _clouds(surfaces: Mapping[str, Sequence[BodySurface]]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
     """Points (P, ``POINT_BYTES``) on the surfaces of each body, equally dense everywhere and the same every time."""
     areas = {body: [_areas(surface) for surface in own] for body, own in surfaces.items()}
     density = POINTS / sum(area.sum() for own in areas.values() for area in own)
@@ -191,7 +191,7 @@ def _clouds(surfaces: Mapping[str, Sequence[Surface]]) -> Iterator[tuple[str, ND
         yield body, np.concatenate(drawn)
 
 
-def _areas(surface: Surface) -> FloatArray:
+def _areas(surface: BodySurface) -> FloatArray:
     corners = surface.vertices[surface.faces]
     return (
         np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2.0
@@ -199,7 +199,7 @@ def _areas(surface: Surface) -> FloatArray:
 
 
 def _points(
-    surface: Surface, areas: FloatArray, count: int, generator: np.random.Generator
+    surface: BodySurface, areas: FloatArray, count: int, generator: np.random.Generator
 ) -> NDArray[np.uint8]:
     faces = surface.faces[generator.choice(len(areas), count, p=areas / areas.sum())]
     shares = generator.dirichlet((1.0, 1.0, 1.0), count)[:, :, None]

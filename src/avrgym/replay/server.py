@@ -11,15 +11,15 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from avrgym.recording.reader import Recording
 from avrgym.replay.timeline import Timeline, render_recorded
 from avrgym.vr.server.addresses import LOOPBACK
-from avrgym.vr.server.authentication import OwnPagesOnly, Tokens
-from avrgym.vr.server.connection_limits import Gate
-from avrgym.vr.server.web_server import STATIC, WebThread, check_page, listen
+from avrgym.vr.server.authentication import SameOriginOnly, Tokens
+from avrgym.vr.server.connection_limits import ConnectionLimiter
+from avrgym.vr.server.web_server import STATIC, WebServer, check_page, listen
 
 
 def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:
     """The web application; all but the page itself needs a token, because movements identify people."""
     app = FastAPI(openapi_url=None)
-    app.add_middleware(OwnPagesOnly)
+    app.add_middleware(SameOriginOnly)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK))
     rendered = cache(lambda: render_recorded(recording))
 
@@ -64,7 +64,7 @@ class ReplayServer:
         self.port = int(listener.getsockname()[1])
         self.tokens = Tokens.new()
         app = create_replay_app(recording, timeline, poses, self.tokens)
-        self._web = WebThread(app, Gate(listener, self.tokens))
+        self._web = WebServer(app, ConnectionLimiter(listener, self.tokens))
 
     @property
     def url(self) -> str:

@@ -14,7 +14,7 @@ from avrgym.replay.trial import Trial, phases, trial_of
 from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.scene.export_process import render_scene
+from avrgym.vr.scene.export_process import export_scene
 from avrgym.vr.session.trial_worlds import resting
 
 FRAME_EVERY_STATES = 2
@@ -106,7 +106,7 @@ def _later(timeline: Timeline, by_s: float) -> Timeline:
 
 def render_recorded(recording: Recording) -> bytes:
     """The scene of a recording as a GLB file."""
-    return render_scene(*recorded_scene(recording))
+    return export_scene(*recorded_scene(recording))
 
 
 def recorded_scene(recording: Recording) -> tuple[str, Person]:

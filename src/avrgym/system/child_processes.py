@@ -12,7 +12,7 @@ FROM_TERMINAL = tuple(getattr(signal, name) for name in ("SIGINT", "SIGHUP") if 
 
 
 @contextmanager
-def undisturbed() -> Generator[None]:
+def block_terminal_signals() -> Generator[None]:
     """Processes that are started within this context never see what a terminal sends."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -24,7 +24,7 @@ def undisturbed() -> Generator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def end_with_parent() -> None:
+def exit_with_parent() -> None:
     """Have this process end with the one that started it, however that ends."""
     parent = multiprocessing.parent_process()
     assert parent is not None

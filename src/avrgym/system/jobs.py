@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from multiprocessing.sharedctypes import Synchronized
 from typing import Any, TypeVar
 
-from avrgym.system.child_processes import end_with_parent, undisturbed
+from avrgym.system.child_processes import block_terminal_signals, exit_with_parent
 
 Result = TypeVar("Result")
 
@@ -43,7 +43,7 @@ def run_all(
     context = multiprocessing.get_context("spawn")
     done: Synchronized[int] = context.Value("q", 0)
     with ProcessPoolExecutor(min(jobs, len(arguments)), context, _begin, (done,)) as pool:
-        with undisturbed():
+        with block_terminal_signals():
             calls = [pool.submit(function, *each) for each in arguments]
         try:
             running: set[Future[Result]] = set(calls)
@@ -87,4 +87,4 @@ def _begin(done: "Synchronized[int]") -> None:
 
     global _add
     _add = add
-    end_with_parent()
+    exit_with_parent()

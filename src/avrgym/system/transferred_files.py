@@ -9,7 +9,7 @@ from tempfile import mkdtemp
 
 
 @dataclass(frozen=True)
-class Carried:
+class TransferredFile:
     """A name, and the file's content where it is that of a file, or those of a folder's ``files`` by their paths."""
 
     name: str
@@ -17,12 +17,12 @@ class Carried:
     files: tuple[tuple[str, bytes], ...] = ()
 
     @classmethod
-    def of(cls, name: str) -> "Carried":
+    def of(cls, name: str) -> "TransferredFile":
         """What stands behind a name here."""
         return cls(name, Path(name).read_bytes() if Path(name).is_file() else None)
 
     @classmethod
-    def folder(cls, name: str, files: Iterable[Path]) -> "Carried":
+    def folder(cls, name: str, files: Iterable[Path]) -> "TransferredFile":
         """A folder with some of the files in it."""
         return cls(name, files=tuple((str(file.relative_to(name)), file.read_bytes()) for file in files))
 
@@ -47,7 +47,7 @@ def _seen(path: Path, content: bytes) -> bool:
 
 
 @cache
-def _copy(carried: Carried) -> str:
+def _copy(carried: TransferredFile) -> str:
     """A copy of the same name, which rows and messages show; it stays as long as the machine keeps such files."""
     contents = [
         content for content in (carried.content, *dict(carried.files).values()) if content is not None

@@ -47,11 +47,11 @@ class TextsError(ValueError):
 
 
 @dataclass(frozen=True)
-class Said:
+class Text:
     """Something to say to a participant: the key of its text under ``session``, and what stands in its braces."""
 
     key: str
-    values: "Mapping[str, str | Said]" = field(default_factory=dict[str, "str | Said"])
+    values: "Mapping[str, str | Text]" = field(default_factory=dict[str, "str | Text"])
 
 
 class File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -81,53 +81,53 @@ class Texts:
     page: Mapping[str, str]
     sentences: Mapping[str, str]
 
-    def say(self, said: Said, select_by: str = DEFAULT_INPUT) -> str:
+    def render(self, text: Text, select_by: str = DEFAULT_INPUT) -> str:
         """The text for a participant in VR who selects by this kind of input."""
         select = self.session.get(SELECT_BY + select_by, "")
-        values = {name: self._put(value, select_by) for name, value in said.values.items()}
+        values = {name: self._render_value(value, select_by) for name, value in text.values.items()}
         values |= {SELECT: select, SELECT.capitalize(): select[:1].upper() + select[1:]}
-        return self.session[said.key].format_map(values)
+        return self.session[text.key].format_map(values)
 
-    def _put(self, value: str | Said, select_by: str) -> str:
-        if isinstance(value, Said):
-            return self.say(value, select_by)
+    def _render_value(self, value: str | Text, select_by: str) -> str:
+        if isinstance(value, Text):
+            return self.render(value, select_by)
         return _NUMBER.sub(rf"\1{self.decimal}\2", value)
 
-    def say_by_input(self, said: Said) -> dict[str, str]:
+    def render_by_input(self, text: Text) -> dict[str, str]:
         """The texts for a participant in VR by kind of input, where they differ from ``say``."""
         kinds = [key.removeprefix(SELECT_BY) for key in self.session if key.startswith(SELECT_BY)]
-        texts = {kind: self.say(said, kind) for kind in kinds}
-        return {kind: text for kind, text in texts.items() if text != self.say(said)}
+        texts = {kind: self.render(text, kind) for kind in kinds}
+        return {kind: rendered for kind, rendered in texts.items() if rendered != self.render(text)}
 
-    def say_on_page(self, said: Said) -> str:
-        """What is said to somebody who has no headset."""
-        on_page = said.key + ON_PAGE
-        return self.say(Said(on_page, said.values) if on_page in self.session else said)
+    def render_for_page(self, text: Text) -> str:
+        """What is text to somebody who has no headset."""
+        on_page = text.key + ON_PAGE
+        return self.render(Text(on_page, text.values) if on_page in self.session else text)
 
     def translate(self, sentence: str) -> str:
         """A sentence in this language; as it is where there is no translation."""
-        return self.sentences.get(normal(sentence), sentence)
+        return self.sentences.get(normalize_whitespace(sentence), sentence)
 
-    def lacking(self, sentences: Collection[str]) -> list[str]:
+    def untranslated(self, sentences: Collection[str]) -> list[str]:
         """Which of these have no translation."""
-        wanted = dict.fromkeys(normal(sentence) for sentence in sentences if sentence.strip())
+        wanted = dict.fromkeys(normalize_whitespace(sentence) for sentence in sentences if sentence.strip())
         return [sentence for sentence in wanted if sentence not in self.sentences]
 
 
-class SaidError(ValueError):
-    """What a participant did is not possible; ``said`` tells them so, in their language."""
+class TextError(ValueError):
+    """What a participant did is not possible; ``text`` tells them so, in their language."""
 
-    def __init__(self, said: Said) -> None:
-        super().__init__(ENGLISH.say(said))
-        self.said = said
+    def __init__(self, text: Text) -> None:
+        super().__init__(ENGLISH.render(text))
+        self.text = text
 
 
-def normal(sentence: str) -> str:
+def normalize_whitespace(sentence: str) -> str:
     """A sentence by which its translation is found: lines may be broken anywhere."""
     return " ".join(sentence.split())
 
 
-def shipped() -> list[str]:
+def included_languages() -> list[str]:
     """The languages that AVR Gym brings."""
     brought = (
         file.name.removesuffix(".toml") for file in files("avrgym.texts").iterdir() if _is_toml(file.name)
@@ -145,12 +145,12 @@ def read_texts(language: str, folder: Path | None = None) -> Texts:
     if not LANGUAGE.fullmatch(language):
         raise TextsError(f"{language!r} is no language; allowed: a tag such as en, de or pt-BR")
     own = folder / FOLDER / f"{language}.toml" if folder is not None else None
-    brought = _read_brought(language) if language in shipped() else File()
+    brought = _read_brought(language) if language in included_languages() else File()
     added = _read_own(own) if own is not None and own.is_file() else File()
     where = str(own) if own is not None else f"{FOLDER}/{language}.toml in a study's folder"
     if brought == added == File():
         raise TextsError(
-            f"no texts in {language!r}: AVR Gym brings {', '.join(shipped())}; others stand in {where}"
+            f"no texts in {language!r}: AVR Gym brings {', '.join(included_languages())}; others stand in {where}"
         )
     texts = Texts(
         language,
@@ -159,7 +159,10 @@ def read_texts(language: str, folder: Path | None = None) -> Texts:
         added.decimal or brought.decimal or ".",
         brought.session | added.session,
         {key: _ENGLISH.page[key] for key in LATER_ON_PAGE} | brought.page | added.page,
-        {normal(sentence): text for sentence, text in (brought.sentences | added.sentences).items()},
+        {
+            normalize_whitespace(sentence): text
+            for sentence, text in (brought.sentences | added.sentences).items()
+        },
     )
     _check(texts, where)
     return texts
@@ -203,8 +206,10 @@ def _check(texts: Texts, where: str) -> None:
         unknown = [key for key, english in like.items() if english not in wanted]
         if missing:
             more = f" and {len(missing) - NAMED} more" if len(missing) > NAMED else ""
-            lacking = f"{', '.join(missing[:NAMED])}{more}"
-            raise TextsError(f"{where} lacks {lacking} in [{table}]; allowed: a text for each key of English")
+            untranslated = f"{', '.join(missing[:NAMED])}{more}"
+            raise TextsError(
+                f"{where} lacks {untranslated} in [{table}]; allowed: a text for each key of English"
+            )
         if unknown:
             raise TextsError(f"{where}: unknown {unknown[0]} in [{table}]; allowed: {', '.join(wanted)}")
         for key, text in found.items():

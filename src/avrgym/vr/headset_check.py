@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import msgspec
 
-from avrgym.texts.interface_texts import ENGLISH, Said
+from avrgym.texts.interface_texts import ENGLISH, Text
 from avrgym.vr.latency import STAGE_WORDS
 
 SLOWEST_DISPLAY_HZ = 60.0
@@ -68,20 +68,20 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
         """Whether a session may begin."""
         return not self.faults()
 
-    def faults(self) -> list[Said]:
+    def faults(self) -> list[Text]:
         """What keeps a session from beginning, each with what to do."""
         of_parts = (_frame_faults, _latency_faults, _tracking_faults, _sense_faults, _stop_faults)
         return [fault for faults in of_parts for fault in faults(self)]
 
-    def verdict(self, most: int) -> Said:
+    def verdict(self, most: int) -> Text:
         """What the participant reads: whether they can go on, or so many faults at most and how many more there are."""
         faults = self.faults()
         if not faults:
-            return Said("headset_ready")
+            return Text("headset_ready")
         told = _in_a_row(faults[:most])
         if len(faults) > most:
-            told = Said("more_faults", {"faults": told, "more": str(len(faults) - most)})
-        return Said("headset_not_ready", {"faults": told})
+            told = Text("more_faults", {"faults": told, "more": str(len(faults) - most)})
+        return Text("headset_not_ready", {"faults": told})
 
     def words(self) -> str:
         """Go or no-go, with all faults, for experimenters."""
@@ -90,7 +90,7 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
     @property
     def fault_words(self) -> str:
         """All faults, in English."""
-        return " ".join(ENGLISH.say(fault) for fault in self.faults())
+        return " ".join(ENGLISH.render(fault) for fault in self.faults())
 
     def figures(self) -> str:
         """All that was measured, in one line."""
@@ -113,9 +113,9 @@ def _after(seconds: float | None) -> str:
     return "" if seconds is None else f" after {seconds:.1f} s"
 
 
-def _in_a_row(said: Sequence[Said]) -> Said:
+def _in_a_row(said: Sequence[Text]) -> Text:
     first, *rest = said
-    return Said("one_after_another", {"first": first, "rest": _in_a_row(rest)}) if rest else first
+    return Text("one_after_another", {"first": first, "rest": _in_a_row(rest)}) if rest else first
 
 
 def _of_display(display_hz: float | None) -> str:
@@ -140,49 +140,49 @@ def _part_words(name: str, part: TrackedPart) -> str:
     return f"{name} ({part.with_}) tracked {100.0 * part.share:.0f} %{jitter}{reach}"
 
 
-def _frame_faults(check: HeadsetCheck) -> Iterator[Said]:
+def _frame_faults(check: HeadsetCheck) -> Iterator[Text]:
     if check.frames < LEAST_FRAMES:
-        yield Said("fault_no_pictures")
+        yield Text("fault_no_pictures")
         return
     display_hz = check.display_hz or check.frame_rate_hz
     if display_hz < SLOWEST_DISPLAY_HZ:
-        yield Said("fault_display", {"hz": f"{display_hz:.0f}", "least_hz": f"{SLOWEST_DISPLAY_HZ:.0f}"})
+        yield Text("fault_display", {"hz": f"{display_hz:.0f}", "least_hz": f"{SLOWEST_DISPLAY_HZ:.0f}"})
     if check.dropped_share > MOST_DROPPED:
         shares = {"percent": check.dropped_share, "most_percent": MOST_DROPPED}
-        yield Said("fault_dropped", {name: f"{100.0 * share:.0f}" for name, share in shares.items()})
+        yield Text("fault_dropped", {name: f"{100.0 * share:.0f}" for name, share in shares.items()})
 
 
-def _latency_faults(check: HeadsetCheck) -> Iterator[Said]:
+def _latency_faults(check: HeadsetCheck) -> Iterator[Text]:
     total = check.latency_ms.get("total_ms")
     if total is None:
-        yield Said("fault_no_answer")
+        yield Text("fault_no_answer")
     elif total["p95"] > LATEST_MS:
         slowest = max(STAGE_WORDS, key=lambda stage: check.latency_ms[stage]["p95"])
         values = {"ms": f"{total['p95']:.0f}", "most_ms": f"{LATEST_MS:.0f}"}
-        yield Said("fault_late", values | {"advice": Said(f"advice_{slowest.removesuffix('_ms')}")})
+        yield Text("fault_late", values | {"advice": Text(f"advice_{slowest.removesuffix('_ms')}")})
 
 
-def _tracking_faults(check: HeadsetCheck) -> Iterator[Said]:
+def _tracking_faults(check: HeadsetCheck) -> Iterator[Text]:
     for name, part in _parts(check):
-        tracked = {"part": Said(f"part_{name.replace(' ', '_')}")}
+        tracked = {"part": Text(f"part_{name.replace(' ', '_')}")}
         if part.with_ == "mouse":
-            yield Said("fault_mouse", tracked)
+            yield Text("fault_mouse", tracked)
             continue
         if part.share < LEAST_TRACKED:
             shares = {"percent": f"{100.0 * part.share:.0f}", "least_percent": f"{100.0 * LEAST_TRACKED:.0f}"}
-            yield Said("fault_untracked", tracked | shares)
+            yield Text("fault_untracked", tracked | shares)
         limit_mm = MOST_JITTER_MM.get("head" if name == "head" else part.with_)
         if limit_mm is not None and part.jitter_mm is not None and part.jitter_mm > limit_mm:
-            yield Said("fault_jitter", tracked | {"mm": f"{part.jitter_mm:.1f}", "most_mm": f"{limit_mm:g}"})
+            yield Text("fault_jitter", tracked | {"mm": f"{part.jitter_mm:.1f}", "most_mm": f"{limit_mm:g}"})
 
 
-def _sense_faults(check: HeadsetCheck) -> Iterator[Said]:
+def _sense_faults(check: HeadsetCheck) -> Iterator[Text]:
     if check.haptics is False:
-        yield Said("fault_haptics")
+        yield Text("fault_haptics")
     if check.sound is False:
-        yield Said("fault_sound")
+        yield Text("fault_sound")
 
 
-def _stop_faults(check: HeadsetCheck) -> Iterator[Said]:
+def _stop_faults(check: HeadsetCheck) -> Iterator[Text]:
     if check.stop == "none":
-        yield Said("fault_no_stop")
+        yield Text("fault_no_stop")

@@ -67,7 +67,7 @@ def go_on(headset: EmulatedHeadset, *phases: str) -> None:
     """
     _await_any(headset, phases)
     while headset.call("phase")["name"] in phases:
-        headset.await_frames(10)
+        headset.wait_for_frames(10)
         headset.pull_trigger("right")
 
 
@@ -109,7 +109,7 @@ def draw_little(headset: EmulatedHeadset) -> None:
 def draw_triangles(headset: EmulatedHeadset) -> None:
     """Fill triangles from the next frame on, and wait until it is drawn."""
     headset.page.evaluate("() => { window.drawsTriangles = true; }")
-    headset.await_frames(2)
+    headset.wait_for_frames(2)
 
 
 class Journey:
@@ -142,7 +142,7 @@ class Journey:
             )
 
         self.server = opened.enter_context(LiveServer(make, "127.0.0.1", 0))
-        self.server.render_ahead()
+        self.server.export_next_scene()
         self.headset = opened.enter_context(
             EmulatedHeadset(self.server.url, **{"width": 320, "height": 180, **browser})
         )

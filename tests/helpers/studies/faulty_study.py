@@ -130,7 +130,7 @@ class FaultyStudy:
 
     def _connect(self) -> None:
         self._connected, self._visible = True, True
-        self.sessions.greet(self.heard.append, "participant", self.now_s)
+        self.sessions.welcome(self.heard.append, "participant", self.now_s)
 
     def _tick(self) -> None:
         self._notice()

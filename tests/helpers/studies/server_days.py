@@ -32,7 +32,7 @@ class Day:
         self.heard: list[Sent] = []
         send: Send = self.heard.append
         self.sessions = StudySessions(store, send, first=pseudonym)
-        self.sessions.greet(send, "participant", 0.0)
+        self.sessions.welcome(send, "participant", 0.0)
         self.participant = SimulatedParticipant(draw_traits("woman", 1), 1)
         self.ticks = 0
 

@@ -10,7 +10,7 @@ from avrgym.study.people.consents import named, present_text, to_other_texts
 from avrgym.study.storage.rows import Consent, ConsentText
 from avrgym.study.storage.sites import site_of
 from avrgym.study.storage.store import Store, find_all
-from avrgym.texts.interface_texts import normal
+from avrgym.texts.interface_texts import normalize_whitespace
 
 
 def check_consents(store: Store) -> Iterator[Finding]:
@@ -48,7 +48,7 @@ def _check_present_texts(
 
 def _check_sites(consents: list[Consent], archive: list[ConsentText]) -> Iterator[Finding]:
     """Texts of one site that differ under one version; sites may have texts of their own."""
-    words = {kept.sha256: normal(kept.text) for kept in archive}
+    words = {kept.sha256: normalize_whitespace(kept.text) for kept in archive}
     read = defaultdict[tuple[int, str, str], dict[str, list[Consent]]](lambda: defaultdict(list))
     for each in consents:
         if each.sha256 in words and each.version is not None:

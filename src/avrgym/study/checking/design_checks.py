@@ -22,7 +22,7 @@ from avrgym.study.storage.session_designs import (
 from avrgym.study.storage.store import Store
 from avrgym.system.toml_lines import Place
 from avrgym.texts.interface_texts import FOLDER as TEXTS
-from avrgym.texts.interface_texts import TextsError, normal
+from avrgym.texts.interface_texts import TextsError, normalize_whitespace
 
 AT_ADMISSION = ("inclusion", "order of inclusion")
 """Fields that participants answer before the first session."""
@@ -96,7 +96,7 @@ def _of_sessions(design: Design) -> dict[str, Any]:
 
 def _both(a: Design, b: Design) -> set[str]:
     """The sentences that two designs have in common."""
-    first, second = ({normal(each) for each in sentences(design)} for design in (a, b))
+    first, second = ({normalize_whitespace(each) for each in sentences(design)} for design in (a, b))
     return first & second
 
 

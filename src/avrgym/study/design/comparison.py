@@ -13,7 +13,7 @@ from avrgym.study.design.languages import sentences
 from avrgym.system.toml_lines import Place
 from avrgym.system.type_guards import is_array, is_table
 from avrgym.tasks.registry import TASKS
-from avrgym.texts.interface_texts import Texts, normal, read_texts, shipped
+from avrgym.texts.interface_texts import Texts, included_languages, normalize_whitespace, read_texts
 
 NOT_FIXED = (*LOCAL, "reporting")
 """Fields of each site, and fields for publications; they are not compared."""
@@ -42,10 +42,12 @@ def read_wordings(design: Design, folder: Path) -> dict[str, dict[str, dict[str,
 
 
 def _wordings(design: Design, texts: Texts) -> dict[str, dict[str, str]]:
-    brought = read_texts(texts.language) if texts.language in shipped() else None
-    read = {normal(each): texts.translate(each) for each in sentences(design) if each.strip()}
+    brought = read_texts(texts.language) if texts.language in included_languages() else None
+    read = {normalize_whitespace(each): texts.translate(each) for each in sentences(design) if each.strip()}
     return {
-        "sentences": {sentence: said for sentence, said in read.items() if normal(said) != sentence},
+        "sentences": {
+            sentence: said for sentence, said in read.items() if normalize_whitespace(said) != sentence
+        },
         "session": _changed(texts.session, brought.session if brought else {}),
         "page": _changed(texts.page, brought.page if brought else {}),
     }

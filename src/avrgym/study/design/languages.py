@@ -38,10 +38,10 @@ def check_languages(design: Design, folder: Path) -> None:
             raise Wrong(("languages", index), str(error)) from None
         own = _own(design) if index > 0 else ()
         brought = _brought(design) if language != ENGLISH else ()
-        lacking = texts.lacking([*own, *brought])
-        if lacking:
-            named = ", ".join(f'"{sentence}"' for sentence in lacking[:NAMED])
-            more = f" and {len(lacking) - NAMED} more" if len(lacking) > NAMED else ""
+        untranslated = texts.untranslated([*own, *brought])
+        if untranslated:
+            named = ", ".join(f'"{sentence}"' for sentence in untranslated[:NAMED])
+            more = f" and {len(untranslated) - NAMED} more" if len(untranslated) > NAMED else ""
             allowed = f"a line for each under [sentences] of {FOLDER}/{language}.toml in the study's folder"
             raise Wrong(
                 ("languages", index),

@@ -11,7 +11,7 @@ from avrgym.study.storage.rows import Consent, ConsentText, Participant, pseudon
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all
-from avrgym.texts.interface_texts import TextsError, normal, read_texts
+from avrgym.texts.interface_texts import TextsError, normalize_whitespace, read_texts
 
 RECORDED = ("version", "language", "sha256", "at")
 """Fields of a consent in recordings."""
@@ -38,7 +38,9 @@ def to_other_texts(
 
     ``first_language`` is that of consents that name none.
     """
-    same = {kept.sha256 for kept in archive if normal(kept.text) == normal(shown.text)}
+    same = {
+        kept.sha256 for kept in archive if normalize_whitespace(kept.text) == normalize_whitespace(shown.text)
+    }
     return [
         each
         for each in consents
@@ -119,7 +121,7 @@ def _archived(connection: sa.Connection, shown: ShownText, archive: Iterable[Con
     """The checksum of the archived text with these words; archives this text if there was none."""
     for kept in archive:
         same_use = (kept.version, kept.language) == (shown.version, shown.language)
-        if same_use and normal(kept.text) == normal(shown.text):
+        if same_use and normalize_whitespace(kept.text) == normalize_whitespace(shown.text):
             return kept.sha256
     row = {"version": shown.version, "language": shown.language, "text": shown.text}
     hash_chain.insert(connection, schema.CONSENT_TEXT, at=now(), sha256=shown.sha256, **row)

@@ -12,7 +12,7 @@ from avrgym.study.sessions.session_questions import SessionQuestions
 from avrgym.study.sessions.visit import StudyVisit, has_more
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.texts.interface_texts import Said, Texts, read_texts
+from avrgym.texts.interface_texts import Text, Texts, read_texts
 from avrgym.vr.protocol.messages import (
     PROTOCOL,
     Language,
@@ -133,10 +133,10 @@ class StudySessions:
         """Whether nothing moves."""
         return self._session is None or self._session.at_rest
 
-    def greet(self, send: Send, role: Role, now_s: float) -> None:
+    def welcome(self, send: Send, role: Role, now_s: float) -> None:
         """Tell a client where things stand, now or when a session begins."""
         self._clients.append((send, role))
-        self._greet(send, role, now_s)
+        self._welcome(send, role, now_s)
 
     def receive(self, message: Received, now_s: float) -> None:
         """Take a message of a client."""
@@ -229,11 +229,11 @@ class StudySessions:
     def _questions_of(self, visit: StudyVisit, when: str) -> SessionQuestions | None:
         return SessionQuestions(visit, when, self._send) if visit.items(when) else None
 
-    def _greet(self, send: Send, role: Role, now_s: float) -> None:
+    def _welcome(self, send: Send, role: Role, now_s: float) -> None:
         if self._questions is not None:
-            self._questions.greet(send, role)
+            self._questions.welcome(send, role)
         elif self._session is not None:
-            self._session.greet(send, role, now_s)
+            self._session.welcome(send, role, now_s)
         else:
             send(Welcome(PROTOCOL, "", role, haptics=False, sounds=False))
             texts = read_texts(self._store.design.languages[0], self._store.folder)
@@ -242,7 +242,7 @@ class StudySessions:
 
     def _greet_all(self, now_s: float) -> None:
         for send, role in self._clients:
-            self._greet(send, role, now_s)
+            self._welcome(send, role, now_s)
 
     def _go_on_after(self, questions: SessionQuestions, now_s: float) -> None:
         """When the questions before the session are over, the trials begin; after the last ones all is over."""
@@ -320,5 +320,7 @@ def _copy(stored: Future[None], done: Future[None]) -> None:
 
 def _phase(name: PhaseName, key: str, texts: Texts) -> Phase:
     """A phase outside the trials."""
-    said = Said(key)
-    return Phase(name, texts.say(said), 0, 0, False, None, texts.say_on_page(said), texts.say_by_input(said))
+    text = Text(key)
+    return Phase(
+        name, texts.render(text), 0, 0, False, None, texts.render_for_page(text), texts.render_by_input(text)
+    )

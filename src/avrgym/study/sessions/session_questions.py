@@ -5,7 +5,7 @@ from concurrent.futures import Future
 from avrgym.questionnaires.stop_rules import THEN, Verdict
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage.states import StudyError
-from avrgym.texts.interface_texts import Said
+from avrgym.texts.interface_texts import Text
 from avrgym.vr.protocol.messages import (
     PROTOCOL,
     Answer,
@@ -21,7 +21,7 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.session.questions import Questions
 
-WORDS = {"before_session": Said("questions_before"), "after_session": Said("questions_after")}
+WORDS = {"before_session": Text("questions_before"), "after_session": Text("questions_after")}
 
 
 class SessionQuestions:
@@ -56,7 +56,7 @@ class SessionQuestions:
         """Ask the first item."""
         self._ask(self._send)
 
-    def greet(self, send: Send, role: Role) -> None:
+    def welcome(self, send: Send, role: Role) -> None:
         """Tell a client that has just connected what is asked."""
         send(Welcome(PROTOCOL, self._visit.identifier, role, haptics=False, sounds=False))
         send(self._visit.language_message)
@@ -92,12 +92,21 @@ class SessionQuestions:
 
     def _ask(self, send: Send) -> None:
         """Say where the questions stand: at one of them, or at their end."""
-        name, said = (
-            ("confirm", Said("confirm")) if self._questions.done else ("questionnaire", WORDS[self.when])
+        name, text = (
+            ("confirm", Text("confirm")) if self._questions.done else ("questionnaire", WORDS[self.when])
         )
         texts = self._visit.texts
         send(
-            Phase(name, texts.say(said), 0, 0, False, None, texts.say_on_page(said), texts.say_by_input(said))
+            Phase(
+                name,
+                texts.render(text),
+                0,
+                0,
+                False,
+                None,
+                texts.render_for_page(text),
+                texts.render_by_input(text),
+            )
         )
         if not self._questions.done:
             send(self._questions.question())
@@ -159,5 +168,9 @@ class SessionQuestions:
         self._ask(self._send)
 
     def _explain(self, key: str) -> None:
-        texts, said = self._visit.texts, Said(key)
-        self._send(Problem(texts.say(said), "participant", texts.say_on_page(said), texts.say_by_input(said)))
+        texts, text = self._visit.texts, Text(key)
+        self._send(
+            Problem(
+                texts.render(text), "participant", texts.render_for_page(text), texts.render_by_input(text)
+            )
+        )

@@ -18,7 +18,7 @@ from avrgym.study.storage.sites import DIFFERS
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS, find_environment
-from avrgym.texts.interface_texts import TextsError, normal, read_texts
+from avrgym.texts.interface_texts import TextsError, normalize_whitespace, read_texts
 
 Translate = Callable[[str], str]
 AFTER_TRIAL = "after_trial"
@@ -183,7 +183,7 @@ def translation(store: Store, language: str, wordings: Wordings | None) -> Calla
     """A function that translates a design's sentences by stored wordings, else by the study's present texts."""
     if wordings is not None:
         known = wordings.get(language, {}).get("sentences", {})
-        return lambda sentence: known.get(normal(sentence), sentence)
+        return lambda sentence: known.get(normalize_whitespace(sentence), sentence)
     try:
         return read_texts(language, store.folder).translate
     except TextsError:

@@ -22,7 +22,7 @@ from websockets.sync.client import ClientConnection, connect
 from avrgym.array_types import FloatArray
 from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, PolicyMetadata
-from avrgym.system.child_processes import undisturbed
+from avrgym.system.child_processes import block_terminal_signals
 from avrgym.tasks.registry import sizes
 from avrgym.vr.benchmark.cpu_steal import CpuSteal, Span, outside, within_s
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
@@ -211,7 +211,7 @@ def _attend(server: LiveServer[Session], seconds: float) -> Trips:
             there,
         ),
     )
-    with undisturbed():
+    with block_terminal_signals():
         client.start()
     there.close()  # so that its end is noticed here
     try:
@@ -266,7 +266,7 @@ class _Client:
         if self._phase == "trial":
             self._came.setdefault(state.tracking_sequence, time.monotonic())
         self._states += 1
-        if self._states % messages.STATES_A_RECEIPT == 0:
+        if self._states % messages.STATES_PER_RECEIPT == 0:
             self._send(messages.Receipt(self._states))
 
     def _track(self) -> None:

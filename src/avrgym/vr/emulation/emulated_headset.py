@@ -116,19 +116,19 @@ class EmulatedHeadset:
         """Press and release a trigger, each seen by at least one frame."""
         for pressed in (True, False):
             self.call("setTrigger", hand, pressed)
-            self.await_frames(2)
+            self.wait_for_frames(2)
 
     def select(self) -> None:
         """Press and release what selects with this headset, each seen by at least two frames."""
         for pressed in (True, False):
             self.call("select", pressed)
-            self.await_frames(4)
+            self.wait_for_frames(4)
 
     def press_menu(self, hand: str) -> None:
         """Press and release a menu button."""
         for pressed in (True, False):
             self.call("holdMenu", hand, pressed)
-            self.await_frames(2)
+            self.wait_for_frames(2)
 
     def begin_stop(self, way: str) -> None:
         """Do what stops the robot, and go on doing it."""
@@ -147,7 +147,7 @@ class EmulatedHeadset:
             case _:
                 self.call("lookAt", self.call("stop")["sign"])
 
-    def await_frames(self, count: int) -> None:
+    def wait_for_frames(self, count: int) -> None:
         """Wait until the page has drawn some more XR frames."""
         drawn = self.call("framesDrawn")
         self.page.wait_for_function(
@@ -158,7 +158,7 @@ class EmulatedHeadset:
         """Point at the button of a value and select it: with the right controller, or what else this headset has."""
         button = next(button for button in self.call("buttons") if button["value"] == value)
         self.call("pointAt", button["centre"])
-        self.await_frames(2)
+        self.wait_for_frames(2)
         self.select()
 
     def screenshot(self, path: Path) -> Path:
@@ -175,7 +175,7 @@ PICTURE_AFTER_S = {"trial": 4.0}
 """What a demonstration shows of what the participant sees."""
 
 
-class BrowserAttendance:
+class BrowserClient:
     """A simulated participant who sits through a session in the browser.
 
     They enter VR, hold still to be measured, press the trigger, move as people do during trials and answer the

@@ -10,7 +10,7 @@ from avrgym.vr.session.session import Session
 CALIBRATION_S = 1.5
 """How long a participant sits still before they press the trigger to be measured."""
 ANSWER_AFTER_S = 1.5
-MOST_TRIES = 4
+MAX_START_ATTEMPTS = 4
 """How often a participant presses the trigger to begin a trial before they give up."""
 TRACKING_EVERY_TICKS = 2
 STATE_EVERY_TICKS = 2
@@ -86,7 +86,7 @@ class InProcessClient:
 
     def _press_trigger(self, session: Session) -> None:
         self._tries += 1
-        if self._tries > MOST_TRIES:
+        if self._tries > MAX_START_ATTEMPTS:
             session.close(self._now_s)
             raise RuntimeError(f"trial {self._trial} does not begin: {self._problem}")
         self._heard_s = self._now_s

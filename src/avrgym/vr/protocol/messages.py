@@ -20,10 +20,10 @@ PROTOCOL = 12
 TICK_S = PHYSICS_STEP_S
 """Period of the real-time loop."""
 
-STATES_ON_THE_WAY = 8
+MAX_UNACKNOWLEDGED_STATES = 8
 """So many states are sent beyond those that the client says it received: on a network that takes longer than 60 ms
 there and back, fewer come than are made."""
-STATES_A_RECEIPT = 2
+STATES_PER_RECEIPT = 2
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -116,7 +116,7 @@ class Tracking(Message, frozen=True, tag="tracking"):
 
 
 class Receipt(Message, frozen=True, tag="receipt"):
-    """How many states this connection has brought so far; it is told after every ``STATES_A_RECEIPT`` of them."""
+    """How many states this connection has brought so far; it is told after every ``STATES_PER_RECEIPT`` of them."""
 
     states: Annotated[int, msgspec.Meta(ge=0)]
 
@@ -469,12 +469,12 @@ class Status(Message, frozen=True, tag="status"):
 
     ``step`` counts the attempt's control steps, ``reward`` sums them up, ``success`` is so far; distance and force are
     those of the latest one. ``force_region`` is the region of the body that bears most now, by its limit, and
-    ``force_share`` how much of that; empty and 0 where none bears anything. ``draws_back``: the force guard moves the
+    ``force_share`` how much of that; empty and 0 where none bears anything. ``retracting``: the force guard moves the
     robot. ``withdrawing``: after success the robot withdraws its tool, or waits withdrawn. ``tracking_age_s`` is the
     time since the newest usable frame. ``untracked_parts`` have stale poses; those of them that are in
     ``needed_parts``, which the task needs, hold the robot, and end an attempt after a second. ``visibility``: whether
     the participant sees the scene. ``operated``: in this trial the experimenter drives; ``idle``: the robot holds
-    still for want of an action. ``held_because``: the answer for which a stop rule paused the session, empty where
+    still for want of an action. ``pause_reason``: the answer for which a stop rule paused the session, empty where
     none did. ``latency``: how late pictures were in the last seconds of which the client told, from pose to picture
     as ``total_ms`` and by stage. ``streams``: those of other devices.
     """
@@ -485,7 +485,7 @@ class Status(Message, frozen=True, tag="status"):
     attempt: int
     environment: str
     paused: bool
-    held_because: str
+    pause_reason: str
     torso_height_m: float
     step: int
     steps: int
@@ -495,7 +495,7 @@ class Status(Message, frozen=True, tag="status"):
     force_on_person_n: float
     force_region: str
     force_share: float
-    draws_back: bool
+    retracting: bool
     withdrawing: bool
     tracking_age_s: float | None
     visibility: Visibility

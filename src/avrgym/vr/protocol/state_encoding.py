@@ -17,7 +17,7 @@ QUATERNION_STEP = 5e-5
 JOINT_STEP_RAD = 1e-5
 POSE_STEPS = np.array([POSITION_STEP_M] * 3 + [QUATERNION_STEP] * 4)
 JOINT_STEPS = np.array([JOINT_STEP_RAD])
-MOST_STEPS = 2.0**31 - 1.0
+MAX_STEPS = 2.0**31 - 1.0
 """What is further from 0, or no number, is told as if it lay there."""
 
 DIGIT_BITS = 7
@@ -33,7 +33,7 @@ class StateEncoder:
 
     def begin_scene(self) -> None:
         """The client was told of a scene: what follows differs from nothing."""
-        self._targets, self._poses = _Told(JOINT_STEPS), _Told(POSE_STEPS)
+        self._targets, self._poses = _DeltaCodec(JOINT_STEPS), _DeltaCodec(POSE_STEPS)
 
     def encode(self, state: State) -> StateChange:
         """What to send of a state of the scene."""
@@ -42,8 +42,8 @@ class StateEncoder:
             simulation_time_s=state.simulation_time_s,
             tracking_sequence=state.tracking_sequence,
             held=state.held,
-            joint_targets=self._targets.changes_to(state.joint_targets),
-            poses=self._poses.changes_to(state.poses),
+            joint_targets=self._targets.encode(state.joint_targets),
+            poses=self._poses.encode(state.poses),
         )
 
 
@@ -55,7 +55,7 @@ class StateDecoder:
 
     def begin_scene(self) -> None:
         """The server told of a scene."""
-        self._targets, self._poses = _Told(JOINT_STEPS), _Told(POSE_STEPS)
+        self._targets, self._poses = _DeltaCodec(JOINT_STEPS), _DeltaCodec(POSE_STEPS)
 
     def decode(self, change: StateChange) -> State:
         """The state that was sent, to half a step."""
@@ -63,23 +63,23 @@ class StateDecoder:
             sequence=change.sequence,
             simulation_time_s=change.simulation_time_s,
             tracking_sequence=change.tracking_sequence,
-            joint_targets=self._targets.changed_by(change.joint_targets),
+            joint_targets=self._targets.decode(change.joint_targets),
             held=change.held,
-            poses=self._poses.changed_by(change.poses),
+            poses=self._poses.decode(change.poses),
         )
 
 
-class _Told:
+class _DeltaCodec:
     """Rows of numbers as one end of a connection was told them last, in whole steps."""
 
     def __init__(self, steps: FloatArray) -> None:
         self._steps = steps
         self._whole: Integers = np.zeros((0, len(steps)), np.int64)
 
-    def changes_to(self, numbers: bytes) -> bytes:
+    def encode(self, numbers: bytes) -> bytes:
         """How these numbers, little-endian float32, differ from those before."""
         rows = np.frombuffer(numbers, "<f4").reshape(-1, len(self._steps)) / self._steps
-        whole = np.rint(np.fmin(np.fmax(rows, -MOST_STEPS), MOST_STEPS)).astype(np.int64)
+        whole = np.rint(np.fmin(np.fmax(rows, -MAX_STEPS), MAX_STEPS)).astype(np.int64)
         if not len(self._whole):
             self._whole = whole
             return pack(np.arange(len(whole)), whole)
@@ -87,7 +87,7 @@ class _Told:
         rows = np.flatnonzero((changes != 0).any(axis=1))
         return pack(rows, changes[rows])
 
-    def changed_by(self, packed: bytes) -> bytes:
+    def decode(self, packed: bytes) -> bytes:
         """The numbers after changes, little-endian float32."""
         rows, changes = unpack(packed, len(self._steps))
         if not len(self._whole):

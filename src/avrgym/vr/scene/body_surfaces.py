@@ -18,7 +18,7 @@ from avrgym.vr.scene.skins import Skin, skins_of
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class BodySurface:
     """Triangles (F, 3) of vertices (V, 3) in metres, in the frame of the body, with colours (V, 4) from 0 to 1."""
 
     vertices: FloatArray
@@ -26,12 +26,12 @@ class Surface:
     rgba: FloatArray
 
 
-def body_surfaces(model: mujoco.MjModel) -> dict[str, list[Surface]]:
+def body_surfaces(model: mujoco.MjModel) -> dict[str, list[BodySurface]]:
     """The surfaces of every body of a model that was built with its appearance, by the body's name."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     colours = geom_colours(model)
-    found: dict[str, list[Surface]] = {}
+    found: dict[str, list[BodySurface]] = {}
     for carrier, geoms in geoms_by_carrier(model).items():
         from_world = np.linalg.inv(pose_matrix(data.xpos[carrier], data.xquat[carrier])).astype(float)
         found[model.body(carrier).name] = [
@@ -46,12 +46,14 @@ def body_surfaces(model: mujoco.MjModel) -> dict[str, list[Surface]]:
 
 def _of_geom(
     model: mujoco.MjModel, data: mujoco.MjData, geom: int, from_world: FloatArray, rgba: FloatArray
-) -> Surface:
+) -> BodySurface:
     body = model.geom_bodyid[geom]
     mesh = geom_mesh(model, geom)
     to_carrier = from_world @ pose_matrix(data.xpos[body], data.xquat[body])
     mesh.apply_transform(to_carrier)  # pyright: ignore[reportUnknownMemberType]
-    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), np.tile(rgba, (len(mesh.vertices), 1)))
+    return BodySurface(
+        np.asarray(mesh.vertices), np.asarray(mesh.faces), np.tile(rgba, (len(mesh.vertices), 1))
+    )
 
 
 def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
@@ -67,7 +69,7 @@ def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
     return colours
 
 
-def _cut(skin: Skin, colours: FloatArray) -> list[tuple[str, Surface]]:
+def _cut(skin: Skin, colours: FloatArray) -> list[tuple[str, BodySurface]]:
     """The parts of a skin by body, each in the frame of its body."""
     bodies = list(dict.fromkeys(bone.body for bone in skin.bones))
     of_bone = np.array([bodies.index(bone.body) for bone in skin.bones])
@@ -77,10 +79,10 @@ def _cut(skin: Skin, colours: FloatArray) -> list[tuple[str, Surface]]:
             weights, (np.arange(len(weights)), of_bone[skin.bone_of[:, place]]), skin.weight_of[:, place]
         )
     of_face: IntArray = weights[skin.faces].sum(axis=1).argmax(axis=1)
-    parts: list[tuple[str, Surface]] = []
+    parts: list[tuple[str, BodySurface]] = []
     for number in map(int, np.unique(of_face)):
         used, faces = np.unique(skin.faces[of_face == number], return_inverse=True)
         bind = next(bone.inverse_bind for bone in skin.bones if bone.body == bodies[number])
         vertices = skin.vertices[used] @ bind[:3, :3].T + bind[:3, 3]
-        parts.append((bodies[number], Surface(vertices, faces.reshape(-1, 3), colours[used])))
+        parts.append((bodies[number], BodySurface(vertices, faces.reshape(-1, 3), colours[used])))
     return parts

@@ -12,51 +12,51 @@ import mujoco
 
 from avrgym.models.human import Person
 from avrgym.models.scene import build_spec
-from avrgym.system.child_processes import end_with_parent, undisturbed
+from avrgym.system.child_processes import block_terminal_signals, exit_with_parent
 from avrgym.tasks.registry import task_and_scene
 from avrgym.vr.scene.scene_export import export_glb
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
-SCENES_KEPT = 10
+MAX_CACHED_SCENES = 10
 """All eight environments, and a little more: each is about two megabytes."""
 
 
-def loaded() -> None:
+def warm_up() -> None:
     """What a process can do once it has loaded all that rendering needs."""
 
 
-def render_scene(environment_id: str, person: Person) -> bytes:
+def export_scene(environment_id: str, person: Person) -> bytes:
     """The GLB of an environment with a person in it."""
-    return export_glb(shown_model(environment_id, person))
+    return export_glb(model_with_appearance(environment_id, person))
 
 
-def shown_model(environment_id: str, person: Person) -> mujoco.MjModel:
+def model_with_appearance(environment_id: str, person: Person) -> mujoco.MjModel:
     """The model of an environment with a person in it, with its appearance."""
     _, scene = task_and_scene(environment_id)
     return build_spec(scene, person, moving=True, appearance=True).compile()
 
 
-class SceneRenderer:
+class SceneExporter:
     """Renders each scene once, whoever asks."""
 
     def __init__(self) -> None:
-        self._pool = rendering_process()
+        self._pool = export_process()
         self._scenes: dict[int, Future[bytes]] = {}
         self._lock = threading.Lock()
 
     def start(self) -> None:
         """Start the process, so that the first scene does not wait for it."""
         with self._lock:
-            self._submit(loaded)
+            self._submit(warm_up)
 
     def render(self, number: int, environment_id: str, person: Person) -> Future[bytes]:
         """Have the scene of a number rendered, unless it already is."""
         with self._lock:
             if number not in self._scenes:
-                self._scenes[number] = self._submit(render_scene, environment_id, person)
-                while len(self._scenes) > SCENES_KEPT:
+                self._scenes[number] = self._submit(export_scene, environment_id, person)
+                while len(self._scenes) > MAX_CACHED_SCENES:
                     del self._scenes[next(iter(self._scenes))]
             return self._scenes[number]
 
@@ -72,11 +72,11 @@ class SceneRenderer:
             raise
 
     def _submit(self, work: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> Future[R]:
-        with undisturbed():
+        with block_terminal_signals():
             try:
                 return self._pool.submit(work, *args, **kwargs)
             except BrokenProcessPool:
-                self._pool = rendering_process()
+                self._pool = export_process()
                 return self._pool.submit(work, *args, **kwargs)
 
     def close(self) -> None:
@@ -84,8 +84,8 @@ class SceneRenderer:
         self._pool.shutdown(cancel_futures=True)
 
 
-def rendering_process() -> ProcessPoolExecutor:
+def export_process() -> ProcessPoolExecutor:
     """A pool of one process that ends when this one does."""
     return ProcessPoolExecutor(
-        1, mp_context=multiprocessing.get_context("spawn"), initializer=end_with_parent
+        1, mp_context=multiprocessing.get_context("spawn"), initializer=exit_with_parent
     )

@@ -15,12 +15,12 @@ from avrgym.geometry.transforms import to_matrix
 
 DETAILED_TRIANGLES = 2000
 """Meshes with more triangles keep these and a sixth of the rest: CAD meshes have far more than a headset shows."""
-FEWEST_ERRORS = 3
+SIMPLIFICATION_AGGRESSION = 3
 """How willingly the simplification trades shape for speed, 0 to 10; its default of 7 loses small parts."""
 WELD_DIGITS = 5
 """Vertices that agree to so many decimals of a metre are one: files often store each triangle by itself."""
 SMOOTHING_ANGLE_RAD = np.radians(35.0)
-_kept: dict[bytes, trimesh.Trimesh] = {}
+_simplified_meshes: dict[bytes, trimesh.Trimesh] = {}
 
 
 def geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
@@ -66,10 +66,10 @@ def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
     vertices = slice(model.mesh_vertadr[mesh], model.mesh_vertadr[mesh] + model.mesh_vertnum[mesh])
     faces = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
     key = model.mesh_vert[vertices].tobytes() + model.mesh_face[faces].tobytes()
-    if key not in _kept:
+    if key not in _simplified_meshes:
         full = trimesh.Trimesh(model.mesh_vert[vertices], model.mesh_face[faces], process=False)
-        _kept[key] = _simplified(full)
-    return _kept[key]
+        _simplified_meshes[key] = _simplified(full)
+    return _simplified_meshes[key]
 
 
 def _simplified(full: trimesh.Trimesh) -> trimesh.Trimesh:
@@ -79,7 +79,8 @@ def _simplified(full: trimesh.Trimesh) -> trimesh.Trimesh:
     count = len(full.faces)
     if count > DETAILED_TRIANGLES:
         full = full.simplify_quadric_decimation(
-            face_count=DETAILED_TRIANGLES + (count - DETAILED_TRIANGLES) // 6, aggression=FEWEST_ERRORS
+            face_count=DETAILED_TRIANGLES + (count - DETAILED_TRIANGLES) // 6,
+            aggression=SIMPLIFICATION_AGGRESSION,
         )
     return cast(trimesh.Trimesh, trimesh.graph.smooth_shade(full, angle=SMOOTHING_ANGLE_RAD))
 

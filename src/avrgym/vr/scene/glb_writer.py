@@ -15,7 +15,7 @@ _ALIGNMENT = 4
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 
-class Glb:
+class GlbWriter:
     """A glTF document that grows; every ``add_…`` returns the index of what it added."""
 
     def __init__(self) -> None:

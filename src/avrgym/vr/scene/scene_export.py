@@ -32,8 +32,8 @@ from avrgym.models import human
 from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.colours import geom_colours, linear_from_srgb, texture_of, texture_pixels
 from avrgym.vr.scene.geom_meshes import geom_mesh, pose_matrix
-from avrgym.vr.scene.glb_writer import Glb
-from avrgym.vr.scene.skins import Bone, Skin, closed, joined, skins_of
+from avrgym.vr.scene.glb_writer import GlbWriter
+from avrgym.vr.scene.skins import Bone, Skin, merged, skins_of, with_cap
 
 Piece = tuple[trimesh.Trimesh, FloatArray]
 """A mesh and its colour (4,)."""
@@ -41,7 +41,7 @@ Piece = tuple[trimesh.Trimesh, FloatArray]
 HEAD = human.PREFIX + "head"
 PLAIN_ROUGHNESS = 0.75
 """That of what has no material, or one that does not define it: as dull as MuJoCo draws it."""
-FEWEST_ALIKE = 3
+MIN_INSTANCES = 3
 """So many bodies must look alike to be drawn as copies of one."""
 _SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
 
@@ -76,7 +76,7 @@ def export_glb(model: mujoco.MjModel) -> bytes:
 
 class _Export:
     def __init__(self, model: mujoco.MjModel) -> None:
-        self._model, self._glb = model, Glb()
+        self._model, self._glb = model, GlbWriter()
         self._colours = geom_colours(model)
         self._data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, self._data)
@@ -86,14 +86,14 @@ class _Export:
 
     def run(self) -> bytes:
         carried = geoms_by_carrier(self._model)
-        for bodies in _alike(self._model, self._colours, carried):
+        for bodies in _instances(self._model, self._colours, carried):
             self._add_copies(bodies, carried.pop(bodies[0]))
             for body in bodies[1:]:
                 del carried[body]
         for body, geoms in carried.items():
             self._add_body(body, geoms)
         for (_, finish), skins in self._skins_by_finish().items():
-            self._add_skin(joined(skins), finish)
+            self._add_skin(merged(skins), finish)
         return self._glb.finish(self._roots)
 
     # Rigid things
@@ -172,7 +172,7 @@ class _Export:
     def _skins_by_finish(self) -> dict[tuple[bool, Finish], list[Skin]]:
         """The skins in groups that may be one: the head's apart from the others, because its owner does not see it.
 
-        The others are closed where the head begins.
+        The others are with_cap where the head begins.
         """
         groups: dict[tuple[bool, Finish], list[Skin]] = {}
         skins = list(skins_of(self._model))
@@ -180,7 +180,7 @@ class _Export:
         for skin in skins:
             of_head = skin.main_body == HEAD
             if not of_head:
-                skin = reduce(closed, head, skin)
+                skin = reduce(with_cap, head, skin)
             texture = texture_of(self._model, skin.material)
             finish = Finish.of(self._model, skin.material, float(skin.rgba[0, 3]), texture)
             groups.setdefault((of_head, finish), []).append(skin)
@@ -260,7 +260,7 @@ def _carrier(model: mujoco.MjModel, body: int) -> int:
     return body
 
 
-def _alike(model: mujoco.MjModel, colours: FloatArray, carried: dict[int, list[int]]) -> list[list[int]]:
+def _instances(model: mujoco.MjModel, colours: FloatArray, carried: dict[int, list[int]]) -> list[list[int]]:
     """Bodies of one geom each that look the same, in groups."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for body, geoms in carried.items():
@@ -269,7 +269,7 @@ def _alike(model: mujoco.MjModel, colours: FloatArray, carried: dict[int, list[i
             looks = model.geom_type[geom], model.geom_matid[geom], *colours[geom], *model.geom_size[geom]
             place = *model.geom_pos[geom], *model.geom_quat[geom]
             groups.setdefault((*looks, *place), []).append(body)
-    return [bodies for bodies in groups.values() if len(bodies) >= FEWEST_ALIKE]
+    return [bodies for bodies in groups.values() if len(bodies) >= MIN_INSTANCES]
 
 
 def _full_range(shares: FloatArray, kind: type[np.unsignedinteger[Any]]) -> NDArray[np.unsignedinteger[Any]]:

@@ -20,7 +20,7 @@ from avrgym.vr.scene.geom_meshes import pose_matrix
 
 BONES_PER_VERTEX = 4
 TWISTING = ("upper_arm", "forearm")
-TOGETHER_M = 1e-5
+WELD_DISTANCE_M = 1e-5
 """Vertices of two skins that are no further apart are one place."""
 
 
@@ -80,7 +80,7 @@ def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
         )
 
 
-def joined(skins: Sequence[Skin]) -> Skin:
+def merged(skins: Sequence[Skin]) -> Skin:
     """Several skins as one, with name and material of the first."""
     bones = list({(bone.body, bone.swing): bone for skin in skins for bone in skin.bones}.values())
     numbers = {(bone.body, bone.swing): number for number, bone in enumerate(bones)}
@@ -100,7 +100,7 @@ def joined(skins: Sequence[Skin]) -> Skin:
     )
 
 
-def closed(skin: Skin, other: Skin) -> Skin:
+def with_cap(skin: Skin, other: Skin) -> Skin:
     """A skin with a lid where another one goes on, so that nobody looks into it who does not see the other."""
     rim = _rim(skin, other)
     if not len(rim):
@@ -143,13 +143,13 @@ def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
 
 def _near(points: FloatArray, others: FloatArray) -> BoolArray:
     """Which of some points (V, 3) may lie together with one of others (W, 3): those in the box around them."""
-    low, high = others.min(axis=0) - TOGETHER_M, others.max(axis=0) + TOGETHER_M
+    low, high = others.min(axis=0) - WELD_DISTANCE_M, others.max(axis=0) + WELD_DISTANCE_M
     return ((points >= low) & (points <= high)).all(axis=1)
 
 
 def _places(points: FloatArray) -> NDArray[np.int64]:
     """A number (V,) for each point (V, 3), the same where they lie together, in the order of x, y and z."""
-    steps = np.round(points / TOGETHER_M).astype(np.int64)
+    steps = np.round(points / WELD_DISTANCE_M).astype(np.int64)
     steps -= steps.min(axis=0)
     cells = np.ravel_multi_index(tuple(steps.T), tuple(steps.max(axis=0) + 1))
     return np.unique(cells, return_inverse=True)[1]
@@ -213,8 +213,8 @@ def _normals(model: mujoco.MjModel) -> list[FloatArray]:
         parts = [_rows(model.skin_vert, model.skin_vertadr, model.skin_vertnum, skin) for skin in members]
         faces = [_rows(model.skin_face, model.skin_faceadr, model.skin_facenum, skin) for skin in members]
         starts = np.cumsum([0, *map(len, parts)])
-        joined = np.concatenate([part + start for part, start in zip(faces, starts, strict=False)])
-        normals = _welded_normals(np.concatenate(parts), joined)
+        merged = np.concatenate([part + start for part, start in zip(faces, starts, strict=False)])
+        normals = _welded_normals(np.concatenate(parts), merged)
         for skin, part in zip(members, np.split(normals, starts[1:-1]), strict=True):
             found[skin] = part
     return found

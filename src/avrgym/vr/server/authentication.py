@@ -93,7 +93,7 @@ class Tokens:
         return self.caller(token) if scheme == "Bearer" else None
 
 
-class OwnPagesOnly:
+class SameOriginOnly:
     """Refuses requests and sockets that a page of another origin sends; programs name no origin."""
 
     def __init__(self, app: ASGIApp) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator
 from typing import TypeVar
 
 from avrgym.vr.protocol.messages import (
-    STATES_ON_THE_WAY,
+    MAX_UNACKNOWLEDGED_STATES,
     Message,
     Problem,
     Role,
@@ -27,18 +27,18 @@ OUTBOX_MESSAGES = 1000
 FOR_WATCHERS_ONLY = (Status, Timing)
 
 
-def concerns(message: Message, role: Role) -> bool:
+def is_for_role(message: Message, role: Role) -> bool:
     """Whether somebody in this role is to get a message."""
     if isinstance(message, Problem):
         return role in ("experimenter", message.role)
     return role != "participant" or not isinstance(message, FOR_WATCHERS_ONLY)
 
 
-FAREWELL_S = 1.0
+CLOSE_TIMEOUT_S = 1.0
 """How long connections have to hear that the server ends."""
 
 
-class Farewell(Exception):
+class ConnectionEnd(Exception):
     """A connection has nothing more to send and ends, with the code of its closing, for the reason in words."""
 
     def __init__(self, reason: str, code: int) -> None:
@@ -62,7 +62,7 @@ class Outbox:
         self.made_s = 0.0
         self._sent_states = self._received_states = 0
         self._welcomed = False
-        self._farewell: Farewell | None = None
+        self._farewell: ConnectionEnd | None = None
         self._filled = asyncio.Event()
 
     def push(self, message: Message, made_s: float = 0.0) -> None:
@@ -84,15 +84,18 @@ class Outbox:
 
     def close(self, reason: str, code: int = 1001) -> None:
         """Let the connection end when all is sent; nothing more is taken."""
-        self._farewell = Farewell(reason, code)
+        self._farewell = ConnectionEnd(reason, code)
         self._filled.set()
 
     async def next(self) -> Message:
-        """Wait for the message to send next; raises ``Farewell`` when there will be none."""
+        """Wait for the message to send next; raises ``ConnectionEnd`` when there will be none."""
         while True:
             if self._messages:
                 return self._messages.popleft()
-            if self._state is not None and self._sent_states < self._received_states + STATES_ON_THE_WAY:
+            if (
+                self._state is not None
+                and self._sent_states < self._received_states + MAX_UNACKNOWLEDGED_STATES
+            ):
                 self._sent_states += 1
                 (state, self.made_s), self._state = self._state, None
                 return state
@@ -103,7 +106,7 @@ class Outbox:
 
 
 class Broadcast:
-    """Hands each message of the simulation's thread to the connections that it concerns."""
+    """Hands each message of the simulation's thread to the connections that it is_for_role."""
 
     def __init__(self) -> None:
         self._events: asyncio.AbstractEventLoop | None = None
@@ -116,7 +119,7 @@ class Broadcast:
         return self._participant is not None
 
     def send(self, message: Message) -> None:
-        """Send a message to all whom it concerns; called from the simulation's thread."""
+        """Send a message to all whom it is_for_role; called from the simulation's thread."""
         if self._participant is not None or self._watchers:
             self._call(lambda made_s: self._deliver(message, made_s), time.monotonic())
 
@@ -134,9 +137,9 @@ class Broadcast:
         finally:
             self._leave(outbox)
 
-    def say_goodbye(self, reason: str) -> None:
+    def close_all(self, reason: str) -> None:
         """End all connections, for a reason in words; from any other thread than theirs."""
-        ends_s = time.monotonic() + FAREWELL_S
+        ends_s = time.monotonic() + CLOSE_TIMEOUT_S
         while self._participant is not None or self._watchers:
             watching = [outbox for _, outbox in self._watchers]
             for outbox in [self._participant, *watching] if self._participant is not None else watching:
@@ -145,7 +148,7 @@ class Broadcast:
                 return
             time.sleep(0.01)
 
-    def dismiss_participant(self) -> None:
+    def close_participant(self) -> None:
         """End the participant's connection after all that was sent before, because their link has ended."""
         self._call(self._dismiss, LINK_ENDED)
 
@@ -165,10 +168,10 @@ class Broadcast:
         self._watchers = [each for each in self._watchers if each[1] is not outbox]
 
     def _deliver(self, message: Message, made_s: float) -> None:
-        if self._participant is not None and concerns(message, "participant"):
+        if self._participant is not None and is_for_role(message, "participant"):
             self._participant.push(message, made_s)
         for role, watcher in self._watchers:
-            if concerns(message, role):
+            if is_for_role(message, role):
                 watcher.push(message)
 
     def _call(self, function: Callable[[T], None], told: T) -> None:

@@ -27,14 +27,14 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.protocol.state_encoding import StateEncoder
 from avrgym.vr.server.authentication import LINK_ENDED, Caller, Tokens
-from avrgym.vr.server.broadcast import Broadcast, Farewell, Outbox
-from avrgym.vr.server.connection_limits import Gate
+from avrgym.vr.server.broadcast import Broadcast, ConnectionEnd, Outbox
+from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.inbox import holds_robot
 from avrgym.vr.server.real_time_loop import RealTimeLoop, S
 
 _log = logging.getLogger("uvicorn.error")
 HELLO_TIMEOUT_S = 5.0
-LOOK_EVERY_S = 1.0
+TOKEN_CHECK_INTERVAL_S = 1.0
 """Interval at which a connection's token is checked again: a revoked token closes the connection."""
 BURST, MESSAGES_PER_S = 1000, 250
 """More than any headset sends: 144 frames a second, and those of seven seconds after a pause of the network."""
@@ -54,7 +54,7 @@ class Channel:
         return ", ".join(kind.__struct_config__.tag for kind in get_args(self.union))
 
 
-class Pace:
+class RateLimit:
     """How fast a client may send: a headset's frames after a pause of the network come at once."""
 
     def __init__(self) -> None:
@@ -70,7 +70,7 @@ class Pace:
         return f"{BURST} may come at once and {MESSAGES_PER_S} a second"
 
 
-class Passage:
+class FrameTimes:
     """When tracking frames pass, from their arrival to the sending of the first state that follows them."""
 
     def __init__(self) -> None:
@@ -104,27 +104,29 @@ async def serve_connection(
     socket: WebSocket,
     channel: Channel,
     tokens: Tokens,
-    gate: Gate,
+    limiter: ConnectionLimiter,
     broadcast: Broadcast,
     loop: RealTimeLoop[S],
     record: Record,
 ) -> None:
     """Serve one connection from its hello to its end."""
     await socket.accept()
-    hello = await _admit(socket, channel, tokens, broadcast)
+    hello = await _authenticate(socket, channel, tokens, broadcast)
     caller = None if hello is None else tokens.caller(hello.token)
     if hello is None or caller is None:
         return
     role = caller.role
-    gate.recognise(socket.scope, role)
+    limiter.authenticate(socket.scope, role)
     if role != "participant":
         record(caller, hello)
     with broadcast.connection(role) as outbox:
-        loop.greet(broadcast.sender(outbox), role)
-        passage = Passage()
+        loop.welcome(broadcast.sender(outbox), role)
+        frame_times = FrameTimes()
         await _until_either(
-            _receive(socket, channel, caller, loop, outbox, passage, record, lambda: _opens(tokens, hello)),
-            _send(socket, outbox, passage),
+            _receive(
+                socket, channel, caller, loop, outbox, frame_times, record, lambda: _opens(tokens, hello)
+            ),
+            _send(socket, outbox, frame_times),
             _until_revoked(socket, tokens, hello, role),
         )
     if role == "participant":
@@ -138,13 +140,15 @@ def _opens(tokens: Tokens, hello: Hello) -> bool:
 async def _until_revoked(socket: WebSocket, tokens: Tokens, hello: Hello, role: Role) -> None:
     """Close the connection once its token opens nothing any more."""
     while _opens(tokens, hello):
-        await asyncio.sleep(LOOK_EVERY_S)
+        await asyncio.sleep(TOKEN_CHECK_INTERVAL_S)
     ended = (LINK_ENDED.code, LINK_ENDED.words) if role == "participant" else (4403, _REVOKED)
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
         await socket.close(*ended)
 
 
-async def _admit(socket: WebSocket, channel: Channel, tokens: Tokens, broadcast: Broadcast) -> Hello | None:
+async def _authenticate(
+    socket: WebSocket, channel: Channel, tokens: Tokens, broadcast: Broadcast
+) -> Hello | None:
     """The hello with a token of the channel; without one, the client receives the reason."""
     refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL}"
     hello = language = None
@@ -196,23 +200,23 @@ async def _receive(
     caller: Caller,
     loop: RealTimeLoop[S],
     outbox: Outbox,
-    passage: Passage,
+    frame_times: FrameTimes,
     record: Record,
     opens: Callable[[], bool],
 ) -> None:
     """Post what comes; nothing of a participant whose link has ended reaches the next session."""
-    pace = Pace()
+    rate_limit = RateLimit()
     with contextlib.suppress(WebSocketDisconnect):
         while True:
             frame = await socket.receive()
             if frame["type"] == "websocket.disconnect":
                 return
-            if not pace.allows(time.monotonic()):
-                await socket.close(1008, f"too many messages: {pace}")
+            if not rate_limit.allows(time.monotonic()):
+                await socket.close(1008, f"too many messages: {rate_limit}")
                 return
             if caller.role == "participant" and not opens():
                 continue
-            message = _understand(frame.get("bytes"), channel, outbox.push)
+            message = _decode(frame.get("bytes"), channel, outbox.push)
             if isinstance(message, Hello):
                 outbox.push(Problem(message="a hello is said once"))
             elif isinstance(message, Receipt):
@@ -221,7 +225,7 @@ async def _receive(
                 outbox.push(Problem(message="spectators only watch; the experimenter's address commands"))
             elif message is not None:
                 if isinstance(message, Tracking):
-                    passage.arrive(message.sequence)
+                    frame_times.arrive(message.sequence)
                 if not holds_robot(message):
                     await _until(lambda: not loop.full)
                 if caller.role == "experimenter":
@@ -234,18 +238,18 @@ async def _until(condition: Callable[[], bool]) -> None:
         await asyncio.sleep(TICK_S)
 
 
-def _understand(data: bytes | None, channel: Channel, complain: Callable[[Message], None]) -> Any:
+def _decode(data: bytes | None, channel: Channel, report: Callable[[Message], None]) -> Any:
     if data is None:
-        complain(Problem(message=f"text is not understood; send MessagePack of type {channel.types}"))
+        report(Problem(message=f"text is not understood; send MessagePack of type {channel.types}"))
         return None
     try:
         return channel.decode(data)
     except msgspec.DecodeError as error:
-        complain(Problem(message=f"not a message ({error}); the types are {channel.types}"))
+        report(Problem(message=f"not a message ({error}); the types are {channel.types}"))
         return None
 
 
-async def _send(socket: WebSocket, outbox: Outbox, passage: Passage) -> None:
+async def _send(socket: WebSocket, outbox: Outbox, frame_times: FrameTimes) -> None:
     encoder = StateEncoder()
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         try:
@@ -254,10 +258,10 @@ async def _send(socket: WebSocket, outbox: Outbox, passage: Passage) -> None:
                 if isinstance(message, Scene):
                     encoder.begin_scene()
                 if isinstance(message, State):
-                    passed = passage.leave(message, outbox.made_s)
+                    passed = frame_times.leave(message, outbox.made_s)
                     if passed is not None:
                         await socket.send_bytes(messages.encode(passed))
                     message = encoder.encode(message)
                 await socket.send_bytes(messages.encode(message))
-        except Farewell as farewell:
+        except ConnectionEnd as farewell:
             await socket.close(farewell.code, str(farewell))

@@ -1,4 +1,4 @@
-"""The gate of a server: which connections may stay, and for how long.
+"""The limiter of a server: which connections may stay, and for how long.
 
 Whoever has shown no token is a stranger. Strangers are few at a time, in all and from one address: where one is too
 many, the one that has been silent longest goes. So newcomers are let in, and nobody who has shown a token makes room
@@ -20,22 +20,22 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from avrgym.vr.protocol.messages import Role
 from avrgym.vr.server.authentication import Tokens
 
-MOST_STRANGERS = 256
-SHARE_OF_HANDLES = 4
+MAX_UNAUTHENTICATED = 256
+FILE_HANDLE_DIVISOR = 4
 """Strangers take at most this part of the file handles that the process may have."""
-SHARE_OF_ONE_ADDRESS = 4
+ADDRESS_DIVISOR = 4
 """Those of one address are at most this part of all; not on this machine, whose own address all share by a cable."""
-MOST_OF_ONE_ROLE = 64
-"""How many connections may have shown the token of one role; more of them stay strangers."""
-HANDSHAKE_S = 5.0
+MAX_PER_ROLE = 64
+"""How many connections may have shown the token of one role; more of them stay unauthenticated."""
+TLS_TIMEOUT_S = 5.0
 """How long TLS may take."""
-SILENT_S = 10.0
+IDLE_TIMEOUT_S = 10.0
 """How long a connection may stay without a whole request, at its beginning as after an answer."""
-ANSWER_S = 60.0
+RESPONSE_TIMEOUT_S = 60.0
 """How long a stranger may take over a request, and anybody over taking in an answer."""
-SWEEP_EVERY_S = 0.5
-NO_HANDLES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
-PAUSE_S = 0.05
+SWEEP_INTERVAL_S = 0.5
+OUT_OF_HANDLES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+ACCEPT_RETRY_S = 0.05
 """Between attempts to accept, where there is no file handle for another connection."""
 
 MakeProtocol = Callable[[], asyncio.Protocol]
@@ -45,14 +45,14 @@ class Connection:
     """One connection from its acceptance to its end.
 
     ``role``: whose token has been shown by it. ``busy``: a request is being answered, or a WebSocket is open.
-    ``heard_s``: when the latest whole request came or its answer was over.
+    ``active_s``: when the latest whole request came or its answer was over.
     """
 
     def __init__(self, accepted: socket.socket, host: str) -> None:
         self.host = host
         self.role: Role | None = None
         self.busy = False
-        self.heard_s = time.monotonic()
+        self.active_s = time.monotonic()
         self._socket = accepted
         self._transport: asyncio.Transport | None = None
         self._handshake: asyncio.Task[None] | None = None
@@ -63,30 +63,30 @@ class Connection:
         return self._socket.fileno() >= 0
 
     @property
-    def overdue(self) -> bool:
+    def timed_out(self) -> bool:
         """Whether it has taken longer than it may."""
-        silent_s = time.monotonic() - self.heard_s
+        silent_s = time.monotonic() - self.active_s
         closing = self._transport is not None and self._transport.is_closing()
         if self.busy:
-            return closing or (self.role is None and silent_s > ANSWER_S)
-        return silent_s > (ANSWER_S if closing or self._unsent else SILENT_S)
+            return closing or (self.role is None and silent_s > RESPONSE_TIMEOUT_S)
+        return silent_s > (RESPONSE_TIMEOUT_S if closing or self._unsent else IDLE_TIMEOUT_S)
 
     @property
     def _unsent(self) -> int:
         return self._transport.get_write_buffer_size() if self._transport is not None else 0
 
-    def hear(self, *, busy: bool) -> None:
+    def note_activity(self, *, busy: bool) -> None:
         """A whole request has come, or its answer is over."""
-        self.heard_s, self.busy = time.monotonic(), busy
+        self.active_s, self.busy = time.monotonic(), busy
 
     def begin(self, make_protocol: MakeProtocol, tls: ssl.SSLContext | None) -> None:
         """Agree on TLS, where that is served, and hand over to a protocol."""
-        self._handshake = asyncio.create_task(self._shake_hands(make_protocol, tls))
+        self._handshake = asyncio.create_task(self._handshake_tls(make_protocol, tls))
 
-    async def _shake_hands(self, make_protocol: MakeProtocol, tls: ssl.SSLContext | None) -> None:
+    async def _handshake_tls(self, make_protocol: MakeProtocol, tls: ssl.SSLContext | None) -> None:
         with suppress(OSError):  # the other side's failure
             self._transport, _ = await asyncio.get_running_loop().connect_accepted_socket(
-                make_protocol, self._socket, ssl=tls, ssl_handshake_timeout=HANDSHAKE_S if tls else None
+                make_protocol, self._socket, ssl=tls, ssl_handshake_timeout=TLS_TIMEOUT_S if tls else None
             )
 
     def end(self) -> None:
@@ -97,14 +97,14 @@ class Connection:
             self._handshake.cancel()
 
 
-class Gate:
+class ConnectionLimiter:
     """Accepts the connections of a socket that listens."""
 
     def __init__(self, listener: socket.socket, tokens: Tokens) -> None:
         self.listener = listener
         self._tokens = tokens
         self._connections: dict[tuple[str, int], Connection] = {}
-        self._most_strangers = min(MOST_STRANGERS, most_file_handles() // SHARE_OF_HANDLES)
+        self._max_unauthenticated = min(MAX_UNAUTHENTICATED, max_open_files() // FILE_HANDLE_DIVISOR)
 
     async def open(self, make_protocol: MakeProtocol, tls: ssl.SSLContext | None) -> None:
         """Let connections in until cancelled."""
@@ -116,31 +116,31 @@ class Gate:
         finally:
             sweeping.cancel()
 
-    def attend(self, app: ASGIApp) -> ASGIApp:
-        """An application that lets the gate see whose requests it answers."""
+    def middleware(self, app: ASGIApp) -> ASGIApp:
+        """An application that lets the limiter see whose requests it answers."""
 
-        async def attended(scope: Scope, receive: Receive, send: Send) -> None:
+        async def limited(scope: Scope, receive: Receive, send: Send) -> None:
             connection = self._connection(scope)
             if connection is None:
                 await app(scope, receive, send)
                 return
             caller = self._tokens.bearer(Headers(scope=scope))
             if caller is not None:
-                self.recognise(scope, caller.role)
-            connection.hear(busy=True)
+                self.authenticate(scope, caller.role)
+            connection.note_activity(busy=True)
             try:
                 await app(scope, receive, send)
             finally:
-                connection.hear(busy=False)
+                connection.note_activity(busy=False)
 
-        return attended
+        return limited
 
-    def recognise(self, scope: Scope, role: Role) -> None:
+    def authenticate(self, scope: Scope, role: Role) -> None:
         """By the connection of this request or socket the token of a role has been shown."""
         connection = self._connection(scope)
         if connection is None:
             return
-        if sum(each.role == role for each in self._connections.values()) < MOST_OF_ONE_ROLE:
+        if sum(each.role == role for each in self._connections.values()) < MAX_PER_ROLE:
             connection.role = role
 
     def _connection(self, scope: Scope) -> Connection | None:
@@ -151,25 +151,25 @@ class Gate:
         try:
             accepted, address = await asyncio.get_running_loop().sock_accept(self.listener)
         except OSError as error:
-            if error.errno in NO_HANDLES:
-                _end_first(self._strangers())
-            await asyncio.sleep(PAUSE_S)
+            if error.errno in OUT_OF_HANDLES:
+                _close_longest_idle(self._unauthenticated())
+            await asyncio.sleep(ACCEPT_RETRY_S)
             return
         connection = self._connections[address] = Connection(accepted, address[0])
         connection.begin(make_protocol, tls)
-        self._make_room(connection.host)
+        self._enforce_limits(connection.host)
         await asyncio.sleep(0)  # whatever else is to be done comes between two newcomers
 
-    def _make_room(self, host: str) -> None:
+    def _enforce_limits(self, host: str) -> None:
         self._forget_closed()
-        strangers = self._strangers()
-        neighbours = [each for each in strangers if each.host == host]
-        if len(neighbours) > self._most_strangers // SHARE_OF_ONE_ADDRESS and not _is_own(host):
-            _end_first(neighbours)
-        elif len(strangers) > self._most_strangers:
-            _end_first(strangers)
+        unauthenticated = self._unauthenticated()
+        same_address = [each for each in unauthenticated if each.host == host]
+        if len(same_address) > self._max_unauthenticated // ADDRESS_DIVISOR and not _is_own(host):
+            _close_longest_idle(same_address)
+        elif len(unauthenticated) > self._max_unauthenticated:
+            _close_longest_idle(unauthenticated)
 
-    def _strangers(self) -> list[Connection]:
+    def _unauthenticated(self) -> list[Connection]:
         return [each for each in self._connections.values() if each.role is None]
 
     def _forget_closed(self) -> None:
@@ -177,28 +177,28 @@ class Gate:
 
     async def _sweep(self) -> None:
         while True:
-            await asyncio.sleep(SWEEP_EVERY_S)
+            await asyncio.sleep(SWEEP_INTERVAL_S)
             self._forget_closed()
             for each in self._connections.values():
-                if each.overdue:
+                if each.timed_out:
                     each.end()
 
 
-def _end_first(connections: list[Connection]) -> None:
+def _close_longest_idle(connections: list[Connection]) -> None:
     """End the one that has been silent longest; those that are being answered come last."""
     if connections:
-        min(connections, key=lambda each: (each.busy, each.heard_s)).end()
+        min(connections, key=lambda each: (each.busy, each.active_s)).end()
 
 
 def _is_own(host: str) -> bool:
     return ipaddress.ip_address(host).is_loopback
 
 
-def most_file_handles() -> int:
+def max_open_files() -> int:
     """How many files and sockets the system lets this process hold at a time."""
     try:
         import resource
     except ImportError:  # Windows, which sets no such limit for sockets
-        return SHARE_OF_HANDLES * MOST_STRANGERS
+        return FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return SHARE_OF_HANDLES * MOST_STRANGERS if soft == resource.RLIM_INFINITY else soft
+    return FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED if soft == resource.RLIM_INFINITY else soft

@@ -12,33 +12,33 @@ from typing import BinaryIO
 
 LATENCY_FILE = Path("/dev/cpu_dma_latency")
 DRIVER_FILE = Path("/sys/devices/system/cpu/cpuidle/current_driver")
-GUEST_DRIVER = "haltpoll"
+GUEST_IDLE_DRIVER = "haltpoll"
 """What looks after the idle processors of a virtual machine that can do so."""
-AT_ONCE = struct.pack("i", 0)
+ZERO_LATENCY = struct.pack("i", 0)
 
 
-class KeepAwake:
+class CpuIdlePrevention:
     """Holds processors awake or lets them halt; where the system cannot or this user may not, it does nothing."""
 
     def __init__(self) -> None:
-        self._held: BinaryIO | None = None
-        self._possible = DRIVER_FILE.exists() and DRIVER_FILE.read_text().strip() == GUEST_DRIVER
+        self._file: BinaryIO | None = None
+        self._possible = DRIVER_FILE.exists() and DRIVER_FILE.read_text().strip() == GUEST_IDLE_DRIVER
 
     def set(self, awake: bool) -> None:
         """Hold the processors awake from now on, or no longer."""
-        if awake and self._held is None and self._possible:
-            self._held = _asked()
-            self._possible = self._held is not None
-        elif not awake and self._held is not None:
-            self._held.close()
-            self._held = None
+        if awake and self._file is None and self._possible:
+            self._file = _open_latency_file()
+            self._possible = self._file is not None
+        elif not awake and self._file is not None:
+            self._file.close()
+            self._file = None
 
 
-def _asked() -> BinaryIO | None:
+def _open_latency_file() -> BinaryIO | None:
     """The open file that keeps processors awake, or ``None`` for users who may not."""
     try:
         file = LATENCY_FILE.open("wb", buffering=0)
-        file.write(AT_ONCE)
+        file.write(ZERO_LATENCY)
     except OSError:
         return None
     return file

@@ -21,7 +21,7 @@ LOADING_S = 15.0
 """How long an episode waits for a client to draw its scene; without a client it goes on."""
 
 
-class Viewing:
+class EnvironmentViewer:
     """Runs like a session: ticks at 100 Hz and talks to whoever watches. ``scenes`` are those it told of.
 
     An experimenter's page pauses it, continues, and goes on to the next episode; it drives where the policy is
@@ -66,7 +66,7 @@ class Viewing:
         """Whether nothing moves."""
         return self._paused or self._phase != "running"
 
-    def greet(self, send: Send, role: messages.Role, now_s: float) -> None:
+    def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
         """Tell a client that has just connected where things stand."""
         name = self._episodes.environment_id
         send(messages.Welcome(messages.PROTOCOL, name, role, haptics=False, sounds=True))
@@ -171,7 +171,7 @@ class Viewing:
             attempt=1,
             environment=self._episodes.environment_id,
             paused=self._paused,
-            held_because="",
+            pause_reason="",
             torso_height_m=self._episodes.person_in(0).torso_height_m,
             step=self._steps,
             steps=EPISODE_STEPS,
@@ -181,7 +181,7 @@ class Viewing:
             force_on_person_n=float(latest.force_on_person_n[0]) if latest else 0.0,
             force_region=region,
             force_share=share,
-            draws_back=False,
+            retracting=False,
             withdrawing=False,
             tracking_age_s=None,
             needed_parts=[],

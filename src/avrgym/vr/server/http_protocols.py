@@ -10,14 +10,14 @@ from websockets.http11 import Response
 
 from avrgym.vr.server.response_headers import headers
 
-MOST_FRAGMENTS = 64
+MAX_FRAGMENTS = 64
 """How many frames a message may come in: browsers send one."""
 
 LINGER_S = 1.0
 """How long a refused client may still send before the connection is closed."""
 
 
-class Http(H11Protocol):
+class HttpProtocol(H11Protocol):
     """HTTP/1.1 whose refusals of what is no request carry the headers of every answer."""
 
     def send_400_response(self, msg: str) -> None:
@@ -36,7 +36,7 @@ class Http(H11Protocol):
         return b"".join(self.conn.send(event) or b"" for event in events)
 
 
-class Socket(WebSocketsSansIOProtocol):
+class WebSocketProtocol(WebSocketsSansIOProtocol):
     """WebSockets whose refusals reach the client: of handshakes with the headers of all answers."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -54,8 +54,8 @@ class Socket(WebSocketsSansIOProtocol):
     def handle_cont(self, event: Frame) -> None:
         """Take in a frame that continues a message, but not without end."""
         super().handle_cont(event)
-        if len(self.frames) > MOST_FRAGMENTS:
-            self.conn.fail(CloseCode.MESSAGE_TOO_BIG, f"a message comes in at most {MOST_FRAGMENTS} frames")
+        if len(self.frames) > MAX_FRAGMENTS:
+            self.conn.fail(CloseCode.MESSAGE_TOO_BIG, f"a message comes in at most {MAX_FRAGMENTS} frames")
             self.handle_parser_exception()
 
     def handle_parser_exception(self) -> None:

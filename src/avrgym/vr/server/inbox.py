@@ -9,16 +9,16 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Disconnected, Received
 
 MESSAGES_PER_TICK = 64
-MESSAGES_S = 0.002
+MESSAGE_TIME_S = 0.002
 """How long a tick takes messages for; what is left waits for the next one."""
-FRAMES_KEPT = 100
+MAX_TRACKING_FRAMES = 100
 """How many tracking frames may wait; of more the oldest are dropped."""
-INBOX_MESSAGES = 2000
+MAX_WAITING_MESSAGES = 2000
 """How many messages may wait in all; then their senders wait too."""
 
 
 @dataclass(frozen=True)
-class Greeting:
+class NewConnection:
     """Somebody has connected in a role and is to be told where things stand."""
 
     send: messages.Send
@@ -30,16 +30,16 @@ class Inbox:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._urgent: deque[Received | Greeting] = deque()
-        self._waiting: deque[Received | Greeting] = deque()
+        self._urgent: deque[Received | NewConnection] = deque()
+        self._waiting: deque[Received | NewConnection] = deque()
         self._frames = 0
 
     @property
     def full(self) -> bool:
         """Whether so much waits that senders should too."""
-        return len(self._waiting) >= INBOX_MESSAGES
+        return len(self._waiting) >= MAX_WAITING_MESSAGES
 
-    def put(self, message: Received | Greeting) -> None:
+    def put(self, message: Received | NewConnection) -> None:
         """Add a message behind all others, one that holds the robot before them.
 
         A loss of visibility is handled immediately and again in order, because an earlier message may report the
@@ -59,7 +59,7 @@ class Inbox:
                 self._waiting.append(message)
                 self._frames += isinstance(message, messages.Tracking)
 
-    def take(self) -> Received | Greeting | None:
+    def take(self) -> Received | NewConnection | None:
         """The message to handle next, if one waits."""
         with self._lock:
             if self._urgent:
@@ -69,7 +69,7 @@ class Inbox:
                 if not isinstance(message, messages.Tracking):
                     return message
                 self._frames -= 1
-                if self._frames < FRAMES_KEPT:
+                if self._frames < MAX_TRACKING_FRAMES:
                     return message
             return None
 

@@ -13,17 +13,17 @@ from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from avrgym.vr.protocol.messages import Message
-from avrgym.vr.scene.export_process import SceneRenderer
+from avrgym.vr.scene.export_process import SceneExporter
 from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK
-from avrgym.vr.server.authentication import Caller, OwnPagesOnly, Tokens
+from avrgym.vr.server.authentication import Caller, SameOriginOnly, Tokens
 from avrgym.vr.server.broadcast import Broadcast
 from avrgym.vr.server.certificate import Certificate
 from avrgym.vr.server.code_exchange import code_exchange
 from avrgym.vr.server.connection import PARTICIPANT, WATCHING, Record, serve_connection
-from avrgym.vr.server.connection_limits import Gate
+from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.real_time_loop import RealTimeLoop, S
 from avrgym.vr.server.session_links import SessionLinks
-from avrgym.vr.server.web_server import STATIC, ServerError, WebThread, check_page, listen
+from avrgym.vr.server.web_server import STATIC, ServerError, WebServer, check_page, listen
 
 SWITCH_INTERVAL_S = 0.0001
 """How long a thread may keep the others waiting: Python's own 5 ms would be half of a tick."""
@@ -33,9 +33,9 @@ def create_app(
     loop: RealTimeLoop[S],
     broadcast: Broadcast,
     tokens: Tokens,
-    gate: Gate,
+    limiter: ConnectionLimiter,
     hosts: list[str],
-    renderer: SceneRenderer,
+    renderer: SceneExporter,
     record: Record,
     study: FastAPI | None = None,
     links: SessionLinks | None = None,
@@ -46,7 +46,7 @@ def create_app(
         loop: the simulation that runs.
         broadcast: where its messages go.
         tokens: what clients must present.
-        gate: admits connections, and receives their roles.
+        limiter: admits connections, and receives their roles.
         hosts: the host names under which the server may be addressed.
         renderer: renders the scenes.
         record: called with watchers and their commands.
@@ -55,7 +55,7 @@ def create_app(
     """
     start = secrets.token_hex(8)  # tokens outlast a restart, and scenes begin at 0 again
     app = FastAPI(openapi_url=None)
-    app.add_middleware(OwnPagesOnly)
+    app.add_middleware(SameOriginOnly)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
 
     @app.get("/scenes/{number}.glb")
@@ -76,11 +76,11 @@ def create_app(
 
     @app.websocket("/ws")
     async def participant(socket: WebSocket) -> None:
-        await serve_connection(socket, PARTICIPANT, tokens, gate, broadcast, loop, record)
+        await serve_connection(socket, PARTICIPANT, tokens, limiter, broadcast, loop, record)
 
     @app.websocket("/watch")
     async def watch(socket: WebSocket) -> None:
-        await serve_connection(socket, WATCHING, tokens, gate, broadcast, loop, record)
+        await serve_connection(socket, WATCHING, tokens, limiter, broadcast, loop, record)
 
     @app.get("/spectator")
     async def spectator() -> FileResponse:
@@ -137,21 +137,21 @@ class LiveServer(Generic[S]):
         self.tokens = tokens or Tokens.new()
         self._broadcast = broadcast = Broadcast()
         if links is not None:
-            links.on_end = broadcast.dismiss_participant
+            links.on_end = broadcast.close_participant
         try:
             self.loop = RealTimeLoop(make_session(broadcast.send), broadcast.send)
         except BaseException:
             listener.close()
             raise
-        self._renderer = SceneRenderer()
+        self._renderer = SceneExporter()
         hosts = [*LOOPBACK, *(certificate.names if certificate else ())]
         pages = study(self.tokens, self.session) if study else None
-        gate = Gate(listener, self.tokens)
+        limiter = ConnectionLimiter(listener, self.tokens)
         of_session = partial(record, self.session)
         self.app = create_app(
-            self.loop, broadcast, self.tokens, gate, hosts, self._renderer, of_session, pages, links
+            self.loop, broadcast, self.tokens, limiter, hosts, self._renderer, of_session, pages, links
         )
-        self._web = WebThread(self.app, gate, certificate)
+        self._web = WebServer(self.app, limiter, certificate)
 
     @property
     def session(self) -> S:
@@ -190,7 +190,7 @@ class LiveServer(Generic[S]):
         return self
 
     def __exit__(self, failure: type[BaseException] | None, *_: object) -> None:
-        self._broadcast.say_goodbye("the server has stopped")
+        self._broadcast.close_all("the server has stopped")
         self._web.stop()
         self.loop.stop()
         self._renderer.close()
@@ -200,7 +200,7 @@ class LiveServer(Generic[S]):
         if failure in (None, KeyboardInterrupt) and self.loop.error is not None:
             raise ServerError(str(self.loop.error)) from self.loop.error
 
-    def render_ahead(self) -> None:
+    def export_next_scene(self) -> None:
         """Have the newest scene rendered before a browser asks for it, or all made ready where there is none yet."""
         scenes = self.session.scenes
         if scenes:

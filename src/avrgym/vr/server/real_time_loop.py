@@ -14,15 +14,15 @@ from typing import Generic, Protocol, TypeVar
 from avrgym.models.human import Person
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, Received, Send
-from avrgym.vr.server.cpu_idle import KeepAwake
-from avrgym.vr.server.inbox import MESSAGES_PER_TICK, MESSAGES_S, Greeting, Inbox
+from avrgym.vr.server.cpu_idle import CpuIdlePrevention
+from avrgym.vr.server.inbox import MESSAGE_TIME_S, MESSAGES_PER_TICK, Inbox, NewConnection
 
 TIMING_EVERY_TICKS = 100
-TIDY_EVERY_S = 10.0
+GARBAGE_COLLECTION_INTERVAL_S = 10.0
 """How often garbage is collected, where it pauses nothing that moves: the collector itself would choose any tick."""
 CATCH_UP_TICKS = 5
 """How far the loop may run behind before it gives up the lost ticks instead of hurrying after them."""
-LATE_TICKS_KEPT = 10_000
+MAX_LATE_TICKS = 10_000
 PRIORITY = 10
 """That of the loop's thread among the system's real-time ones, 1 to 99."""
 
@@ -49,7 +49,7 @@ class Runnable(Protocol):
         """Whether nothing moves, so that some milliseconds more or less harm nobody."""
         ...
 
-    def greet(self, send: Send, role: messages.Role, now_s: float) -> None:
+    def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
         """Tell a client that has just connected where things stand."""
         ...
 
@@ -79,11 +79,11 @@ class RealTimeLoop(Generic[S]):
         """``send`` takes, once a second, what the ticks took."""
         self.session = session
         self.missed_ticks = 0
-        self.late: deque[LateTick] = deque(maxlen=LATE_TICKS_KEPT)
+        self.late: deque[LateTick] = deque(maxlen=MAX_LATE_TICKS)
         self.error: Exception | None = None
         self._send = send
         self._took_s: list[float] = []
-        self._tidied_s = 0.0
+        self._collected_s = 0.0
         self._inbox = Inbox()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
@@ -106,26 +106,26 @@ class RealTimeLoop(Generic[S]):
         """Hand over a message from any thread; see ``Inbox``."""
         self._inbox.put(message)
 
-    def greet(self, send: Send, role: messages.Role) -> None:
+    def welcome(self, send: Send, role: messages.Role) -> None:
         """Have the session tell a new connection where things stand."""
-        self._inbox.put(Greeting(send, role))
+        self._inbox.put(NewConnection(send, role))
 
     def _run(self) -> None:
-        take_precedence()
-        keep_awake = KeepAwake()
+        use_real_time_priority()
+        cpu_idle_prevention = CpuIdlePrevention()
         began, due = _clock_s(), time.monotonic()
         try:
             while not self._stopping.is_set():
                 now = _clock_s() - began
                 self._take_messages(now)
                 self.session.tick(now)
-                self._tell_timing(_clock_s() - began - now)
-                self._tidy(now)
-                keep_awake.set(not self.session.at_rest)
+                self._send_timing(_clock_s() - began - now)
+                self._collect_garbage(now)
+                cpu_idle_prevention.set(not self.session.at_rest)
                 due = self._wait(due + TICK_S)
         except Exception as error:
             self.error = error
-        keep_awake.set(False)
+        cpu_idle_prevention.set(False)
         try:
             self.session.close(_clock_s() - began)
         except Exception as error:
@@ -133,28 +133,28 @@ class RealTimeLoop(Generic[S]):
 
     def _take_messages(self, now_s: float) -> None:
         """Handle what waits, as far as there is time in a tick."""
-        ends_s = time.monotonic() + MESSAGES_S
+        ends_s = time.monotonic() + MESSAGE_TIME_S
         for _ in range(MESSAGES_PER_TICK):
             message = self._inbox.take()
             if message is None:
                 return
-            if isinstance(message, Greeting):
-                self.session.greet(message.send, message.role, now_s)
+            if isinstance(message, NewConnection):
+                self.session.welcome(message.send, message.role, now_s)
             else:
                 self.session.receive(message, now_s)
             if time.monotonic() > ends_s:
                 return
 
-    def _tell_timing(self, took_s: float) -> None:
+    def _send_timing(self, took_s: float) -> None:
         self._took_s.append(took_s)
         if len(self._took_s) == TIMING_EVERY_TICKS:
             took_ms = [1000.0 * took_s for took_s in self._took_s]
             self._took_s.clear()
             self._send(messages.Timing(median(took_ms), max(took_ms), self.missed_ticks))
 
-    def _tidy(self, now_s: float) -> None:
-        if self.session.at_rest and now_s >= self._tidied_s + TIDY_EVERY_S:
-            self._tidied_s = now_s
+    def _collect_garbage(self, now_s: float) -> None:
+        if self.session.at_rest and now_s >= self._collected_s + GARBAGE_COLLECTION_INTERVAL_S:
+            self._collected_s = now_s
             gc.collect()
 
     def _wait(self, due: float) -> float:
@@ -175,7 +175,7 @@ def _clock_s() -> float:
     return time.monotonic() if clock is None else time.clock_gettime(clock)
 
 
-def take_precedence() -> bool:
+def use_real_time_priority() -> bool:
     """Have the system run this thread before all ordinary ones, where it can and may; whether it does.
 
     Linux lets root and whoever has a limit ``rtprio``. On a single processor the others would wait for every tick.

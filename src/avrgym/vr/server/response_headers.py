@@ -11,9 +11,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketDisconnect
 
 PACKAGE = str(Path(__file__).parents[2])
-FRAMED = "/spectator"
+FRAMED_PAGE = "/spectator"
 """The one page that may be framed, by the dashboard."""
-BUILT = "/assets/"
+BUILT_FILES = "/assets/"
 """Files whose names change with what is in them."""
 CONTENT_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self' blob:; "
@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 def headers(path: str) -> dict[str, str]:
     """The headers of whatever is answered to a request for a path; those of the answer itself come first."""
-    ancestors, frames = ("'self'", "SAMEORIGIN") if path == FRAMED else ("'none'", "DENY")
+    ancestors, frames = ("'self'", "SAMEORIGIN") if path == FRAMED_PAGE else ("'none'", "DENY")
     return {
         "content-security-policy": CONTENT_POLICY.format(ancestors=ancestors),
         "x-frame-options": frames,
@@ -45,7 +45,7 @@ def headers(path: str) -> dict[str, str]:
     }
 
 
-class Answers:
+class ResponseHeaders:
     """Gives every answer of an application its headers.
 
     A failure is a plain 500 for the client, and one line in the log that says which kind and where, but repeats
@@ -60,7 +60,7 @@ class Answers:
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
-        answer = _Answer(scope, receive, send)
+        answer = _Response(scope, receive, send)
         try:
             await self._app(scope, receive, answer.send)
         except (ClientDisconnect, WebSocketDisconnect):
@@ -71,7 +71,7 @@ class Answers:
             await answer.fail()
 
 
-class _Answer:
+class _Response:
     """One answer, sent with its headers."""
 
     def __init__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -105,7 +105,7 @@ class _Answer:
 def _completed(given: list[tuple[bytes, bytes]], path: str, status: int) -> list[tuple[bytes, bytes]]:
     present = {name.lower() for name, _ in given}
     added = headers(path)
-    if path.startswith(BUILT) and status in (200, 304):
+    if path.startswith(BUILT_FILES) and status in (200, 304):
         added["cache-control"] = "public, max-age=31536000, immutable"
     return [*given, *((n.encode(), v.encode()) for n, v in added.items() if n.encode() not in present)]
 

@@ -17,7 +17,7 @@ from avrgym.vr.protocol.messages import Language
 LINK_BYTES = 16
 CODE_DIGITS = 6
 CODE_VALID_S = 300.0
-WRONG_CODES, WRONG_WITHIN_S = 10, 60.0
+MAX_WRONG_CODES, WRONG_CODE_WINDOW_S = 10, 60.0
 """Wrong codes are allowed up to a number in this time: guessing takes three weeks on average."""
 
 
@@ -40,7 +40,7 @@ def link_sha256(link: str) -> str:
 
 
 @dataclass(frozen=True)
-class _Open:
+class _CurrentLink:
     """The link of the session at hand, and the language of its participant."""
 
     link: str
@@ -67,9 +67,9 @@ class SessionLinks:
         """``ended`` are links of earlier sessions by their checksum, each with its participant's language."""
         self.on_end: Callable[[], None] = lambda: None
         self._ended = dict(ended or {})
-        self._open: _Open | None = None
+        self._open: _CurrentLink | None = None
         self._codes: list[_Code] = []
-        self._wrong_s: deque[float] = deque(maxlen=WRONG_CODES)
+        self._wrong_s: deque[float] = deque(maxlen=MAX_WRONG_CODES)
         self._lock = threading.Lock()
 
     @property
@@ -80,7 +80,7 @@ class SessionLinks:
     def begin(self, link: str, language: Language) -> None:
         """Make the link of a new session, or a new link of this session; the previous link ends."""
         self.end()
-        self._open = _Open(link, link_sha256(link), language)
+        self._open = _CurrentLink(link, link_sha256(link), language)
 
     def end(self) -> None:
         """End the link."""
@@ -118,9 +118,9 @@ class SessionLinks:
         """
         with self._lock:
             now_s = time.monotonic()
-            if len(self._wrong_s) == WRONG_CODES and now_s - self._wrong_s[0] < WRONG_WITHIN_S:
+            if len(self._wrong_s) == MAX_WRONG_CODES and now_s - self._wrong_s[0] < WRONG_CODE_WINDOW_S:
                 raise TooManyCodes(
-                    f"{WRONG_CODES} wrong codes in {WRONG_WITHIN_S:g} s; wait, or open the link"
+                    f"{MAX_WRONG_CODES} wrong codes in {WRONG_CODE_WINDOW_S:g} s; wait, or open the link"
                 )
             for code in self._codes:
                 right = secrets.compare_digest(code.digits.encode(), digits.encode("utf-8", "surrogatepass"))

@@ -14,14 +14,14 @@ from starlette.types import ASGIApp
 
 from avrgym.vr.server.addresses import LOOPBACK
 from avrgym.vr.server.certificate import Certificate
-from avrgym.vr.server.connection_limits import Gate
-from avrgym.vr.server.http_protocols import Http, Socket
-from avrgym.vr.server.response_headers import Answers
+from avrgym.vr.server.connection_limits import ConnectionLimiter
+from avrgym.vr.server.http_protocols import HttpProtocol, WebSocketProtocol
+from avrgym.vr.server.response_headers import ResponseHeaders
 
 STATIC = Path(__file__).parents[1] / "static"
 PAGES = ("index.html", "dashboard.html", "replay.html")
 """The client's pages, of participant and spectators, experimenter, and replay."""
-HOW_TO_GET_PAGES = (
+INSTALL_PAGES = (
     "`pip install --force-reinstall avrgym` brings it, and in a clone of the repository "
     "`make client` builds it"
 )
@@ -32,7 +32,7 @@ BACKLOG = 1024
 MAX_MESSAGE_BYTES = 1 << 16
 PING_INTERVAL_S, PING_TIMEOUT_S = 1.0, 4.0
 """How a connection is found dead that did not say goodbye: a headset that fell asleep or left the network."""
-FAREWELL_S = 5
+CLOSE_TIMEOUT_S = 5
 
 _log = logging.getLogger(__name__)
 
@@ -44,7 +44,7 @@ class ServerError(RuntimeError):
 def check_page(name: str) -> None:
     """``ServerError`` when a page of the client is not built."""
     if not (STATIC / name).exists():
-        raise ServerError(f"the browser client is missing; {HOW_TO_GET_PAGES}")
+        raise ServerError(f"the browser client is missing; {INSTALL_PAGES}")
 
 
 def listen(host: str, port: int, certificate: Certificate | None = None) -> socket.socket:
@@ -68,13 +68,17 @@ def listen(host: str, port: int, certificate: Certificate | None = None) -> sock
     return listener
 
 
-class WebThread:
-    """Serves an application behind a gate, from ``start`` to ``stop``."""
+class WebServer:
+    """Serves an application behind a limiter, from ``start`` to ``stop``."""
 
-    def __init__(self, app: FastAPI, gate: Gate, certificate: Certificate | None = None) -> None:
-        """With a certificate the pages are served by TLS. ``stop`` closes the gate's socket."""
-        self._gate = gate
-        self._uvicorn = _Server(_configuration(gate.attend(Answers(app)), certificate), gate)
+    def __init__(
+        self, app: FastAPI, limiter: ConnectionLimiter, certificate: Certificate | None = None
+    ) -> None:
+        """With a certificate the pages are served by TLS. ``stop`` closes the limiter's socket."""
+        self._limiter = limiter
+        self._uvicorn = _Server(
+            _configuration(limiter.middleware(ResponseHeaders(app)), certificate), limiter
+        )
         self._thread = threading.Thread(target=self._uvicorn.run, daemon=True)
 
     def start(self) -> None:
@@ -85,7 +89,7 @@ class WebThread:
         """Say goodbye to who is connected and end."""
         self._uvicorn.should_exit = True
         self._thread.join()
-        self._gate.listener.close()
+        self._limiter.listener.close()
 
     @property
     def running(self) -> bool:
@@ -98,24 +102,24 @@ class WebThread:
 
 
 class _Server(uvicorn.Server):
-    """Takes its connections from a gate instead of accepting any number itself."""
+    """Takes its connections from a limiter instead of accepting any number itself."""
 
-    def __init__(self, config: uvicorn.Config, gate: Gate) -> None:
+    def __init__(self, config: uvicorn.Config, limiter: ConnectionLimiter) -> None:
         super().__init__(config)
-        self._gate = gate
+        self._limiter = limiter
         self._opened: asyncio.Task[None] | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Open the gate."""
+        """Open the limiter."""
         await super().startup(sockets=[])
         asyncio.get_running_loop().set_exception_handler(_report)
-        self._opened = asyncio.create_task(self._gate.open(self._make_protocol, self.config.ssl))
+        self._opened = asyncio.create_task(self._limiter.open(self._make_protocol, self.config.ssl))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Close the gate, then end what is under way."""
+        """Close the limiter, then end what is under way."""
         if self._opened is not None:
             self._opened.cancel()
-        self._gate.listener.close()
+        self._limiter.listener.close()
         await super().shutdown(sockets=[])
 
     def _make_protocol(self) -> asyncio.Protocol:
@@ -134,8 +138,8 @@ def _configuration(app: ASGIApp, certificate: Certificate | None) -> uvicorn.Con
     return uvicorn.Config(
         app,
         loop="asyncio",
-        http=Http,
-        ws=Socket,
+        http=HttpProtocol,
+        ws=WebSocketProtocol,
         proxy_headers=False,
         server_header=False,
         log_level="critical",
@@ -143,7 +147,7 @@ def _configuration(app: ASGIApp, certificate: Certificate | None) -> uvicorn.Con
         ws_max_size=MAX_MESSAGE_BYTES,
         ws_ping_interval=PING_INTERVAL_S,
         ws_ping_timeout=PING_TIMEOUT_S,
-        timeout_graceful_shutdown=FAREWELL_S,
+        timeout_graceful_shutdown=CLOSE_TIMEOUT_S,
         ws_per_message_deflate=False,
         ssl_certfile=certificate.certificate_file if certificate else None,
         ssl_keyfile=certificate.key_file if certificate else None,

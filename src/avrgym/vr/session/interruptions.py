@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from avrgym.models.body_names import PART_LABELS, Part
-from avrgym.texts.interface_texts import Said
+from avrgym.texts.interface_texts import Text
 from avrgym.vr.protocol.messages import Visibility
 from avrgym.vr.session import events
 
@@ -35,13 +35,13 @@ class Interruption:
     name: str
     why: str
     event: events.SessionEvent
-    says: Said
+    says: Text
 
 
 def lost_tracking(now_s: float, part: Part) -> Interruption:
     """A part of the body that the task needs has not been measured for ``UNTRACKED_S``."""
     seconds = f"{UNTRACKED_S:g}"
-    says = Said(TIMED_OUT[part], {"seconds": seconds})
+    says = Text(TIMED_OUT[part], {"seconds": seconds})
     why = f"tracking was lost for {seconds} s: {PART_LABELS[part]}"
     return Interruption("tracking_timed_out", why, events.TrackingTimedOut(now_s, part), says)
 
@@ -50,12 +50,12 @@ def lost_visibility(now_s: float, visibility: Visibility) -> Interruption:
     """The participant does not see the scene any more."""
     why = f"the participant does not see the scene: {UNSEEN[visibility]}"
     return Interruption(
-        "visibility_lost", why, events.VisibilityLost(now_s, visibility), Said("visibility_lost")
+        "visibility_lost", why, events.VisibilityLost(now_s, visibility), Text("visibility_lost")
     )
 
 
 def lost_time(now_s: float, seconds: float) -> Interruption:
     """The process or its machine stood still."""
     why = f"the computer stood still for {seconds:.1f} s"
-    says = Said("time_lost", {"seconds": f"{seconds:.1f}"})
+    says = Text("time_lost", {"seconds": f"{seconds:.1f}"})
     return Interruption("time_lost", why, events.TimeLost(now_s, seconds), says)

@@ -151,7 +151,7 @@ class Session:
         """The order of the poses in every state."""
         return self.world.bodies
 
-    def greet(self, send: Send, role: messages.Role, now_s: float) -> None:
+    def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
         """Tell a client that has just connected where things stand."""
         state = self._state
         if role == "participant":
@@ -251,13 +251,13 @@ class Session:
         self._ends_at = None if phase.seconds is None else state.now_s + phase.seconds
         self._message = messages.Phase(
             phase.name,
-            texts.say(phase.says),
+            texts.render(phase.says),
             trial,
             trials,
             state.current.practice,
             phase.seconds,
-            texts.say_on_page(phase.says),
-            texts.say_by_input(phase.says),
+            texts.render_for_page(phase.says),
+            texts.render_by_input(phase.says),
         )
         state.record_event("phase", phase.name)
         state.sink.tell(events.PhaseEntered(state.now_s, phase.name, trial))
@@ -325,7 +325,7 @@ class Session:
         self._reporter.tick(self.world, state.tracking, step)
         if self._reporter.status_is_due:
             standing = self._message, self.attempt, self.world, state.tracking, state.now_s
-            steps, paused, why = state.plan.trial_steps, state.on_hold, state.held_because
+            steps, paused, why = state.plan.trial_steps, state.on_hold, state.pause_reason
             driver, latency = state.driver, state.latency
             streams = [] if self._streams is None else self._streams.status
             how = status(

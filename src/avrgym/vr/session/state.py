@@ -15,7 +15,7 @@ from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
 from avrgym.safety.force_guard import ACTS, RESTS
 from avrgym.safety.withdrawal import WITHDRAWS
-from avrgym.texts.interface_texts import Said
+from avrgym.texts.interface_texts import Text
 from avrgym.vr.headset_check import HeadsetCheck
 from avrgym.vr.latency import is_whole, percentiles_ms
 from avrgym.vr.live_world.drivers import Driver, Operator
@@ -33,7 +33,7 @@ from avrgym.vr.session.trial_drivers import Drivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
 from avrgym.vr.tracking.tracking_state import TrackingState
 
-NOT_YET = Said("waiting")
+NOT_YET = Text("waiting")
 """Why nobody is in VR at the beginning."""
 LATENCIES_KEPT = 5
 """Of how many seconds those who watch see the latency."""
@@ -45,7 +45,7 @@ class SessionState:
 
     ``trial`` counts the plan's trials from 0. ``person`` is whose body the participant has; ``height_known``: its
     torso height is theirs, ``calibrated_for``: the posture that they have taken place in. ``on_hold`` is whether the
-    experimenter, or a stop rule, lets no trial begin; ``held_because`` is the rule's reason, ``ending``: the rule ends
+    experimenter, or a stop rule, lets no trial begin; ``pause_reason`` is the rule's reason, ``ending``: the rule ends
     the session. ``ready_for`` is the trial that the participant last said they are ready for. ``visibility``: whether
     they see the scene, ``away``: why they are not in VR, in words for them, ``None`` while they are. ``headset`` is its
     latest check; ``headset_checked``: it was found ready, or the check was skipped. ``now_s`` is the time since the
@@ -65,10 +65,10 @@ class SessionState:
     height_known: bool = False
     calibrated_for: human.Posture | None = None
     on_hold: bool = False
-    held_because: str = ""
+    pause_reason: str = ""
     ending: bool = False
     ready_for: int = -1
-    away: Said | None = NOT_YET
+    away: Text | None = NOT_YET
     visibility: messages.Visibility = "visible"
     headset: HeadsetCheck | None = None
     headset_checked: bool = False
@@ -108,11 +108,11 @@ class SessionState:
 
     # What goes out -----------------------------------------------------------------------------------------------
 
-    def explain(self, said: Said) -> None:
+    def explain(self, text: Text) -> None:
         """Tell the participant, in their language, why something is not done; the experimenter reads it too."""
         texts = self.plan.texts
-        by_input = texts.say_by_input(said)
-        self.send(messages.Problem(texts.say(said), "participant", texts.say_on_page(said), by_input))
+        by_input = texts.render_by_input(text)
+        self.send(messages.Problem(texts.render(text), "participant", texts.render_for_page(text), by_input))
 
     def report(self, problem: str) -> None:
         """Tell the experimenter what is wrong."""
@@ -177,7 +177,7 @@ class SessionState:
 
     def hold_back(self, verdict: Verdict) -> None:
         """Let no further trial begin, which everybody knows already."""
-        self.on_hold, self.held_because = True, verdict.why
+        self.on_hold, self.pause_reason = True, verdict.why
         self.ending = self.ending or verdict.then == "end"
 
     # The participant's body --------------------------------------------------------------------------------------
@@ -217,7 +217,7 @@ class SessionState:
             chosen = Person(choice.sex, PROPORTIONS[choice.sex].torso_height, skin_tone=choice.skin_tone)
         except ValueError as error:
             if by == "participant":
-                self.explain(Said("no_such_body"))
+                self.explain(Text("no_such_body"))
             self.report(str(error))
             return False
         if chosen.sex == self.person.sex:

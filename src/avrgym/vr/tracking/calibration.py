@@ -21,7 +21,7 @@ from avrgym.models import human
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import PROPORTIONS, SEATED, Person, Posture, Sex
 from avrgym.models.human.person import check_arm_scale
-from avrgym.texts.interface_texts import Said, SaidError
+from avrgym.texts.interface_texts import Text, TextError
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, head_pose
 from avrgym.vr.tracking.arm import ArmLengths
@@ -38,7 +38,7 @@ def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: Re
         furniture: what they rest on.
 
     Raises:
-        SaidError: for a height that no adult has, naming what is allowed.
+        TextError: for a height that no adult has, naming what is allowed.
     """
     height_m = float(head_pose(Registration(np.zeros(3), 0.0), head).pos_w[2])
     hips_m = posture.hips(PROPORTIONS[sex])[2] + furniture.rise_m(posture)
@@ -52,7 +52,7 @@ def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: Re
         )
         heights = {"height_m": height_m, "low_m": low, "high_m": high}
         values = {name: f"{metres:.2f}" for name, metres in heights.items()}
-        raise SaidError(Said(key, values | {"rests_cm": f"{100.0 * rests_m:.0f}"}))
+        raise TextError(Text(key, values | {"rests_cm": f"{100.0 * rests_m:.0f}"}))
     return float((height_m - hips_m) / upright)
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.texts.interface_texts import Said, SaidError
+from avrgym.texts.interface_texts import Text, TextError
 from avrgym.vr.protocol.messages import Modality, Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, hand_pose, hand_pose_from_wrist, head_pose, is_valid
 from avrgym.vr.tracking.body import BodyPose
@@ -107,20 +107,20 @@ class TrackingFeed:
         """The headset at rest: of its poses over the last half second the one of median height.
 
         Raises:
-            SaidError: when they are too few, moved too much or look too steeply.
+            TextError: when they are too few, moved too much or look too steeply.
         """
         self._forget(now_s - CALIBRATION_S)
         heads = [f.tracking.head for f in self._recent if f.tracking.head is not None]
         if len(heads) < CALIBRATION_FRAMES:
-            raise SaidError(Said("head_untracked"))
+            raise TextError(Text("head_untracked"))
         spread = np.ptp([head.position for head in heads], axis=0).max()
         if spread > STEADY_M:
             moved_cm, most_cm = f"{100 * spread:.1f}", f"{100 * STEADY_M:.0f}"
-            raise SaidError(Said("head_moved", {"moved_cm": moved_cm, "most_cm": most_cm}))
+            raise TextError(Text("head_moved", {"moved_cm": moved_cm, "most_cm": most_cm}))
         head = sorted(heads, key=lambda head: head.position[1])[len(heads) // 2]
         q_w = head_pose(Registration(np.zeros(3), 0.0), head).q_w
         if abs(transforms.rotate(q_w, [0.0, -1.0, 0.0])[2]) > STEEPEST_GAZE:
-            raise SaidError(Said("head_steep"))
+            raise TextError(Text("head_steep"))
         return head
 
     def _captured_s(self, tracking: Tracking, now_s: float) -> float:

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from typing import Self
 
 from avrgym.questionnaires.questionnaire import Item, translate
-from avrgym.texts.interface_texts import Said
+from avrgym.texts.interface_texts import Text
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.headset_measuring import HeadsetMeasurement
@@ -73,7 +73,7 @@ class CheckBegins(Checking):
     """The participant gets ready; their trigger begins the check, and shows that it works."""
 
     name = "headset"
-    says = Said("headset_check")
+    says = Text("headset_check")
     awaits_ready = True
     moves = False
 
@@ -112,7 +112,7 @@ class Measuring(Checking, ABC):
 class CheckAtRest(Measuring):
     """How much the tracking trembles."""
 
-    says = Said("headset_at_rest")
+    says = Text("headset_at_rest")
     at_rest = True
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
@@ -128,7 +128,7 @@ class CheckAtRest(Measuring):
 class CheckStretched(Measuring):
     """How far hands are tracked."""
 
-    says = Said("headset_stretched")
+    says = Text("headset_stretched")
     stretching = True
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
@@ -142,7 +142,7 @@ class CheckStretched(Measuring):
 class CheckMoving(Measuring):
     """Whether pictures keep up with movement."""
 
-    says = Said("headset_moving")
+    says = Text("headset_moving")
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state, measurement)
@@ -156,7 +156,7 @@ class CheckStop(Checking):
     """The participant stops the robot once, with what they would stop it with in a trial."""
 
     name = "headset_stop"
-    says = Said("headset_stop")
+    says = Text("headset_stop")
     can_be_stopped = True
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
@@ -180,7 +180,7 @@ class CheckSenses(Checking):
     """The participant says whether they feel and hear what they are meant to."""
 
     name = "headset_check"
-    says = Said("questionnaire")
+    says = Text("questionnaire")
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement, asked: list[Item]) -> None:
         super().__init__(state, measurement)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Self
 
-from avrgym.texts.interface_texts import Said
+from avrgym.texts.interface_texts import Text
 from avrgym.vr.session import phases
 from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.phases.kinds import Resting
@@ -17,7 +17,7 @@ class Paused(Resting):
 
     name = "paused"
 
-    def __init__(self, state: SessionState, says: Said) -> None:
+    def __init__(self, state: SessionState, says: Text) -> None:
         super().__init__(state)
         self.says = says
 
@@ -36,7 +36,7 @@ class RecordingFailed(Paused):
     """An attempt could not be stored, and can be repeated."""
 
     def __init__(self, state: SessionState) -> None:
-        super().__init__(state, Said("recording_failed"))
+        super().__init__(state, Text("recording_failed"))
 
     def entered(self) -> None:
         self.state.storage.give_up()
@@ -47,7 +47,7 @@ class Finished(Phase):
 
     name = "finished"
 
-    def __init__(self, state: SessionState, says: Said) -> None:
+    def __init__(self, state: SessionState, says: Text) -> None:
         super().__init__(state)
         self.says = says
 

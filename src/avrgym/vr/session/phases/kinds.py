@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Self
 
 from avrgym.recording.schema import AttemptEnd
-from avrgym.texts.interface_texts import Said
+from avrgym.texts.interface_texts import Text
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import UNTRACKED, Interruption
@@ -29,11 +29,11 @@ class Ongoing(Phase):
         return phases.CheckBegins(state)
 
     def leave_vr(self) -> phases.Gone:
-        return self._wait_for_them(Said("waiting_left"))
+        return self._wait_for_them(Text("waiting_left"))
 
     def disconnect(self) -> phases.Gone:
         super().disconnect()
-        return self._wait_for_them(Said("waiting_lost"))
+        return self._wait_for_them(Text("waiting_lost"))
 
     def end(self) -> phases.Ended:
         self.state.abandon("ended")
@@ -51,14 +51,14 @@ class Ongoing(Phase):
     def trial_stored(self) -> phases.Finished | Self:
         return self._finish("finished") if self.state.trial == len(self.state.plan.trials) else self
 
-    def _wait_for_them(self, why: Said) -> phases.Waiting:
+    def _wait_for_them(self, why: Text) -> phases.Waiting:
         self.state.away = why
         self.state.abandon("interrupted")
         return phases.Waiting(self.state, why)
 
     def _finish(self, key: str) -> phases.Finished:
         self.state.trial = len(self.state.plan.trials)
-        return phases.Finished(self.state, Said(key))
+        return phases.Finished(self.state, Text(key))
 
     def _calibrate_again(self) -> phases.Calibration | phases.LoadCalibration:
         """Let the participant be seated anew, in the current trial's seat or bed."""
@@ -84,13 +84,13 @@ class Ongoing(Phase):
         if state.calibrated_for is not state.world.scene_config.posture:
             return phases.Calibration(state)
         if state.on_hold:
-            return phases.Paused(state, Said("break" if state.held_because else "paused"))
+            return phases.Paused(state, Text("break" if state.pause_reason else "paused"))
         if state.visibility != "visible":
-            return phases.Paused(state, Said("not_visible"))
+            return phases.Paused(state, Text("not_visible"))
         if state.ready_for != state.trial:
             return phases.AskReady(state)
         if state.untracked is not None:
-            return phases.Paused(state, Said(UNTRACKED[state.untracked]))
+            return phases.Paused(state, Text(UNTRACKED[state.untracked]))
         try:
             state.begin_attempt()
         except OSError as error:
@@ -159,11 +159,11 @@ class Helped(InPlace):
         return self.enter_vr()
 
     def leave_vr(self) -> phases.Asks:
-        return self._go_on_without_them(Said("waiting_left"))
+        return self._go_on_without_them(Text("waiting_left"))
 
     def disconnect(self) -> phases.Asks:
         Phase.disconnect(self)
-        return self._go_on_without_them(Said("waiting_lost"))
+        return self._go_on_without_them(Text("waiting_lost"))
 
     def end(self) -> phases.Ended:
         failure = self.state.complete_attempt()
@@ -201,7 +201,7 @@ class Helped(InPlace):
     def _unanswered(self) -> list[str]:
         return [item.id for item in self.state.plan.items_after(self.state.current)]
 
-    def _go_on_without_them(self, why: Said) -> phases.Asks:
+    def _go_on_without_them(self, why: Text) -> phases.Asks:
         """Close the recording; they are measured again when they have come back and answered."""
         self.state.away = why
         failure = self.state.complete_attempt()
@@ -243,7 +243,7 @@ class Stoppable(InPlace):
     moves = can_be_stopped = True
 
     def stop(self, by: events.Who, way: messages.StopWay | None = None) -> phases.Paused:
-        return self._break_off("stopped", events.Stopped(self.state.now_s, by, way), Said("stopped"))
+        return self._break_off("stopped", events.Stopped(self.state.now_s, by, way), Text("stopped"))
 
     def pause(self) -> phases.Begins | Self:
         if self.state.on_hold:
@@ -257,7 +257,7 @@ class Stoppable(InPlace):
         self.state.report(f"{interruption.why}: the attempt is interrupted, and the trial is repeated")
         return self._break_off("interrupted", interruption.event, interruption.says)
 
-    def _break_off(self, result: AttemptEnd, event: events.SessionEvent, says: Said) -> phases.Paused:
+    def _break_off(self, result: AttemptEnd, event: events.SessionEvent, says: Text) -> phases.Paused:
         """Hold the robot and end the attempt; the participant's trigger repeats the trial."""
         self.state.abandon(result)
         self.state.sink.tell(event)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Self
 
-from avrgym.texts.interface_texts import ENGLISH, Said
+from avrgym.texts.interface_texts import ENGLISH, Text
 from avrgym.vr.live_world.drivers import Driver
 from avrgym.vr.live_world.world import ControlStep
 from avrgym.vr.protocol import messages
@@ -24,7 +24,7 @@ class Phase:
     """
 
     name: ClassVar[PhaseName]
-    says: Said
+    says: Text
     seconds: float | None = None
     moves: ClassVar[bool] = False
     can_be_stopped: ClassVar[bool] = False
@@ -117,7 +117,7 @@ class Phase:
         """Let trials begin again."""
         if not self.state.on_hold:
             return self._report("the session is not paused")
-        self.state.on_hold, self.state.held_because = False, ""
+        self.state.on_hold, self.state.pause_reason = False, ""
         self.state.sink.tell(events.Continued(self.state.now_s))
         return self
 
@@ -188,9 +188,9 @@ class Phase:
     def _refuse(self, key: str, by: events.Who = "participant") -> Self:
         """Tell who asked why this is not done: the key of a text."""
         if by == "participant":
-            self.state.explain(Said(key))
+            self.state.explain(Text(key))
         else:
-            self.state.report(ENGLISH.say(Said(key)))
+            self.state.report(ENGLISH.render(Text(key)))
         return self
 
     def _report(self, why: str) -> Self:

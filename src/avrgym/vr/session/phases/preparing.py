@@ -9,7 +9,7 @@ from typing import Self
 
 from avrgym.models import human
 from avrgym.simulation.room import NoRoomError
-from avrgym.texts.interface_texts import Said, SaidError
+from avrgym.texts.interface_texts import Text, TextError
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.phases.kinds import InVR, Ongoing, Resting
@@ -17,7 +17,7 @@ from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.calibration import arm_length_m, measure_arm_scale, measure_torso_height
 from avrgym.vr.tracking.frames import body_pose
 
-_PUT_ON = Said("waiting")
+_PUT_ON = Text("waiting")
 REACH_S, REACH_FRAMES = 5.0, 60
 """So long is each pose, of which the last frames count."""
 
@@ -28,7 +28,7 @@ class Waiting(Ongoing):
     name = "waiting"
     can_choose_body = True
 
-    def __init__(self, state: SessionState, says: Said = _PUT_ON) -> None:
+    def __init__(self, state: SessionState, says: Text = _PUT_ON) -> None:
         super().__init__(state)
         self.says = says
 
@@ -46,7 +46,7 @@ class Calibration(InVR):
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
         seated = state.world.scene_config.posture is human.SEATED
-        self.says = Said("calibration_seated" if seated else "calibration_lying")
+        self.says = Text("calibration_seated" if seated else "calibration_lying")
         state.tracking.forget_place()
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
@@ -75,8 +75,8 @@ class Calibration(InVR):
             if measured:
                 height_m = measure_torso_height(state.person.sex, posture, head, state.plan.furniture)
                 state.give_torso_height(height_m)
-        except SaidError as error:
-            state.explain(error.said)
+        except TextError as error:
+            state.explain(error.text)
             return self
         state.calibrated_for = posture
         state.tracking.place(head, state.person, posture)
@@ -120,29 +120,29 @@ class Reaching(InVR, ABC):
 class ReachAhead(Reaching):
     """The arms are stretched to the front."""
 
-    says = Said("reach_ahead")
+    says = Text("reach_ahead")
 
     def time_over(self) -> ReachAside | LoadCheck:
         if self._all_m:
             return ReachAside(self.state, self._all_m)
-        self.state.explain(Said("reach_unseen"))
+        self.state.explain(Text("reach_unseen"))
         return LoadCheck(self.state)
 
 
 class ReachAside(Reaching):
     """The arms are stretched out to the sides."""
 
-    says = Said("reach_aside")
+    says = Text("reach_aside")
 
     def time_over(self) -> LoadCheck:
         state = self.state
         if not self._all_m:
-            state.explain(Said("reach_unseen"))
+            state.explain(Text("reach_unseen"))
             return LoadCheck(state)
         try:
             state.give_arm_scale(measure_arm_scale(state.person, self._all_m))
         except ValueError as error:
-            state.explain(Said("reach_unlikely"))
+            state.explain(Text("reach_unlikely"))
             state.report(str(error))
         return LoadCheck(state)
 
@@ -151,7 +151,7 @@ class Loading(InVR, ABC):
     """The current trial's world is made and shown."""
 
     name = "loading"
-    says = Said("loading")
+    says = Text("loading")
 
     def entered(self) -> None:
         self.state.worlds.prepare(self.state.trial, self.state.person)
@@ -167,10 +167,10 @@ class Loading(InVR, ABC):
                 state.worlds.change()
             except NoRoomError as error:
                 state.report(f"the robot has no room to begin: {error}")
-                return phases.Paused(state, Said("no_room"))
+                return phases.Paused(state, Text("no_room"))
             except Exception as error:  # whatever a compiler or a file may raise
                 state.report(f"the scene cannot be made: {error}")
-                return phases.Paused(state, Said("scene_failed"))
+                return phases.Paused(state, Text("scene_failed"))
         state.tell_scene()
         return self.loaded() if state.worlds.is_shown else self
 
@@ -204,7 +204,7 @@ class Storing(InVR):
     """A completed trial is being stored."""
 
     name = "loading"
-    says = Said("storing")
+    says = Text("storing")
 
     def wait(self) -> phases.Begins | Self:
         return self if self.state.storage.completing is not None else self._begin_trial()
@@ -214,7 +214,7 @@ class Check(Resting):
     """The participant looks whether body and seat fit."""
 
     name = "check"
-    says = Said("check")
+    says = Text("check")
 
 
 class AskReady(Resting):
@@ -227,9 +227,9 @@ class AskReady(Resting):
         self.says = told_of_trial("ready", state)
 
 
-def told_of_trial(key: str, state: SessionState) -> Said:
+def told_of_trial(key: str, state: SessionState) -> Text:
     """What is said of the trial that comes next: which it is, and what its task is."""
     plan, trial = state.plan, state.current
     number = {"trial": str(state.trial + 1), "trials": str(len(plan.trials))}
-    which = plan.texts.say(Said("practice") if trial.practice else Said("trial", number))
-    return Said(key, {"trial": which, "goal": plan.goal_of(trial)})
+    which = plan.texts.render(Text("practice") if trial.practice else Text("trial", number))
+    return Text(key, {"trial": which, "goal": plan.goal_of(trial)})

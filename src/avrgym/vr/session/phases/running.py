@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Self
 
 from avrgym.safety.withdrawal import WITHDRAWAL
-from avrgym.texts.interface_texts import Said
+from avrgym.texts.interface_texts import Text
 from avrgym.vr.live_world.drivers import Driver, Operator
 from avrgym.vr.live_world.world import ControlStep
 from avrgym.vr.protocol import messages
@@ -35,7 +35,7 @@ class Countdown(Stoppable):
     """The robot is about to start; it waits for a participant whose tracking is lost."""
 
     name = "countdown"
-    says = Said("countdown")
+    says = Text("countdown")
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
@@ -52,7 +52,7 @@ class Trial(Stoppable):
     """The robot drives."""
 
     name = "trial"
-    says = Said("helping")
+    says = Text("helping")
 
     @property
     def driver(self) -> Driver:
@@ -80,7 +80,7 @@ class Retreat(Helped):
     """The robot takes its tool away from the person; what the trial gave is kept, whatever happens now."""
 
     name = "retreat"
-    says = Said("retreat")
+    says = Text("retreat")
     moves = can_be_stopped = True
 
     def __init__(self, state: SessionState) -> None:
@@ -112,7 +112,7 @@ class FreeAfter(Helped):
     """The participant moves freely after the robot has finished; what it gave is kept. The next world is made."""
 
     name = "free_after"
-    says = Said("free_after")
+    says = Text("free_after")
     moves = True
 
     def __init__(self, state: SessionState) -> None:
@@ -136,7 +136,7 @@ class Questionnaire(Helped):
     """The participant rates the trial, one item after another."""
 
     name = "questionnaire"
-    says = Said("questionnaire")
+    says = Text("questionnaire")
 
     def __init__(self, state: SessionState, questions: Questions) -> None:
         super().__init__(state)
@@ -193,7 +193,7 @@ class Confirm(Helped):
     """Every question is answered; the participant confirms their answers, or goes back to change some."""
 
     name = "confirm"
-    says = Said("confirm")
+    says = Text("confirm")
     awaits_ready = True
 
     def __init__(self, state: SessionState, questions: Questions) -> None:
