@@ -7,7 +7,7 @@ import re
 import sys
 from pathlib import Path
 
-from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.storage.store import Store, create_study

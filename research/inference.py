@@ -9,17 +9,17 @@ from itertools import product
 
 import numpy as np
 
-from avrgym.analysis.power.answers import Answers, Assumptions, ImaginedStudies
-from avrgym.analysis.rows import AnswerRow, TestedRow, TrialRow
-from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL
-from avrgym.analysis.statistics.models.effects import POLICIES, Observed, columns, effects
-from avrgym.analysis.statistics.models.fitted import NoFit
-from avrgym.analysis.statistics.models.fitting import groupings
-from avrgym.analysis.statistics.models.mixed import MixedFit, fit_mixed
-from avrgym.analysis.statistics.objective_tests import objective_families
-from avrgym.analysis.statistics.primary import judged
-from avrgym.analysis.statistics.subjective import answer_families
-from avrgym.analysis.statistics.tests import clustered_interval, mark, signed_rank
+from avrgym.analysis.answers.trial_answers import answer_families
+from avrgym.analysis.models.effects import POLICIES, TrialValue, design_matrix, effects
+from avrgym.analysis.models.estimate import FitError
+from avrgym.analysis.models.fitting import random_effects
+from avrgym.analysis.models.mixed import MixedFit, fit_mixed
+from avrgym.analysis.outcomes.outcomes import outcome_families
+from avrgym.analysis.power.simulated_studies import Answers, Assumptions, SimulatedStudies
+from avrgym.analysis.primary import assign_roles
+from avrgym.analysis.reading.rows import AnswerRow, TrialRow
+from avrgym.analysis.statistics.comparisons import PARTICIPANT, TRIAL, ComparisonRow
+from avrgym.analysis.statistics.tests import clustered_wilson_interval, signed_rank, significance_stars
 from avrgym.array_types import FloatArray
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.study.design.design import Design, default_text, parse_design
@@ -35,19 +35,19 @@ STUDIES = 1000
 
 def imagined(
     design: Design,
-    studies: ImaginedStudies,
+    studies: SimulatedStudies,
     effect: float,
     people: int,
     number: int,
     plan: Plan | None = None,
-) -> list[TestedRow]:
+) -> list[ComparisonRow]:
     """All tests of a study in which the last policy is rated ``effect`` points better, as the report has them."""
     answers = studies.answers(effect, people, number)
     families = [
-        *objective_families(design, list(_trials(design, people, number))),
+        *outcome_families(design, list(_trials(design, people, number))),
         *answer_families(design, list(_answers(design, studies, answers))),
     ]
-    return [each for family in judged(families, [], plan).families for each in family.rows]
+    return [each for family in assign_roles(families, [], plan).families for each in family.rows]
 
 
 def _conditions(design: Design, people: int) -> Iterator[tuple[int, int, int, int]]:
@@ -56,7 +56,7 @@ def _conditions(design: Design, people: int) -> Iterator[tuple[int, int, int, in
     )
 
 
-def _answers(design: Design, studies: ImaginedStudies, answers: Answers) -> Iterator[AnswerRow]:
+def _answers(design: Design, studies: SimulatedStudies, answers: Answers) -> Iterator[AnswerRow]:
     items = studies.questionnaire.items
     for person, task, robot, policy in _conditions(design, len(answers)):
         for place, item in enumerate(items):
@@ -93,18 +93,18 @@ def _latent(design: Design, people: int, rng: np.random.Generator, measures: int
 # Stars
 
 
-Finds = Callable[[Sequence[TestedRow]], bool]
+Finds = Callable[[Sequence[ComparisonRow]], bool]
 
 
-def any_star(rows: Sequence[TestedRow]) -> bool:
+def any_star(rows: Sequence[ComparisonRow]) -> bool:
     """Whether figures, headline tables or ``tests.csv`` have any star."""
     return any(each.mark for each in rows)
 
 
 def _by_holm(unit: str, families: str, quantity: str = "") -> Finds:
-    def finds(rows: Sequence[TestedRow]) -> bool:
+    def finds(rows: Sequence[ComparisonRow]) -> bool:
         return any(
-            mark(each.p_holm)
+            significance_stars(each.p_holm)
             for each in rows
             if each.unit == unit and families in each.family and quantity in each.quantity
         )
@@ -112,7 +112,7 @@ def _by_holm(unit: str, families: str, quantity: str = "") -> Finds:
     return finds
 
 
-def _first(rows: Sequence[TestedRow]) -> bool:
+def _first(rows: Sequence[ComparisonRow]) -> bool:
     return any(each.mark for each in rows if each.family == FAMILY and each.quantity == "L1")
 
 
@@ -147,7 +147,7 @@ def stars() -> Iterator[str]:
         (1.0, 12, None, OF_FIRST),
         (1.0, 12, PLAN, WITH_PLAN),
     ):
-        studies = ImaginedStudies(DESIGN, Assumptions(), 1)
+        studies = SimulatedStudies(DESIGN, Assumptions(), 1)
         found = [imagined(DESIGN, studies, effect, people, number, plan) for number in range(STUDIES)]
         for name, finds in procedures.items():
             yield row(f"{effect:g}", people, name, share(sum(map(finds, found)), STUDIES))
@@ -168,7 +168,7 @@ def success() -> Iterator[str]:
         rng = np.random.default_rng([int(spread), 1])
         people = rng.normal(0.0, spread, (20 * STUDIES, 8, 1))
         given = rng.random((20 * STUDIES, 8, 4)) < 1.0 / (1.0 + np.exp(-people))
-        clustered = np.array([clustered_interval(each) for each in given.tolist()], float)
+        clustered = np.array([clustered_wilson_interval(each) for each in given.tolist()], float)
         plain = np.array([wilson_interval(each, 32) for each in given.sum(axis=(1, 2)).tolist()])
         yield row(f"{spread:g}", *(f"{100.0 * _covers(ends, 0.5):.1f}" for ends in (clustered, plain)))
 
@@ -232,11 +232,11 @@ def _rates(found: Sequence[Both]) -> tuple[str, str, int]:
 def _both(spreads: Sequence[float], number: int) -> Both | None:
     """Whether policies differ in each fit, whether it is singular, and whether the variance of policies is zero."""
     observed = list(_observed(spreads, number))
-    names = columns(DESIGN, observed)
+    names = design_matrix(DESIGN, observed)
     matrix = np.hstack([np.ones((len(observed), 1)), names.matrix])
     (effect,) = (each for each in effects(DESIGN) if each.kind == POLICIES)
     contrast = np.concatenate([[0.0], names.contrast(effect)])
-    together = groupings(observed)
+    together = random_effects(observed)
     values, people = [each.value for each in observed], [each.participant for each in observed]
 
     def fit(kept: Sequence[str]) -> MixedFit:
@@ -249,13 +249,13 @@ def _both(spreads: Sequence[float], number: int) -> Both | None:
             kept.pop(int(np.argmin(bounded.variances[:-1])))
             bounded = fit(kept)
         p, held = unbounded.estimate(contrast).p, bounded.estimate(contrast).p
-    except NoFit:
+    except FitError:
         return None
     at_zero = [list(together)[place] for place in unbounded.at_zero]
     return p < 0.05, held < 0.05, bool(at_zero), "participant by policy" in at_zero
 
 
-def _observed(spreads: Sequence[float], number: int) -> Iterator[Observed]:
+def _observed(spreads: Sequence[float], number: int) -> Iterator[TrialValue]:
     rng = np.random.default_rng([7, number])
     shape = (8, len(DESIGN.tasks), len(DESIGN.robots), len(DESIGN.policies))
     values = rng.standard_normal(shape)
@@ -265,7 +265,7 @@ def _observed(spreads: Sequence[float], number: int) -> Iterator[Observed]:
     for person, task, robot, policy in _conditions(DESIGN, shape[0]):
         block, place = rng.uniform(size=2)
         before = DESIGN.policies[int(rng.integers(len(DESIGN.policies)))]
-        yield Observed(
+        yield TrialValue(
             f"sub-{person:03}", DESIGN.tasks[task], DESIGN.robots[robot], DESIGN.policies[policy],
             float(block), float(place), before, float(values[person, task, robot, policy]),
         )  # fmt: skip

@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from avrgym.analysis import study
-from avrgym.analysis.reading import trained_people
-from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.biomechanics import training_people
+from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
 from avrgym.study.people.deletion import delete_participant
@@ -35,7 +35,7 @@ DESIGN = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "practice_policy": '""'}
 @pytest.fixture(autouse=True)
 def _few_people(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few people of the training: these tests are about words, not figures."""
-    monkeypatch.setattr(trained_people, "PEOPLE_PER_TASK", 20)
+    monkeypatch.setattr(training_people, "PEOPLE_PER_TASK", 20)
 
 
 @pytest.fixture
@@ -149,7 +149,7 @@ class Broken:
 def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
     folder = tmp_path_factory.mktemp("broken")
     with pytest.MonkeyPatch.context() as monkeypatch, Store(make_study(folder / "study", **DESIGN)) as store:
-        monkeypatch.setattr(trained_people, "PEOPLE_PER_TASK", 20)
+        monkeypatch.setattr(training_people, "PEOPLE_PER_TASK", 20)
         for simulated in (True, True, False, True):
             run_trials(store, take_part(store, simulated=simulated))
         cut = recording(store, "sub-001", 1)

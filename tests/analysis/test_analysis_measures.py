@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from avrgym.analysis.reading import observations
-from avrgym.analysis.reading.measures import head_centres, measure
+from avrgym.analysis.reading import study_data
+from avrgym.analysis.reading.trial_series import head_centres, read_trial_series
 from avrgym.models import human
 from avrgym.models.human import JOINTS, LOWER_RAD, RECLINED, SEATED, UPPER_RAD, People, Person, Posture
 from avrgym.recording.reader import Recording
@@ -44,7 +44,7 @@ def _recorded(targets: list[tuple[int, float]], metadata: dict) -> Recording:
 
 
 def test_targets_hold_until_they_change() -> None:
-    body = measure(_recorded([(150, 5.0), (199, 10.0), (400, 20.0)], METADATA), SEATED).body
+    body = read_trial_series(_recorded([(150, 5.0), (199, 10.0), (400, 20.0)], METADATA), SEATED).body
     assert body is not None
     assert np.degrees(body.waist_rad[:, 0]) == pytest.approx([5.0, 10.0, 10.0])
     assert body.torso_height_m == 0.55
@@ -61,18 +61,18 @@ def test_targets_hold_until_they_change() -> None:
     ],
 )
 def test_without_targets_or_a_known_body_there_is_none(targets: list, metadata: dict) -> None:
-    measured = measure(_recorded(targets, metadata), SEATED)
+    measured = read_trial_series(_recorded(targets, metadata), SEATED)
     assert measured.body is None
     assert measured.times_s == [0.1, 0.2, 0.3]
 
 
 def test_rewards_are_added_up_one_by_one_whatever_sum_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """Since Python 3.12 ``sum`` makes up for rounding, and a session's total does not."""
-    monkeypatch.setattr(observations, "sum", fsum, raising=False)
-    measured = measure(_recorded([], {}), SEATED)
+    monkeypatch.setattr(study_data, "sum", fsum, raising=False)
+    measured = read_trial_series(_recorded([], {}), SEATED)
     steps = [msgspec.structs.replace(measured.steps[0], reward=0.1) for _ in range(10)]
     total = 0.0
     for step in steps:
         total += step.reward
     assert total != fsum(step.reward for step in steps)
-    assert observations._step_metrics(replace(measured, steps=steps))["reward_recorded"] == total
+    assert study_data._step_metrics(replace(measured, steps=steps))["reward_recorded"] == total

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
 from avrgym.study.people.participants import withdraw

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.export import export_study
 from avrgym.study.storage import database

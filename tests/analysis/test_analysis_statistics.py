@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from avrgym.analysis.statistics.session_answers import AFTER, BEFORE, CHANGE, changed, values_at
-from avrgym.analysis.statistics.subjective import DIGITS
+from avrgym.analysis.answers.session_answers import AFTER, BEFORE, CHANGE, compare_before_after, values_at
+from avrgym.analysis.statistics.comparisons import MEAN_DECIMALS
 from avrgym.analysis.statistics.tests import (
     EXACT_SIGNED_RANK,
-    clustered_interval,
+    clustered_wilson_interval,
     energy_test,
     holm,
-    mark,
     rank_sum,
     signed_rank,
+    significance_stars,
     t_interval,
 )
 from avrgym.learning.evaluation import wilson_interval
@@ -88,7 +88,7 @@ def test_clustered_interval_covers_the_success_rate_of_people_who_differ(
     """Studies of eight participants with four trials each, half of which succeed on average."""
     people = rng.normal(0.0, spread_logit, (STUDIES, 8, 1))
     success = rng.random((STUDIES, 8, 4)) < 1.0 / (1.0 + np.exp(-people))
-    intervals = np.array([clustered_interval(study) for study in success.tolist()])
+    intervals = np.array([clustered_wilson_interval(study) for study in success.tolist()])
     covered = (intervals[:, 0] <= 0.5) & (intervals[:, 1] >= 0.5)
     assert 0.94 <= covered.mean() <= 0.975
     pooled = np.array([wilson_interval(each, 32) for each in success.sum(axis=(1, 2)).tolist()])
@@ -100,19 +100,19 @@ STUDIES = 4000
 
 
 def test_clustered_interval_of_single_trials_is_wilsons() -> None:
-    assert clustered_interval([[True], [False], [True]]) == wilson_interval(2, 3)
-    assert clustered_interval([[True]]) == wilson_interval(1, 1)
+    assert clustered_wilson_interval([[True], [False], [True]]) == wilson_interval(2, 3)
+    assert clustered_wilson_interval([[True]]) == wilson_interval(1, 1)
 
 
 def test_one_participant_of_several_trials_has_no_interval() -> None:
-    assert clustered_interval([[True, False, True]]) == (None, None)
+    assert clustered_wilson_interval([[True, False, True]]) == (None, None)
 
 
 def test_clustered_interval_is_within_0_and_1_and_contains_the_proportion(rng: np.random.Generator) -> None:
     for _ in range(300):
         sizes = rng.integers(1, 5, rng.integers(2, 9))
         clusters = [(rng.random(size) < rng.choice([0.0, 0.1, 0.5, 1.0])).tolist() for size in sizes]
-        low, high = clustered_interval(clusters)
+        low, high = clustered_wilson_interval(clusters)
         assert low is not None
         assert high is not None
         assert 0.0 <= low <= np.mean(np.concatenate(clusters)) <= high <= 1.0
@@ -194,11 +194,11 @@ def test_changes_of_equal_size_have_equal_ranks_whatever_a_scale_counts_in(rng: 
     def change(factor: float) -> tuple[float | None, int, list[float]]:
         given = {
             (moment, "total"): {
-                f"sub-{who:03}": round(factor * step, DIGITS) for who, step in enumerate(each)
+                f"sub-{who:03}": round(factor * step, MEAN_DECIMALS) for who, step in enumerate(each)
             }
             for moment, each in steps.items()
         }
-        found = changed("total", given).found
+        found = compare_before_after("total", given).found
         return found.p, found.zeros, values_at(CHANGE, "total", given)
 
     p, zeros, values = change(1.0)
@@ -210,7 +210,7 @@ def test_holm_keeps_the_order_and_leaves_out_what_was_not_tested() -> None:
     assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert holm([0.04, None, 0.9]) == [0.08, None, 0.9]
     assert holm([]) == []
-    assert [mark(p) for p in (0.0005, 0.005, 0.03, 0.05, None)] == ["***", "**", "*", "", ""]
+    assert [significance_stars(p) for p in (0.0005, 0.005, 0.03, 0.05, None)] == ["***", "**", "*", "", ""]
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,12 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from avrgym.analysis.figures.study_figures import draw_study
-from avrgym.analysis.report.output import write_analysis
-from avrgym.analysis.statistics.families import PARTICIPANT, Compared, Question, corrected
-from avrgym.analysis.statistics.objective_tests import offered_objective
-from avrgym.analysis.statistics.offered import offered_tests
-from avrgym.analysis.statistics.tests import clustered_interval, holm, signed_rank
+from avrgym.analysis.figures import draw_figures
+from avrgym.analysis.outcomes.outcomes import outcome_tests
+from avrgym.analysis.output import write_analysis
+from avrgym.analysis.plan import required_tests
+from avrgym.analysis.statistics.comparisons import PARTICIPANT, Comparison, Question, corrected_family
+from avrgym.analysis.statistics.tests import clustered_wilson_interval, holm, signed_rank
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage.store import Store
@@ -114,7 +114,7 @@ def test_objective_measures_follow_from_the_trials(tables: dict[str, Frame]) -> 
         successes = int(own["success"].astype(bool).sum())
         assert (row.trials, row.successes) == (len(own), successes)
         clusters = [each["success"].astype(bool).tolist() for _, each in own.groupby("participant")]
-        assert (row.success_low, row.success_high) == pytest.approx(clustered_interval(clusters))
+        assert (row.success_low, row.success_high) == pytest.approx(clustered_wilson_interval(clusters))
         if row.task == "all":
             assert np.isnan(row.reward_mean)
             continue
@@ -229,7 +229,7 @@ def test_figures_show_tests_by_participant_alone(store: Store) -> None:
     """Fewer than four people took part: their figure shows no test."""
     analysis = analyse(store)
     people, simulated = (
-        next(each.inline() for each in draw_study(analysis) if each.name == name)
+        next(each.inline() for each in draw_figures(analysis) if each.name == name)
         for name in ("likert-people", "likert-simulated")
     )
     family = "policies, by participant"
@@ -268,7 +268,7 @@ def test_a_plan_may_name_the_tests_that_the_analysis_does_and_no_others(
     store: Store, tables: dict[str, Frame]
 ) -> None:
     done = tables["tests"].groupby("family", sort=False)["quantity"].unique()
-    offered = offered_tests(store.design) | offered_objective(store.design)
+    offered = required_tests(store.design) | outcome_tests(store.design)
     assert {test: set(measures) for test, measures in done.items()} == {
         test: set(measures) for test, measures in offered.items()
     }
@@ -286,8 +286,8 @@ def test_a_family_that_is_added_appears_in_the_report(
     store: Store, analysis: Analysis, tmp_path: Path
 ) -> None:
     found = signed_rank([2.0, 3.0])
-    hum = Compared("hum_db", ("PR2", [3.0, 4.0]), ("Jaco", [1.0, 1.0]), found, 2)
-    added = corrected(True, Question("noise", table="How loud robots are"), PARTICIPANT, [hum])
+    hum = Comparison("hum_db", ("PR2", [3.0, 4.0]), ("Jaco", [1.0, 1.0]), found, 2)
+    added = corrected_family(True, Question("noise", table="How loud robots are"), PARTICIPANT, [hum])
     report = write_analysis(replace(analysis, families=[*analysis.families, added]), store.folder, tmp_path)
     shown = report.read_text()
     assert "How loud robots are (simulated participants)" in shown

@@ -16,20 +16,21 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from avrgym.analysis.figures.answer_figures import (
+from avrgym.analysis.answers.figures import (
     mean_answers_figures,
     session_answers_figures,
     trial_answers_figures,
 )
-from avrgym.analysis.figures.drawing import Drawing
-from avrgym.analysis.figures.study_figures import head_figure, height_figure, reward_figure, success_figure
-from avrgym.analysis.reading.flow import Flow
-from avrgym.analysis.reading.trained_people import draw_people
-from avrgym.analysis.report.pack.flow_chart import flow_chart
-from avrgym.analysis.rows import AnswerRow, ObjectiveRow, TrialRow
-from avrgym.analysis.statistics.biomechanics import measured_groups
-from avrgym.analysis.statistics.session_answers import session_families, session_likert_rows
-from avrgym.analysis.statistics.subjective import answer_families, likert_rows, subjective_rows
+from avrgym.analysis.answers.session_answers import session_families, session_likert_rows
+from avrgym.analysis.answers.trial_answers import answer_families, likert_rows, subjective_rows
+from avrgym.analysis.biomechanics.biomechanics import body_trials_by_group
+from avrgym.analysis.biomechanics.figures import head_figure, height_figure
+from avrgym.analysis.biomechanics.training_people import sample_training_people
+from avrgym.analysis.flow import ParticipantFlow, flow_chart
+from avrgym.analysis.outcomes.figures import reward_figure, success_figure
+from avrgym.analysis.outcomes.outcomes import ObjectiveRow
+from avrgym.analysis.page.drawing import Drawing
+from avrgym.analysis.reading.rows import AnswerRow, TrialRow
 from avrgym.questionnaires.questionnaire import MOMENTS, Item, Questionnaire
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.study.design.design import Design, default_text, parse_design
@@ -155,8 +156,8 @@ def body_drawings(design: Design) -> Iterator[Drawing]:
         )
         for number, task in product(range(PEOPLE), design.tasks)
     ]  # fmt: skip
-    people = draw_people(design)
-    for group in measured_groups(trials):
+    people = sample_training_people(design)
+    for group in body_trials_by_group(trials):
         yield height_figure(group, people)
         yield head_figure(group, people)
 
@@ -164,7 +165,7 @@ def body_drawings(design: Design) -> Iterator[Drawing]:
 def flow_drawings() -> Iterator[Drawing]:
     excluded = {"Do you have a cognitive or visual impairment that glasses do not correct? Yes": 2}
     yield flow_chart(
-        Flow(
+        ParticipantFlow(
             simulated=True, enrolled=20, deleted=1, no_consent=1, excluded=2, withdrew_before=1, waiting=1,
             allocated=14, withdrew=2, unfinished=3, completed=9, analysed=11, orders={1: 14}, consents={"1": 18},
             first_day=None, last_day=None, analysed_unfinished=3, completed_without_data=1, excluded_by=excluded,

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from avrgym.analysis.statistics.models.fitted import Estimate, NoFit
-from avrgym.analysis.statistics.models.mixed import fit_mixed
-from avrgym.analysis.statistics.models.ordinal import (
+from avrgym.analysis.models.estimate import Estimate, FitError
+from avrgym.analysis.models.mixed import fit_mixed
+from avrgym.analysis.models.ordinal import (
     KAUERMANN_CARROLL,
     MANCL_DEROUEN,
     UNCORRECTED,
@@ -131,34 +131,34 @@ WITH_CONSTANT = np.hstack([np.ones((24, 1)), CONDITION])
 def test_separated_groups_have_no_odds_ratio(rng: np.random.Generator) -> None:
     always = np.where(CONDITION[:, 0] == 1, 1, rng.integers(0, 2, 24))
     for values in (CONDITION[:, 0], always, 1 - always):
-        with pytest.raises(NoFit, match="separated"):
+        with pytest.raises(FitError, match="separated"):
             fit_ordinal(values, CONDITION, PEOPLE)
 
 
 def test_equal_values_are_no_data() -> None:
-    with pytest.raises(NoFit, match="all values are equal"):
+    with pytest.raises(FitError, match="all values are equal"):
         fit_ordinal(np.ones(24), CONDITION, PEOPLE)
-    with pytest.raises(NoFit, match="all values are equal"):
+    with pytest.raises(FitError, match="all values are equal"):
         fit_mixed(np.ones(24), WITH_CONSTANT, PEOPLE, [PEOPLE])
 
 
 def test_effects_that_are_the_same_cannot_be_told_apart(rng: np.random.Generator) -> None:
     values, twice = rng.integers(0, 3, 24), np.hstack([CONDITION, CONDITION])
-    with pytest.raises(NoFit):
+    with pytest.raises(FitError):
         fit_ordinal(values, twice, PEOPLE).estimate(np.array([1.0, 0.0]))
-    with pytest.raises(NoFit, match="told apart"):
+    with pytest.raises(FitError, match="told apart"):
         fit_mixed(values, np.hstack([WITH_CONSTANT, CONDITION]), PEOPLE, [PEOPLE])
 
 
 def test_differences_that_are_all_the_same_have_no_variance(rng: np.random.Generator) -> None:
     values = np.repeat(rng.normal(size=6), 4) + CONDITION[:, 0]
-    with pytest.raises(NoFit):
+    with pytest.raises(FitError):
         fit_mixed(values, WITH_CONSTANT, PEOPLE, [PEOPLE]).estimate(np.array([0.0, 1.0]))
-    with pytest.raises(NoFit, match="no variance"):
+    with pytest.raises(FitError, match="no variance"):
         Estimate.of(1.0, 0.0, 3.0)
 
 
 def test_one_cluster_that_alone_determines_an_effect_is_told(rng: np.random.Generator) -> None:
     values, only = rng.integers(0, 3, 24), (PEOPLE == 2).astype(float)[:, None]
-    with pytest.raises(NoFit, match="one participant alone"):
+    with pytest.raises(FitError, match="one participant alone"):
         fit_ordinal(values, only, PEOPLE)

@@ -8,22 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from avrgym.analysis.model_rows import ModelRow
-from avrgym.analysis.rows import AttemptRow
-from avrgym.analysis.statistics.models.effects import (
+from avrgym.analysis.models.effects import (
     CARRY_OVER,
     EFFECTS,
     LEARNING,
     ORDER,
     POLICIES,
     Effect,
-    Observed,
+    TrialValue,
     effects,
 )
-from avrgym.analysis.statistics.models.fitted import NoFit
-from avrgym.analysis.statistics.models.fitting import LOGISTIC, MIXED, ORDINAL, estimates
-from avrgym.analysis.statistics.models.models import source_rows
-from avrgym.analysis.statistics.models.quantities import Source, courses, sources
+from avrgym.analysis.models.estimate import FitError
+from avrgym.analysis.models.fitting import LOGISTIC, MIXED, ORDINAL, estimate_effects
+from avrgym.analysis.models.models import ModelGroup, ModelRow, group_rows, model_groups, trial_places
+from avrgym.analysis.reading.rows import AttemptRow
 from avrgym.analysis.statistics.tests import holm
 from avrgym.study.design.allocation import plan_trials
 from avrgym.study.design.design import Design, default_text, parse_design
@@ -32,7 +30,7 @@ from helpers.studies.simulated_results import answered, rewarded, succeeded, wit
 
 DESIGN = parse_design(default_text())
 STUDIES = 60
-Imagine = Callable[[Design, int, int], list[Observed]]
+Imagine = Callable[[Design, int, int], list[TrialValue]]
 
 
 def with_only(**changes: str) -> Design:
@@ -42,8 +40,8 @@ def with_only(**changes: str) -> Design:
     return parse_design(text)
 
 
-def rows(model: str, observed: list[Observed], design: Design = DESIGN) -> list[ModelRow]:
-    return source_rows(design, Source("models", {"value": model}, "trials"), False, {"value": observed})
+def rows(model: str, observed: list[TrialValue], design: Design = DESIGN) -> list[ModelRow]:
+    return group_rows(design, ModelGroup("models", {"value": model}, "trials"), False, {"value": observed})
 
 
 # Effects
@@ -62,7 +60,7 @@ def test_a_course_is_told_from_the_trials_as_they_were_run() -> None:
         for trial in trials
     ]  # fmt: skip
     broken_off = replace(attempts[3], state="stopped")
-    found = courses(DESIGN, [*attempts[:3], broken_off, *attempts[3:]])
+    found = trial_places(DESIGN, [*attempts[:3], broken_off, *attempts[3:]])
     assert len(found) == 16
     by_block = Counter(round(3 * each.block) for each in found.values())
     assert by_block == dict.fromkeys(range(4), 4)
@@ -90,13 +88,13 @@ def test_an_effect_is_found_where_it_is_and_nowhere_else(kind: str) -> None:
     }[kind]
     moved = [replace(each, value=each.value + 3.0 * size(each)) for each in plain]
     before, after = (
-        estimates(DESIGN, MIXED, plain, effects(DESIGN)),
-        estimates(DESIGN, MIXED, moved, effects(DESIGN)),
+        estimate_effects(DESIGN, MIXED, plain, effects(DESIGN)),
+        estimate_effects(DESIGN, MIXED, moved, effects(DESIGN)),
     )
     for effect in effects(DESIGN):
         a, b = before[effect], after[effect]
-        assert not isinstance(a, NoFit)
-        assert not isinstance(b, NoFit)
+        assert not isinstance(a, FitError)
+        assert not isinstance(b, FitError)
         assert b.value - a.value == pytest.approx(3.0 if effect == wanted else 0.0, abs=1e-6)
 
 
@@ -132,9 +130,10 @@ def test_where_policies_do_not_differ_models_seldom_say_so(model: str, imagine: 
     1,000 studies of each kind."""
     (policies,) = (effect for effect in effects(DESIGN) if effect.kind == POLICIES)
     found = [
-        estimates(DESIGN, model, imagine(DESIGN, 8, 100 + n), [policies])[policies] for n in range(STUDIES)
+        estimate_effects(DESIGN, model, imagine(DESIGN, 8, 100 + n), [policies])[policies]
+        for n in range(STUDIES)
     ]
-    fitted = [each for each in found if not isinstance(each, NoFit)]
+    fitted = [each for each in found if not isinstance(each, FitError)]
     assert len(fitted) == STUDIES
     assert sum(each.p < 0.05 for each in fitted) <= 9
     assert min(each.p for each in fitted) < 0.2
@@ -143,43 +142,43 @@ def test_where_policies_do_not_differ_models_seldom_say_so(model: str, imagine: 
 # Studies of any shape
 
 
-def nobody(observed: list[Observed]) -> list[Observed]:
+def nobody(observed: list[TrialValue]) -> list[TrialValue]:
     return []
 
 
-def one_participant(observed: list[Observed]) -> list[Observed]:
+def one_participant(observed: list[TrialValue]) -> list[TrialValue]:
     return [each for each in observed if each.participant == "sub-001"]
 
 
-def all_alike(observed: list[Observed]) -> list[Observed]:
+def all_alike(observed: list[TrialValue]) -> list[TrialValue]:
     return [replace(each, value=1.0) for each in observed]
 
 
-def policies_apart(observed: list[Observed]) -> list[Observed]:
+def policies_apart(observed: list[TrialValue]) -> list[TrialValue]:
     return [replace(each, value=float(each.policy == "revised")) for each in observed]
 
 
-def one_policy(observed: list[Observed]) -> list[Observed]:
+def one_policy(observed: list[TrialValue]) -> list[TrialValue]:
     return [each for each in observed if each.policy == "revised"]
 
 
-def one_trial_each(observed: list[Observed]) -> list[Observed]:
+def one_trial_each(observed: list[TrialValue]) -> list[TrialValue]:
     return list({each.participant: each for each in observed}.values())
 
 
-def hardly_any(observed: list[Observed]) -> list[Observed]:
+def hardly_any(observed: list[TrialValue]) -> list[TrialValue]:
     return [replace(each, value=float(number == 5)) for number, each in enumerate(observed)]
 
 
-def participants_alike(observed: list[Observed]) -> list[Observed]:
+def participants_alike(observed: list[TrialValue]) -> list[TrialValue]:
     return [replace(each, value=float(hash_of(each))) for each in observed]
 
 
-def hash_of(each: Observed) -> int:
+def hash_of(each: TrialValue) -> int:
     return (len(each.task) + 3 * len(each.robot) + 5 * len(each.policy)) % 2
 
 
-def half_missing(observed: list[Observed]) -> list[Observed]:
+def half_missing(observed: list[TrialValue]) -> list[TrialValue]:
     return [each for number, each in enumerate(observed) if number * 7 % 5 < 2]
 
 
@@ -203,7 +202,7 @@ DESIGNS = {
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("design", DESIGNS.values(), ids=list(DESIGNS))
 def test_whatever_data_do_not_tell_is_a_sentence_and_no_number(
-    design: Design, shape: Callable[[list[Observed]], list[Observed]]
+    design: Design, shape: Callable[[list[TrialValue]], list[TrialValue]]
 ) -> None:
     kinds = {
         ORDINAL: answered(design, 5, 0),
@@ -218,7 +217,7 @@ def test_whatever_data_do_not_tell_is_a_sentence_and_no_number(
             check_row(row, given)
 
 
-def check_row(row: ModelRow, given: list[Observed]) -> None:
+def check_row(row: ModelRow, given: list[TrialValue]) -> None:
     """Either a whole estimate that is reasonable, or none and a reason."""
     numbers = (row.estimate, row.error, row.df, row.low, row.high, row.p, row.p_holm)
     if row.estimate is None:
@@ -256,7 +255,7 @@ def test_effects_of_a_kind_are_corrected_together() -> None:
 
 def test_long_scales_are_taken_for_numbers() -> None:
     text = default_text().replace('id = "L2"', 'id = "L2"').replace("points = 7", "points = 101", 1)
-    (answers, _) = sources(parse_design(text))
+    (answers, _) = model_groups(parse_design(text))
     assert answers.models == {"L1": MIXED, "L2": ORDINAL, "L3": ORDINAL, "L4": ORDINAL}
 
 
@@ -272,7 +271,7 @@ def test_values_stand_with_their_conditions() -> None:
 
 def test_a_pair_of_groups_is_estimated_against_each_other_only_if_both_are_there() -> None:
     observed = one_policy(answered(DESIGN, 8, 0))
-    found = estimates(DESIGN, ORDINAL, observed, [Effect(POLICIES, "revised", "original")])
+    found = estimate_effects(DESIGN, ORDINAL, observed, [Effect(POLICIES, "revised", "original")])
     (reason,) = found.values()
-    assert isinstance(reason, NoFit)
+    assert isinstance(reason, FitError)
     assert str(reason) == "these trials do not tell this effect"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store

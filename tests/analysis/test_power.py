@@ -11,15 +11,22 @@ import pytest
 from scipy import stats
 from typer.testing import CliRunner
 
-from avrgym.analysis.power.answers import Assumptions, ImaginedStudies
-from avrgym.analysis.power.modelled import in_order
-from avrgym.analysis.power.power import PowerRow, count, default_sizes, needed, power_rows, probabilities
-from avrgym.analysis.power.words import power_sentences, smallest_p
-from avrgym.analysis.rows import AnswerRow
-from avrgym.analysis.statistics.families import PARTICIPANT
-from avrgym.analysis.statistics.models.effects import Observed
-from avrgym.analysis.statistics.primary import judged
-from avrgym.analysis.statistics.subjective import answer_families
+from avrgym.analysis.answers.trial_answers import answer_families
+from avrgym.analysis.models.effects import TrialValue
+from avrgym.analysis.power.power import (
+    PowerRow,
+    count_significant,
+    default_sizes,
+    p_values,
+    power_rows,
+    required_participants,
+    values_in_order,
+)
+from avrgym.analysis.power.simulated_studies import Assumptions, SimulatedStudies
+from avrgym.analysis.power.summary import describe_power, min_p_value
+from avrgym.analysis.primary import assign_roles
+from avrgym.analysis.reading.rows import AnswerRow
+from avrgym.analysis.statistics.comparisons import PARTICIPANT
 from avrgym.cli.main import app
 from avrgym.study.design.design import Design, default_text, parse_design
 
@@ -39,10 +46,10 @@ def one_pair(points: int) -> Design:
 
 def simulated(design: Design, effect: float, participants: int, test: str) -> float:
     """The share of studies in which a test finds the effect, before correction."""
-    studies = ImaginedStudies(design, NOISE_ONLY, 5)
+    studies = SimulatedStudies(design, NOISE_ONLY, 5)
     none = np.zeros((participants, len(design.policies), 0))
     found = [
-        probabilities(design, studies.questionnaire, studies.answers(effect, participants, number), none)
+        p_values(design, studies.questionnaire, studies.answers(effect, participants, number), none)
         for number in range(SIMULATIONS)
     ]
     return sum((each[test, "L1"][0] or 1.0) < 0.05 for each in found) / SIMULATIONS
@@ -80,7 +87,7 @@ def test_of_normal_answers_power_is_that_of_student_with_few_more() -> None:
 
 
 def test_imagined_answers_are_tested_as_the_analysis_tests_answers() -> None:
-    studies = ImaginedStudies(DESIGN, Assumptions(), 3)
+    studies = SimulatedStudies(DESIGN, Assumptions(), 3)
     answers = studies.answers(0.7, 7, 0)
     rows = [
         _row(f"sub-{who:03}", task, robot, policy, item.id, int(answers[who, t, r, p, i]))
@@ -94,13 +101,13 @@ def test_imagined_answers_are_tested_as_the_analysis_tests_answers() -> None:
     ]
     found = {
         (row.family, row.quantity): (row.p, row.p_primary)
-        for family in judged(answer_families(DESIGN, rows), [], None).families
+        for family in assign_roles(answer_families(DESIGN, rows), [], None).families
         for row in family.rows
         if row.unit == PARTICIPANT and row.group_a == "revised"
     }
     assert len(found) == 5
     none = np.zeros((7, 2, 0))
-    assert probabilities(DESIGN, studies.questionnaire, answers, none) == found
+    assert p_values(DESIGN, studies.questionnaire, answers, none) == found
     values = {(each.task, each.robot, each.policy): each.value for each in _observed(studies, 0.7, 3)}
     assert values == {
         (task, robot, policy): answers[3, t, r, p, 0]
@@ -110,22 +117,22 @@ def test_imagined_answers_are_tested_as_the_analysis_tests_answers() -> None:
     }
 
 
-def _observed(studies: ImaginedStudies, effect: float, who: int) -> list[Observed]:
+def _observed(studies: SimulatedStudies, effect: float, who: int) -> list[TrialValue]:
     """The trials of a participant of the first study of seven, as its model takes them."""
     answers = studies.answers(effect, 7, 0)[..., 0].astype(float)
-    trials = in_order(studies.design, answers, studies.orders(7, 0))
+    trials = values_in_order(studies.design, answers, studies.orders(7, 0))
     return [each for each in trials if each.participant == f"sub-{who + 1:03}"]
 
 
 def test_power_is_that_of_primary_tests_and_the_model_and_of_no_test_by_trial() -> None:
-    counts = count(DESIGN, Assumptions(), 3.0, 8, 0, range(3))
+    counts = count_significant(DESIGN, Assumptions(), 3.0, 8, 0, range(3))
     assert list(counts) == [
         ("L1 against the middle, by participant", "L1"),
         *((BETWEEN, f"L{item}") for item in (1, 2, 3, 4)),
         ("policies, models of answers", "L1"),
     ]
     assert counts["policies, models of answers", "L1"] == (3, 3)
-    few = count(DESIGN, Assumptions(), 3.0, 3, 0, range(3))
+    few = count_significant(DESIGN, Assumptions(), 3.0, 3, 0, range(3))
     assert set(few.values()) == {(0, 0)}
 
 
@@ -141,7 +148,7 @@ def _row(participant: str, task: str, robot: str, policy: str, item: str, value:
 
 
 def test_who_comes_first_does_not_depend_on_who_follows() -> None:
-    studies = ImaginedStudies(DESIGN, Assumptions(dropout=0.3), 1)
+    studies = SimulatedStudies(DESIGN, Assumptions(dropout=0.3), 1)
     few, many = studies.answers(1.0, 4, 9), studies.answers(1.0, 12, 9)
     assert few.shape == (4, 4, 2, 2, 4)
     assert np.array_equal(few, many[:4])
@@ -153,7 +160,7 @@ def test_who_comes_first_does_not_depend_on_who_follows() -> None:
 def test_drift_goes_with_the_place_in_the_session() -> None:
     """Without chance whoever meets a condition late rates it higher, and over all orders it evens out."""
     assumed = replace(NOISE_ONLY, noise_sd=0, drift=6.0)
-    answers = ImaginedStudies(DESIGN, assumed, 0).answers(0.0, 4, 0)
+    answers = SimulatedStudies(DESIGN, assumed, 0).answers(0.0, 4, 0)
     assert answers.min() == 1
     assert answers.max() == 7
     assert np.ptp(answers[..., 0].mean(axis=(0, 1, 2))) < 0.3
@@ -164,7 +171,12 @@ def test_the_least_number_is_the_one_from_which_on_power_suffices() -> None:
     rows: list[PowerRow] = []
     for participants, hits in {4: 10, 8: 85, 12: 70, 16: 85, 20: 95}.items():
         rows += power_rows([{("test", "L1"): (99, hits)}], 1.0, participants, 100)
-    assert [needed(rows, 1.0, "test", "L1", goal) for goal in (0.6, 0.8, 0.9, 0.99)] == [8, 16, 20, None]
+    assert [required_participants(rows, 1.0, "test", "L1", goal) for goal in (0.6, 0.8, 0.9, 0.99)] == [
+        8,
+        16,
+        20,
+        None,
+    ]
     assert default_sizes(DESIGN) == (4, 8, 12, 16, 20, 24, 32, 40, 48, 64)
 
 
@@ -181,11 +193,11 @@ def test_words_say_what_so_few_can_show(participants: int, words: str) -> None:
         *power_rows([{(BETWEEN, "L1"): (70, 20)}], 1.0, participants, 100),
         *power_rows([{(BETWEEN, "L1"): (5, 1)}], 0.0, participants, 100),
     ]
-    told = " ".join(power_sentences(Assumptions(), rows, participants))
+    told = " ".join(describe_power(Assumptions(), rows, participants))
     assert words in told
     assert "after correction in 20 % (13 to 29): more often missed than found" in told
     assert "Where there is no effect, 'policies, by participant' finds one in 5 %" in told
-    assert smallest_p(8) == 2 / 2**8
+    assert min_p_value(8) == 2 / 2**8
 
 
 @pytest.mark.slow
@@ -201,7 +213,7 @@ def test_a_studys_power_on_the_command_line(tmp_path: Path) -> None:
     found = json.loads((tmp_path / "power.json").read_text())
     assert found["assumptions"]["noise_sd"] == 1.0
     assert {(row["effect"], row["participants"]) for row in found["power"]} == {(0.0, 8), (2.0, 4), (2.0, 8)}
-    expected = count(DESIGN, Assumptions(), 2.0, 8, 7, range(101))
+    expected = count_significant(DESIGN, Assumptions(), 2.0, 8, 7, range(101))
     for row in found["power"]:
         if (row["effect"], row["participants"]) == (2.0, 8):
             times = tuple(round(101 * row[name]) for name in ("power", "corrected"))
@@ -213,7 +225,7 @@ def test_what_cannot_be_is_refused(tmp_path: Path) -> None:
     text = default_text()
     nothing = text[: text.index("\n[[questionnaires]]\n")] + text[text.index("\n[goals]\n") :]
     with pytest.raises(ValueError, match="asks nothing after trials"):
-        ImaginedStudies(parse_design(nothing), Assumptions(), 0)
+        SimulatedStudies(parse_design(nothing), Assumptions(), 0)
     with pytest.raises(ValueError, match="noise_sd is -1; allowed: 0 or more"):
         Assumptions(noise_sd=-1)
     (tmp_path / "study.toml").write_text(text)

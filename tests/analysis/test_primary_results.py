@@ -7,27 +7,33 @@ from itertools import product
 import numpy as np
 import pytest
 
-from avrgym.analysis import rows as tables
-from avrgym.analysis.power.answers import Assumptions, ImaginedStudies
-from avrgym.analysis.report.results import probability, table_of_tests
-from avrgym.analysis.statistics.families import PARTICIPANT, TRIAL, Compared, Question, corrected
-from avrgym.analysis.statistics.joint import jointly_corrected
-from avrgym.analysis.statistics.models.effects import Observed, effects
-from avrgym.analysis.statistics.models.fitted import Estimate
-from avrgym.analysis.statistics.models.fitting import MIXED, UNRELIABLE, estimates
-from avrgym.analysis.statistics.objective import mean_with_interval
-from avrgym.analysis.statistics.objective_tests import OBJECTIVE
-from avrgym.analysis.statistics.primary import judged
+from avrgym.analysis.models.effects import TrialValue, effects
+from avrgym.analysis.models.estimate import Estimate
+from avrgym.analysis.models.fitting import MIXED, UNRELIABLE, estimate_effects
+from avrgym.analysis.outcomes.outcomes import OBJECTIVE, mean_with_interval
+from avrgym.analysis.page.comparisons import table_of_tests
+from avrgym.analysis.page.elements import p_text
+from avrgym.analysis.power.simulated_studies import Assumptions, SimulatedStudies
+from avrgym.analysis.primary import assign_roles
+from avrgym.analysis.statistics.comparisons import (
+    PARTICIPANT,
+    TRIAL,
+    Comparison,
+    ComparisonRow,
+    Question,
+    corrected_family,
+)
+from avrgym.analysis.statistics.sign_flips import sign_flip_p_values
 from avrgym.analysis.statistics.tests import holm, rank_sum, signed_rank, t_interval
 from avrgym.study.design.design import default_text, parse_design
 from avrgym.study.plan.plan import Exclusion, Hypothesis, Plan
 from inference import any_star, imagined
 
 DESIGN = parse_design(default_text())
-STUDIES = ImaginedStudies(DESIGN, Assumptions(), 3)
+STUDIES = SimulatedStudies(DESIGN, Assumptions(), 3)
 
 
-def rows(effect: float = 0.7, people: int = 8, number: int = 0) -> list[tables.TestedRow]:
+def rows(effect: float = 0.7, people: int = 8, number: int = 0) -> list[ComparisonRow]:
     return imagined(DESIGN, STUDIES, effect, people, number)
 
 
@@ -59,7 +65,7 @@ def test_tables_show_the_correction_over_primary_results_next_to_holms() -> None
         dict(zip(heads, cells[at : at + len(heads)], strict=True)) for at in range(0, len(cells), len(heads))
     ]
     assert [(row["p, Holm"], row["p, corrected"]) for row in table] == [
-        (probability(each.p_holm), probability(each.p_primary)) for each in own
+        (p_text(each.p_holm), p_text(each.p_primary)) for each in own
     ]
     others = [replace(each, role="secondary", p_primary=None) for each in own]
     assert "p, corrected" not in table_of_tests("Tests", others, simulated=False)
@@ -70,10 +76,10 @@ def test_with_a_plan_its_hypotheses_are_primary_each_participant_one_value(unit:
     found = {"L1": [1.0, 2.0, 3.0, 4.0], "L2": [1.0, -2.0, 3.0, 4.0]}
     question = Question("policies", "tests", primary=True)
     families = [
-        corrected(False, question, each, [_paired(name, values) for name, values in found.items()])
+        corrected_family(False, question, each, [_paired(name, values) for name, values in found.items()])
         for each in (TRIAL, PARTICIPANT)
     ]
-    tests = judged(families, [], planned(f"policies, by {unit}")).families
+    tests = assign_roles(families, [], planned(f"policies, by {unit}")).families
     roles = {(row.unit, row.quantity): row.role for family in tests for row in family.rows}
     assert roles == {
         (TRIAL, "L1"): "supplement",
@@ -83,9 +89,9 @@ def test_with_a_plan_its_hypotheses_are_primary_each_participant_one_value(unit:
     }
 
 
-def _paired(quantity: str, values: list[float]) -> Compared:
+def _paired(quantity: str, values: list[float]) -> Comparison:
     differences = {f"sub-{place:03}": value for place, value in enumerate(values)}
-    return Compared(
+    return Comparison(
         quantity, ("b", values), ("a", [0.0] * len(values)), signed_rank(values), len(values), differences
     )
 
@@ -93,12 +99,12 @@ def _paired(quantity: str, values: list[float]) -> Compared:
 def test_unpaired_tests_of_a_plan_are_corrected_by_holm_beside_the_paired_ones() -> None:
     paired, unpaired = Question("policies", "t", primary=True), Question("heights", "t", primary=True)
     values, taller = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], ([7.0, 8.0, 9.0, 9.5], [1.0, 2.0, 3.0, 4.0, 5.0])
-    height = Compared("h", ("participants", taller[0]), ("others", taller[1]), rank_sum(*taller), 4)
+    height = Comparison("h", ("participants", taller[0]), ("others", taller[1]), rank_sum(*taller), 4)
     families = [
-        corrected(False, paired, PARTICIPANT, [_paired("L1", values)]),
-        corrected(False, unpaired, PARTICIPANT, [height]),
+        corrected_family(False, paired, PARTICIPANT, [_paired("L1", values)]),
+        corrected_family(False, unpaired, PARTICIPANT, [height]),
     ]
-    first, second = (family.rows[0] for family in judged(families, [], None).families)
+    first, second = (family.rows[0] for family in assign_roles(families, [], None).families)
     assert (first.p, second.p) == (2 / 2**6, pytest.approx(2 / 126))
     assert (first.p_primary, second.p_primary) == (pytest.approx(4 / 2**6), pytest.approx(4 / 126))
     assert (first.mark, second.mark) == ("", "*")
@@ -120,12 +126,12 @@ def test_the_joint_correction_is_that_of_all_choices_of_signs(people: int, rng: 
     given[2] = given[1]
     own = [{str(person): value for person, value in enumerate(test)} for test in given.tolist()]
     plain = [signed_rank(test).p for test in given]
-    found = jointly_corrected(own)
+    found = sign_flip_p_values(own)
     for p, least, most in zip(found, plain, holm(plain), strict=True):
         assert (p is None) == (least is None)
         if p is not None and least is not None and most is not None:
             assert least - 1e-12 <= p <= most + 1e-12
-    (alone,) = jointly_corrected(own[:1])
+    (alone,) = sign_flip_p_values(own[:1])
     assert alone == pytest.approx(plain[0])
     strongest = min(range(5), key=lambda place: found[place] or 2.0)
     flips = np.array(list(product([-1.0, 1.0], repeat=people)))
@@ -145,12 +151,12 @@ def _standardised(test: np.ndarray, flips: np.ndarray) -> np.ndarray:
 def test_a_test_that_some_participants_lack_is_corrected_with_the_others() -> None:
     whole = {str(person): float(person + 1) for person in range(8)}
     part = {person: value for person, value in whole.items() if person not in "07"}
-    assert jointly_corrected([whole, part, {}]) == [pytest.approx(2 / 2**8), pytest.approx(2 / 2**6), None]
+    assert sign_flip_p_values([whole, part, {}]) == [pytest.approx(2 / 2**8), pytest.approx(2 / 2**6), None]
 
 
 def test_many_participants_are_corrected_by_drawn_signs_always_alike() -> None:
     own = [{str(person): float(np.sin(test + person)) + 0.3 for person in range(30)} for test in range(3)]
-    first, second = jointly_corrected(own), jointly_corrected(own)
+    first, second = sign_flip_p_values(own), sign_flip_p_values(own)
     assert first == second
     for p, test in zip(first, own, strict=True):
         assert p is not None
@@ -256,13 +262,13 @@ def test_effects_by_trial_have_no_interval() -> None:
 def test_an_effect_without_a_variance_of_its_own_is_said_to_be_unreliable() -> None:
     """Policies differ far more between trials of a participant than between participants."""
     rng = np.random.default_rng(0)
-    seen: list[Observed] = []
+    seen: list[TrialValue] = []
     for person, task, robot in product(range(8), DESIGN.tasks, DESIGN.robots):
         sign = 1.0 if (DESIGN.tasks.index(task) + DESIGN.robots.index(robot)) % 2 else -1.0
         for policy, side in zip(DESIGN.policies, (sign, -sign), strict=True):
             value = side + 0.3 * rng.normal()
-            seen.append(Observed(f"sub-{person:03}", task, robot, policy, 0.5, 0.5, None, value))
-    found = estimates(DESIGN, MIXED, seen, effects(DESIGN))
+            seen.append(TrialValue(f"sub-{person:03}", task, robot, policy, 0.5, 0.5, None, value))
+    found = estimate_effects(DESIGN, MIXED, seen, effects(DESIGN))
     notes = {effect.kind: each.note for effect, each in found.items() if isinstance(each, Estimate)}
     assert notes["policies"].startswith("singular: random effect at zero: ")
     assert "participant by policy" in notes["policies"]
@@ -274,7 +280,7 @@ def test_an_effect_without_a_variance_of_its_own_is_said_to_be_unreliable() -> N
         )
         for each in seen
     ]
-    found = estimates(DESIGN, MIXED, differing, effects(DESIGN))
+    found = estimate_effects(DESIGN, MIXED, differing, effects(DESIGN))
     (policies,) = (each for effect, each in found.items() if effect.kind == "policies")
     assert isinstance(policies, Estimate)
     assert UNRELIABLE not in policies.note

@@ -13,21 +13,19 @@ import msgspec
 import pandas as pd
 import pytest
 
-from avrgym.analysis.figures.drawing import Drawing
-from avrgym.analysis.figures.study_figures import draw_study
-from avrgym.analysis.reading.flow import Flow
-from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK
-from avrgym.analysis.report.output import write_analysis
-from avrgym.analysis.report.pack.checklist import checklist
-from avrgym.analysis.report.pack.codebook import UNDESCRIBED, meaning
-from avrgym.analysis.report.pack.flow_chart import flow_chart, steps
-from avrgym.analysis.report.pack.latex import latex_table
-from avrgym.analysis.report.pack.methods import main_flow, methods
-from avrgym.analysis.report.pack.tables import shown_tables
-from avrgym.analysis.report.results import values_given
-from avrgym.analysis.report.study_page import write_study_page
-from avrgym.analysis.rows import ProblemRow
-from avrgym.analysis.statistics.families import PARTICIPANT
+from avrgym.analysis.biomechanics.training_people import PEOPLE_PER_TASK
+from avrgym.analysis.figures import draw_figures
+from avrgym.analysis.flow import ParticipantFlow, flow_chart, flow_steps
+from avrgym.analysis.output import write_analysis
+from avrgym.analysis.page.comparisons import n_text
+from avrgym.analysis.page.drawing import Drawing
+from avrgym.analysis.publication.checklist import checklist
+from avrgym.analysis.publication.codebook import UNDESCRIBED, describe_column
+from avrgym.analysis.publication.methods import main_flow, methods
+from avrgym.analysis.publication.tables import latex_table, publication_tables
+from avrgym.analysis.reading.rows import ProblemRow
+from avrgym.analysis.report import write_report
+from avrgym.analysis.statistics.comparisons import PARTICIPANT
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
@@ -101,7 +99,7 @@ def test_the_chart_shows_each_step_and_who_left(analysis: Analysis, out: Path) -
     for name in ("people", "simulated"):
         ET.fromstring((out / "reporting" / f"flow-{name}.svg").read_text())
     shown = words_of(flow_chart(analysis.flows[0]))
-    for words, left in steps(analysis.flows[0]):
+    for words, left in flow_steps(analysis.flows[0]):
         assert words in shown
         assert all(each in shown for each in left)
     assert "1 excluded by the inclusion questions" in shown
@@ -116,7 +114,7 @@ def test_the_chart_shows_each_step_and_who_left(analysis: Analysis, out: Path) -
 
 def test_the_methods_say_what_is_known_and_what_is_missing(analysis: Analysis, out: Path) -> None:
     text = (out / "reporting" / "methods.md").read_text()
-    enrolled, _, _, analysed = steps(analysis.flows[0])
+    enrolled, _, _, analysed = flow_steps(analysis.flows[0])
     assert f"9 participants enrolled (left: {', '.join(enrolled[1])})." in text
     assert "6 were given an order of trials (left: 1 withdrew (felt sick: 1))." in text
     assert f"5 completed the study. {analysed[0]}." in text
@@ -238,16 +236,16 @@ def test_the_data_package_describes_the_files_beside_it(out: Path) -> None:
 
 
 def test_an_unknown_column_is_told_as_such(analysis: Analysis) -> None:
-    assert meaning("trials", "mood", analysis.design) is UNDESCRIBED
+    assert describe_column("trials", "mood", analysis.design) is UNDESCRIBED
 
 
 def test_a_flow_without_anybody_leaving_tells_of_nobody() -> None:
-    flow = Flow(
+    flow = ParticipantFlow(
         simulated=False, enrolled=2, deleted=0, no_consent=0, excluded=0, withdrew_before=0, waiting=0, allocated=2,
         withdrew=0, unfinished=0, completed=2, analysed=2, orders={1: 2}, consents={"1": 2},
         first_day=None, last_day=None,
     )  # fmt: skip
-    assert [left for _, left in steps(flow)] == [[], [], [], []]
+    assert [left for _, left in flow_steps(flow)] == [[], [], [], []]
 
 
 # Who is in the analysis
@@ -268,11 +266,11 @@ def test_the_flow_names_why_people_left_and_who_is_analysed(tmp_path: Path) -> N
     assert flow.excluded_by == {"Are you 18 years old or older? No": 1}
     assert (flow.withdrew_before_for, flow.withdrew_for) == ({"no time": 1}, {})
     assert (flow.completed, flow.analysed, flow.analysed_unfinished) == (1, 2, 1)
-    assert steps(flow)[-1] == ("In the analysis: 2, of them 1 not finished yet", [])
+    assert flow_steps(flow)[-1] == ("In the analysis: 2, of them 1 not finished yet", [])
     about = " ".join(methods(found, flow)["Participants"])
     assert "Of the 2 participants in the analysis: Age: 22 to 22 years" in about
     assert "1 were represented by a woman's body model, 1 by a man's" in about
-    tables = {table.name: table for table in shown_tables(found, simulated=False)}
+    tables = {table.name: table for table in publication_tables(found, simulated=False)}
     assert [row[:3] for row in tables["participants"].rows] == [
         ("man", 1, "22.0 (22 to 22)"),
         ("woman", 1, "22.0 (22 to 22)"),
@@ -280,12 +278,12 @@ def test_the_flow_names_why_people_left_and_who_is_analysed(tmp_path: Path) -> N
 
 
 def test_who_completed_a_study_without_data_that_count_is_not_analysed() -> None:
-    flow = Flow(
+    flow = ParticipantFlow(
         simulated=False, enrolled=2, deleted=0, no_consent=0, excluded=0, withdrew_before=0, waiting=0, allocated=2,
         withdrew=0, unfinished=0, completed=2, analysed=1, orders={1: 2}, consents={"1": 2},
         first_day=None, last_day=None, completed_without_data=1,
     )  # fmt: skip
-    assert steps(flow)[2] == ("Completed the study: 2", ["1 without a trial or answer that counts"])
+    assert flow_steps(flow)[2] == ("Completed the study: 2", ["1 without a trial or answer that counts"])
 
 
 # What a reader could misread
@@ -303,11 +301,11 @@ def test_the_numbers_of_values_are_those_of_each_group(analysis: Analysis) -> No
     rows = [row for row in analysis.tests if not row.simulated and row.unit == PARTICIPANT]
     unpaired = [row for row in rows if row.test == "Mann-Whitney"]
     assert unpaired
-    assert {values_given(row) for row in unpaired} == {f"{PEOPLE} / {PEOPLE_PER_TASK}"}
+    assert {n_text(row) for row in unpaired} == {f"{PEOPLE} / {PEOPLE_PER_TASK}"}
     for row in rows:
         if row.test != "Mann-Whitney" and row.n_a == row.n_b:
             zeros = f" + {row.zeros} zero" if row.zeros else ""
-            assert values_given(row) == f"{row.n}{zeros}"
+            assert n_text(row) == f"{row.n}{zeros}"
 
 
 def test_a_problem_of_many_recordings_is_shown_once_and_names_each(
@@ -319,7 +317,7 @@ def test_a_problem_of_many_recordings_is_shown_once_and_names_each(
     ]
     alone = ProblemRow(simulated=False, where="one.mcap", what="is not here", consequence="no body")
     seen = replace(analysis.observed, problems=[*problems, alone])
-    write_study_page(tmp_path / "page.html", replace(analysis, observed=seen), [], "..")
+    write_report(tmp_path / "page.html", replace(analysis, observed=seen), [], "..")
     text = (tmp_path / "page.html").read_text()
     assert text.count("is old") == 1
     assert "30 times: is old: it is used." in text
@@ -332,7 +330,7 @@ def test_simulation_of_another_length_is_named_before_the_figures(analysis: Anal
     note = "episodes have 200 steps, these trials 60"
     objective = [replace(row, simulation_note=note) for row in analysis.objective]
     told = replace(analysis, objective=objective)
-    write_study_page(tmp_path / "page.html", told, draw_study(told), "..")
+    write_report(tmp_path / "page.html", told, draw_figures(told), "..")
     page = (tmp_path / "page.html").read_text()
     assert 0 < page.index(note) < page.index("<figure>")
     assert "-0.000" not in page

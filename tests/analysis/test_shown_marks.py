@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from avrgym.analysis.figures.drawing import name_marks
-from avrgym.analysis.figures.study_figures import draw_study
-from avrgym.analysis.model_rows import ModelRow
-from avrgym.analysis.report.models import table_of_effects
-from avrgym.analysis.report.output import write_analysis
-from avrgym.analysis.report.pack.tables import shown_tables
-from avrgym.analysis.statistics.models.effects import Observed, columns, effects
-from avrgym.analysis.statistics.models.fitted import Estimate
-from avrgym.analysis.statistics.models.fitting import MIXED, estimates
-from avrgym.analysis.statistics.models.mixed import fit_mixed
+from avrgym.analysis.figures import draw_figures
+from avrgym.analysis.models.effects import TrialValue, design_matrix, effects
+from avrgym.analysis.models.estimate import Estimate
+from avrgym.analysis.models.fitting import MIXED, estimate_effects
+from avrgym.analysis.models.mixed import fit_mixed
+from avrgym.analysis.models.models import ModelRow
+from avrgym.analysis.models.section import table_of_effects
+from avrgym.analysis.output import write_analysis
+from avrgym.analysis.page.drawing import add_legend
+from avrgym.analysis.publication.tables import publication_tables
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.design.design import default_text, parse_design
 from avrgym.study.storage import database
@@ -45,11 +45,11 @@ def test_a_legend_names_each_mark_that_is_drawn_anywhere_once() -> None:
     first.plot([], [], "D", label="nothing")
     second.bar(0.0, 1.0, label="bars")
     second.plot([1.0], [2.0], "D", label="diamonds")
-    name_marks(figure, columns=2)
+    add_legend(figure, columns=2)
     assert sorted(legend(figure)) == ["bars", "diamonds"]
     empty = Figure()
     empty.add_subplot().plot([], [], label="nothing")
-    name_marks(empty, columns=1)
+    add_legend(empty, columns=1)
     assert empty.legends == []
 
 
@@ -75,7 +75,7 @@ def texts(svg: str) -> list[str]:
 
 @pytest.mark.slow
 def test_figures_of_men_name_no_woman(analysis: tuple[Analysis, Path]) -> None:
-    drawings = {each.name: texts(each.svg().decode()) for each in draw_study(analysis[0])}
+    drawings = {each.name: texts(each.svg().decode()) for each in draw_figures(analysis[0])}
     heights = next(shown for name, shown in drawings.items() if name.startswith("torso-heights"))
     assert "a man" in heights
     assert "a woman" not in heights
@@ -102,10 +102,10 @@ def test_what_was_not_measured_in_simulation_has_no_column_and_no_mark(
 # Singular models
 
 
-def values(of_policy: float, of_participant: float, noise: float) -> list[Observed]:
+def values(of_policy: float, of_participant: float, noise: float) -> list[TrialValue]:
     """Rewards of eight participants, who differ by so much in general and in what they make of a policy."""
     rng = np.random.default_rng(3)
-    found: list[Observed] = []
+    found: list[TrialValue] = []
     for person in range(8):
         own, likes = of_participant * rng.normal(), of_policy * rng.normal(size=len(DESIGN.policies))
         for task in DESIGN.tasks:
@@ -115,13 +115,13 @@ def values(of_policy: float, of_participant: float, noise: float) -> list[Observ
                     before = DESIGN.policies[int(rng.integers(len(DESIGN.policies)))]
                     block, place = rng.uniform(size=2)
                     found.append(
-                        Observed(f"sub-{person:03}", task, robot, policy, block, place, before, value)
+                        TrialValue(f"sub-{person:03}", task, robot, policy, block, place, before, value)
                     )
     return found
 
 
-def notes(seen: list[Observed]) -> set[str]:
-    found = estimates(DESIGN, MIXED, seen, effects(DESIGN))
+def notes(seen: list[TrialValue]) -> set[str]:
+    found = estimate_effects(DESIGN, MIXED, seen, effects(DESIGN))
     return {each.note for each in found.values() if isinstance(each, Estimate)}
 
 
@@ -132,7 +132,7 @@ def test_a_random_effect_at_zero_is_named_with_every_estimate() -> None:
     named = set(note.removeprefix(REMARK).split(", "))
     assert named <= {"participant", "participant by policy", "participant by robot", "participant by task"}
     groups = [[each.participant for each in seen]]
-    design = np.hstack([np.ones((len(seen), 1)), columns(DESIGN, seen).matrix])
+    design = np.hstack([np.ones((len(seen), 1)), design_matrix(DESIGN, seen).matrix])
     fitted = fit_mixed([each.value for each in seen], design, groups[0], groups)
     assert fitted.at_zero == [place for place in (0,) if fitted.variances[place] <= 0.0]
 
@@ -162,7 +162,9 @@ def test_the_report_shows_the_remark_beside_its_result() -> None:
 @pytest.mark.slow
 def test_tables_for_publications_have_the_remark(analysis: tuple[Analysis, Path]) -> None:
     models = next(
-        each for each in shown_tables(replace(analysis[0], models=[SINGULAR]), True) if each.name == "models"
+        each
+        for each in publication_tables(replace(analysis[0], models=[SINGULAR]), True)
+        if each.name == "models"
     )
     assert models.heads[-1] == "Remark"
     assert [row[-1] for row in models.rows] == [SINGULAR.note]

@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import asdict
 from typer.testing import CliRunner, Result
 
-from avrgym.analysis.fitting import FITTED_JOINTS, covering_range, fit_people, write_people
+from avrgym.analysis.fit_people import FITTED_JOINTS, covering_range, fit_people, write_people
 from avrgym.cli.main import app
 from avrgym.learning.evaluation import evaluate
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEXES, Sex

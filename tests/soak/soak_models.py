@@ -5,22 +5,22 @@ from collections.abc import Callable
 
 import pytest
 
-from avrgym.analysis.power.answers import Assumptions
-from avrgym.analysis.power.power import count
-from avrgym.analysis.statistics.models.effects import EFFECTS, Observed, columns, effects
-from avrgym.analysis.statistics.models.fitted import NoFit
-from avrgym.analysis.statistics.models.fitting import LOGISTIC, MIXED, ORDINAL, estimates, informative
-from avrgym.analysis.statistics.models.ordinal import MANCL_DEROUEN, UNCORRECTED, fit_ordinal
+from avrgym.analysis.models.effects import EFFECTS, TrialValue, design_matrix, effects
+from avrgym.analysis.models.estimate import FitError
+from avrgym.analysis.models.fitting import LOGISTIC, MIXED, ORDINAL, drop_constant_groups, estimate_effects
+from avrgym.analysis.models.ordinal import MANCL_DEROUEN, UNCORRECTED, fit_ordinal
+from avrgym.analysis.power.power import count_significant
+from avrgym.analysis.power.simulated_studies import Assumptions
 from avrgym.study.design.design import Design, default_text, parse_design
 from helpers.studies.simulated_results import answered, rewarded, succeeded
 
 DESIGN = parse_design(default_text())
 STUDIES = 1000
 PARTICIPANTS = (4, 8, 16)
-Imagine = Callable[[Design, int, int], list[Observed]]
+Imagine = Callable[[Design, int, int], list[TrialValue]]
 
 
-def no_drift(design: Design, participants: int, number: int) -> list[Observed]:
+def no_drift(design: Design, participants: int, number: int) -> list[TrialValue]:
     return answered(design, participants, number, drift=0.0)
 
 
@@ -35,8 +35,10 @@ def test_false_positives_are_about_five_percent(model: str, participants: int) -
     hits: Counter[str] = Counter()
     fitted: Counter[str] = Counter()
     for number in range(STUDIES):
-        for effect, found in estimates(DESIGN, model, imagine(DESIGN, participants, number), wanted).items():
-            if not isinstance(found, NoFit):
+        for effect, found in estimate_effects(
+            DESIGN, model, imagine(DESIGN, participants, number), wanted
+        ).items():
+            if not isinstance(found, FitError):
                 fitted[effect.kind] += 1
                 hits[effect.kind] += found.p < 0.05
     shares = {kind: 100 * hits[kind] / fitted[kind] for kind in EFFECTS}
@@ -51,15 +53,17 @@ def test_false_positives_are_about_five_percent(model: str, participants: int) -
 @pytest.mark.parametrize("participants", PARTICIPANTS)
 def test_what_other_tests_of_the_same_answers_find(participants: int) -> None:
     """The paper's tests by trial, and the covariance without correction, find too much, others too little."""
-    counted = count(DESIGN, Assumptions(dropout=0.0, drift=0.0), 0.0, participants, 0, range(STUDIES))
+    counted = count_significant(
+        DESIGN, Assumptions(dropout=0.0, drift=0.0), 0.0, participants, 0, range(STUDIES)
+    )
     for (test, _), (hits, _) in counted.items():
         print(f"\n{test}, {participants} participants: {100 * hits / STUDIES:.1f} %")
     policies = effects(DESIGN)[0]
     for name, correction in (("uncorrected", UNCORRECTED), ("Mancl and DeRouen", MANCL_DEROUEN)):
         hits = 0
         for number in range(STUDIES):
-            observed, _ = informative(ORDINAL, no_drift(DESIGN, participants, number))
-            given = columns(DESIGN, observed)
+            observed, _ = drop_constant_groups(ORDINAL, no_drift(DESIGN, participants, number))
+            given = design_matrix(DESIGN, observed)
             people = [each.participant for each in observed]
             fitted = fit_ordinal([each.value for each in observed], given.matrix, people, correction)
             hits += fitted.estimate(given.contrast(policies)).p < 0.05

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.analysis.report.adverse_events import adverse_event_words
-from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.adverse_events import describe_adverse_events
+from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.cli import app
 from avrgym.study.export import FORMATS, WITH_RECORDS, export_study
@@ -248,12 +248,12 @@ def test_the_report_counts_events_by_condition_and_says_where_there_are_none(
     record_adverse_event(store, "sub-002", changed(trial=None))
     withdraw(store, "sub-001")
     analysis = analyse(store)
-    assert adverse_event_words(analysis) == (
+    assert describe_adverse_events(analysis) == (
         "3 adverse events in 2 of 2 people; 0 serious, 2 possibly, probably or definitely related to the study."
     )
     write_analysis(analysis, store.folder, tmp_path / "some")
     page = (tmp_path / "some" / "report" / "index.html").read_text()
-    assert adverse_event_words(analysis) in (tmp_path / "some" / "reporting" / "methods.md").read_text()
+    assert describe_adverse_events(analysis) in (tmp_path / "some" / "reporting" / "methods.md").read_text()
     assert SECRET not in page
     rows = {row[0]: row[1:] for row in rows_under(page, "Adverse events by condition")}
     trial = store.trials("sub-001")[1]

@@ -12,8 +12,8 @@ import sqlalchemy as sa
 from playwright.sync_api import expect, sync_playwright
 from typer.testing import CliRunner, Result
 
-from avrgym.analysis.reading.flow import flows
-from avrgym.analysis.reading.observations import Observations
+from avrgym.analysis.flow import participant_flows
+from avrgym.analysis.reading.study_data import StudyData
 from avrgym.cli.main import app
 from avrgym.recording.reader import read_recording
 from avrgym.study.checking.checks import check_study
@@ -212,7 +212,7 @@ def test_an_allocated_participant_must_reconsent_before_the_next_session(folder:
         with pytest.raises(StudyError, match="is completed and cannot become consented"):
             record_consent(store, pseudonym)
         assert [
-            (flow.consents, flow.reconsented, flow.declined) for flow in flows(store, Observations())
+            (flow.consents, flow.reconsented, flow.declined) for flow in participant_flows(store, StudyData())
         ] == [({"2": 1}, 1, 0)]
     assert about_consent(folder) == []
 
@@ -229,7 +229,7 @@ def test_who_declines_withdraws_and_keeps_or_deletes_their_data(folder: Path) ->
         assert decisions(store, pseudonym) == [(True, "1"), (False, "2")]
         assert len(store.attempts(pseudonym)) == 2
         assert store.events()[-1].detail == "does not agree to version 2"
-        (flow,) = flows(store, Observations())
+        (flow,) = participant_flows(store, StudyData())
         assert (flow.consents, flow.reconsented, flow.declined) == ({"1": 1}, 0, 1)
         delete_participant(store, pseudonym)
         assert store.consents(pseudonym) == []

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.analysis.tables import Table
 from avrgym.cli.main import app

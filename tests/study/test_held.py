@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control, Event, TrackingFrame

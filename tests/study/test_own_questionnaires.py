@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 import sqlalchemy as sa
 
-from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.output import write_analysis
 from avrgym.analysis.statistics.tests import holm
 from avrgym.analysis.study import analyse
 from avrgym.recording.schema import Answer

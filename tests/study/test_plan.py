@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from typer.testing import CliRunner, Result
 
-from avrgym.analysis.statistics.offered import offered_tests, suggested_hypotheses
+from avrgym.analysis.plan import required_tests, suggested_hypotheses
 from avrgym.cli.main import app
 from avrgym.policies.trained import packaged_policies
 from avrgym.study.design.comparison import differences
@@ -22,7 +22,7 @@ from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import fitting_answers, make_study, run_participant, small_study, take_in
 
 DESIGN = parse_design(default_text())
-OFFERED = offered_tests(DESIGN)
+OFFERED = required_tests(DESIGN)
 TEXT = template(DESIGN, OFFERED, suggested_hypotheses(DESIGN))
 SESSION_ITEMS = """
 [[questionnaires]]
@@ -55,7 +55,7 @@ def study(*arguments: str | Path) -> Result:
 @pytest.mark.parametrize("text", DESIGNS.values(), ids=list(DESIGNS))
 def test_the_template_of_every_design_is_a_plan_that_names_every_test(text: str) -> None:
     design = parse_design(text)
-    offered = offered_tests(design)
+    offered = required_tests(design)
     plan = parse_plan(template(design, offered, suggested_hypotheses(design)), "plan.toml", design, offered)
     labels = {plan.label(test, measure) for test, measures in offered.items() for measure in measures}
     assert labels == {CONFIRMATORY, EXPLORATORY}
@@ -315,4 +315,4 @@ def test_other_words_for_participants_are_a_deviation(tmp_path: Path) -> None:
         assert record is not None
         assert record.record is not None
         earlier = Frozen(msgspec.structs.replace(record.record, words=None))
-        assert deviations(store, earlier, offered_tests(store.design)) == []
+        assert deviations(store, earlier, required_tests(store.design)) == []

@@ -9,7 +9,7 @@ import pytest
 from cryptography import x509
 from typer.testing import CliRunner, Result
 
-from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
 from avrgym.study.checking.rebuilding import rebuild_study

@@ -14,7 +14,7 @@ import pytest
 from msgspec.structs import replace as with_values
 from typer.testing import CliRunner
 
-from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
 from avrgym.recording.schema import AttemptEnd, Metrics

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.study.design.design import default_text, parse_design
 from avrgym.study.sessions.visit import StudyVisit, plan_session

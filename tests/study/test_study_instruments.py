@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from avrgym.analysis.report.output import write_analysis
+from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.questionnaires.nasa_tlx import FACTORS, PAIRS
 from avrgym.questionnaires.registry import INSTRUMENTS

@@ -15,9 +15,8 @@ from typer.testing import CliRunner, Result
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from avrgym.analysis.reading.study_log import StudyLog
-from avrgym.analysis.report.log import log_section
-from avrgym.analysis.report.study_page import write_study_page
+from avrgym.analysis.log import StudyLog, log_section
+from avrgym.analysis.report import write_report
 from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
 from avrgym.study.checking.checks import check_study
@@ -430,7 +429,7 @@ def test_the_dashboard_shows_results_only_to_who_asks(
     assert found.endswith(": view results")
     path = tmp_path / "report" / "index.html"
     path.parent.mkdir()
-    write_study_page(path, analyse(store), [], "..")
+    write_report(path, analyse(store), [], "..")
     assert found in " ".join(Page(path).text.split())
 
 

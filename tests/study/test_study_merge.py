@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.analysis.statistics.offered import offered_tests, suggested_hypotheses
+from avrgym.analysis.plan import required_tests, suggested_hypotheses
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.design_checks import check_design
 from avrgym.study.merge.merging import merge_studies
@@ -450,8 +450,8 @@ def test_a_killed_merge_is_completed_by_the_next(sites: list[Path], out: Path, t
 def test_sites_share_a_frozen_plan(out: Path, tmp_path: Path) -> None:
     a, b = (make_site(tmp_path / name, name, trials=()) for name in ("a", "b"))
     with Store(a) as store:
-        write_template(a, store.design, offered_tests(store.design), suggested_hypotheses(store.design))
-        freeze(store, offered_tests(store.design))
+        write_template(a, store.design, required_tests(store.design), suggested_hypotheses(store.design))
+        freeze(store, required_tests(store.design))
     add_participant(a, 1)
     with pytest.raises(StudyError, match=r'the frozen plan.s checksum .* is ".*" at a, "none" at b'):
         merge_studies([a, b], out)
@@ -467,7 +467,7 @@ def test_sites_share_a_frozen_plan(out: Path, tmp_path: Path) -> None:
         assert frozen.confirms
         assert frozen.record is not None
         assert frozen.record.design != (out / "study.toml").read_text()
-        found = deviations(store, frozen, offered_tests(store.design))
+        found = deviations(store, frozen, required_tests(store.design))
     assert [each for each in found if each.where in ("study.toml", "plan.toml")] == []
 
 

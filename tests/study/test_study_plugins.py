@@ -9,8 +9,8 @@ import msgspec
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.analysis.reading.observations import observe
-from avrgym.analysis.report.pack.methods import _plugins
+from avrgym.analysis.publication.methods import _plugins
+from avrgym.analysis.reading.study_data import read_study
 from avrgym.cli.main import app
 from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.plugin_checks import check_plugins
@@ -68,7 +68,7 @@ def test_a_robot_that_changes_within_a_study_is_named_with_everybody_who_met_it(
             f"was not the same in all trials: {before} in sub-001 trials 1 2; "
             f"{plugins_of(ENVIRONMENT)[0]} in sub-001 trial 3, sub-002 trial 1"
         )
-        (problem,) = (each for each in observe(store).problems if each.where == "robot Jaco")
+        (problem,) = (each for each in read_study(store).problems if each.where == "robot Jaco")
         assert (problem.what, problem.simulated) == (wrong.what, True)
     code, said = checked(folder)
     assert code == 1
@@ -111,9 +111,9 @@ def test_each_session_stores_what_it_uses(robot: Path, folder: Path) -> None:
 
 
 def freeze_plan(store: Store) -> None:
-    from avrgym.analysis.statistics.offered import nameable, suggested_hypotheses
+    from avrgym.analysis.plan import available_tests, suggested_hypotheses
 
-    offered = nameable(store.design)
+    offered = available_tests(store.design)
     write_template(store.folder, store.design, offered, suggested_hypotheses(store.design))
     freeze(store, offered)
 
@@ -149,6 +149,6 @@ def test_a_plan_of_an_earlier_version_opens_and_says_that_it_stores_none(robot: 
 def test_the_methods_of_a_publication_name_them(robot: Path, folder: Path) -> None:
     with Store(folder) as store:
         run_participant(store, take_in(store), 2)
-        said = list(_plugins(Namespace(observed=observe(store)), Namespace(simulated=True)))
+        said = list(_plugins(Namespace(observed=read_study(store)), Namespace(simulated=True)))
     then = plugins_of(ENVIRONMENT)[0]
     assert said == [f"Plug-ins, with the hash of their files: robot Jaco: {then}, 2 trials."]

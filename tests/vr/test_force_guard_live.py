@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from typer.testing import CliRunner
 
-from avrgym.analysis.reading.observations import guard_interventions
+from avrgym.analysis.reading.study_data import guard_interventions
 from avrgym.cli.main import app
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.replay.region_loads import region_loads

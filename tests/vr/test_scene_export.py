@@ -14,7 +14,7 @@ from avrgym.models.scene import build_spec
 from avrgym.robots.registry import find_robot
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment, task_and_scene
 from avrgym.vr.scene.scene_export import export_glb
-from avrgym.vr.scene.skins import Skin, with_cap, skins_of
+from avrgym.vr.scene.skins import Skin, skins_of, with_cap
 from helpers.browser.glb import GlbFile
 
 MOST_CALLS, MOST_TRIANGLES, MOST_BYTES = 100, 300_000, 2_500_000

@@ -1,45 +1,68 @@
 """The analysis of a study: from its recordings to the paper's results."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import msgspec
 
-from avrgym.analysis import rows
-from avrgym.analysis.headset_rows import HeadsetRow, headset_rows
-from avrgym.analysis.item_rows import ItemRow, item_rows
-from avrgym.analysis.latency_rows import LatencyRow, latency_rows
-from avrgym.analysis.model_rows import ModelRow
-from avrgym.analysis.reading.flow import Flow, flows
-from avrgym.analysis.reading.observations import Observations, observe
-from avrgym.analysis.reading.study_log import StudyLog, study_log
-from avrgym.analysis.reading.trained_people import PEOPLE_PER_TASK, SEED, draw_people
-from avrgym.analysis.repeat_rows import RepeatRow, repeat_rows
-from avrgym.analysis.score_rows import ScoreRow, ScoreSummaryRow
-from avrgym.analysis.site_rows import SiteEffectRow, SiteOutcomeRow
-from avrgym.analysis.statistics.biomechanics import Measures, biomechanics_rows, measured_groups, range_rows
-from avrgym.analysis.statistics.biomechanics_tests import biomechanics_families
-from avrgym.analysis.statistics.families import Family
-from avrgym.analysis.statistics.models.models import model_rows
-from avrgym.analysis.statistics.objective import objective_rows
-from avrgym.analysis.statistics.objective_tests import objective_families
-from avrgym.analysis.statistics.offered import offered_tests, optional_tests
-from avrgym.analysis.statistics.paper_tables import as_tables, paper_tables
-from avrgym.analysis.statistics.primary import judged
-from avrgym.analysis.statistics.scores import score_families, score_summary_rows
-from avrgym.analysis.statistics.session_answers import (
+from avrgym.analysis.answers.scores import ScoreSummaryRow, score_families, score_summary_rows
+from avrgym.analysis.answers.session_answers import (
+    SessionAnswerRow,
     session_answer_rows,
     session_families,
     session_likert_rows,
 )
-from avrgym.analysis.statistics.sites import site_effect_rows, site_outcome_rows
-from avrgym.analysis.statistics.subjective import answer_families, likert_rows, subjective_rows
+from avrgym.analysis.answers.trial_answers import (
+    LikertRow,
+    SubjectiveRow,
+    answer_families,
+    likert_rows,
+    subjective_rows,
+)
+from avrgym.analysis.biomechanics.biomechanics import (
+    BiomechanicsRow,
+    BodyTrials,
+    RangeRow,
+    biomechanics_rows,
+    body_trials_by_group,
+    range_rows,
+)
+from avrgym.analysis.biomechanics.tests import biomechanics_families
+from avrgym.analysis.biomechanics.training_people import (
+    PEOPLE_PER_TASK,
+    SEED,
+    PersonRow,
+    sample_training_people,
+)
+from avrgym.analysis.designs import ItemRow, item_rows
+from avrgym.analysis.flow import ParticipantFlow, participant_flows
+from avrgym.analysis.headsets import HeadsetRow, headset_rows
+from avrgym.analysis.latency import LatencyRow, latency_rows
+from avrgym.analysis.log import StudyLog, study_log
+from avrgym.analysis.models.models import ModelRow, model_rows
+from avrgym.analysis.outcomes.outcomes import ObjectiveRow, objective_rows, outcome_families
+from avrgym.analysis.outcomes.paper_tables import as_tables, paper_tables
+from avrgym.analysis.plan import FrozenPlan, label_by_plan, plan_results, read_frozen_plan
+from avrgym.analysis.primary import assign_roles
+from avrgym.analysis.reading.rows import (
+    AnswerRow,
+    AttemptRow,
+    ParticipantRow,
+    ProblemRow,
+    ScoreRow,
+    StreamRow,
+    TermRow,
+    TrialRow,
+)
+from avrgym.analysis.reading.study_data import StudyData, read_study
+from avrgym.analysis.repeats import RepeatRow, repeat_rows
+from avrgym.analysis.sites import SiteEffectRow, SiteOutcomeRow, site_effect_rows, site_outcome_rows
+from avrgym.analysis.statistics.comparisons import ComparisonRow, Family
 from avrgym.analysis.statistics.tests import EXACT_RANK_SUM, EXACT_SIGNED_RANK, PERMUTATIONS
-from avrgym.analysis.stream_rows import StreamRow
 from avrgym.analysis.tables import Table, control_steps
 from avrgym.study.checking.design_checks import check_design, check_stored_designs
-from avrgym.study.checking.finding import Finding, left_out
+from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.repeat_checks import check_repeats, is_simulated
 from avrgym.study.checking.repeats import tried_trials
 from avrgym.study.design.design import Design
@@ -47,10 +70,6 @@ from avrgym.study.export.codebook import TABLES
 from avrgym.study.export.functioning import functioning_rows
 from avrgym.study.export.records import WITHOUT, adverse_event_rows
 from avrgym.study.export.scores import uses_instruments
-from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.frozen_plan import read_frozen
-from avrgym.study.plan.plan import EXPLORATORY, NOT_PLANNED, Plan
-from avrgym.study.plan.plan import FILE as PLAN_FILE
 from avrgym.study.storage.analysis_files import FORMAT_NAME
 from avrgym.study.storage.data_loss import loss_words
 from avrgym.study.storage.item_versions import Asked
@@ -60,33 +79,17 @@ from avrgym.vr.session.attempt import versions
 
 IN_TABLES_ONLY = ("control_steps", "people")
 """Tables too long for the results' file."""
+
+
 FORMAT = f"{FORMAT_NAME} 1"
+
+
 ANALYSED_SEPARATELY = (
     "answers to different items are analysed separately, everything else is used as recorded"
 )
+
+
 FROM_FILE = "what recordings do not contain is taken from the study's present files"
-
-
-@dataclass(frozen=True, eq=False)
-class FrozenPlan:
-    """A study's frozen plan, if it can still be told, and in what the study deviates from it.
-
-    ``words`` are what is known of its date. ``confirms``: it is known to be from before the first participant.
-    ``sha256`` is the checksum of the plan, ``record_sha256`` that of its frozen record.
-    """
-
-    at: str
-    plan: Plan | None
-    sha256: str | None
-    deviations: list[Finding]
-    words: str
-    confirms: bool
-    record_sha256: str
-
-    @property
-    def confirmed(self) -> Plan | None:
-        """The plan that makes tests confirmatory, if there is one."""
-        return self.plan if self.confirms else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,20 +108,20 @@ class Analysis:
     differences: list[Finding]
     uses: list[Use]
     items: list[ItemRow]
-    observed: Observations
-    flows: list[Flow]
+    observed: StudyData
+    flows: list[ParticipantFlow]
     headsets: list[HeadsetRow]
-    groups: list[Measures]
-    people: list[rows.PersonRow]
-    objective: list[rows.ObjectiveRow]
-    subjective: list[rows.SubjectiveRow]
-    session_answers: list[rows.SessionAnswerRow]
-    likert: list[rows.LikertRow]
+    groups: list[BodyTrials]
+    people: list[PersonRow]
+    objective: list[ObjectiveRow]
+    subjective: list[SubjectiveRow]
+    session_answers: list[SessionAnswerRow]
+    likert: list[LikertRow]
     score_summaries: list[ScoreSummaryRow]
     families: list[Family]
     models: list[ModelRow]
-    biomechanics: list[rows.BiomechanicsRow]
-    ranges: list[rows.RangeRow]
+    biomechanics: list[BiomechanicsRow]
+    ranges: list[RangeRow]
     site_outcomes: list[SiteOutcomeRow]
     site_effects: list[SiteEffectRow]
     latency: list[LatencyRow]
@@ -132,39 +135,39 @@ class Analysis:
     repeats_about: bool
 
     @property
-    def tests(self) -> list[rows.TestedRow]:
+    def tests(self) -> list[ComparisonRow]:
         """The tests of all families."""
         return [row for family in self.families for row in family.rows]
 
     def tables(self) -> Iterator[Table]:
         """Every table."""
         seen = self.observed
-        yield Table.of("participants", rows.ParticipantRow, seen.participants)
-        yield Table.of("trials", rows.TrialRow, seen.trials)
-        yield Table.of("attempts", rows.AttemptRow, seen.attempts)
+        yield Table.of("participants", ParticipantRow, seen.participants)
+        yield Table.of("trials", TrialRow, seen.trials)
+        yield Table.of("attempts", AttemptRow, seen.attempts)
         yield Table.of("repeats", RepeatRow, self.repeats)
-        yield Table.of("answers", rows.AnswerRow, seen.answers)
+        yield Table.of("answers", AnswerRow, seen.answers)
         yield Table.of("items", ItemRow, self.items)
-        yield Table.of("reward_terms", rows.TermRow, seen.terms)
+        yield Table.of("reward_terms", TermRow, seen.terms)
         if seen.streams:
             yield Table.of("streams", StreamRow, seen.streams)
         if self.functioning:
             yield Table("functioning", list(TABLES["functioning"]), self.functioning)
         yield Table("adverse_events", list(TABLES["adverse_events"]), self.adverse_events)
-        yield Table.of("problems", rows.ProblemRow, seen.problems)
-        yield Table.of("objective", rows.ObjectiveRow, self.objective)
+        yield Table.of("problems", ProblemRow, seen.problems)
+        yield Table.of("objective", ObjectiveRow, self.objective)
         yield from as_tables(list(paper_tables(self.design, self.objective)))
-        yield Table.of("subjective", rows.SubjectiveRow, self.subjective)
-        yield Table.of("session_answers", rows.SessionAnswerRow, self.session_answers)
-        yield Table.of("likert", rows.LikertRow, self.likert)
+        yield Table.of("subjective", SubjectiveRow, self.subjective)
+        yield Table.of("session_answers", SessionAnswerRow, self.session_answers)
+        yield Table.of("likert", LikertRow, self.likert)
         if uses_instruments(self.design):
             yield Table.of("scores", ScoreRow, seen.scores)
             yield Table.of("score_summaries", ScoreSummaryRow, self.score_summaries)
-        yield Table.of("tests", rows.TestedRow, self.tests)
+        yield Table.of("tests", ComparisonRow, self.tests)
         yield Table.of("models", ModelRow, self.models)
-        yield Table.of("biomechanics", rows.BiomechanicsRow, self.biomechanics)
-        yield Table.of("ranges", rows.RangeRow, self.ranges)
-        yield Table.of("people", rows.PersonRow, self.people)
+        yield Table.of("biomechanics", BiomechanicsRow, self.biomechanics)
+        yield Table.of("ranges", RangeRow, self.ranges)
+        yield Table.of("people", PersonRow, self.people)
         if self.site_outcomes:
             yield Table.of("site_outcomes", SiteOutcomeRow, self.site_outcomes)
             yield Table.of("site_effects", SiteEffectRow, self.site_effects)
@@ -190,7 +193,7 @@ class Analysis:
             "differences": [
                 {"where": each.where, "what": each.what, "wrong": each.wrong} for each in self.differences
             ],
-            **({"plan": _plan_results(self.plan)} if self.plan else {}),
+            **({"plan": plan_results(self.plan)} if self.plan else {}),
             **({"database_rebuilt_at": self.rebuilt_at} if self.rebuilt_at else {}),
             "log": asdict(self.log),
             **({"losses": list(self.losses)} if self.losses else {}),
@@ -205,27 +208,27 @@ def analyse(
     *,
     skip_damaged: bool = False,
 ) -> Analysis:
-    """Analyse a study as it stands, with ``observe``'s arguments and errors."""
+    """Analyse a study as it stands, with ``read_study``'s arguments and errors."""
     asked = Asked(store)
     design = asked.design
-    observed = observe(store, progress, skip_damaged=skip_damaged, asked=asked)
+    observed = read_study(store, progress, skip_damaged=skip_damaged, asked=asked)
     differences = list(check_design(store))
     observed.problems.extend(_problem(each, ANALYSED_SEPARATELY) for each in differences)
     observed.problems.extend(_problem(each, FROM_FILE) for each in check_stored_designs(store))
-    people = draw_people(design)
-    groups = measured_groups(observed.trials)
+    people = sample_training_people(design)
+    groups = body_trials_by_group(observed.trials)
     given = design, observed.answers
-    plan = _frozen_plan(store, design, observed)
+    plan = read_frozen_plan(store, design, observed)
     confirmed = plan.confirmed if plan else None
     families = [
-        *objective_families(design, observed.trials),
+        *outcome_families(design, observed.trials),
         *answer_families(*given),
         *session_families(*given),
         *score_families(design, observed.scores),
         *biomechanics_families(groups, people),
     ]
-    families = _labelled(families, confirmed, design) if confirmed else families
-    found = judged(families, model_rows(design, observed, confirmed), confirmed)
+    families = label_by_plan(families, confirmed, design) if confirmed else families
+    found = assign_roles(families, model_rows(design, observed, confirmed), confirmed)
     return Analysis(
         design=design,
         plan=plan,
@@ -233,7 +236,7 @@ def analyse(
         uses=designs_recorded(store),
         items=item_rows(store, asked),
         observed=observed,
-        flows=flows(store, observed),
+        flows=participant_flows(store, observed),
         headsets=headset_rows(store),
         groups=groups,
         people=people,
@@ -260,51 +263,5 @@ def analyse(
     )
 
 
-def _problem(found: Finding, consequence: str) -> rows.ProblemRow:
-    return rows.ProblemRow(simulated=None, where=found.where, what=found.what, consequence=consequence)
-
-
-def _frozen_plan(store: Store, design: Design, observed: Observations) -> FrozenPlan | None:
-    frozen = read_frozen(store)
-    if frozen is None:
-        return None
-    exclusions = [
-        left_out(row.participant, row.position, row.left_out) for row in observed.trials if row.left_out
-    ]
-    found = deviations(store, frozen, offered_tests(design), exclusions, optional_tests(design))
-    record = frozen.record
-    return FrozenPlan(
-        at=frozen.at,
-        plan=record.parsed() if record else None,
-        sha256=record.sha256[PLAN_FILE] if record else None,
-        deviations=found,
-        words=frozen.words,
-        confirms=frozen.confirms,
-        record_sha256=frozen.sha256,
-    )
-
-
-def _labelled(families: list[Family], plan: Plan, design: Design) -> list[Family]:
-    """The families with what each test is by the plan; what it need not name is exploratory."""
-    optional = optional_tests(design)
-
-    def label(row: rows.TestedRow) -> str:
-        by_plan = plan.label(row.family, row.quantity)
-        return EXPLORATORY if by_plan == NOT_PLANNED and row.family in optional else by_plan
-
-    return [
-        replace(family, rows=tuple(replace(row, planned=label(row)) for row in family.rows))
-        for family in families
-    ]
-
-
-def _plan_results(plan: FrozenPlan) -> dict[str, Any]:
-    return {
-        "frozen_at": plan.at,
-        "sha256": plan.sha256,
-        "record_sha256": plan.record_sha256,
-        "origin": plan.words,
-        "confirms": plan.confirms,
-        "plan": None if plan.plan is None else msgspec.to_builtins(plan.plan),
-        "deviations": [{"where": each.where, "what": each.what} for each in plan.deviations],
-    }
+def _problem(found: Finding, consequence: str) -> ProblemRow:
+    return ProblemRow(simulated=None, where=found.where, what=found.what, consequence=consequence)

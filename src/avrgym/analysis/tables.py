@@ -1,4 +1,4 @@
-"""Tables as files: one row of comma-separated values for each thing, with a header even where there is none."""
+"""Tables as CSV files: each has a header, even without rows."""
 
 import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from avrgym.analysis.reading.measures import Measured
-from avrgym.analysis.rows import ParticipantRow
+from avrgym.analysis.reading.rows import ParticipantRow
+from avrgym.analysis.reading.trial_series import TrialSeries
 from avrgym.study.export.separated import neutral
 from avrgym.system.files import new_table
 
@@ -34,7 +34,7 @@ class Table:
 
 
 def control_steps(
-    series: Mapping[tuple[str, int], Measured], participants: Mapping[str, ParticipantRow]
+    series: Mapping[tuple[str, int], TrialSeries], participants: Mapping[str, ParticipantRow]
 ) -> Table:
     """Every control step of every trial with its unweighted reward terms; a term of other tasks is empty."""
     steps = [step for measured in series.values() for step in measured.steps]
@@ -47,7 +47,7 @@ def control_steps(
 
 
 def _steps(
-    series: Mapping[tuple[str, int], Measured],
+    series: Mapping[tuple[str, int], TrialSeries],
     participants: Mapping[str, ParticipantRow],
     terms: Sequence[str],
 ) -> Iterator[Mapping[str, Any]]:

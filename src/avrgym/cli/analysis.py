@@ -26,14 +26,14 @@ def analyze(
 
     An earlier analysis in the folder is replaced.
     """
-    from avrgym.analysis.report.output import check_out, write_analysis
+    from avrgym.analysis.output import check_output_folder, write_analysis
     from avrgym.analysis.study import analyse
     from avrgym.study.storage.store import Store
 
     place = out or folder / FOLDER
     with plain_errors(), Store(folder) as store:
         check_json(json_file)
-        check_out(place)
+        check_output_folder(place)
         with progress_bar("reading recordings", unit="recordings") as bar:
             analysis = analyse(store, bar.show, skip_damaged=skip_damaged)
         log(store, "analyze", shows_results=True)

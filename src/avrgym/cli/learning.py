@@ -329,7 +329,7 @@ def fit_people(
 
     For `train`, `evaluate` and `view --people FILE`.
     """
-    from avrgym.analysis.fitting import fit_people, write_people
+    from avrgym.analysis.fit_people import fit_people, write_people
 
     with plain_errors():
         with progress_bar("reading recordings", unit="recordings") as bar:

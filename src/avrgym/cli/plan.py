@@ -59,7 +59,7 @@ def freeze(
 
     Without a plan, write one to fill in. A plan that another station froze is adopted.
     """
-    from avrgym.analysis.statistics.offered import nameable
+    from avrgym.analysis.plan import available_tests
     from avrgym.study.plan.frozen_plan import FROZEN, adopt, may_adopt
     from avrgym.study.plan.frozen_plan import freeze as freeze_plan
     from avrgym.study.plan.plan import FILE
@@ -68,7 +68,7 @@ def freeze(
 
     with plain_errors(), Store(folder) as store:
         if form is not None:
-            say(f"fields    {write_preregistration(store, nameable(store.design), form)}")
+            say(f"fields    {write_preregistration(store, available_tests(store.design), form)}")
         elif timestamp is not None or registered is not None:
             _store_evidence(store, timestamp, registered, registered_on)
             log(store, "store evidence of plan")
@@ -78,7 +78,7 @@ def freeze(
         elif template or not (store.folder / FILE).exists():
             say(f"plan      {_write_template(store)}: change what you like, then freeze it")
         else:
-            record = freeze_plan(store, nameable(store.design))
+            record = freeze_plan(store, available_tests(store.design))
             log(store, "freeze plan")
             say(f"frozen    {store.folder / FROZEN} at {record.frozen_at}")
             _say_deposit(store.folder / FROZEN)
@@ -120,13 +120,13 @@ def _store_evidence(
 
 
 def _write_template(store: "Store") -> Path:
-    from avrgym.analysis.statistics.offered import nameable, suggested_hypotheses
+    from avrgym.analysis.plan import available_tests, suggested_hypotheses
     from avrgym.study.plan.frozen_plan import check_untouched
     from avrgym.study.plan.plan_template import write_template
 
     check_untouched(store)
     return write_template(
-        store.folder, store.design, nameable(store.design), suggested_hypotheses(store.design)
+        store.folder, store.design, available_tests(store.design), suggested_hypotheses(store.design)
     )
 
 
@@ -155,9 +155,9 @@ def power(
 
     That is, for the paper's tests to find the effects that are assumed.
     """
-    from avrgym.analysis.power.answers import Assumptions
     from avrgym.analysis.power.power import default_sizes, simulate_power
-    from avrgym.analysis.power.summary import printed, summary
+    from avrgym.analysis.power.simulated_studies import Assumptions
+    from avrgym.analysis.power.summary import power_summary, terminal_rows
     from avrgym.study.design.design import FILE, read_design
     from avrgym.system.jobs import cores
 
@@ -177,9 +177,9 @@ def power(
                 jobs or cores(),
                 bar.show,
             )
-        found = summary(design, assumptions, rows, seed)
+        found = power_summary(design, assumptions, rows, seed)
         write_json(json_file, found)
-    print_table(printed(rows))
+    print_table(terminal_rows(rows))
     for sentence in found["words"]:
         say(sentence)
 
@@ -191,12 +191,12 @@ def plan_of(store: "Store", left_out: "Sequence[LeftOut]" = ()) -> "tuple[str | 
     frozen = read_frozen(store)
     if frozen is None:
         return None, []
-    from avrgym.analysis.statistics.offered import offered_tests, optional_tests
+    from avrgym.analysis.plan import optional_tests, required_tests
     from avrgym.study.plan.deviations import deviations
     from avrgym.study.storage.item_versions import Asked
 
     design = Asked(store).design
-    return frozen.at, deviations(store, frozen, offered_tests(design), left_out, optional_tests(design))
+    return frozen.at, deviations(store, frozen, required_tests(design), left_out, optional_tests(design))
 
 
 def checked(store: "Store") -> "list[Finding]":

@@ -8,21 +8,21 @@ from html import escape
 from pathlib import Path
 from statistics import fmean
 
-from avrgym.analysis.figures.charts import trial_charts
-from avrgym.analysis.page import (
+from avrgym.analysis.page.elements import (
     Markup,
     badge,
-    count,
-    definitions,
+    bullet_list,
+    count_text,
+    definition_list,
     figure,
     join,
-    listing,
-    notice,
-    quantity,
+    number_text,
     table,
     tag,
+    warning_box,
     write_page,
 )
+from avrgym.analysis.page.line_charts import trial_charts
 from avrgym.demo.events import folded
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.recording.reader import Recording, RecordingError, read_recording
@@ -118,8 +118,10 @@ def _counts(recordings: list[Recording], unreadable: list[str]) -> Markup:
     practice = sum(bool(recording.metadata.get("practice")) for recording in recordings)
     incomplete = sum(not recording.complete for recording in recordings) + len(unreadable)
     total = len(recordings) + len(unreadable)
-    line = tag("p", f"{count(total, 'recording')}, of which {practice} practice and {incomplete} incomplete.")
-    return join([line, tag("p", "Not readable:"), listing(unreadable)]) if unreadable else line
+    line = tag(
+        "p", f"{count_text(total, 'recording')}, of which {practice} practice and {incomplete} incomplete."
+    )
+    return join([line, tag("p", "Not readable:"), bullet_list(unreadable)]) if unreadable else line
 
 
 def _simulated_notice(recordings: list[Recording]) -> Markup:
@@ -127,7 +129,7 @@ def _simulated_notice(recordings: list[Recording]) -> Markup:
     if not simulated:
         return Markup()
     which = "Every trial" if simulated == len(recordings) else f"{simulated} of {len(recordings)} trials"
-    return notice(
+    return warning_box(
         "SIMULATED PARTICIPANT.",
         f"{which} here had no person in it: poses and answers were made up by a program.",
     )
@@ -150,7 +152,7 @@ def _overview_row(number: int, recording: Recording) -> tuple[object, ...]:
         _text(recording, "environment"),
         _text(recording, "policy") + (" (practice)" if recording.metadata.get("practice") else ""),
         "simulated" if _is_simulated(recording) else "person",
-        quantity(summary.reward),
+        number_text(summary.reward),
         _success(recording, summary),
         summary.steps,
     )
@@ -203,7 +205,7 @@ def _happened(number: int, recording: Recording, picture: Markup | None) -> Mark
     told = [tag("p", f"The participant was told: {goal}")] if goal else []
     more = tag("p", tag("a", "More about this trial", href=f"#trial-{number}"))
     return tag(
-        "div", tag("h3", name), picture or Markup(), *told, definitions(facts), _ratings(recording), more
+        "div", tag("h3", name), picture or Markup(), *told, definition_list(facts), _ratings(recording), more
     )
 
 
@@ -217,13 +219,15 @@ def _force(recording: Recording) -> str:
     forces = [record.force_on_person_n for _, record in recording.topics["/control"]]
     if not forces:
         return "not recorded"
-    return f"at most {quantity(max(forces), 'N', digits=1)}, mean {quantity(fmean(forces), 'N', digits=1)}"
+    return (
+        f"at most {number_text(max(forces), 'N', digits=1)}, mean {number_text(fmean(forces), 'N', digits=1)}"
+    )
 
 
 def _ratings(recording: Recording) -> Markup:
     """What the participant answered, in a line each."""
     asked = [(_asked(recording, answer), answer.item) for _, answer in recording.topics["/answers"]]
-    return listing([f"{value}: {text or item}" for (text, _, value), item in asked])
+    return bullet_list([f"{value}: {text or item}" for (text, _, value), item in asked])
 
 
 # One trial
@@ -254,19 +258,19 @@ def _badges(recording: Recording) -> Markup:
 
 
 def _metrics(recording: Recording, summary: TrialSummary) -> Markup:
-    held = f"{count(summary.frames_held, 'frame')} of {summary.frames}"
+    held = f"{count_text(summary.frames_held, 'frame')} of {summary.frames}"
     metrics = {
-        "Reward": quantity(summary.reward),
+        "Reward": number_text(summary.reward),
         "Success": _success(recording, summary),
         "Steps": summary.steps,
-        "Closest to the target": quantity(summary.closest_m, "m"),
-        "Peak force on the person": quantity(summary.peak_force_n, "N"),
-        "Tracking rate": quantity(summary.frame_rate_hz, "Hz", digits=0),
+        "Closest to the target": number_text(summary.closest_m, "m"),
+        "Peak force on the person": number_text(summary.peak_force_n, "N"),
+        "Tracking rate": number_text(summary.frame_rate_hz, "Hz", digits=0),
         "Tracking held": held if summary.frames else "no frames",
-        "Tracking lost": count(summary.frames_missing, "frame"),
+        "Tracking lost": count_text(summary.frames_missing, "frame"),
         "From pose to picture": _latency(summary.latency_ms),
     }
-    return definitions(metrics)
+    return definition_list(metrics)
 
 
 def _latency(percentiles_ms: dict[str, dict[str, float]]) -> str:
@@ -303,14 +307,14 @@ def _reward_terms(recording: Recording) -> Markup:
 
 def _term_row(name: str, total: float, weight: float | None) -> tuple[str, str, str, str]:
     if weight is None:
-        return (name, quantity(total), "", "")
-    return (name, quantity(total), quantity(weight), quantity(weight * total))
+        return (name, number_text(total), "", "")
+    return (name, number_text(total), number_text(weight), number_text(weight * total))
 
 
 def _answers(recording: Recording) -> Markup:
     latest = {answer.item: answer for _, answer in recording.topics["/answers"]}
     rows = [
-        (item, *_asked(recording, answer), quantity(answer.response_time_s, "s"))
+        (item, *_asked(recording, answer), number_text(answer.response_time_s, "s"))
         for item, answer in latest.items()
     ]
     if not rows:
@@ -335,10 +339,10 @@ def _events(recording: Recording) -> Markup:
     until_s = max((time_ns for _, time_ns, _ in recording.messages), default=0) / 1e9
     rows = [
         (
-            quantity(each.at_s, "s"),
+            number_text(each.at_s, "s"),
             each.name,
             each.times,
-            quantity(each.lasted_s, "s", absent=""),
+            number_text(each.lasted_s, "s", absent=""),
             each.detail,
         )
         for each in folded(recording.topics["/events"], until_s)

@@ -2,25 +2,25 @@
 
 import numpy as np
 
-from avrgym.analysis.power.answers import Assumptions, ImaginedStudies
-from avrgym.analysis.power.modelled import in_order
-from avrgym.analysis.statistics.models.effects import Observed
+from avrgym.analysis.models.effects import TrialValue
+from avrgym.analysis.power.power import values_in_order
+from avrgym.analysis.power.simulated_studies import Assumptions, SimulatedStudies
 from avrgym.array_types import FloatArray
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.design.design import Design
 
 
-def with_values(design: Design, values: FloatArray) -> list[Observed]:
+def with_values(design: Design, values: FloatArray) -> list[TrialValue]:
     """A study's trials with values (participants, tasks, robots, policies), each participant in the next order."""
     orders = cell_orders(design)
-    return in_order(design, values, [orders[number % len(orders)] for number in range(len(values))])
+    return values_in_order(design, values, [orders[number % len(orders)] for number in range(len(values))])
 
 
 def answered(
     design: Design, participants: int, number: int, effect: float = 0.0, **spread: float
-) -> list[Observed]:
+) -> list[TrialValue]:
     """Answers to a design's first item as ``avrgym study power`` imagines them, nobody withdrawing."""
-    studies = ImaginedStudies(design, Assumptions(dropout=0.0, **spread), 0)
+    studies = SimulatedStudies(design, Assumptions(dropout=0.0, **spread), 0)
     return with_values(design, studies.answers(effect, participants, number)[..., 0].astype(float))
 
 
@@ -39,11 +39,11 @@ def latent(design: Design, participants: int, number: int, tendency: float = 0.0
     return values + rng.standard_normal((1, shape[1], 1, 1))
 
 
-def rewarded(design: Design, participants: int, number: int) -> list[Observed]:
+def rewarded(design: Design, participants: int, number: int) -> list[TrialValue]:
     """Rewards without an effect of policies."""
     return with_values(design, latent(design, participants, number))
 
 
-def succeeded(design: Design, participants: int, number: int) -> list[Observed]:
+def succeeded(design: Design, participants: int, number: int) -> list[TrialValue]:
     """Successes without an effect of policies: somewhat more than half."""
     return with_values(design, (latent(design, participants, number, 0.4) > 0.0).astype(float))

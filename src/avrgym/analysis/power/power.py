@@ -6,26 +6,42 @@ from itertools import combinations, product
 
 import numpy as np
 
-from avrgym.analysis.power.answers import POINTS, Answers, Assumptions, ImaginedStudies, middle
-from avrgym.analysis.power.modelled import modelled
-from avrgym.analysis.statistics.families import LEAST_PARTICIPANTS, PARTICIPANT
-from avrgym.analysis.statistics.joint import jointly_corrected
-from avrgym.analysis.statistics.subjective import DIGITS, middle_question, policies_question
+from avrgym.analysis.answers.trial_answers import midpoint_question, policy_question
+from avrgym.analysis.models.effects import POLICIES, Effect, TrialValue
+from avrgym.analysis.models.estimate import Estimate
+from avrgym.analysis.models.fitting import estimate_effects
+from avrgym.analysis.models.models import model_groups
+from avrgym.analysis.power.simulated_studies import POINTS, Answers, Assumptions, SimulatedStudies, midpoint
+from avrgym.analysis.statistics.comparisons import MEAN_DECIMALS, MIN_PARTICIPANTS, PARTICIPANT
+from avrgym.analysis.statistics.sign_flips import sign_flip_p_values
 from avrgym.analysis.statistics.tests import signed_rank
 from avrgym.array_types import FloatArray
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design.allocation import cell_orders
+from avrgym.study.design.counterbalancing import Order
 from avrgym.study.design.design import Design
 from avrgym.system.jobs import report, run_all
 
 ALPHA = 0.05
+
+
 GOALS = (0.8, 0.9)
+
+
 CHUNK = 100
 """How many studies a process simulates at a time."""
+
+
 _STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)
+
+
 _LEAST_STEP = 4
+
+
 Probability = float | None
+
+
 Probabilities = Mapping[tuple[str, str], tuple[Probability, Probability]]
 """By test and measure: p, and p corrected over all primary results."""
 
@@ -56,7 +72,7 @@ def default_sizes(design: Design) -> tuple[int, ...]:
     """Numbers of participants to look at: whole rounds of the design's orders, and the number that is planned."""
     orders = len(cell_orders(design))
     step = orders * -(-_LEAST_STEP // orders)
-    return tuple(sorted({design.participants, *(step * count for count in _STEPS)}))
+    return tuple(sorted({design.participants, *(step * count_significant for count_significant in _STEPS)}))
 
 
 def simulate_power(
@@ -89,7 +105,7 @@ def simulate_power(
     for effect in effects:
         if not 0 < effect < POINTS:
             raise ValueError(f"an effect of {effect:g} points; allowed: above 0, below {POINTS}")
-    ImaginedStudies(design, assumptions, seed)
+    SimulatedStudies(design, assumptions, seed)
     wanted = [(0.0, design.participants), *product(effects, sizes)]
     chunks = [range(begin, min(begin + CHUNK, simulations)) for begin in range(0, simulations, CHUNK)]
     arguments = [(design, assumptions, *each, seed, chunk) for each in wanted for chunk in chunks]
@@ -126,24 +142,24 @@ def power_rows(
 def _count_and_report(
     design: Design, assumptions: Assumptions, effect: float, participants: int, seed: int, numbers: range
 ) -> Counts:
-    counts = count(design, assumptions, effect, participants, seed, numbers)
+    counts = count_significant(design, assumptions, effect, participants, seed, numbers)
     report(len(numbers))
     return counts
 
 
-def count(
+def count_significant(
     design: Design, assumptions: Assumptions, effect: float, participants: int, seed: int, numbers: range
 ) -> Counts:
     """In how many of the studies with these numbers each test finds something."""
-    studies = ImaginedStudies(design, assumptions, seed)
+    studies = SimulatedStudies(design, assumptions, seed)
     first = studies.questionnaire.items[0].id
     found: dict[tuple[str, str], tuple[int, int]] = {}
     for number in numbers:
         answers = studies.answers(effect, participants, number)
         objective = studies.objective(participants, number)
-        judged = dict(probabilities(design, studies.questionnaire, answers, objective))
+        judged = dict(p_values(design, studies.questionnaire, answers, objective))
         if len(design.policies) > 1:
-            family, p = modelled(design, answers, studies.orders(participants, number))
+            family, p = model_p_value(design, answers, studies.orders(participants, number))
             judged[family, first] = p, p
         for test, (p, p_corrected) in judged.items():
             plain, corrected = found.get(test, (0, 0))
@@ -155,19 +171,19 @@ def _finds(p: Probability) -> bool:
     return p is not None and p < ALPHA
 
 
-def probabilities(
+def p_values(
     design: Design, questionnaire: Questionnaire, answers: Answers, objective: FloatArray
 ) -> Probabilities:
     """What the analysis finds: the first item with the last policy against the middle, each item against the first
     policy. Objective measures (participants, policies, measures) enter the correction alone."""
     exact: FloatArray = answers.mean(axis=(1, 2))
-    means = np.round(exact, DIGITS)
+    means = np.round(exact, MEAN_DECIMALS)
     tests = list(_primary(design, questionnaire, means, objective))
-    if len(means) < LEAST_PARTICIPANTS:
+    if len(means) < MIN_PARTICIPANTS:
         return {name: (None, None) for name, _ in tests if name}
     found = [signed_rank(differences).p for _, differences in tests]
     people = [dict(zip(map(str, range(len(means))), each.tolist(), strict=True)) for _, each in tests]
-    joint = jointly_corrected(people)
+    joint = sign_flip_p_values(people)
     return {
         name: (p, None if p is None or together is None else max(p, together))
         for (name, _), p, together in zip(tests, found, joint, strict=True)
@@ -187,20 +203,22 @@ def _primary(
 ) -> Iterator[Named]:
     """The primary tests of a study."""
     items, last = [item.id for item in questionnaire.items], len(design.policies) - 1
-    neutral = middle(questionnaire.items[0])
+    neutral = midpoint(questionnaire.items[0])
     for policy in range(len(design.policies)):
-        name = (middle_question(questionnaire).by(PARTICIPANT), items[0]) if policy == last else None
+        name = (midpoint_question(questionnaire).by(PARTICIPANT), items[0]) if policy == last else None
         yield name, means[:, policy, 0] - neutral
-    family = policies_question(design, questionnaire).by(PARTICIPANT)
+    family = policy_question(design, questionnaire).by(PARTICIPANT)
     for first, second in combinations(range(len(design.policies)), 2):
-        apart = np.round(means[:, second] - means[:, first], DIGITS)
+        apart = np.round(means[:, second] - means[:, first], MEAN_DECIMALS)
         for place, item in enumerate(items):
             yield ((family, item) if (first, second) == (0, last) else None), apart[:, place]
         for each in (objective[:, second] - objective[:, first]).T:
             yield None, each
 
 
-def needed(rows: Sequence[PowerRow], effect: float, test: str, measure: str, goal: float) -> int | None:
+def required_participants(
+    rows: Sequence[PowerRow], effect: float, test: str, measure: str, goal: float
+) -> int | None:
     """The least number of participants from which on a test, corrected, finds an effect with such a share; ``None``
     where none that was simulated does."""
     own = sorted(
@@ -213,3 +231,39 @@ def needed(rows: Sequence[PowerRow], effect: float, test: str, measure: str, goa
             break
         reached = row.participants
     return reached
+
+
+def model_p_value(design: Design, answers: Answers, orders: Sequence[Order]) -> tuple[str, float | None]:
+    """The family of the model of the first item after trials, and p of the last policy against the first.
+
+    p is ``None`` where the answers do not determine the model.
+    """
+    source = next(model_groups(design))
+    model = next(iter(source.models.values()))
+    wanted = Effect(POLICIES, design.policies[-1], design.policies[0])
+    found = estimate_effects(
+        design, model, values_in_order(design, answers[..., 0].astype(float), orders), [wanted]
+    )
+    estimate = found[wanted]
+    return source.family(POLICIES), estimate.p if isinstance(estimate, Estimate) else None
+
+
+def values_in_order(design: Design, values: FloatArray, orders: Sequence[Order]) -> list[TrialValue]:
+    """The trials with values (participants, tasks, robots, policies), each participant in an order."""
+    return [
+        observed
+        for number, (own, order) in enumerate(zip(values, orders, strict=True), start=1)
+        for observed in _course(design, order, f"sub-{number:03}", own)
+    ]
+
+
+def _course(design: Design, order: Order, who: str, own: FloatArray) -> Iterator[TrialValue]:
+    blocks, places = max(len(design.tasks) - 1, 1), max(len(design.conditions) - 1, 1)
+    for block, part in enumerate(order):
+        before = design.practice_policy or None
+        for place, index in enumerate(part.conditions):
+            robot, policy = design.conditions[index]
+            value = own[part.task].reshape(-1)[index]
+            task = design.tasks[part.task]
+            yield TrialValue(who, task, robot, policy, block / blocks, place / places, before, float(value))
+            before = policy

@@ -1,18 +1,19 @@
-"""All that a simulation of power gives, for a file and for the terminal."""
+"""A simulation of power as JSON, as a table for the terminal, and as sentences."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from math import ceil
 from typing import Any
 
-from avrgym.analysis.power.answers import Assumptions
-from avrgym.analysis.power.power import GOALS, PowerRow, needed
-from avrgym.analysis.power.words import power_sentences
-from avrgym.analysis.statistics.families import PARTICIPANT
+from avrgym.analysis.power.power import ALPHA, GOALS, PowerRow, required_participants
+from avrgym.analysis.power.simulated_studies import Assumptions
+from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS, PARTICIPANT
 from avrgym.study.design.design import Design
 
 
-def summary(design: Design, assumptions: Assumptions, rows: Sequence[PowerRow], seed: int) -> dict[str, Any]:
+def power_summary(
+    design: Design, assumptions: Assumptions, rows: Sequence[PowerRow], seed: int
+) -> dict[str, Any]:
     """Assumptions, figures, needed numbers of participants and words, as JSON has them."""
     return {
         "title": design.title,
@@ -20,7 +21,7 @@ def summary(design: Design, assumptions: Assumptions, rows: Sequence[PowerRow], 
         "assumptions": asdict(assumptions),
         "power": [asdict(row) for row in rows],
         "needed": _needed(assumptions, rows),
-        "words": list(power_sentences(assumptions, rows, design.participants)),
+        "words": list(describe_power(assumptions, rows, design.participants)),
     }
 
 
@@ -29,7 +30,7 @@ def _needed(assumptions: Assumptions, rows: Sequence[PowerRow]) -> list[dict[str
     found: list[dict[str, Any]] = []
     for effect, test, measure in _tests(rows):
         for goal in GOALS:
-            number = needed(rows, effect, test, measure, goal)
+            number = required_participants(rows, effect, test, measure, goal)
             taken_in = None if number is None else ceil(number / (1.0 - assumptions.dropout))
             found.append(
                 {"effect": effect, "test": test, "measure": measure, "power": goal}
@@ -38,7 +39,7 @@ def _needed(assumptions: Assumptions, rows: Sequence[PowerRow]) -> list[dict[str
     return found
 
 
-def printed(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
+def terminal_rows(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
     """A row for each effect, test and measure: corrected power by number of participants, then the numbers needed."""
     sizes = sorted({row.participants for row in rows if row.effect})
     return [
@@ -65,6 +66,69 @@ def _power(rows: Sequence[PowerRow], effect: float, test: str, measure: str, siz
 
 
 def _number(rows: Sequence[PowerRow], effect: float, test: str, measure: str, goal: float) -> str:
-    number = needed(rows, effect, test, measure, goal)
+    number = required_participants(rows, effect, test, measure, goal)
     most = max(row.participants for row in rows)
     return f"over {most}" if number is None else str(number)
+
+
+def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participants: int) -> Iterator[str]:
+    """Sentences on a study that so many participants complete, which must be among those of the ``rows``.
+
+    They are about the first item; the others are imagined alike.
+    """
+    own = [row for row in rows if row.participants == participants and row.measure == rows[0].measure]
+    taken_in = ceil(participants / (1.0 - assumptions.dropout))
+    yield (
+        f"{participants} participants who complete the study (about {taken_in} taken in, if "
+        f"{100 * assumptions.dropout:g} % withdraw):"
+    )
+    yield _min_p_text(participants)
+    for row in own:
+        if row.effect:
+            yield _found(row)
+    for row in own:
+        if not row.effect:
+            yield _false_alarm(row)
+    yield "A test that finds nothing does not show that there is nothing."
+
+
+def min_p_value(participants: int) -> float:
+    """The least p that a signed-rank test of so many values can give, before and after correction."""
+    return min(2.0 / 2.0**participants, 1.0)
+
+
+def _min_p_text(participants: int) -> str:
+    if participants < MIN_PARTICIPANTS:
+        return f"Fewer than {MIN_PARTICIPANTS} participants are not tested."
+    least = min_p_value(participants)
+    words = f"By participant p is never below {least:.3g}"
+    return f"{words}: no such test can find anything." if least >= ALPHA else f"{words}."
+
+
+def _found(row: PowerRow) -> str:
+    verdict = "shown as a rule" if row.corrected_low >= 0.8 else _missed(row)
+    points = "point" if row.effect == 1 else "points"
+    after = (
+        f"after correction in {100 * row.corrected:.0f} % ({100 * row.corrected_low:.0f} to "
+        f"{100 * row.corrected_high:.0f})"
+        if row.test.endswith(PARTICIPANT)
+        else "not corrected"
+    )
+    return (
+        f"An effect of {row.effect:g} {points} in {row.measure} is found by {row.test!r} in {_share(row.power, row)} "
+        f"of studies, {after}: {verdict}."
+    )
+
+
+def _missed(row: PowerRow) -> str:
+    if row.corrected_high < 0.5:
+        return "more often missed than found"
+    return "found too seldom to rely on" if row.corrected < 0.8 else "found in about four of five"
+
+
+def _share(power: float, row: PowerRow) -> str:
+    return f"{100 * power:.0f} % ({100 * row.power_low:.0f} to {100 * row.power_high:.0f})"
+
+
+def _false_alarm(row: PowerRow) -> str:
+    return f"Where there is no effect, {row.test!r} finds one in {_share(row.power, row)} of studies."

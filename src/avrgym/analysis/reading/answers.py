@@ -3,8 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 
-from avrgym.analysis.rows import AnswerRow, ProblemRow
-from avrgym.analysis.score_rows import ScoreRow
+from avrgym.analysis.reading.rows import AnswerRow, ProblemRow, ScoreRow
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS
 from avrgym.study.export.scores import scores_of
 from avrgym.study.export.trials import ExportedAnswer, ExportedAttempt, answers_of
@@ -14,10 +13,12 @@ from avrgym.study.storage.states import TAKES_PART
 from avrgym.study.storage.store import Store
 
 ANSWER_COLUMNS = {column.name for column in fields(AnswerRow)}
+
+
 SCORE_COLUMNS = {column.name for column in fields(ScoreRow)}
 
 
-class Answered:
+class ParticipantAnswers:
     """The answers of one participant; ``counted_positions`` are those of their trials that count."""
 
     def __init__(

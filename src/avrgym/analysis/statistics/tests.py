@@ -19,13 +19,19 @@ from avrgym.learning.evaluation import wilson_interval
 
 EXACT_SIGNED_RANK = 50
 """Up to so many differences the signed-rank probability is exact: their 2**n signs count exactly in doubles."""
+
+
 EXACT_RANK_SUM = 8
 """The rank-sum probability is exact where the smaller sample has at most so many values."""
+
+
 PERMUTATIONS = 9_999
+
+
 MARKS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 
-def spread(values: Sequence[float]) -> dict[str, Any]:
+def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
     """Number, mean, extremes and quartiles of answers, by the names that rows have; quartiles are interpolated."""
     lower, median, upper = np.percentile(values, [25, 50, 75])
     return {
@@ -40,7 +46,7 @@ def spread(values: Sequence[float]) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class StatisticalTest:
     """What a test found.
 
     ``n`` values went into it, ``zeros`` differences of zero did not. ``p`` is ``None`` where nothing could be
@@ -61,7 +67,7 @@ class Comparison:
     note: str = ""
 
 
-def signed_rank(differences: ArrayLike) -> Comparison:
+def signed_rank(differences: ArrayLike) -> StatisticalTest:
     """Wilcoxon's signed-rank test of whether differences lie around zero (Biometrics Bulletin 1, 1945).
 
     Zeros are left out first, as Wilcoxon did; equal sizes share their mean rank. With at most
@@ -75,7 +81,7 @@ def signed_rank(differences: ArrayLike) -> Comparison:
     test = "Wilcoxon signed-rank"
     if not len(used):
         note = "all differences are zero" if zeros else "there is nothing to compare"
-        return Comparison(test, 0, zeros, note=note)
+        return StatisticalTest(test, 0, zeros, note=note)
     ranks = stats.rankdata(np.abs(used))
     positive, negative = float(ranks[used > 0].sum()), float(ranks[used < 0].sum())
     if len(used) <= EXACT_SIGNED_RANK:
@@ -85,7 +91,7 @@ def signed_rank(differences: ArrayLike) -> Comparison:
         method, p = "normal approximation", float(found.pvalue)
     effect = (positive - negative) / (positive + negative)
     interval = effect_interval(effect, float(ranks.sum() ** 2 / (ranks @ ranks)))
-    return Comparison(test, len(used), zeros, min(positive, negative), method, p, effect, *interval)
+    return StatisticalTest(test, len(used), zeros, min(positive, negative), method, p, effect, *interval)
 
 
 def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
@@ -102,7 +108,7 @@ def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
     return min(1.0, 2.0 * float(share))
 
 
-def rank_sum(a: ArrayLike, b: ArrayLike) -> Comparison:
+def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
     """Mann and Whitney's test of whether values of one sample tend to be larger (Ann. Math. Stat. 18, 1947).
 
     Exact as ``EXACT_RANK_SUM`` says: given the ranks, ties sharing their mean, every division into two samples is
@@ -112,17 +118,17 @@ def rank_sum(a: ArrayLike, b: ArrayLike) -> Comparison:
     a, b = np.asarray(a, float), np.asarray(b, float)
     test, n = "Mann-Whitney", len(a) + len(b)
     if not len(a) or not len(b):
-        return Comparison(test, n, note="there is nothing to compare")
+        return StatisticalTest(test, n, note="there is nothing to compare")
     pooled = np.concatenate([a, b])
     if np.ptp(pooled) == 0.0:
-        return Comparison(test, n, note="all values are equal")
+        return StatisticalTest(test, n, note="all values are equal")
     exact, ties = min(len(a), len(b)) <= EXACT_RANK_SUM, len(np.unique(pooled)) < n
     found = stats.mannwhitneyu(a, b, method="exact" if exact and not ties else "asymptotic")
     p = _exact_rank_sum(a, b) if exact and ties else float(found.pvalue)
     effect = 2.0 * float(found.statistic) / (len(a) * len(b)) - 1.0
     method = "exact" if exact else "normal approximation"
     interval = effect_interval(effect, _size_of_rank_sum(len(a), len(b), pooled))
-    return Comparison(test, n, 0, float(found.statistic), method, p, effect, *interval)
+    return StatisticalTest(test, n, 0, float(found.statistic), method, p, effect, *interval)
 
 
 def _size_of_rank_sum(n: int, m: int, pooled: FloatArray) -> float:
@@ -159,7 +165,7 @@ def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
     return min(1.0, 2.0 * float(min(tails) / total))
 
 
-def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMUTATIONS) -> Comparison:
+def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMUTATIONS) -> StatisticalTest:
     """Whether points (n, d) and (m, d) come from one distribution (Székely and Rizzo, InterStat 5, 2004).
 
     The statistic is the energy distance 2 E|A − B| − E|A − A′| − E|B − B′|, in the points' unit, over all pairs.
@@ -170,18 +176,18 @@ def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMU
     count, total = len(a), len(a) + len(b)
     test = "energy distance"
     if not len(a) or not len(b):
-        return Comparison(test, total, note="there is nothing to compare")
+        return StatisticalTest(test, total, note="there is nothing to compare")
     points = np.concatenate([a, b])
     apart = cdist(points, points)
     if not apart.any():
-        return Comparison(test, total, note="all values are equal")
+        return StatisticalTest(test, total, note="all values are equal")
     given, between = _energy(apart, np.arange(count)[None])
     rng = np.random.default_rng(seed)
     drawn = np.stack([rng.permutation(total)[:count] for _ in range(permutations)])
     larger = int((_energy(apart, drawn)[0] >= given[0] - 1e-12).sum())
     p = (1 + larger) / (1 + permutations)
     effect = float(given[0] / (2.0 * between[0])) if between[0] else 0.0
-    return Comparison(test, total, 0, float(given[0]), f"{permutations} permutations", p, effect)
+    return StatisticalTest(test, total, 0, float(given[0]), f"{permutations} permutations", p, effect)
 
 
 def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -206,12 +212,12 @@ def holm(probabilities: Sequence[float | None]) -> list[float | None]:
     return adjusted
 
 
-def mark(p: float | None) -> str:
+def significance_stars(p: float | None) -> str:
     """Stars for a probability: * below 0.05, ** below 0.01, *** below 0.001."""
     return next((stars for limit, stars in MARKS if p is not None and p < limit), "")
 
 
-def clustered_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float | None, float | None]:
+def clustered_wilson_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float | None, float | None]:
     """The 95 % interval of a proportion of trials, of which each cluster is one participant's.
 
     Wilson's interval with the effective sample size, which is the number of trials over the design effect, and

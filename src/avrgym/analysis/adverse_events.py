@@ -1,0 +1,141 @@
+"""Adverse events of people by condition, next to safety measures of the robots."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from avrgym.analysis.page.elements import Markup, count_text, number_text, table, tag
+from avrgym.analysis.reading.rows import TrialRow
+from avrgym.analysis.study import Analysis
+from avrgym.study.people.adverse_events import RELATEDNESS, SERIOUSNESS, SEVERITIES, SOURCES
+
+Condition = tuple[str | None, str | None]
+"""Robot and policy; nothing for practice and for what happened outside trials."""
+
+
+PRACTICE, OUTSIDE = ("practice", None), (None, None)
+
+
+NONE = "No adverse events were recorded."
+
+
+REPORTS_LOST = "The database was rebuilt from the recordings: reports from before that are lost."
+
+
+NEXT_TO_THEM = (
+    "Attempts that somebody stopped, interventions of the force guard, and contact forces are measures of the robots. "
+    "They are not adverse events, and no adverse event was derived from them."
+)
+
+
+def adverse_events_section(analysis: Analysis) -> Markup:
+    """Adverse events of people, including people who withdrew."""
+    events = latest_reports(analysis)
+    shown = [_by_condition(analysis, events)] if events else []
+    return tag(
+        "section",
+        tag("h3", "Adverse events"),
+        tag("p", describe_adverse_events(analysis)),
+        *shown,
+        *([tag("p", SOURCES)] if events else []),
+        tag("p", NEXT_TO_THEM),
+        _safety(analysis),
+    )
+
+
+def latest_reports(analysis: Analysis) -> list[Mapping[str, Any]]:
+    """The latest report of each adverse event."""
+    return list({row["event"]: row for row in analysis.adverse_events}.values())
+
+
+def describe_adverse_events(analysis: Analysis) -> str:
+    """Numbers of adverse events and of people, and reports that are missing."""
+    events = latest_reports(analysis)
+    flow = next((each for each in analysis.flows if not each.simulated), None)
+    deleted = (
+        f" Reports of {count_text(flow.deleted, 'deleted participant')} were deleted with their data."
+        if flow and flow.deleted
+        else ""
+    )
+    lost = f" {REPORTS_LOST}" if analysis.rebuilt_at else ""
+    if not events:
+        return f"{NONE}{deleted}{lost}"
+    people = len({row["participant"] for row in events})
+    everyone = flow.enrolled - flow.deleted if flow else people
+    return (
+        f"{count_text(len(events), 'adverse event')} in {people} of {everyone} people; "
+        f"{_serious(events)} serious, {_related(events)} possibly, probably or definitely related to the study."
+        f"{deleted}{lost}"
+    )
+
+
+def _by_condition(analysis: Analysis, events: Sequence[Mapping[str, Any]]) -> Markup:
+    trials = _trials(analysis)
+    body: list[tuple[object, ...]] = []
+    for condition in _conditions(trials):
+        own = [row for row in events if _of(row["robot"], row["policy"], row["practice"]) == condition]
+        exposed = {row.participant for row in trials if _of_trial(row) == condition and row.attempts}
+        severities = [sum(row["severity"] == grade for row in own) for grade in SEVERITIES]
+        people = len({row["participant"] for row in own})
+        numbers = "–" if condition == OUTSIDE else len(exposed)
+        body.append((_named(condition), numbers, len(own), people, *severities, _serious(own), _related(own)))
+    heads = ("Condition", "People exposed", "Events", "People with events", *map(str.capitalize, SEVERITIES))
+    caption = "Adverse events by condition, as they are known now; also of people who withdrew"
+    return table(caption, (*heads, "Serious", "Related"), body, numbers=range(1, 11))
+
+
+def _safety(analysis: Analysis) -> Markup:
+    trials = _trials(analysis)
+    stopped = [
+        _of(row.robot, row.policy, row.practice)
+        for row in analysis.observed.attempts
+        if row.state == "stopped" and not row.simulated
+    ]
+    body: list[tuple[object, ...]] = []
+    for condition in _conditions(trials)[:-1]:
+        own = [row for row in trials if _of_trial(row) == condition]
+        guarded = [row.guard_interventions for row in own if row.guard_interventions is not None]
+        forces = [row.force_peak_n for row in own if row.force_peak_n is not None]
+        body.append(
+            (
+                _named(condition),
+                sum(row.attempts for row in own),
+                stopped.count(condition),
+                sum(guarded) if guarded else "–",
+                number_text(max(forces, default=None), digits=1, absent="–"),
+            )
+        )
+    heads = ("Condition", "Attempts", "stopped", "Interventions of the guard", "Greatest force / N")
+    return table("Stops, force guard and contact forces by condition", heads, body, numbers=range(1, 5))
+
+
+def _trials(analysis: Analysis) -> list[TrialRow]:
+    return [row for row in analysis.observed.trials if not row.simulated]
+
+
+def _conditions(trials: Sequence[TrialRow]) -> list[Condition]:
+    """Conditions of trials in order, then practice, if there was any, and events outside trials."""
+    found = sorted({_of_trial(row) for row in trials} - {PRACTICE}, key=str)
+    practice: list[Condition] = [PRACTICE] if any(row.practice for row in trials) else []
+    return [*found, *practice, OUTSIDE]
+
+
+def _of_trial(row: TrialRow) -> Condition:
+    return _of(row.robot, row.policy, row.practice)
+
+
+def _of(robot: str | None, policy: str | None, practice: bool | None) -> Condition:
+    return PRACTICE if practice else (robot, policy)
+
+
+def _named(condition: Condition) -> str:
+    if condition == OUTSIDE:
+        return "outside trials"
+    return "practice" if condition == PRACTICE else " ".join(map(str, condition))
+
+
+def _serious(events: Sequence[Mapping[str, Any]]) -> int:
+    return sum(row["seriousness"] != SERIOUSNESS[0] for row in events)
+
+
+def _related(events: Sequence[Mapping[str, Any]]) -> int:
+    return sum(row["relatedness"] in RELATEDNESS[2:] for row in events)

@@ -1,0 +1,320 @@
+"""Figures of the answers of one group of participants."""
+
+# Matplotlib's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from textwrap import fill, wrap
+
+import matplotlib
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from avrgym.analysis.answers.session_answers import MOMENT_LABELS, change_question, session_questionnaires
+from avrgym.analysis.answers.trial_answers import (
+    AFTER_TRIAL,
+    LikertRow,
+    SubjectiveRow,
+    policy_question,
+    questionnaires_at,
+)
+from avrgym.analysis.page.comparisons import p_primary_and_stars
+from avrgym.analysis.page.drawing import (
+    GROUP_WIDTH,
+    INK,
+    LETTER_WIDTH_IN,
+    LINES,
+    ON_DARK,
+    ON_LIGHT,
+    RULE,
+    STYLE,
+    WIDTH_IN,
+    Drawing,
+    add_legend,
+    finish_figure,
+    label_x_ticks,
+)
+from avrgym.analysis.reading.rows import ALL
+from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS, PARTICIPANT, PRIMARY, ComparisonRow
+from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Item, Questionnaire
+from avrgym.study.design.design import Design
+
+LINE = 0.55
+"""The height of a line of an item's words as a share of a bar's."""
+
+
+BRACKET_WIDTH_IN = 0.62
+"""The width of a bracket with the result of its test."""
+
+
+MOST_BRACKETS = 6
+"""With more comparisons of an item than these, figures show no tests."""
+
+
+def trial_answers_figures(
+    design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
+) -> Iterator[Drawing]:
+    """The paper's figure for each questionnaire: its items with each policy, and which policies differ."""
+    for questionnaire in questionnaires_at(design, AFTER_TRIAL):
+        own = [row for row in likert if (row.questionnaire, row.moment) == (questionnaire.name, AFTER_TRIAL)]
+        groups = {policy: [row for row in own if row.policy == policy] for policy in design.policies}
+        if own:
+            name, differ = (
+                trial_figure_name(design, questionnaire),
+                _differences(design, questionnaire, tests),
+            )
+            yield _likert_figure(simulated, name, questionnaire, groups, differ, ("policy", "trials"))
+
+
+def mean_answers_figures(
+    design: Design, simulated: bool, rows: Sequence[SubjectiveRow], tests: Sequence[ComparisonRow]
+) -> Iterator[Drawing]:
+    """The paper's figure 8 as it was drawn: mean answers over all trials with each policy."""
+    for questionnaire in questionnaires_at(design, AFTER_TRIAL):
+        items = {item.id: item for item in questionnaire.items}
+        own = [
+            row for row in rows
+            if (row.simulated, row.task, row.robot) == (simulated, ALL, ALL) and row.item in items
+        ]  # fmt: skip
+        if own:
+            differ = _differences(design, questionnaire, tests) if len(design.policies) == 2 else []
+            tested = "; p over participants, corrected over all primary results" if differ else ""
+            caption = f"{questionnaire.name}: mean answers over all trials, as the paper drew them{tested}"
+            figure = means_figure(design, questionnaire, own, differ)
+            yield finish_figure(
+                simulated, f"{trial_figure_name(design, questionnaire)}-means", caption, figure
+            )
+
+
+def _differences(
+    design: Design, questionnaire: Questionnaire, tests: Sequence[ComparisonRow]
+) -> list[ComparisonRow]:
+    """The tests between policies that a figure shows: each value is one participant's mean."""
+    family = policy_question(design, questionnaire).by(PARTICIPANT)
+    return _shown(row for row in tests if row.family == family)
+
+
+def _shown(tests: Iterable[ComparisonRow]) -> list[ComparisonRow]:
+    """Primary results of enough participants: no other is in a figure."""
+    return [row for row in tests if row.role == PRIMARY and row.n_a >= MIN_PARTICIPANTS]
+
+
+def session_answers_figures(
+    design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
+) -> Iterator[Drawing]:
+    """For each questionnaire about sessions its items before and after, and which changed."""
+    for questionnaire in session_questionnaires(design):
+        own = [row for row in likert if row.questionnaire == questionnaire.name]
+        groups = {
+            MOMENT_LABELS[moment]: [row for row in own if row.moment == moment]
+            for moment in SESSION_MOMENTS
+            if moment in questionnaire.moments
+        }
+        family = change_question(questionnaire).by(PARTICIPANT)
+        differ = _shown(row for row in tests if row.family == family)
+        if any(groups.values()):
+            name, words = session_figure_name(questionnaire), ("session", "participants")
+            yield _likert_figure(simulated, name, questionnaire, groups, differ, words)
+
+
+def trial_figure_name(design: Design, questionnaire: Questionnaire) -> str:
+    """The figure of answers after trials, named where there are several questionnaires."""
+    return "likert" if len(questionnaires_at(design, AFTER_TRIAL)) == 1 else f"likert-{questionnaire.name}"
+
+
+def session_figure_name(questionnaire: Questionnaire) -> str:
+    """The figure of answers about sessions."""
+    return f"sessions-{questionnaire.name}"
+
+
+def _likert_figure(
+    simulated: bool,
+    name: str,
+    questionnaire: Questionnaire,
+    groups: Mapping[str, Sequence[LikertRow]],
+    tests: Sequence[ComparisonRow],
+    words: tuple[str, str],
+) -> Drawing:
+    """Answers to each item of a questionnaire in each group, in its own words, and differences between groups.
+
+    ``words`` name the groups, and the numbers in the bars.
+    """
+    what, counted = words
+    by_item = {item.id: [row for row in tests if row.quantity == item.id] for item in questionnaire.items}
+    brackets = max(map(len, by_item.values()))
+    brackets = brackets if brackets <= MOST_BRACKETS else 0
+    width_in = WIDTH_IN + BRACKET_WIDTH_IN * max(0, brackets - 1)
+    axes_in = width_in - 0.45 - LETTER_WIDTH_IN * max(map(len, groups))
+    share_in = (axes_in - BRACKET_WIDTH_IN * brackets) / 2.04
+    common = _common_scale(questionnaire)
+    heads = [
+        _head(questionnaire, item, int(axes_in / LETTER_WIDTH_IN), common) for item in questionnaire.items
+    ]
+    spaces = [LINE * head.count("\n") + LINE + 0.9 for head in heads]
+    tops = [sum(spaces[: index + 1]) + len(groups) * index for index in range(len(heads))]
+    bottom = tops[-1] + len(groups)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(width_in, 0.8 + 0.25 * bottom), layout="constrained")
+        axes = figure.add_subplot()
+        for item, head, top in zip(questionnaire.items, heads, tops, strict=True):
+            axes.text(-1.0, top - 0.62, head, fontsize=8, va="bottom", linespacing=1.2)
+            _bars(axes, top, item, questionnaire.scale_of(item).middle, groups, share_in)
+            _brackets(
+                axes, top, list(groups), by_item[item.id] if brackets else (), BRACKET_WIDTH_IN / share_in
+            )
+        places = [top + place for top in tops for place in range(len(groups))]
+        axes.set_yticks(places, list(groups) * len(tops))
+        scale = f"answers {common}" if common else "each item on its own scale"
+        label = (
+            f"{counted} / %, the scale's middle at 0\n{fill(scale, min(66, int(axes_in / LETTER_WIDTH_IN)))}"
+        )
+        _axis(axes, brackets * BRACKET_WIDTH_IN / share_in, label)
+        axes.set_ylabel(what)
+        axes.set_ylim(bottom - 0.4, 0.0)
+    return finish_figure(simulated, name, _caption(questionnaire, counted, bool(brackets)), figure)
+
+
+def _axis(axes: Axes, beside: float, label: str) -> None:
+    """Draw the axis of shares, with room ``beside`` it for tests."""
+    axes.set(xlim=(-1.0, 1.04 + beside), xlabel=label)
+    axes.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0], ["100", "50", "0", "50", "100"])
+    axes.spines[["left", "bottom"]].set_visible(False)
+    axes.tick_params(length=0)
+    axes.axvline(0.0, color=RULE, linewidth=0.8, zorder=0)
+
+
+def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
+    scale = _common_scale(questionnaire) or "on each item's own scale"
+    tests = (
+        "; p by Wilcoxon's signed-rank test over participants, corrected over all primary results; * < 0.05, "
+        "** < 0.01, *** < 0.001"
+        if tested
+        else ""
+    )
+    colours = "from brown to purple"
+    return (
+        f"{questionnaire.name}: answers {scale}, {colours}, centred on the middle, numbers of {unit}{tests}"
+    )
+
+
+def _common_scale(questionnaire: Questionnaire) -> str:
+    """The scale of all items in its words; empty where they differ."""
+    scales = dict.fromkeys(questionnaire.scale_words(item) for item in questionnaire.items)
+    return next(iter(scales)) if len(scales) == 1 else ""
+
+
+def _head(questionnaire: Questionnaire, item: Item, letters: int, common: str) -> str:
+    """An item's words in lines that fit the figure, with its scale unless all items have the same."""
+    words = [f"{item.id}  {item.text}", *([] if common else [questionnaire.scale_words(item)])]
+    return "\n".join(line for each in words for line in wrap(each, letters))
+
+
+def _bars(
+    axes: Axes,
+    top: float,
+    item: Item,
+    neutral: float,
+    groups: Mapping[str, Sequence[LikertRow]],
+    share_in: float,
+) -> None:
+    """A bar for each group."""
+    for place, rows in enumerate(groups.values()):
+        own = sorted((row for row in rows if row.item == item.id), key=lambda row: row.value)
+        _stack(axes, top + place, own, neutral, share_in)
+
+
+def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, share_in: float) -> None:
+    """A bar of shares by value, its neutral value centred on zero; a share is ``share_in`` long."""
+    below = sum(row.share for row in rows if row.value < neutral)
+    at = sum(row.share for row in rows if row.value == neutral)
+    left = -(below + at / 2)
+    colours = colormaps["PuOr"](np.linspace(0.08, 0.92, len(rows)))
+    for row, colour in zip(rows, colours, strict=True):
+        axes.barh(y, row.share, 0.86, left, color=to_hex(colour))
+        number = str(row.count)
+        if row.share * share_in > LETTER_WIDTH_IN * len(number):
+            shade = ON_DARK if np.dot(colour[:3], (0.3, 0.6, 0.1)) < 0.5 else ON_LIGHT
+            axes.text(left + row.share / 2, y, number, color=shade, fontsize=7, ha="center", va="center")
+        left += row.share
+
+
+def _brackets(
+    axes: Axes, top: float, groups: Sequence[str], tests: Sequence[ComparisonRow], width: float
+) -> None:
+    """Which groups differ in an item, beside its bars."""
+    for index, row in enumerate(tests):
+        first, second = (top + groups.index(group) for group in (row.group_b, row.group_a))
+        x = 1.02 + width * index
+        axes.plot([x, x + 0.02, x + 0.02, x], [first, first, second, second], color=INK, linewidth=0.8)
+        axes.text(x + 0.04, (first + second) / 2, p_primary_and_stars(row), fontsize=7, va="center")
+
+
+ROW_WIDTH_IN = 4.2
+"""The width of a row of bars."""
+
+
+BAR_WIDTH_IN = 0.34
+"""The least width of a bar, which has its mean above it."""
+
+
+def means_figure(
+    design: Design,
+    questionnaire: Questionnaire,
+    rows: Sequence[SubjectiveRow],
+    tests: Sequence[ComparisonRow],
+) -> Figure:
+    """Mean answers to each item over all trials with each policy, in as many rows as they need."""
+    items, count = questionnaire.items, _items_in_row(design, questionnaire.items)
+    parts = [items[begin : begin + count] for begin in range(0, len(items), count)]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 0.4 + 2.4 * len(parts)), layout="constrained")
+        for number, part in enumerate(parts, start=1):
+            axes = figure.add_subplot(len(parts), 1, number)
+            _mean_bars(axes, design, part, rows)
+            _mean_axis(axes, questionnaire, part, tests if len(design.policies) == 2 else ())
+            axes.set(xlim=(-0.5, len(parts[0]) - 0.5), xlabel="item")
+        add_legend(figure, columns=len(design.policies))
+    return figure
+
+
+def _items_in_row(design: Design, items: Sequence[Item]) -> int:
+    """How many items a row holds, by the width of their bars and names."""
+    item_in = max(
+        BAR_WIDTH_IN * len(design.policies) / GROUP_WIDTH,
+        LETTER_WIDTH_IN * (1 + max(len(item.id) for item in items)),
+    )
+    return max(1, int(ROW_WIDTH_IN / item_in))
+
+
+def _mean_bars(axes: Axes, design: Design, items: Sequence[Item], rows: Sequence[SubjectiveRow]) -> None:
+    """A bar for each item and policy, from the bottom of the axes on."""
+    width = GROUP_WIDTH / len(design.policies)
+    ids = [item.id for item in items]
+    for index, policy in enumerate(design.policies):
+        own = {row.item: row.mean for row in rows if row.policy == policy and row.item in ids}
+        if own:
+            places = [ids.index(item) + width * (index - (len(design.policies) - 1) / 2) for item in own]
+            colour = LINES[index % len(LINES)]
+            bars = axes.bar(places, list(own.values()), 0.9 * width, color=colour, alpha=0.55, label=policy)
+            axes.bar_label(bars, fmt="%.1f", fontsize=7)
+    label_x_ticks(axes, ids, ROW_WIDTH_IN)
+
+
+def _mean_axis(
+    axes: Axes, questionnaire: Questionnaire, items: Sequence[Item], tests: Sequence[ComparisonRow]
+) -> None:
+    """The ends of the items' scales, with the tests above them."""
+    scales = [questionnaire.scale_of(item) for item in items]
+    least, most = min(scale.lowest for scale in scales), max(scale.highest for scale in scales)
+    ids = [item.id for item in items]
+    for row in tests:
+        if row.quantity in ids:
+            y = most + 0.1 * (most - least)
+            axes.text(ids.index(row.quantity), y, p_primary_and_stars(row), fontsize=7, ha="center")
+    axes.set_ylim(least, most)
+    ticks = [tick for tick in axes.get_yticks() if least <= tick <= most]
+    label = f"mean answer\n({least} to {most})" if len(set(scales)) == 1 else "mean answer\n(own scales)"
+    axes.set(ylim=(least, most + (0.35 if tests else 0.12) * (most - least)), yticks=ticks, ylabel=label)

@@ -1,0 +1,268 @@
+"""Scores of validated questionnaires: distributions, tests, and section of the report."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+from avrgym.analysis.answers.session_answers import (
+    AFTER,
+    BEFORE,
+    CHANGE,
+    MOMENT_LABELS,
+    compare_before_after,
+    values_at,
+)
+from avrgym.analysis.answers.trial_answers import AFTER_TRIAL
+from avrgym.analysis.page.comparisons import TestTables
+from avrgym.analysis.page.elements import Markup, number_text, short_number, table, tag
+from avrgym.analysis.reading.rows import ScoreRow
+from avrgym.analysis.statistics.comparisons import (
+    PARTICIPANT,
+    TRIAL,
+    Family,
+    Key,
+    Question,
+    compare_policies,
+    corrected_family,
+)
+from avrgym.analysis.statistics.tests import summary_statistics
+from avrgym.questionnaires.instrument import Instrument
+from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.study.design.design import Design
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreSummaryRow:
+    """Counted scores of one scale: with a policy after trials, or before or after sessions, or their ``change``."""
+
+    simulated: bool
+    questionnaire: str
+    scale: str
+    moment: str
+    policy: str | None
+    n: int
+    mean: float
+    least: float
+    lower_quartile: float
+    median: float
+    upper_quartile: float
+    most: float
+
+
+def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[ScoreSummaryRow]:
+    """How each scale came out with each policy, before and after sessions, and how sessions changed it."""
+    rows: list[ScoreSummaryRow] = []
+    for simulated, questionnaire, own in _by_questionnaire(design, scores):
+        for scale, policy in product(_scales(own), design.policies):
+            values = list(_with_policy(own, scale, policy).values())
+            rows += _summary_rows(simulated, questionnaire, scale, AFTER_TRIAL, policy, values)
+        given = _about_sessions(own)
+        for scale, moment in product(_scales(own), (BEFORE, AFTER, CHANGE)):
+            values = values_at(moment, scale, given)
+            rows += _summary_rows(simulated, questionnaire, scale, moment, None, values)
+    return rows
+
+
+def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
+    """Wilcoxon's signed-rank tests of every scale, each questionnaire a family.
+
+    Policies are paired within participant × task × robot, over trials and over participants; about sessions each
+    participant after against before.
+    """
+    families: list[Family] = []
+    for simulated, questionnaire, own in _by_questionnaire(design, scores):
+        if AFTER_TRIAL in questionnaire.moments:
+            families += [
+                _policy_family(simulated, questionnaire, design, own, unit) for unit in (TRIAL, PARTICIPANT)
+            ]
+        if set(SESSION_MOMENTS) <= set(questionnaire.moments):
+            given = _about_sessions(own)
+            tests = [compare_before_after(scale, given) for scale in _scales(own)]
+            families.append(
+                corrected_family(simulated, scores_change_question(questionnaire), PARTICIPANT, tests)
+            )
+    return families
+
+
+def scores_policies_question(questionnaire: Questionnaire) -> Question:
+    """Whether policies differ in a questionnaire's scores."""
+    return Question(
+        f"policies, scores of {questionnaire.name}", score_tests_caption(questionnaire), primary=True
+    )
+
+
+def scores_change_question(questionnaire: Questionnaire) -> Question:
+    """Whether sessions change a questionnaire's scores."""
+    name = f"before and after sessions, scores of {questionnaire.name}"
+    return Question(name, score_tests_caption(questionnaire), primary=True)
+
+
+def score_tests_caption(questionnaire: Questionnaire) -> str:
+    """The caption of the table with the tests of a questionnaire's scores."""
+    return f"{questionnaire.name}: tests of scores"
+
+
+def _policy_family(
+    simulated: bool, questionnaire: Questionnaire, design: Design, own: Sequence[ScoreRow], unit: str
+) -> Family:
+    tests = [
+        compare_policies(scale, (a, b), (_with_policy(own, scale, a), _with_policy(own, scale, b)), unit)
+        for (a, b), scale in product(combinations(design.policies, 2), _scales(own))
+    ]
+    return corrected_family(simulated, scores_policies_question(questionnaire), unit, tests)
+
+
+def _by_questionnaire(
+    design: Design, scores: Sequence[ScoreRow]
+) -> Iterator[tuple[bool, Questionnaire, list[ScoreRow]]]:
+    """For people and simulated participants each instrument's counted scores that there are."""
+    counted = [row for row in scores if row.counted and row.score is not None]
+    for simulated in sorted({row.simulated for row in counted}):
+        for questionnaire in design.questionnaires:
+            own = [
+                row
+                for row in counted
+                if (row.simulated, row.questionnaire) == (simulated, questionnaire.name)
+            ]
+            if own:
+                yield simulated, questionnaire, own
+
+
+def _scales(rows: Sequence[ScoreRow]) -> list[str]:
+    return list(dict.fromkeys(row.scale for row in rows))
+
+
+def _with_policy(rows: Sequence[ScoreRow], scale: str, policy: str) -> dict[Key, float]:
+    """The scores of trials by participant, task and robot."""
+    return {
+        (row.participant, row.task or "", row.robot or ""): row.score
+        for row in rows
+        if (row.moment, row.scale, row.policy) == (AFTER_TRIAL, scale, policy) and row.score is not None
+    }
+
+
+def _about_sessions(rows: Sequence[ScoreRow]) -> Mapping[tuple[str, str], Mapping[str, float]]:
+    given: dict[tuple[str, str], dict[str, float]] = {}
+    for row in rows:
+        if row.moment in SESSION_MOMENTS and row.score is not None:
+            given.setdefault((row.moment, row.scale), {})[row.participant] = row.score
+    return given
+
+
+def _summary_rows(
+    simulated: bool,
+    questionnaire: Questionnaire,
+    scale: str,
+    moment: str,
+    policy: str | None,
+    values: Sequence[float],
+) -> list[ScoreSummaryRow]:
+    """One row, or none where nobody has a score."""
+    if not values:
+        return []
+    return [
+        ScoreSummaryRow(
+            simulated=simulated,
+            questionnaire=questionnaire.name,
+            scale=scale,
+            moment=moment,
+            policy=policy,
+            **summary_statistics(values),
+        )
+    ]
+
+
+NOTE = (
+    "A scale of one item has the values and the p of that item, which the section Answers tests too. After correction "
+    "p differs, because families differ. Without a plan only the score is a primary result."
+)
+
+
+def scores_section(
+    design: Design,
+    scores: Sequence[ScoreRow],
+    summaries: Sequence[ScoreSummaryRow],
+    simulated: bool,
+    tests: TestTables,
+) -> Markup:
+    """What each instrument's scales came out as, with tests; nothing where a study uses none."""
+    own_scores = [row for row in scores if row.simulated is simulated]
+    own_summaries = [row for row in summaries if row.simulated is simulated]
+    parts = [
+        _of_instrument(own_scores, own_summaries, simulated, tests, questionnaire, questionnaire.instrument)
+        for questionnaire in design.questionnaires
+        if questionnaire.instrument is not None
+    ]
+    shown = [part for part in parts if part]
+    return tag("section", tag("h3", "Scores"), tag("p", NOTE), *shown) if shown else Markup()
+
+
+def _of_instrument(
+    scores: Sequence[ScoreRow],
+    summaries: Sequence[ScoreSummaryRow],
+    simulated: bool,
+    tests: TestTables,
+    questionnaire: Questionnaire,
+    instrument: Instrument,
+) -> Markup:
+    name = questionnaire.name
+    own = [row for row in scores if row.questionnaire == name]
+    if not own:
+        return Markup()
+    own_summaries = [row for row in summaries if row.questionnaire == name]
+    mark = " (simulated participants)" if simulated else ""
+    each = tag(
+        "details", tag("summary", "Each participant's scores"), _score_table(f"{name}: each score{mark}", own)
+    )
+    return tag(
+        "section",
+        tag("h4", f"{name}: {instrument.title}"),
+        tag("p", f"{instrument.source}. Licence: {instrument.licence}."),
+        _summary_table(f"{name}: scores, n of trials or of participants{mark}", own_summaries, instrument),
+        tests.pop(score_tests_caption(questionnaire), Markup()),
+        each,
+    )
+
+
+def _summary_table(caption: str, rows: Sequence[ScoreSummaryRow], instrument: Instrument) -> Markup:
+    heads = ("Scale", "From", "to", "Policy", "When", "n", "Median", "Quartiles", "Mean", "Range")
+    body = [
+        (
+            row.scale, *_range_cells(row, instrument), row.policy or "",
+            MOMENT_LABELS.get(row.moment, "after trials"), row.n, short_number(row.median),
+            f"{short_number(row.lower_quartile)} to {short_number(row.upper_quartile)}", number_text(row.mean),
+            f"{short_number(row.least)} to {short_number(row.most)}",
+        )
+        for row in rows
+    ]  # fmt: skip
+    return table(caption, heads, body, numbers=(1, 2, 5, 6, 7, 8, 9))
+
+
+def _range_cells(row: ScoreSummaryRow, instrument: Instrument) -> tuple[str, str]:
+    """Between which scores a scale's lie; changes have no ends of their own."""
+    least, most = instrument.range_of(row.scale)
+    return ("", "") if row.moment == CHANGE else (short_number(least), short_number(most))
+
+
+def _score_table(caption: str, rows: Sequence[ScoreRow]) -> Markup:
+    heads = (
+        "Participant",
+        "When",
+        "Trial",
+        "Task",
+        "Robot",
+        "Policy",
+        "Scale",
+        "Score",
+        "Answered",
+        "Counted",
+    )
+    body = [
+        (
+            row.participant, row.moment.replace("_", " "), row.position or "", row.task or "", row.robot or "",
+            row.policy or "", row.scale, number_text(row.score, absent="–"), f"{row.answered} of {row.items}",
+            "yes" if row.counted else "no",
+        )
+        for row in rows
+    ]  # fmt: skip
+    return table(caption, heads, body, numbers=(2, 7, 8))

@@ -1,0 +1,143 @@
+"""Answers to questionnaires in the report."""
+
+from collections.abc import Sequence
+
+from avrgym.analysis.answers.figures import session_figure_name, trial_figure_name
+from avrgym.analysis.answers.session_answers import (
+    MOMENT_LABELS,
+    SessionAnswerRow,
+    change_question,
+    session_questionnaires,
+)
+from avrgym.analysis.answers.trial_answers import (
+    AFTER_TRIAL,
+    SubjectiveRow,
+    policy_question,
+    questionnaires_at,
+)
+from avrgym.analysis.page.comparisons import TestTables
+from avrgym.analysis.page.drawing import Drawings, inline_figures
+from avrgym.analysis.page.elements import (
+    Markup,
+    bullet_list,
+    details,
+    empty_section,
+    group_caption,
+    number_text,
+    table,
+    tag,
+)
+from avrgym.analysis.reading.rows import ALL
+from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.study.design.design import Design
+
+# Answers
+
+
+def answers_section(
+    design: Design,
+    after_trials: Sequence[SubjectiveRow],
+    about_sessions: Sequence[SessionAnswerRow],
+    simulated: bool,
+    drawings: Drawings,
+    tests: TestTables,
+) -> Markup:
+    """How participants answered each questionnaire after trials, with the paper's tests, then about sessions."""
+    rated = [
+        _after_trials(design, after_trials, simulated, drawings, tests, questionnaire)
+        for questionnaire in questionnaires_at(design, AFTER_TRIAL)
+    ]
+    about = [
+        _about_sessions(about_sessions, simulated, drawings, tests, questionnaire)
+        for questionnaire in session_questionnaires(design)
+    ]
+    shown = [part for part in (*rated, *about) if part]
+    if not shown:
+        return empty_section("Answers", "No statement was rated yet.")
+    return tag("section", tag("h3", "Answers"), *shown)
+
+
+def _after_trials(
+    design: Design,
+    answers: Sequence[SubjectiveRow],
+    simulated: bool,
+    drawings: Drawings,
+    tests: TestTables,
+    questionnaire: Questionnaire,
+) -> Markup:
+    items = [item.id for item in questionnaire.items]
+    rows = [row for row in answers if row.simulated is simulated and row.item in items]
+    if not rows:
+        return Markup()
+    whole = [row for row in rows if (row.task, row.robot) == (ALL, ALL)]
+    parts = [row for row in rows if (row.task, row.robot) != (ALL, ALL)]
+    name = questionnaire.name
+    return tag(
+        "section",
+        tag("h4", f"{name}, asked after each trial"),
+        _statements(questionnaire),
+        inline_figures(drawings, trial_figure_name(design, questionnaire)),
+        details(
+            "Means, as in the paper's figure",
+            inline_figures(drawings, f"{trial_figure_name(design, questionnaire)}-means"),
+        ),
+        _summaries(f"{name}: answers by policy, over all tasks and robots", whole, simulated),
+        details(
+            "By task and robot", _summaries(f"{name}: answers by policy, task and robot", parts, simulated)
+        ),
+        tests.pop(policy_question(design, questionnaire).table, Markup()),
+    )
+
+
+def _about_sessions(
+    answers: Sequence[SessionAnswerRow],
+    simulated: bool,
+    drawings: Drawings,
+    tests: TestTables,
+    questionnaire: Questionnaire,
+) -> Markup:
+    rows = [row for row in answers if (row.simulated, row.questionnaire) == (simulated, questionnaire.name)]
+    if not rows:
+        return Markup()
+    name, when = questionnaire.name, " and ".join(MOMENT_LABELS[each] for each in _moments(questionnaire))
+    heads = ("Item", "When", "n", "Median", "Quartiles", "Mean", "Range")
+    body = [(row.item, MOMENT_LABELS[row.moment], *_quartiles(row)) for row in rows]
+    caption = group_caption(f"{name}: answers {when} sessions, one for each participant", simulated)
+    return tag(
+        "section",
+        tag("h4", f"{name}, asked {when} sessions"),
+        _statements(questionnaire),
+        inline_figures(drawings, session_figure_name(questionnaire)),
+        table(caption, heads, body, numbers=(2, 3, 4, 5, 6)),
+        tests.pop(change_question(questionnaire).table, Markup()),
+    )
+
+
+def _moments(questionnaire: Questionnaire) -> list[str]:
+    return [moment for moment in SESSION_MOMENTS if moment in questionnaire.moments]
+
+
+def _statements(questionnaire: Questionnaire) -> Markup:
+    """The items in their own words."""
+    return bullet_list(
+        [f"{item.id}: {item.text} ({questionnaire.scale_words(item)})" for item in questionnaire.items]
+    )
+
+
+def _quartiles(row: SubjectiveRow | SessionAnswerRow) -> tuple[int, str, str, str, str]:
+    """Number, median, quartiles, mean and range of answers, or of their changes."""
+    return (
+        row.n, _brief_number(row.median), f"{_brief_number(row.lower_quartile)} to {_brief_number(row.upper_quartile)}",
+        number_text(row.mean), f"{_brief_number(row.least)} to {_brief_number(row.most)}",
+    )  # fmt: skip
+
+
+def _brief_number(value: float) -> str:
+    """A number without needless digits."""
+    return f"{value:g}".replace("-", "−")
+
+
+def _summaries(caption: str, rows: Sequence[SubjectiveRow], simulated: bool) -> Markup:
+    heads = ("Item", "Policy", "Task", "Robot", "Trials", "Median", "Quartiles", "Mean", "Range")
+    body = [(row.item, row.policy, row.task, row.robot, *_quartiles(row)) for row in rows]
+    return table(group_caption(caption, simulated), heads, body, numbers=(4, 5, 6, 7, 8))

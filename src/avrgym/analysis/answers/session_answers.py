@@ -1,0 +1,156 @@
+"""What participants answered before and after sessions, and how that changed."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from avrgym.analysis.answers.trial_answers import LikertRow, counts
+from avrgym.analysis.reading.rows import AnswerRow
+from avrgym.analysis.statistics.comparisons import (
+    MEAN_DECIMALS,
+    PARTICIPANT,
+    Comparison,
+    Family,
+    Question,
+    corrected_family,
+)
+from avrgym.analysis.statistics.tests import signed_rank, summary_statistics
+from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.study.design.design import Design
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionAnswerRow:
+    """Counted answers to one item before or after sessions, one for each participant; or their ``change``.
+
+    The change is that of the participants who answered both times, after less before.
+    """
+
+    simulated: bool
+    questionnaire: str
+    item: str
+    moment: str
+    n: int
+    mean: float
+    least: int
+    lower_quartile: float
+    median: float
+    upper_quartile: float
+    most: int
+
+
+BEFORE, AFTER = SESSION_MOMENTS
+
+
+CHANGE = "change"
+
+
+MOMENT_LABELS = {BEFORE: "before", AFTER: "after", CHANGE: "change"}
+"""What the moments are called in tests, tables and figures."""
+
+
+SessionValues = Mapping[tuple[str, str], Mapping[str, float]]
+"""By moment and item, or scale, the value of each participant."""
+
+
+def session_questionnaires(design: Design) -> list[Questionnaire]:
+    """The questionnaires that are asked before or after sessions, in the design's order."""
+    return [each for each in design.questionnaires if set(SESSION_MOMENTS) & set(each.moments)]
+
+
+def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SessionAnswerRow]:
+    """How each item was answered before and after sessions, and how answers changed."""
+    rows: list[SessionAnswerRow] = []
+    for simulated, questionnaire, given in _asked(design, answers):
+        for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE)):
+            values = values_at(moment, item.id, given)
+            if values:
+                rows.append(_summary(simulated, questionnaire.name, item.id, moment, values))
+    return rows
+
+
+def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
+    """How often each value was answered to each item before and after sessions."""
+    return [
+        row
+        for simulated, questionnaire, given in _asked(design, answers)
+        for item, moment in product(questionnaire.items, SESSION_MOMENTS)
+        if moment in questionnaire.moments
+        for row in counts(
+            simulated, questionnaire, moment, item, None, list(given.get((moment, item.id), {}).values())
+        )
+    ]
+
+
+def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
+    """Whether answers changed over sessions: Wilcoxon's signed-rank test of each item, each questionnaire a family."""
+    return [
+        corrected_family(
+            simulated,
+            change_question(questionnaire),
+            PARTICIPANT,
+            [compare_before_after(item.id, given) for item in questionnaire.items],
+        )
+        for simulated, questionnaire, given in _asked(design, answers)
+        if set(SESSION_MOMENTS) <= set(questionnaire.moments)
+    ]
+
+
+def values_at(moment: str, quantity: str, given: SessionValues) -> list[float]:
+    """The values of a moment; for ``CHANGE`` after less before, of those who answered both times."""
+    if moment != CHANGE:
+        return list(given.get((moment, quantity), {}).values())
+    before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
+    return [round(after[who] - before[who], MEAN_DECIMALS) for who in after if who in before]
+
+
+def compare_before_after(quantity: str, given: SessionValues) -> Comparison:
+    """What was given after sessions against before them, by those who answered both times."""
+    before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
+    both = [who for who in before if who in after]
+    a, b = [after[who] for who in both], [before[who] for who in both]
+    apart = np.round(np.subtract(a, b), MEAN_DECIMALS)
+    differences = dict(zip(both, apart.tolist(), strict=True))
+    return Comparison(
+        quantity,
+        (MOMENT_LABELS[AFTER], a),
+        (MOMENT_LABELS[BEFORE], b),
+        signed_rank(apart),
+        len(both),
+        differences,
+    )
+
+
+def change_question(questionnaire: Questionnaire) -> Question:
+    """What the tests of a questionnaire after sessions against before them ask."""
+    name = questionnaire.name
+    table = f"{name}: after sessions against before"
+    return Question(f"before and after sessions, {name}", table, questionnaire.instrument is None)
+
+
+def _asked(
+    design: Design, answers: Sequence[AnswerRow]
+) -> Iterator[tuple[bool, Questionnaire, SessionValues]]:
+    """For people and simulated participants each questionnaire about sessions, and what was answered that counts."""
+    counted = [row for row in answers if row.counted and row.moment in SESSION_MOMENTS]
+    for simulated in sorted({row.simulated for row in counted}):
+        given: dict[tuple[str, str], dict[str, float]] = {}
+        for row in counted:
+            if row.simulated is simulated:
+                given.setdefault((row.moment, row.item), {})[row.participant] = row.value
+        for questionnaire in session_questionnaires(design):
+            yield simulated, questionnaire, given
+
+
+def _summary(
+    simulated: bool, questionnaire: str, item: str, moment: str, values: Sequence[float]
+) -> SessionAnswerRow:
+    return SessionAnswerRow(
+        simulated=simulated,
+        questionnaire=questionnaire,
+        item=item,
+        moment=moment,
+        **summary_statistics(values),
+    )

@@ -1,0 +1,218 @@
+"""What participants answered: how answers are distributed, and the paper's two questions about them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+from avrgym.analysis.reading.rows import ALL, AnswerRow
+from avrgym.analysis.statistics.comparisons import (
+    PARTICIPANT,
+    TRIAL,
+    Comparison,
+    Family,
+    Key,
+    Question,
+    compare_policies,
+    corrected_family,
+    differences_by_participant,
+    values_by_unit,
+)
+from avrgym.analysis.statistics.tests import signed_rank, summary_statistics
+from avrgym.questionnaires.questionnaire import Item, Questionnaire
+from avrgym.study.design.design import Design
+from avrgym.study.storage.item_versions import first_name
+
+
+@dataclass(frozen=True, kw_only=True)
+class SubjectiveRow:
+    """Counted answers to one item with one policy; ``all`` tasks or robots are taken together."""
+
+    simulated: bool
+    item: str
+    policy: str
+    task: str
+    robot: str
+    n: int
+    mean: float
+    least: int
+    lower_quartile: float
+    median: float
+    upper_quartile: float
+    most: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class LikertRow:
+    """How often a value was answered to an item: with a policy, over all tasks and robots, or about sessions."""
+
+    simulated: bool
+    questionnaire: str
+    moment: str
+    item: str
+    policy: str | None
+    value: int
+    count: int
+    share: float
+
+
+AFTER_TRIAL = "after_trial"
+
+
+def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SubjectiveRow]:
+    """How each item was answered with each policy: over all, by task, by robot, and by both."""
+    tasks, robots = (ALL, *design.tasks), (ALL, *design.robots)
+    rows: list[SubjectiveRow] = []
+    for simulated in _groups(answers):
+        for item, policy, task, robot in product(trial_items(design), design.policies, tasks, robots):
+            values = [
+                row.value
+                for row in _counted_answers(answers, simulated, item.id, policy)
+                if task in (row.task, ALL) and robot in (row.robot, ALL)
+            ]
+            if values:
+                rows.append(_summary(simulated, item.id, policy, task, robot, values))
+    return rows
+
+
+def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
+    """How often each value was answered to each item after trials, with each policy."""
+    rows: list[LikertRow] = []
+    for simulated, questionnaire in product(_groups(answers), questionnaires_at(design, AFTER_TRIAL)):
+        for item, policy in product(questionnaire.items, design.policies):
+            values = [row.value for row in _counted_answers(answers, simulated, item.id, policy)]
+            rows += counts(simulated, questionnaire, AFTER_TRIAL, item, policy, values)
+    return rows
+
+
+def counts(
+    simulated: bool,
+    questionnaire: Questionnaire,
+    moment: str,
+    item: Item,
+    policy: str | None,
+    values: Sequence[float],
+) -> list[LikertRow]:
+    """How often each value of an item's scale is among values."""
+    return [
+        LikertRow(
+            simulated=simulated,
+            questionnaire=questionnaire.name,
+            moment=moment,
+            item=item.id,
+            policy=policy,
+            value=value,
+            count=values.count(value),
+            share=values.count(value) / len(values) if values else 0.0,
+        )
+        for value in questionnaire.scale_of(item).values
+    ]
+
+
+def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
+    """The paper's tests, once over trials as in the paper and once over participants.
+
+    The first item asked after a trial (L1: success) against the middle of its scale, for each policy; each item
+    with one policy against another, paired within participant × task × robot, each questionnaire a family. Trials of
+    one participant are not independent, so that p over trials is too small where participants differ in general; over
+    participants each gives one value, the mean of their trials.
+    """
+    families: list[Family] = []
+    for simulated in _groups(answers):
+        rated = questionnaires_at(design, AFTER_TRIAL)
+        for questionnaire, unit in product(rated[:1], (TRIAL, PARTICIPANT)):
+            question = midpoint_question(questionnaire)
+            tests = [
+                _against_middle(questionnaire, policy, answers, simulated, unit) for policy in design.policies
+            ]
+            families.append(corrected_family(simulated, question, unit, tests))
+        for questionnaire, unit in product(rated, (TRIAL, PARTICIPANT)):
+            tests = [
+                compare_policies(item.id, pair, _values(answers, simulated, item.id, pair), unit)
+                for pair, item in product(combinations(design.policies, 2), questionnaire.items)
+            ]
+            families.append(corrected_family(simulated, policy_question(design, questionnaire), unit, tests))
+    return families
+
+
+def questionnaires_at(design: Design, moment: str) -> list[Questionnaire]:
+    """The questionnaires of a moment, in the design's order."""
+    return [questionnaire for questionnaire in design.questionnaires if moment in questionnaire.moments]
+
+
+def trial_items(design: Design) -> tuple[Item, ...]:
+    """The items that are asked after each trial, in the design's order."""
+    return tuple(
+        item for questionnaire in questionnaires_at(design, AFTER_TRIAL) for item in questionnaire.items
+    )
+
+
+def midpoint_question(questionnaire: Questionnaire) -> Question:
+    """What the tests of a questionnaire's first item against the middle of its scale ask."""
+    name = f"{questionnaire.items[0].id} against the middle"
+    return Question(name, _table_caption(questionnaire), questionnaire.instrument is None)
+
+
+def policy_question(design: Design, questionnaire: Questionnaire) -> Question:
+    """What the tests between policies of a questionnaire's items ask; named where there are several."""
+    names = {first_name(each.name) for each in questionnaires_at(design, AFTER_TRIAL)}
+    several = len(names) > 1 or questionnaire.name not in names
+    name = f"policies, {questionnaire.name}" if several else "policies"
+    return Question(name, _table_caption(questionnaire), questionnaire.instrument is None)
+
+
+def _table_caption(questionnaire: Questionnaire) -> str:
+    return f"{questionnaire.name}: tests of answers"
+
+
+def _against_middle(
+    questionnaire: Questionnaire, policy: str, answers: Sequence[AnswerRow], simulated: bool, unit: str
+) -> Comparison:
+    item = questionnaire.items[0]
+    neutral = questionnaire.scale_of(item).middle
+    values = values_by_unit(
+        unit, {_key(row): row.value for row in _counted_answers(answers, simulated, item.id, policy)}
+    )
+    differences = {key: value - neutral for key, value in values.items()}
+    return Comparison(
+        item.id,
+        (policy, list(values.values())),
+        (f"{neutral:g}, the middle", [neutral] * len(values)),
+        signed_rank(list(differences.values())),
+        *differences_by_participant(unit, differences),
+    )
+
+
+def _values(
+    answers: Sequence[AnswerRow], simulated: bool, item: str, policies: tuple[str, str]
+) -> tuple[dict[Key, float], dict[Key, float]]:
+    """The answers to an item with each of two policies, by participant, task and robot."""
+    first, second = (_counted_answers(answers, simulated, item, policy) for policy in policies)
+    return {_key(row): row.value for row in first}, {_key(row): row.value for row in second}
+
+
+def _groups(answers: Sequence[AnswerRow]) -> list[bool]:
+    return sorted({row.simulated for row in answers if row.counted})
+
+
+def _counted_answers(
+    answers: Sequence[AnswerRow], simulated: bool, item: str, policy: str
+) -> list[AnswerRow]:
+    wanted = (True, simulated, item, policy)
+    return [row for row in answers if (row.counted, row.simulated, row.item, row.policy) == wanted]
+
+
+def _key(row: AnswerRow) -> Key:
+    return row.participant, row.task or "", row.robot or ""
+
+
+def _summary(
+    simulated: bool, item: str, policy: str, task: str, robot: str, values: Sequence[int]
+) -> SubjectiveRow:
+    return SubjectiveRow(
+        simulated=simulated,
+        item=item,
+        policy=policy,
+        task=task,
+        robot=robot,
+        **summary_statistics(values),
+    )

@@ -1,0 +1,206 @@
+"""Whether participants were like the people whom the policies trained with: torso heights and head positions.
+
+The paper's step from the Original to the Revised people: compare both with the participants, and see which ranges would
+have covered them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from statistics import fmean, median
+
+import numpy as np
+
+from avrgym.analysis.biomechanics.training_people import (
+    AXES,
+    HEIGHT_DISTRIBUTIONS,
+    TRAINING_PEOPLE,
+    PersonRow,
+    head_position,
+    posture_of,
+    training_head_positions,
+)
+from avrgym.analysis.reading.rows import TrialRow
+from avrgym.array_types import FloatArray
+from avrgym.models.human import SEXES
+
+
+@dataclass(frozen=True, kw_only=True)
+class BiomechanicsRow:
+    """How a measure is distributed: among participants, one value for each, or among people of the training."""
+
+    simulated: bool
+    quantity: str
+    posture: str
+    people: str
+    n: int
+    mean: float
+    deviation: float | None
+    least: float
+    lower_quartile: float
+    median: float
+    upper_quartile: float
+    most: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangeRow:
+    """What range would have covered the participants, and what share of them each distribution's range covers."""
+
+    simulated: bool
+    quantity: str
+    n: int
+    least: float
+    most: float
+    original_low: float
+    original_high: float
+    original_covers: float
+    revised_low: float
+    revised_high: float
+    revised_covers: float
+
+
+@dataclass(frozen=True, eq=False)
+class BodyTrials:
+    """The counted trials of people, or of simulated participants, whose recordings tell the body."""
+
+    simulated: bool
+    trials: tuple[TrialRow, ...]
+
+    def postures(self) -> list[str]:
+        """The postures that they were in."""
+        return list(dict.fromkeys(posture_of(row.task) for row in self.trials))
+
+    def in_posture(self, posture: str) -> list[TrialRow]:
+        """Those in a posture."""
+        return [row for row in self.trials if posture_of(row.task) == posture]
+
+
+def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
+    """People's trials and those of simulated participants, as far as there are any."""
+    usable = [row for row in trials if row.counted and row.torso_height_m is not None]
+    return [
+        BodyTrials(simulated, tuple(row for row in usable if row.simulated is simulated))
+        for simulated in sorted({row.simulated for row in usable})
+    ]
+
+
+# How they are distributed
+
+
+def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[BiomechanicsRow]:
+    """Torso heights, and head positions by posture: of participants, one value each, and of the training's people."""
+    rows: list[BiomechanicsRow] = []
+    for group in groups:
+        own = torso_heights(group)
+        rows.append(_distribution(group.simulated, "torso_height_m", "any", "participants", own))
+        for posture, axis in product(group.postures(), range(len(AXES))):
+            heads = participant_head_positions(group, posture)[:, axis]
+            rows.append(
+                _distribution(group.simulated, f"head_{AXES[axis]}_m", posture, "participants", heads)
+            )
+    for name in TRAINING_PEOPLE:
+        drawn = [row for row in people if row.people == name]
+        values = [row.torso_height_m for row in drawn]
+        rows.append(_distribution(True, "torso_height_m", "any", name, values))
+        for posture, axis in product(dict.fromkeys(row.posture for row in drawn), range(len(AXES))):
+            heads = training_head_positions(drawn, name, posture)[:, axis]
+            rows.append(_distribution(True, f"head_{AXES[axis]}_m", posture, name, heads))
+    return rows
+
+
+def torso_heights(group: BodyTrials, sex: str | None = None) -> list[float]:
+    """Torso heights of a group's participants, or those of one sex, metres; each the median of their trials."""
+    own = [row for row in group.trials if sex in (row.sex, None)]
+    return [
+        median(float(row.torso_height_m or 0.0) for row in own if row.participant == name)
+        for name in dict.fromkeys(row.participant for row in own)
+    ]
+
+
+def participant_head_positions(group: BodyTrials, posture: str) -> FloatArray:
+    """Head positions (n, 3) of a group's participants in a posture, each the mean of their trials; world frame."""
+    trials = group.in_posture(posture)
+    who = dict.fromkeys(row.participant for row in trials)
+    own = [np.array([head_position(row) for row in trials if row.participant == name]) for name in who]
+    return np.array([heads.mean(axis=0) for heads in own])
+
+
+def _distribution(
+    simulated: bool, quantity: str, posture: str, people: str, values: Sequence[float] | FloatArray
+) -> BiomechanicsRow:
+    least, lower, median, upper, most = (float(v) for v in np.percentile(values, [0, 25, 50, 75, 100]))
+    return BiomechanicsRow(
+        simulated=simulated,
+        quantity=quantity,
+        posture=posture,
+        people=people,
+        n=len(values),
+        mean=float(np.mean(values)),
+        deviation=float(np.std(values, ddof=1)) if len(values) > 1 else None,
+        least=least,
+        lower_quartile=lower,
+        median=median,
+        upper_quartile=upper,
+        most=most,
+    )
+
+
+# What would have covered them
+
+
+def range_rows(groups: Sequence[BodyTrials]) -> list[RangeRow]:
+    """Ranges of torso heights by sex, and of the waist's angles, within which all participants lie.
+
+    Waists are looked at twice: by the means of the trials, and by all that was seen in a trial.
+    """
+    rows: list[RangeRow] = []
+    for group in groups:
+        for sex in SEXES:
+            spans = [(height_m, height_m) for height_m in torso_heights(group, sex)]
+            ends = [getattr(TRAINING_PEOPLE[name], f"torso_height_{sex}_m") for name in HEIGHT_DISTRIBUTIONS]
+            rows += _range(group.simulated, f"torso_height_{sex}_m", spans, *ends)
+        for axis in AXES:
+            ends = [
+                (-TRAINING_PEOPLE[name].waist_deg, TRAINING_PEOPLE[name].waist_deg)
+                for name in HEIGHT_DISTRIBUTIONS
+            ]
+            means = [_span(row, f"waist_{axis}_deg", f"waist_{axis}_deg") for row in group.trials]
+            whole = [_span(row, f"waist_{axis}_least_deg", f"waist_{axis}_most_deg") for row in group.trials]
+            rows += _range(group.simulated, f"waist_{axis}_deg, mean of a trial", means, *ends)
+            rows += _range(group.simulated, f"waist_{axis}_deg, all of a trial", whole, *ends)
+    return rows
+
+
+def _span(row: TrialRow, least: str, most: str) -> tuple[float, float]:
+    return float(getattr(row, least)), float(getattr(row, most))
+
+
+def _range(
+    simulated: bool,
+    quantity: str,
+    spans: Sequence[tuple[float, float]],
+    original: tuple[float, float],
+    revised: tuple[float, float],
+) -> list[RangeRow]:
+    if not spans:
+        return []
+    covers = [
+        fmean(low - 1e-9 <= least and most <= high + 1e-9 for least, most in spans)
+        for low, high in (original, revised)
+    ]
+    return [
+        RangeRow(
+            simulated=simulated,
+            quantity=quantity,
+            n=len(spans),
+            least=min(least for least, _ in spans),
+            most=max(most for _, most in spans),
+            original_low=original[0],
+            original_high=original[1],
+            original_covers=covers[0],
+            revised_low=revised[0],
+            revised_high=revised[1],
+            revised_covers=covers[1],
+        )
+    ]

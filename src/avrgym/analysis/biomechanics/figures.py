@@ -1,0 +1,94 @@
+"""Figures of torso heights and head positions of one group of participants."""
+
+# Matplotlib's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from avrgym.analysis.biomechanics.biomechanics import BodyTrials, torso_heights
+from avrgym.analysis.biomechanics.training_people import HEIGHT_DISTRIBUTIONS, PersonRow, head_position
+from avrgym.analysis.page.drawing import INK, LINES, STYLE, WIDTH_IN, Drawing, add_legend, finish_figure
+from avrgym.models.human import SEXES
+
+SHOWN_PEOPLE = 150
+"""How many of the people drawn for each distribution and posture a figure shows."""
+
+
+BIN_M = 0.01
+
+
+# Biomechanics
+
+
+def height_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
+    """Torso heights of the participants, one mark each, above those of the training's people."""
+    own = torso_heights(group)
+    trained = {
+        name: [row.torso_height_m for row in people if row.people == name] for name in HEIGHT_DISTRIBUTIONS
+    }
+    samples = {"participants": own, **trained}
+    edges = np.arange(
+        min(map(min, samples.values())) - 2 * BIN_M, max(map(max, samples.values())) + 2 * BIN_M, BIN_M
+    )
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 3.0), layout="constrained")
+        axes = figure.add_subplot()
+        for (name, values), colour in zip(samples.items(), (INK, LINES[0], LINES[1]), strict=True):
+            label = name if name == "participants" else f"{name} people (simulation)"
+            weights = np.full(len(values), 1.0 / len(values))
+            axes.hist(values, edges.tolist(), weights=weights, histtype="step", color=colour, label=label)
+        for sex, marker in zip(SEXES, "so", strict=True):
+            marks = torso_heights(group, sex)
+            label = {"man": "a man", "woman": "a woman"}[sex]
+            axes.plot(marks, [-0.05] * len(marks), marker, color=INK, markersize=5, alpha=0.7, label=label)
+        axes.axhline(0.0, color=INK, linewidth=0.6)
+        axes.set(xlabel="torso height / m", ylabel="share per cm")
+        add_legend(figure, columns=2)
+    return finish_figure(
+        group.simulated, "torso-heights", "Torso heights of participants and of the training's people", figure
+    )
+
+
+def head_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
+    """Where heads were, in the mean of each trial, among those of the training's people; from front and side."""
+    postures = group.postures()
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 0.7 + 2.4 * len(postures)), layout="constrained")
+        for place, (posture, (axis, view)) in enumerate(product(postures, ((0, "x"), (1, "y")))):
+            axes = figure.add_subplot(len(postures), 2, place + 1)
+            _heads(axes, group, people, posture, axis)
+            words = {"x": "from the front", "y": "from the side"}[view]
+            axes.set(
+                xlabel=f"{view} / m",
+                ylabel="z / m",
+                title=f"{posture}, {words}",
+                aspect="equal",
+                adjustable="datalim",
+            )
+        add_legend(figure, columns=2)
+    caption = (
+        "Centres of heads, in the mean of each trial, among the training's people (up to "
+        f"{SHOWN_PEOPLE} of each distribution)"
+    )
+    return finish_figure(group.simulated, "head-positions", caption, figure)
+
+
+def _heads(axes: Axes, group: BodyTrials, people: Sequence[PersonRow], posture: str, axis: int) -> None:
+    for name, colour in zip(reversed(HEIGHT_DISTRIBUTIONS), (LINES[1], LINES[0]), strict=True):
+        drawn = [row for row in people if (row.people, row.posture) == (name, posture)][:SHOWN_PEOPLE]
+        _cloud(
+            axes, drawn, axis, color=colour, alpha=0.4, markersize=2.5, label=f"{name} people (simulation)"
+        )
+    _cloud(axes, group.in_posture(posture), axis, color=INK, markersize=3.5, label="a participant's trial")
+
+
+def _cloud(axes: Axes, rows: Sequence[Any], axis: int, **style: Any) -> None:
+    places = np.array([head_position(row) for row in rows])
+    axes.plot(places[:, axis], places[:, 2], "o", markeredgewidth=0, **style)

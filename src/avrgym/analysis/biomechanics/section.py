@@ -1,0 +1,82 @@
+"""Torso heights and head positions in the report."""
+
+from collections.abc import Sequence
+
+from avrgym.analysis.biomechanics.biomechanics import BiomechanicsRow, RangeRow
+from avrgym.analysis.biomechanics.tests import HEADS, HEIGHTS
+from avrgym.analysis.page.comparisons import TestTables
+from avrgym.analysis.page.drawing import Drawings, inline_figures
+from avrgym.analysis.page.elements import (
+    Markup,
+    details,
+    empty_section,
+    group_caption,
+    number_text,
+    short_number,
+    table,
+    tag,
+)
+
+# Biomechanics
+
+
+def biomechanics_section(
+    distributions: Sequence[BiomechanicsRow],
+    ranges: Sequence[RangeRow],
+    simulated: bool,
+    drawings: Drawings,
+    tests: TestTables,
+) -> Markup:
+    """Whether participants were like the people of the training, and which ranges would have covered them."""
+    own_ranges = [row for row in ranges if row.simulated is simulated]
+    if not own_ranges:
+        return empty_section("Biomechanics", "No counted trial has a whole recording of a body.")
+    return tag(
+        "section",
+        tag("h3", "Biomechanics: participants and the people of the training"),
+        inline_figures(drawings, "torso-heights", "head-positions"),
+        _ranges(own_ranges, simulated),
+        tests.pop(HEIGHTS.table, Markup()),
+        details("Head positions, axis by axis", tests.pop(HEADS.table, Markup())),
+        details("The distributions in numbers", _distributions(distributions, simulated)),
+    )
+
+
+def _ranges(rows: Sequence[RangeRow], simulated: bool) -> Markup:
+    heads = ("Measure", "n", "Seen", "Original", "covers", "Revised", "covers")
+    body = [
+        (
+            row.quantity, row.n, _ends(row.least, row.most),
+            _ends(row.original_low, row.original_high), f"{100 * row.original_covers:.0f} %",
+            _ends(row.revised_low, row.revised_high), f"{100 * row.revised_covers:.0f} %",
+        )
+        for row in rows
+    ]  # fmt: skip
+    caption = (
+        "What would have covered the participants, and what share of them the ranges of the training's people do: "
+        "of participants for torso heights, of trials for waists"
+    )
+    return table(group_caption(caption, simulated), heads, body, numbers=range(1, 7))
+
+
+def _ends(low: float, high: float) -> str:
+    return f"{short_number(low)} to {short_number(high)}"
+
+
+def _distributions(rows: Sequence[BiomechanicsRow], simulated: bool) -> Markup:
+    heads = ("Measure", "Posture", "People", "n", "Mean", "Deviation", "Least", "Median", "Most")
+    body = [
+        (
+            row.quantity, row.posture, row.people, row.n, number_text(row.mean, digits=3),
+            number_text(row.deviation, digits=3, absent="–"),
+            *(number_text(value, digits=3) for value in (row.least, row.median, row.most)),
+        )
+        for row in rows
+        if row.people != "participants" or row.simulated is simulated
+    ]  # fmt: skip
+    return table(
+        group_caption("Distributions; the training's people are simulated", simulated),
+        heads,
+        body,
+        numbers=range(3, 9),
+    )

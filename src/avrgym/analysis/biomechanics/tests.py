@@ -1,0 +1,127 @@
+"""Tests of whether participants were like the people of the training: the paper's, and those for unpaired samples."""
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from avrgym.analysis.biomechanics.biomechanics import BodyTrials, participant_head_positions, torso_heights
+from avrgym.analysis.biomechanics.training_people import (
+    AXES,
+    HEIGHT_DISTRIBUTIONS,
+    SEED,
+    TRAINING_PEOPLE,
+    PersonRow,
+    head_position,
+    training_head_positions,
+)
+from avrgym.analysis.reading.rows import TrialRow
+from avrgym.analysis.statistics.comparisons import (
+    PARTICIPANT,
+    TRIAL,
+    Comparison,
+    Family,
+    Question,
+    corrected_family,
+)
+from avrgym.analysis.statistics.tests import StatisticalTest, energy_test, rank_sum, signed_rank
+from avrgym.tasks.registry import TASKS
+
+HEIGHTS = Question("torso heights", table="Torso heights and whole head positions")
+
+
+WHOLE_HEADS = Question("whole head positions", table=HEIGHTS.table)
+
+
+HEADS = Question("head positions", table="Head positions by axis")
+
+
+def biomechanics_families(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[Family]:
+    """All tests of torso heights, then of head positions, for each group and posture.
+
+    Signed-rank as in the paper: each trial is paired with another of the people drawn for its task, in order, so
+    that the pairs are arbitrary. Mann-Whitney, and for positions the energy distance, take samples as they are:
+    one value for each participant against everyone drawn.
+    """
+    return [family for group in groups for family in _families(group, people)]
+
+
+def _families(group: BodyTrials, people: Sequence[PersonRow]) -> Iterator[Family]:
+    for unit, test in ((TRIAL, _paired_heights), (PARTICIPANT, _unpaired_heights)):
+        yield corrected_family(
+            group.simulated, HEIGHTS, unit, [test(group, people, name) for name in HEIGHT_DISTRIBUTIONS]
+        )
+    places = list(product(group.postures(), TRAINING_PEOPLE))
+    for question, unit, tests in (
+        (HEADS, TRIAL, _paired_heads),
+        (HEADS, PARTICIPANT, _unpaired_heads),
+        (WHOLE_HEADS, PARTICIPANT, _whole_heads),
+    ):
+        found = [test for place in places for test in tests(group, people, *place)]
+        yield corrected_family(group.simulated, question, unit, found)
+
+
+def _paired_heights(group: BodyTrials, people: Sequence[PersonRow], name: str) -> Comparison:
+    own = [float(row.torso_height_m or 0.0) for row in group.trials]
+    others = [row.torso_height_m for row in _partners(group.trials, people, name)]
+    found = signed_rank(np.subtract(own, others))
+    return _against(group.trials, "torso_height_m", own, name, others, found)
+
+
+def _unpaired_heights(group: BodyTrials, people: Sequence[PersonRow], name: str) -> Comparison:
+    own = torso_heights(group)
+    others = [row.torso_height_m for row in people if row.people == name]
+    return _against(group.trials, "torso_height_m", own, name, others, rank_sum(own, others))
+
+
+def _paired_heads(
+    group: BodyTrials, people: Sequence[PersonRow], posture: str, name: str
+) -> list[Comparison]:
+    trials = group.in_posture(posture)
+    own = np.array([head_position(row) for row in trials]).T
+    others = np.array([head_position(row) for row in _partners(trials, people, name)]).T
+    return [
+        _against(trials, f"head_{axis}_m, {posture}", a, name, b, signed_rank(a - b))
+        for axis, a, b in zip(AXES, own, others, strict=True)
+    ]
+
+
+def _unpaired_heads(
+    group: BodyTrials, people: Sequence[PersonRow], posture: str, name: str
+) -> list[Comparison]:
+    trials = group.in_posture(posture)
+    own, others = (
+        participant_head_positions(group, posture).T,
+        training_head_positions(people, name, posture).T,
+    )
+    return [
+        _against(trials, f"head_{axis}_m, {posture}", a, name, b, rank_sum(a, b))
+        for axis, a, b in zip(AXES, own, others, strict=True)
+    ]
+
+
+def _whole_heads(group: BodyTrials, people: Sequence[PersonRow], posture: str, name: str) -> list[Comparison]:
+    own, others = participant_head_positions(group, posture), training_head_positions(people, name, posture)
+    found = energy_test(own, others, SEED)
+    return [_against(group.in_posture(posture), f"head_m, {posture}", own, name, others, found)]
+
+
+def _against(
+    trials: Sequence[TrialRow], quantity: str, own: Any, name: str, others: Any, found: StatisticalTest
+) -> Comparison:
+    """Participants against a distribution's people."""
+    participants = len({row.participant for row in trials})
+    return Comparison(quantity, ("participants", own), (name, others), found, participants)
+
+
+def _partners(trials: Sequence[TrialRow], people: Sequence[PersonRow], name: str) -> list[PersonRow]:
+    """For each trial another person drawn for its task, from the first on; after the last the first again."""
+    drawn = {task: [row for row in people if (row.people, row.task) == (name, task)] for task in TASKS}
+    taken = dict.fromkeys(TASKS, 0)
+    partners: list[PersonRow] = []
+    for trial in trials:
+        own = drawn[trial.task]
+        partners.append(own[taken[trial.task] % len(own)])
+        taken[trial.task] += 1
+    return partners

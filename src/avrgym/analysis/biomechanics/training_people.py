@@ -1,0 +1,115 @@
+"""The people whom policies trained with, drawn anew from their distributions."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from avrgym.analysis.reading.rows import TrialRow
+from avrgym.analysis.reading.trial_series import WAIST, head_centres
+from avrgym.array_types import FloatArray
+from avrgym.models.human import SEATED, SEXES
+from avrgym.people.arm_clearance import furniture_boxes
+from avrgym.people.distributions import DISTRIBUTIONS, NUM_UNIFORMS, Distribution, sample_people
+from avrgym.robots.registry import ROBOTS
+from avrgym.study.design.design import Design
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+
+
+@dataclass(frozen=True, kw_only=True)
+class PersonRow:
+    """Someone drawn from a distribution that policies trained with; ``number`` counts within a task."""
+
+    simulated: bool
+    people: str
+    task: str
+    posture: str
+    number: int
+    sex: str
+    torso_height_m: float
+    waist_x_deg: float
+    waist_y_deg: float
+    waist_z_deg: float
+    head_x_m: float
+    head_y_m: float
+    head_z_m: float
+
+
+PEOPLE_PER_TASK = 500
+
+
+SEED = 2020
+
+
+AXES = ("x", "y", "z")
+
+
+_ORIGINAL, _REVISED = DISTRIBUTIONS["original"], DISTRIBUTIONS["revised"]
+
+
+TRAINING_PEOPLE: Mapping[str, Distribution] = {
+    "original": _ORIGINAL,
+    "original, heights varied": replace(_REVISED, waist_deg=_ORIGINAL.waist_deg),
+    "revised": _REVISED,
+}
+"""The people of the training; the second are the paper's for telling waists from heights."""
+
+
+HEIGHT_DISTRIBUTIONS = ("original", "revised")
+"""Those of them whose torso heights differ."""
+
+
+def posture_of(task: str) -> str:
+    """How people are found in a task: ``seated`` or ``in bed``."""
+    robot = next(robot for each, robot in ENVIRONMENTS.values() if each == task)
+    seated = TASKS[task].scene(ROBOTS[robot]).posture is SEATED
+    return "seated" if seated else "in bed"
+
+
+def sample_training_people(design: Design) -> list[PersonRow]:
+    """``PEOPLE_PER_TASK`` people of each distribution for each task, as training finds them there."""
+    return [
+        row
+        for name, task in product(TRAINING_PEOPLE, design.tasks)
+        for row in _people(name, task, design.robots[0])
+    ]
+
+
+def _people(name: str, task: str, robot: str) -> list[PersonRow]:
+    """They come from streams of their own, which depend on nothing but distribution and task."""
+    scene = TASKS[task].scene(ROBOTS[robot])
+    rng = np.random.default_rng([SEED, list(TRAINING_PEOPLE).index(name), list(TASKS).index(task)])
+    uniforms = rng.random((PEOPLE_PER_TASK, NUM_UNIFORMS))
+    drawn = sample_people(
+        TRAINING_PEOPLE[name], TASKS[task].pose, scene.posture, furniture_boxes(scene.furniture), uniforms
+    )
+    heads_w = head_centres(drawn, scene.posture)
+    waists_deg = np.degrees(drawn.joint_angles_rad[:, WAIST])
+    return [
+        PersonRow(
+            simulated=True,
+            people=name,
+            task=task,
+            posture=posture_of(task),
+            number=number,
+            sex=SEXES[int(drawn.is_woman[number])],
+            torso_height_m=float(drawn.torso_height_m[number]),
+            **{
+                f"waist_{axis}_deg": float(waist)
+                for axis, waist in zip(AXES, waists_deg[number], strict=True)
+            },
+            **{f"head_{axis}_m": float(head) for axis, head in zip(AXES, heads_w[number], strict=True)},
+        )
+        for number in range(PEOPLE_PER_TASK)
+    ]
+
+
+def training_head_positions(people: Sequence[PersonRow], name: str, posture: str) -> FloatArray:
+    """Head positions (n, 3) of a distribution's people in a posture, world frame."""
+    return np.array([head_position(row) for row in people if (row.people, row.posture) == (name, posture)])
+
+
+def head_position(row: TrialRow | PersonRow) -> tuple[float, ...]:
+    """Where the head is, world frame."""
+    return tuple(float(getattr(row, f"head_{axis}_m")) for axis in AXES)

@@ -1,0 +1,113 @@
+"""The designs that participants took part with: versions of items, differences, and descriptions."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from avrgym.analysis.page.elements import Markup, bullet_list, table, tag, warning_box
+from avrgym.study.checking.finding import Finding
+from avrgym.study.design.design import Design
+from avrgym.study.storage.item_versions import Asked, first_name
+from avrgym.study.storage.session_designs import Use, listed
+from avrgym.study.storage.store import Store
+
+
+@dataclass(frozen=True, kw_only=True)
+class ItemRow:
+    """An item in the words that people, or simulated participants, read; ``version`` counts those of one name from 1.
+
+    ``asked_of`` are the participants who answered it, ``answers`` how many answers they gave.
+    """
+
+    simulated: bool
+    questionnaire: str
+    item: str
+    version: int
+    text: str
+    least: int
+    most: int
+    points: int
+    low: str
+    high: str
+    asked_of: str
+    answers: int
+
+
+def item_rows(store: Store, asked: Asked) -> list[ItemRow]:
+    """A row for each version of an item and group of participants, ordered by item."""
+    simulated = {each.pseudonym: each.simulated for each in store.participants()}
+    scales = {item.id: own.scale_of(item) for own in asked.design.questionnaires for item in own.items}
+    return [
+        ItemRow(
+            simulated=group,
+            questionnaire=version.questionnaire,
+            item=version.item.id,
+            version=version.number,
+            text=version.item.text,
+            least=scale.lowest,
+            most=scale.highest,
+            points=scale.points,
+            low=version.item.low,
+            high=version.item.high,
+            asked_of=", ".join(sorted(own)),
+            answers=sum(own.values()),
+        )
+        for version in asked.versions
+        for scale in (scales[version.item.id],)
+        for group in (False, True)
+        for own in ({name: n for name, n in version.asked.items() if simulated[name] is group},)
+        if own
+    ]
+
+
+DIFFERENCES_TITLE = "Differences between participants"
+
+
+DIFFERENCES_NOTICE = (
+    "Participants took part with different designs, or with another one than the study's folder contains. The section "
+    "below lists each difference. Answers to different items are analysed separately; rewards, success and forces are "
+    "taken together."
+)
+
+
+def differences_notice(differences: Sequence[Finding]) -> list[Markup]:
+    """The notice; nothing where there is no difference."""
+    wrong = any(each.wrong for each in differences)
+    return [warning_box(f"{DIFFERENCES_TITLE}.", DIFFERENCES_NOTICE)] if wrong else []
+
+
+def differences_section(differences: Sequence[Finding], items: Sequence[ItemRow]) -> Markup:
+    """Each difference with the participants and trials concerned, and the items that have versions."""
+    if not differences:
+        return Markup()
+    lines = bullet_list([f"{each.where}: {each.what}." for each in differences])
+    return tag("section", tag("h2", DIFFERENCES_TITLE), lines, *_versions(items), id="differences")
+
+
+def _versions(items: Sequence[ItemRow]) -> list[Markup]:
+    changed = {first_name(row.item) for row in items if row.version > 1}
+    shown = [row for row in items if first_name(row.item) in changed]
+    if not shown:
+        return []
+    heads = ("Item", "Words", "From", "To", "Participants", "Answers")
+    body = [
+        (
+            row.item + (" (simulated)" if row.simulated else ""), row.text, f"{row.least} ({row.low})",
+            f"{row.most} ({row.high})", row.asked_of, row.answers,
+        )
+        for row in shown
+    ]  # fmt: skip
+    return [table("Items that were changed; each version is analysed separately", heads, body, numbers=(5,))]
+
+
+def describe_by_design(uses: Iterable[Use], design: Design, words: Callable[[Design], str]) -> str:
+    """Texts of ``words`` about the designs of ``uses``, or about ``design`` if nobody took part yet."""
+    groups: dict[str, list[Use]] = {}
+    for use in uses:
+        groups.setdefault(words(use.design), []).append(use)
+    if len(groups) < 2:
+        return next(iter(groups), None) or words(design)
+    return " ".join(f"For {listed(own)}: {_sentence(text)}" for text, own in groups.items())
+
+
+def _sentence(text: str) -> str:
+    return text if text.endswith((".", "!", "?")) else f"{text}."

@@ -1,0 +1,268 @@
+"""From a study's recordings to the people that policies are trained with: the paper's loop, closed.
+
+How tall participants were, how they sat or lay in each task and whether they moved becomes a file of people, see
+``people.files``. The rule for every range, where n participants lie between a and b:
+
+    lowest = a - (b - a) / (n - 1),  highest = b + (b - a) / (n - 1)
+
+It covers all participants, and its ends are on average those of the uniform distribution that they come from: of n
+draws from a width W, the least and the greatest are expected W / (n + 1) inside of its ends, and so W (n - 1) / (n + 1)
+apart (David and Nagaraja, *Order Statistics*, 3rd ed., 2003, chapter 2).
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import tomlkit
+
+from avrgym.array_types import FloatArray
+from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
+from avrgym.people.people_file import PeopleFile, Range, Source, TorsoHeights
+from avrgym.recording.reader import Recording
+from avrgym.study.checking.tracking_loss import too_much_held
+from avrgym.study.export.trials import ExportedAttempt, completed_attempts
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.system.files import write_whole
+from avrgym.tasks.registry import TASKS
+
+FITTED_JOINTS = tuple(name for name in JOINTS if not name.startswith("left_"))
+"""Waist, head and right arm: what tasks vary. The left arm keeps the task's own pose."""
+
+
+REACHING_JOINTS = {
+    "mouth": [JOINT_INDEX[name] for name, joint in JOINTS.items() if joint.body in ("torso", "head")],
+    "arm": [JOINT_INDEX[name] for name in JOINTS if name.startswith(("right_shoulder", "right_elbow"))],
+    "nothing": [],
+}
+"""What people move who bring mouth, arm or nothing to the tool."""
+
+
+MOVED_DEG = 5.0
+"""So far a joint goes that is moved on purpose; people who sit still sway less."""
+
+
+BEGINNING_S = 1.0
+
+
+FEW = 8
+"""The paper's number of participants; fewer say little about others."""
+
+
+@dataclass(frozen=True)
+class TrialPose:
+    """One completed trial: whose, of which task, the torso's height, and the joint targets (20,) in degrees.
+
+    ``beginning_deg`` is their mean over the first second in which the robot drives, ``mean_deg`` over the whole trial;
+    ``moved_deg`` is from where to where that joint went which went farthest, of those that offer mouth or arm.
+    """
+
+    participant: str
+    sex: Sex
+    task: str
+    torso_height_m: float
+    beginning_deg: FloatArray
+    mean_deg: FloatArray
+    moved_deg: float
+
+
+@dataclass(frozen=True)
+class FittedPeople:
+    """The people fitted to a study, what is to be said about them, and which recordings were left out, and why."""
+
+    people: PeopleFile
+    remarks: str
+    left_out: tuple[str, ...]
+
+
+def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done, count: None) -> FittedPeople:
+    """Fit people to those who completed trials in a study. Simulated ones count only where nobody else took part.
+
+    Left out are recordings that are missing, damaged or changed, and trials whose person was held for a larger share
+    than the design allows.
+
+    Args:
+        folder: the study's.
+        progress: told after each recording how many are read, and how many there are.
+
+    Raises:
+        StudyError: when there is no study, or fewer than two participants have completed a trial.
+    """
+    with Store(folder) as store:
+        attempts = [each for each in completed_attempts(store) if not each.trial.practice]
+        simulated = all(each.participant.simulated for each in attempts)
+        chosen = [each for each in attempts if each.participant.simulated == simulated]
+        trials, left_out = _see_all(chosen, progress)
+        title = store.design.title
+    sexes = {trial.participant: trial.sex for trial in trials}
+    if len(sexes) < 2:
+        broken = f"; left out: {'; '.join(left_out)}" if left_out else ""
+        raise StudyError(
+            f"{folder}: a range needs 2 participants with completed trials, not {len(sexes)}{broken}"
+        )
+    men = list(sexes.values()).count("man")
+    source = Source(title, men, len(sexes) - men, len(trials), simulated)
+    return FittedPeople(_fitted(trials, source), _remarks(source), tuple(left_out))
+
+
+def write_people(fit: FittedPeople, out: Path) -> None:
+    """Write the people into a new file; an existing one raises ``FileExistsError``."""
+    if out.exists():
+        raise FileExistsError(f"{out} exists already; choose another name")
+    write_whole(out, _toml_text(fit).encode())
+
+
+def _toml_text(fit: FittedPeople) -> str:
+    """The fit as TOML, with the remarks as comments above the values."""
+    document = tomlkit.document()
+    for line in fit.remarks.splitlines():
+        document.add(tomlkit.comment(line))
+    document.add(tomlkit.nl())
+    document.update(msgspec.to_builtins(fit.people))  # pyright: ignore[reportUnknownMemberType]
+    return tomlkit.dumps(document)  # pyright: ignore[reportUnknownMemberType]
+
+
+def covering_range(values: Sequence[float], limits: Range) -> Range:
+    """The range that the rule gives for two or more participants' values, within what the model allows."""
+    low, high = min(values), max(values)
+    margin = (high - low) / (len(values) - 1)
+    return max(low - margin, limits[0]), min(high + margin, limits[1])
+
+
+# Reading ------------------------------------------------------------------------------------------------------
+
+
+def _see_all(
+    attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None]
+) -> tuple[list[TrialPose], list[str]]:
+    """What every recording shows, and what is wrong with those that show nothing."""
+    trials: list[TrialPose] = []
+    left_out: list[str] = []
+    for number, attempt in enumerate(attempts, start=1):
+        try:
+            trials.append(_see(attempt))
+        except StudyError as error:
+            left_out.append(str(error))
+        progress(number, len(attempts))
+    return trials, left_out
+
+
+def _see(attempt: ExportedAttempt) -> TrialPose:
+    """What a recording shows; ``StudyError``, beginning with its name, for one that is not used."""
+    recording = attempt.read_whole()
+    held = too_much_held(recording, attempt.store.design)
+    if held is not None:
+        raise StudyError(f"{attempt.attempt.recording}: {held}")
+    try:
+        return _seen(attempt, recording)
+    except (KeyError, ValueError) as error:
+        raise StudyError(f"{attempt.attempt.recording} does not show the person: {error}") from error
+
+
+def _seen(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
+    times_s, targets_deg = _targets(recording)
+    offered = REACHING_JOINTS[TASKS[attempt.task].offered]
+    return TrialPose(
+        participant=attempt.participant.pseudonym,
+        sex=recording.metadata["person"]["sex"],
+        task=attempt.task,
+        torso_height_m=recording.metadata["person"]["torso_height_m"],
+        beginning_deg=_mean(times_s, targets_deg, times_s[0] + BEGINNING_S),
+        mean_deg=_mean(times_s, targets_deg, times_s[-1]),
+        moved_deg=float(np.ptp(targets_deg[:, offered], axis=0).max(initial=0.0)),
+    )
+
+
+def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """The joint targets (n, 20) while the robot drove, degrees, and when each came, s, (n + 1,) with the end."""
+    events, control = recording.topics["/events"], recording.topics["/control"]
+    begins = [time_ns for time_ns, event in events if (event.name, event.detail) == ("phase", "trial")]
+    targets = recording.topics["/body_targets"]
+    if not begins or not control or not targets or targets[0][0] > begins[0]:
+        raise ValueError("it holds no trial, or no joint targets from its beginning on")
+    times_ns = np.array([time_ns for time_ns, _ in targets])
+    first = int(np.searchsorted(times_ns, begins[0], side="right")) - 1
+    last = int(np.searchsorted(times_ns, control[-1][0], side="left"))
+    times_s = np.array([begins[0], *times_ns[first + 1 : last], control[-1][0]]) / 1e9
+    return times_s, np.degrees([record.joint_targets for _, record in targets[first:last]])
+
+
+def _mean(times_s: FloatArray, values: FloatArray, until_s: float) -> FloatArray:
+    """The mean over time, (20,), of values (n, 20) that each last until the next of times (n + 1,)."""
+    lasted_s = np.diff(np.minimum(times_s, until_s))
+    return lasted_s @ values / lasted_s.sum()
+
+
+# Fitting ------------------------------------------------------------------------------------------------------
+
+
+def _fitted(trials: Sequence[TrialPose], source: Source) -> PeopleFile:
+    moving = bool(np.median(_of_each((t.participant, t.moved_deg) for t in trials)) > MOVED_DEG)
+    poses = {task: _pose([t for t in trials if t.task == task], moving) for task in TASKS}
+    return PeopleFile(
+        cooperating=moving,
+        torso_height_m=TorsoHeights(man=_heights(trials, "man"), woman=_heights(trials, "woman")),
+        poses={task: pose for task, pose in poses.items() if pose},
+        source=source,
+    )
+
+
+def _of_each(values: Iterable[tuple[str, float]]) -> list[float]:
+    """Each participant's mean, from participants and values."""
+    of_participant: dict[str, list[float]] = {}
+    for participant, value in values:
+        of_participant.setdefault(participant, []).append(value)
+    return [float(np.mean(own)) for own in of_participant.values()]
+
+
+def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:
+    """Torso heights of a sex; of both where fewer than two of it took part."""
+    own = _of_each((t.participant, t.torso_height_m) for t in trials if t.sex == sex)
+    both = _of_each((t.participant, t.torso_height_m) for t in trials)
+    low, high = covering_range(own if len(own) > 1 else both, TORSO_HEIGHT_RANGE_M)
+    return round(low, 4), round(high, 4)
+
+
+def _pose(trials: Sequence[TrialPose], moving: bool) -> dict[str, Range]:
+    """Each joint's range in degrees: where those who move begin, else where people are all the while.
+
+    Nothing, where fewer than two did the task.
+    """
+    if len({trial.participant for trial in trials}) < 2:
+        return {}
+    ranges: dict[str, Range] = {}
+    for name in FITTED_JOINTS:
+        angles = (
+            (t.participant, (t.beginning_deg if moving else t.mean_deg)[JOINT_INDEX[name]]) for t in trials
+        )
+        limits = JOINTS[name].lower_deg, JOINTS[name].upper_deg
+        low, high = covering_range(_of_each(angles), limits)
+        ranges[name] = round(low, 2), round(high, 2)
+    return ranges
+
+
+def _remarks(source: Source) -> str:
+    who = "simulated participants" if source.simulated else "participants"
+    lines = [
+        f"People fitted by `avrgym fit-people` to {source.participants} {who} of the study {source.study!r}.",
+        "Where n participants lie from a to b, a range goes from a - (b - a) / (n - 1) to b + (b - a) / (n - 1).",
+        "Torso heights are in metres, joint angles in degrees. Joints without a range keep the task's own pose.",
+    ]
+    if source.participants < FEW:
+        lines.append(_few(source.participants))
+    for sex, count in (("man", source.men), ("woman", source.women)):
+        if count < 2:
+            lines.append(f"Fewer than two of sex {sex!r} took part: their torso heights are those of all.")
+    return "\n".join(lines)
+
+
+def _few(count: int) -> str:
+    """What few participants say about others: of those, (n - 1) / (n + 1) lie between least and greatest on average."""
+    share = (count - 1) / (count + 1)
+    return (
+        f"Only {count} participants: on average {share:.0%} of other people lie between the least and the greatest of "
+        "them, so that the ranges are rough."
+    )

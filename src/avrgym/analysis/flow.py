@@ -1,0 +1,237 @@
+"""The flow of participants through a study, as numbers and as a chart (CONSORT: Schulz et al., BMJ 340, 2010, c332)."""
+
+# Matplotlib's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from textwrap import wrap
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from avrgym.analysis.page.drawing import INK, STYLE, Drawing, finish_figure
+from avrgym.analysis.reading.study_data import StudyData
+from avrgym.study.design.design import Design
+from avrgym.study.storage.rows import Participant
+from avrgym.study.storage.states import UNKNOWN
+from avrgym.study.storage.store import Store
+
+WITHDRAWN = "participant withdrawn"
+"""The event of a withdrawal, whose detail is the reason."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParticipantFlow:
+    """How many people, or simulated participants, came how far; each step is what is left of the one before.
+
+    ``analysed`` are those with anything that counts; ``analysed_unfinished`` of them have not completed the study, and
+    ``completed_without_data`` completed it with nothing that counts. ``excluded_by`` says how often each answer to an
+    inclusion question excluded somebody, ``withdrew_before_for`` and ``withdrew_for`` how often each reason was given.
+
+    ``enrolled`` counts also those whose data were ``deleted``, of whom nothing else is known. ``orders`` says how
+    many were given each order of trials, ``consents`` how many agreed to each version of the consent text as their
+    latest one. ``reconsented`` and ``declined`` count re-consents to another version. Days
+    are those of sessions, ISO 8601. Of those ``unknown``, and of those ``unknown_before`` an order, it is not known
+    whether they consented or withdrew, because the database was lost.
+    """
+
+    simulated: bool
+    enrolled: int
+    deleted: int
+    no_consent: int
+    excluded: int
+    withdrew_before: int
+    unknown_before: int = 0
+    waiting: int
+    allocated: int
+    withdrew: int
+    unknown: int = 0
+    unfinished: int
+    completed: int
+    analysed: int
+    orders: Mapping[int, int]
+    consents: Mapping[str, int]
+    reconsented: int = 0
+    declined: int = 0
+    first_day: str | None
+    last_day: str | None
+    analysed_unfinished: int = 0
+    completed_without_data: int = 0
+    excluded_by: Mapping[str, int] = field(default_factory=dict[str, int])
+    withdrew_before_for: Mapping[str, int] = field(default_factory=dict[str, int])
+    withdrew_for: Mapping[str, int] = field(default_factory=dict[str, int])
+
+
+def participant_flows(store: Store, seen: StudyData) -> list[ParticipantFlow]:
+    """People and simulated participants, as far as there are any."""
+    everyone, deleted = store.participants(), store.tombstones()
+    return [
+        _flow(store, [each for each in everyone if each.simulated is simulated], simulated, gone, seen)
+        for simulated in (False, True)
+        if (gone := sum(each.simulated is simulated for each in deleted))
+        or any(each.simulated is simulated for each in everyone)
+    ]
+
+
+def _flow(
+    store: Store, own: Sequence[Participant], simulated: bool, deleted: int, seen: StudyData
+) -> ParticipantFlow:
+    with_order = [each for each in own if each.cell is not None]
+    without = [each for each in own if each.cell is None]
+    analysed = [each for each in own if each.pseudonym in seen.analysed]
+    completed = [each for each in with_order if each.state == "completed"]
+    decisions = [store.consents(each.pseudonym) for each in own]
+    days = sorted(session.opened_at[:10] for each in own for session in store.sessions(each.pseudonym))
+    return ParticipantFlow(
+        simulated=simulated,
+        enrolled=len(own) + deleted,
+        deleted=deleted,
+        no_consent=_in(without, "enrolled"),
+        excluded=_in(without, "excluded"),
+        withdrew_before=_in(without, "withdrawn"),
+        unknown_before=_in(without, UNKNOWN),
+        waiting=_in(without, "consented"),
+        allocated=len(with_order),
+        withdrew=_in(with_order, "withdrawn"),
+        unknown=_in(with_order, UNKNOWN),
+        unfinished=_in(with_order, "allocated"),
+        completed=len(completed),
+        analysed=len(analysed),
+        orders=dict(sorted(Counter(each.cell + 1 for each in with_order if each.cell is not None).items())),
+        consents=dict(sorted(Counter(each.consent_version for each in own if each.consent_version).items())),
+        reconsented=sum(any(each.agreed for each in made[1:]) for made in decisions),
+        declined=sum(any(not each.agreed for each in made) for made in decisions),
+        first_day=days[0] if days else None,
+        last_day=days[-1] if days else None,
+        analysed_unfinished=len(analysed) - _in(analysed, "completed"),
+        completed_without_data=len(completed) - _in(analysed, "completed"),
+        excluded_by=Counter(answer for each in own for answer in _excluding(store.design, each)),
+        withdrew_before_for=Counter(_reasons(store, without)),
+        withdrew_for=Counter(_reasons(store, with_order)),
+    )
+
+
+def _excluding(design: Design, participant: Participant) -> Iterator[str]:
+    """The answers to inclusion questions that excluded a participant."""
+    if participant.state != "excluded":
+        return
+    questions = {question.id: question for question in design.inclusion}
+    for name, answer in (participant.inclusion or {}).items():
+        question = questions.get(name)
+        if question is None or question.required != answer:
+            yield f"{question.text if question else name} {'Yes' if answer else 'No'}"
+
+
+def _reasons(store: Store, own: Sequence[Participant]) -> Iterator[str]:
+    """Why each participant withdrew, as the experimenter stored it."""
+    gone = {each.number for each in own if each.state == "withdrawn"}
+    stored = {each.participant: each.detail for each in store.events() if each.name == WITHDRAWN}
+    return (stored.get(number) or "no reason stored" for number in sorted(gone))
+
+
+def _in(own: Iterable[Participant], state: str) -> int:
+    return sum(each.state == state for each in own)
+
+
+BOX_IN, SIDE_IN, GAP_IN, LINE_IN = 2.9, 2.9, 0.22, 0.17
+"""Widths of the boxes of steps and of those who leave, the space between boxes, and the height of a line."""
+
+
+LETTERS = 42
+"""Number of letters that fit in a line of a box."""
+
+
+UNKNOWN_TEXT = "consent or withdrawal unknown, database lost"
+
+
+def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
+    """Each step with those who leave after it; nobody is told of where nobody left."""
+    before = f"withdrew before the first trial was planned{_why(flow.withdrew_before_for)}"
+    unfinished = f", of them {flow.analysed_unfinished} not finished yet" if flow.analysed_unfinished else ""
+    return [
+        (
+            f"Enrolled: {flow.enrolled}",
+            _some(
+                {
+                    f"excluded by the inclusion questions{_why(flow.excluded_by)}": flow.excluded,
+                    before: flow.withdrew_before,
+                    UNKNOWN_TEXT: flow.unknown_before,
+                    "no consent yet": flow.no_consent,
+                    "inclusion questions not answered yet": flow.waiting,
+                    "deleted with all data": flow.deleted,
+                }
+            ),
+        ),
+        (
+            f"Given an order of trials: {flow.allocated}",
+            _some(
+                {
+                    f"withdrew{_why(flow.withdrew_for)}": flow.withdrew,
+                    UNKNOWN_TEXT: flow.unknown,
+                    "not finished yet": flow.unfinished,
+                }
+            ),
+        ),
+        (
+            f"Completed the study: {flow.completed}",
+            _some({"without a trial or answer that counts": flow.completed_without_data}),
+        ),
+        (f"In the analysis: {flow.analysed}{unfinished}", []),
+    ]
+
+
+def _why(reasons: Mapping[str, int]) -> str:
+    """How often each reason was given, in brackets."""
+    return f" ({'; '.join(f'{reason}: {number}' for reason, number in reasons.items())})" if reasons else ""
+
+
+def _some(left: dict[str, int]) -> list[str]:
+    return [f"{number} {why}" for why, number in left.items() if number]
+
+
+def flow_chart(flow: ParticipantFlow) -> Drawing:
+    """The flow as a figure; one of simulated participants names them as such."""
+    width_in, shown = BOX_IN + SIDE_IN + 3 * GAP_IN, flow_steps(flow)
+    boxes = [_tall(_lines([words])) for words, _ in shown]
+    beside = [_tall(lines) + GAP_IN if (lines := _lines(left)) else 0.0 for _, left in shown]
+    height_in = 0.3 + sum(boxes) + sum(beside) + GAP_IN * len(shown)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(width_in, height_in))
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.set(xlim=(0.0, width_in), ylim=(height_in, 0.0))
+        axes.set_axis_off()
+        top, middle = 0.3, GAP_IN + BOX_IN / 2
+        for (words, left), tall, aside in zip(shown, boxes, beside, strict=True):
+            _box(axes, GAP_IN, top, BOX_IN, _lines([words]))
+            below = top + tall
+            if left:
+                at = below + GAP_IN / 2 + aside / 2
+                _box(axes, BOX_IN + 2 * GAP_IN, at - (aside - GAP_IN) / 2, SIDE_IN, _lines(left))
+                _arrow(axes, (middle, at), (BOX_IN + 2 * GAP_IN, at))
+            top = below + aside + GAP_IN
+            if words != shown[-1][0]:
+                _arrow(axes, (middle, below), (middle, top))
+    return finish_figure(flow.simulated, "flow", "Flow of participants", figure)
+
+
+def _lines(texts: Sequence[str]) -> list[str]:
+    return [line for text in texts for line in wrap(text, LETTERS)]
+
+
+def _tall(lines: Sequence[str]) -> float:
+    """The height of a box with these lines."""
+    return LINE_IN * (len(lines) + 1)
+
+
+def _box(axes: Axes, x: float, y: float, width: float, lines: Sequence[str]) -> None:
+    tall = _tall(lines)
+    axes.add_patch(Rectangle((x, y), width, tall, fill=False, edgecolor=INK, linewidth=0.8))
+    axes.text(x + 0.1, y + tall / 2, "\n".join(lines), fontsize=8, va="center", linespacing=1.2)
+
+
+def _arrow(axes: Axes, begin: tuple[float, float], end: tuple[float, float]) -> None:
+    axes.annotate("", end, begin, arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 0.8})

@@ -1,0 +1,159 @@
+"""Headset checks at the beginning of sessions: rows, description and section of the report."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from avrgym.analysis.page.elements import Markup, join, number_text, table, tag
+from avrgym.study.storage.rows import Participant, StudySession
+from avrgym.study.storage.store import Store
+from avrgym.vr.headset_check import HeadsetCheck
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeadsetRow:
+    """The latest check of the headset in one session; see ``vr.headset_check``.
+
+    ``latency_p50_ms`` and ``latency_p95_ms`` are from pose to picture; ``faults`` in words, empty where it was ready.
+    ``stop_with`` is how the participant stopped the robot in the check (``StopWay``), ``stop_worked`` whether they did
+    within the time, ``stop_after_s`` the seconds from the request to the stop; all empty where no stop was requested.
+    """
+
+    participant: str
+    simulated: bool
+    session: int
+    device: str
+    emulated: bool
+    profiles: str
+    display_hz: float | None
+    frame_rate_hz: float
+    dropped_share: float
+    latency_p50_ms: float | None
+    latency_p95_ms: float | None
+    head_jitter_mm: float | None
+    left_with: str
+    left_jitter_mm: float | None
+    left_reach_m: float | None
+    right_with: str
+    right_jitter_mm: float | None
+    right_reach_m: float | None
+    haptics: bool | None
+    sound: bool | None
+    stop_with: str
+    stop_worked: bool | None
+    stop_after_s: float | None
+    go: bool
+    faults: str
+
+
+def headset_rows(store: Store) -> list[HeadsetRow]:
+    """Those of all sessions that began with a check, in their order."""
+    return [
+        _row(participant, session, session.headset)
+        for participant in store.participants()
+        for session in store.sessions(participant.pseudonym)
+        if session.headset is not None
+    ]
+
+
+def _row(participant: Participant, session: StudySession, check: HeadsetCheck) -> HeadsetRow:
+    total = check.latency_ms.get("total_ms", {})
+    stopped = check.stop not in (None, "none")
+    return HeadsetRow(
+        participant=participant.pseudonym,
+        simulated=participant.simulated,
+        session=session.number,
+        device=check.device,
+        emulated=check.emulated,
+        profiles=" ".join(check.profiles),
+        display_hz=check.display_hz,
+        frame_rate_hz=check.frame_rate_hz,
+        dropped_share=check.dropped_share,
+        latency_p50_ms=total.get("p50"),
+        latency_p95_ms=total.get("p95"),
+        head_jitter_mm=check.head.jitter_mm,
+        left_with=check.left.with_,
+        left_jitter_mm=check.left.jitter_mm,
+        left_reach_m=check.left.reach_m,
+        right_with=check.right.with_,
+        right_jitter_mm=check.right.jitter_mm,
+        right_reach_m=check.right.reach_m,
+        haptics=check.haptics,
+        sound=check.sound,
+        stop_with=check.stop or "" if stopped else "",
+        stop_worked=None if check.stop is None else stopped,
+        stop_after_s=check.stop_after_s,
+        go=check.go,
+        faults=check.fault_words,
+    )
+
+
+def describe_headset_checks(rows: Sequence[HeadsetRow]) -> str:
+    """What a methods section says of them; empty where no session began with a check."""
+    if not rows:
+        return ""
+    ready, emulated = sum(row.go for row in rows), sum(row.emulated for row in rows)
+    latencies = [row.latency_p50_ms for row in rows if row.latency_p50_ms is not None]
+    jitters = [row.head_jitter_mm for row in rows if row.head_jitter_mm is not None]
+    held = sorted({name for row in rows for name in (row.left_with, row.right_with)})
+    figures = [
+        f"{median(row.frame_rate_hz for row in rows):.0f} frames a second",
+        f"{100.0 * median(row.dropped_share for row in rows):.1f} % of frames dropped",
+        *([f"{median(latencies):.0f} ms from pose to picture"] if latencies else []),
+        *([f"{median(jitters):.2f} mm of jitter of the head at rest"] if jitters else []),
+    ]
+    made_up = (
+        f" {_count(emulated, 'check')} ran on an emulated headset, which says nothing about one."
+        * bool(emulated)
+    )
+    return (
+        f"The headset was checked at the beginning of {_count(len(rows), 'session')} and found ready in {ready} "
+        f"(medians: {', '.join(figures)}; hands tracked with: {', '.join(held)}).{made_up}"
+    )
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+HEADS = (
+    "Participant", "Session", "Ready", "Headset", "Frames / s", "of", "Dropped", "Pose to picture, ms", "95 % within",
+    "Jitter of head", "left hand", "right hand, mm", "Buzz", "Chime", "Stop", "after, s",
+)  # fmt: skip
+
+
+def headset_section(rows: Sequence[HeadsetRow]) -> Markup:
+    """What they measured; nothing where no session began with one."""
+    if not rows:
+        return Markup()
+    shown = table("Checks of the headset", HEADS, [_cells(row) for row in rows], numbers=[*range(4, 12), 15])
+    return join([tag("p", describe_headset_checks(rows)), shown])
+
+
+def _cells(row: HeadsetRow) -> tuple[object, ...]:
+    return (
+        row.participant + (" (simulated)" if row.simulated else ""),
+        row.session,
+        "yes" if row.go else f"no: {row.faults}",
+        ("EMULATED: " if row.emulated else "") + (row.profiles or row.device or "unknown"),
+        number_text(row.frame_rate_hz, digits=0),
+        number_text(row.display_hz, digits=0, absent="–"),
+        f"{100.0 * row.dropped_share:.1f} %",
+        number_text(row.latency_p50_ms, digits=0, absent="–"),
+        number_text(row.latency_p95_ms, digits=0, absent="–"),
+        number_text(row.head_jitter_mm, absent="–"),
+        _hand(row.left_with, row.left_jitter_mm),
+        _hand(row.right_with, row.right_jitter_mm),
+        _felt(row.haptics),
+        _felt(row.sound),
+        "not asked" if row.stop_worked is None else row.stop_with if row.stop_worked else "not tried",
+        number_text(row.stop_after_s, absent="–"),
+    )
+
+
+def _hand(tracked_with: str, jitter_mm: float | None) -> str:
+    return f"{number_text(jitter_mm, absent='–')} ({tracked_with})"
+
+
+def _felt(answer: bool | None) -> str:
+    return "not asked" if answer is None else "yes" if answer else "no"

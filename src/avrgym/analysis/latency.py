@@ -1,0 +1,96 @@
+"""Latency from a tracked pose to the picture that shows it: rows and section of the report."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from avrgym.analysis.page.elements import Markup, group_caption, table, tag
+from avrgym.analysis.reading.rows import TrialRow
+from avrgym.recording.schema import Latency
+from avrgym.vr.latency import STAGE_WORDS, TOTAL, percentiles_ms
+
+Latencies = Mapping[tuple[str, int], Sequence[Latency]]
+"""What the client told during trials, by pseudonym and position."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LatencyRow:
+    """How long a stage took on the way from pose to picture, or all of them as ``total_ms``.
+
+    Percentiles are over the pictures of counted trials. ``participant`` is missing for all of a kind
+    together.
+    """
+
+    participant: str | None
+    simulated: bool
+    stage: str
+    pictures: int
+    p50_ms: float
+    p95_ms: float
+    p99_ms: float
+
+
+def latency_rows(trials: Sequence[TrialRow], latencies: Latencies) -> list[LatencyRow]:
+    """People first, each group before its participants; nothing of who was never shown a picture, as in simulation."""
+    rows: list[LatencyRow] = []
+    for simulated in (False, True):
+        told = {
+            (row.participant, row.position): latencies[row.participant, row.position]
+            for row in trials
+            if row.counted and row.simulated is simulated and (row.participant, row.position) in latencies
+        }
+        rows.extend(_rows(None, [each for those in told.values() for each in those], simulated=simulated))
+        for participant in dict.fromkeys(pseudonym for pseudonym, _ in told):
+            own = [
+                each for (pseudonym, _), those in told.items() if pseudonym == participant for each in those
+            ]
+            rows.extend(_rows(participant, own, simulated=simulated))
+    return rows
+
+
+def _rows(participant: str | None, told: Sequence[Latency], *, simulated: bool) -> Iterator[LatencyRow]:
+    pictures = sum(len(each.sequence) for each in told)
+    for stage, shares in percentiles_ms(told).items():
+        percentiles = {f"{share}_ms": ms for share, ms in shares.items()}
+        yield LatencyRow(
+            participant=participant, simulated=simulated, stage=stage, pictures=pictures, **percentiles
+        )
+
+
+def total_latency(rows: Sequence[LatencyRow], *, simulated: bool) -> LatencyRow | None:
+    """From pose to picture, over all people or all simulated participants."""
+    return next(
+        (
+            row
+            for row in rows
+            if row.simulated is simulated and row.participant is None and row.stage == TOTAL
+        ),
+        None,
+    )
+
+
+LATENCY_METHOD = (
+    "Latency: for every tracking frame the client reports when its pose was read and sent, when the state that follows "
+    "it came and when a picture showed it; the server reports when the frame came, when it was simulated and when that "
+    "state was sent. The clocks are aligned by the fastest messages of ten seconds. Percentiles are over the frames of "
+    "counted trials. A headset's display adds its own time; own arms are drawn without waiting for all this."
+)
+
+
+def latency_section(latencies: Sequence[LatencyRow], simulated: bool) -> Markup:
+    """Stage by stage, and who saw the latest pictures; nothing where no recording tells."""
+    rows = [row for row in latencies if row.simulated is simulated]
+    if not rows:
+        return Markup()
+    together = [row for row in rows if row.participant is None]
+    words = {TOTAL: "from pose to picture", **STAGE_WORDS}
+    body = [
+        (words[row.stage], *(f"{ms:.1f}" for ms in (row.p50_ms, row.p95_ms, row.p99_ms))) for row in together
+    ]
+    own = [row for row in rows if row.participant is not None and row.stage == TOTAL]
+    latest = max(own, key=lambda row: row.p95_ms)
+    heads = ("Stage", "Median / ms", "95 % within / ms", "99 % within / ms")
+    caption = group_caption(f"How late pictures were: {together[0].pictures} frames", simulated)
+    note = f"The latest pictures had {latest.participant}: 95 % within {latest.p95_ms:.1f} ms."
+    return tag(
+        "section", tag("h3", "Latency"), table(caption, heads, body, numbers=range(1, 4)), tag("p", note)
+    )

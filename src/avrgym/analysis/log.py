@@ -1,0 +1,81 @@
+"""The log of a study: number of entries, people, and views of results before the planned end."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from avrgym.analysis.page.elements import Markup, bullet_list, count_text, tag
+from avrgym.study.checking.interim_looks import check_interim_looks, is_interim
+from avrgym.study.storage.audit_log import person_words, site_names
+from avrgym.study.storage.store import Store
+
+
+@dataclass(frozen=True)
+class StudyLog:
+    """Entries of a log by count, with the times of the first and the last, and the people in it, in words.
+
+    Views of results after the planned end do not count. ``interim_looks`` are those before it, in words.
+    """
+
+    entries: int
+    people: Sequence[str]
+    first_at: str | None
+    last_at: str | None
+    interim_looks: Sequence[str]
+
+
+def study_log(store: Store) -> StudyLog:
+    """The log of a study as it is now."""
+    sites = site_names(store)
+    own = [entry for entry in store.log() if entry.completed is None or is_interim(entry)]
+    return StudyLog(
+        entries=len(own),
+        people=list(dict.fromkeys(person_words(entry, sites) for entry in own)),
+        first_at=min((entry.at for entry in own), default=None),
+        last_at=max((entry.at for entry in own), default=None),
+        interim_looks=[f"{each.where} {each.what}" for each in check_interim_looks(store)],
+    )
+
+
+ENTRIES_LOST = "The database was rebuilt from the recordings: entries from before that are lost."
+
+
+def log_section(log: StudyLog, rebuilt_at: str | None) -> Markup:
+    """The log by count, and views of results before the planned end; ``rebuilt_at`` is of a rebuilt database."""
+    lost = [tag("p", ENTRIES_LOST)] if rebuilt_at else []
+    return tag(
+        "section",
+        tag("h2", "The log"),
+        tag("p", *_summary_text(log, rebuilt_at)),
+        *lost,
+        *_interim_looks(log),
+        id="log",
+    )
+
+
+def _summary_text(log: StudyLog, rebuilt_at: str | None) -> tuple[Markup | str, ...]:
+    if not log.entries and rebuilt_at:
+        return ("The log has no entry.",)
+    if not log.entries:
+        return ("The log has no entry: no command and no view of this study was logged.",)
+    entries = "1 entry" if log.entries == 1 else f"{log.entries} entries"
+    time = f"at {log.first_at}" if log.entries == 1 else f"from {log.first_at} to {log.last_at}"
+    return (
+        f"The log has {entries}, {time} (UTC), by {', '.join(log.people)}. Views of "
+        "results after the planned end are not counted. The whole log: ",
+        tag("code", "avrgym study export --format csv"),
+        ".",
+    )
+
+
+def _interim_looks(log: StudyLog) -> list[Markup]:
+    if not log.interim_looks:
+        return [
+            tag(
+                "p", "The log has no view of results before the planned number of participants had completed."
+            )
+        ]
+    found = count_text(len(log.interim_looks), "line")
+    return [
+        tag("p", f"Results were viewed before the planned number of participants had completed ({found}):"),
+        bullet_list([f"{look}." for look in log.interim_looks]),
+    ]

@@ -1,0 +1,136 @@
+"""What a model says of a study's trials: the columns of its design matrix, and the effects that are looked at."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from avrgym.analysis.models.estimate import FitError
+from avrgym.array_types import FloatArray
+from avrgym.study.design.design import Design
+
+POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER = "policies", "robots", "learning", "order", "carry-over"
+
+
+EFFECTS = (POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER)
+
+
+TASK_GROUPS = "tasks"
+"""What models allow for and nobody asks about."""
+
+
+FIRST_TASK, LAST_TASK = "first task", "last task"
+
+
+FIRST_TRIAL, LAST_TRIAL = "first trial of a task", "last trial of a task"
+
+
+Group = tuple[str, str]
+"""A kind of effect, and a group of trials in it."""
+
+
+@dataclass(frozen=True)
+class TrialValue:
+    """A value of one trial, and where in the study it stands.
+
+    ``block`` is when its task came, from 0 (first) to 1 (last), ``place`` when the trial came within its task.
+    ``before`` is the policy of the trial before, practice included; ``None`` where another task, or nothing, came
+    before.
+    """
+
+    participant: str
+    task: str
+    robot: str
+    policy: str
+    block: float
+    place: float
+    before: str | None
+    value: float
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A difference that is looked at: of which kind, and of which group from which."""
+
+    kind: str
+    group_a: str
+    group_b: str
+
+
+@dataclass(frozen=True, eq=False)
+class DesignMatrix:
+    """The columns (n, p) of a model, without a constant, by kind and group; ``bases`` are what they compare with."""
+
+    names: tuple[Group, ...]
+    bases: frozenset[Group]
+    matrix: FloatArray
+
+    def contrast(self, effect: Effect) -> FloatArray:
+        """What an effect is of the coefficients (p,); raises ``FitError`` where the trials do not tell it."""
+        weights = np.zeros(len(self.names))
+        for group, sign in (((effect.kind, effect.group_a), 1.0), ((effect.kind, effect.group_b), -1.0)):
+            if group in self.names:
+                weights[self.names.index(group)] = sign
+            elif group not in self.bases:
+                raise FitError("these trials do not tell this effect")
+        return weights
+
+
+def effects(design: Design) -> tuple[Effect, ...]:
+    """All effects that are looked at in a design, of each kind."""
+    found = [Effect(POLICIES, b, a) for a, b in combinations(design.policies, 2)]
+    found += [Effect(ROBOTS, b, a) for a, b in combinations(design.robots, 2)]
+    if len(design.tasks) > 1:
+        found.append(Effect(LEARNING, LAST_TASK, FIRST_TASK))
+    if len(design.conditions) > 1:
+        found.append(Effect(ORDER, LAST_TRIAL, FIRST_TRIAL))
+        found += [
+            Effect(CARRY_OVER, after_policy(b), after_policy(a)) for a, b in combinations(design.policies, 2)
+        ]
+    return tuple(found)
+
+
+def after_policy(policy: str) -> str:
+    """The group of trials that followed one with a policy."""
+    return f"after {policy}"
+
+
+def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatrix:
+    """The columns that these trials tell apart, in the order in which effects matter."""
+    names: list[Group] = []
+    bases: set[Group] = set()
+    kept = np.ones((len(observed), 1))
+    for group, column in _candidates(design, observed):
+        if column is None:
+            bases.add(group)
+            continue
+        widened = np.hstack([kept, column[:, None]])
+        if np.linalg.matrix_rank(widened) > kept.shape[1]:
+            names.append(group)
+            kept = widened
+    return DesignMatrix(tuple(names), frozenset(bases), kept[:, 1:])
+
+
+def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tuple[Group, FloatArray | None]]:
+    """A column for each group but the first of its kind, which the others are compared with."""
+    yield from _indicators(POLICIES, design.policies, [each.policy for each in observed])
+    yield from _indicators(ROBOTS, design.robots, [each.robot for each in observed])
+    yield from _indicators(TASK_GROUPS, design.tasks, [each.task for each in observed])
+    yield (LEARNING, FIRST_TASK), None
+    yield (LEARNING, LAST_TASK), np.array([each.block for each in observed])
+    yield (ORDER, FIRST_TRIAL), None
+    yield (ORDER, LAST_TRIAL), np.array([each.place for each in observed])
+    befores = [after_policy(each.before) if each.before else None for each in observed]
+    yield from _indicators(CARRY_OVER, [after_policy(policy) for policy in design.policies], befores)
+
+
+def _indicators(
+    kind: str, groups: Sequence[str], given: Sequence[str | None]
+) -> Iterator[tuple[Group, FloatArray | None]]:
+    """1 for trials of a group, 0 for those of others; trials of none lie in the middle of all."""
+    present = [group for group in groups if group in given]
+    for number, group in enumerate(present):
+        share = 1.0 / len(present)
+        belongs = np.array([share if each is None else float(each == group) for each in given])
+        yield (kind, group), belongs if number else None

@@ -1,0 +1,49 @@
+"""What fitting a model gives: estimates with a covariance that allows for few participants, or why there are none."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy import stats
+
+from avrgym.array_types import FloatArray
+
+LEVEL = 0.95
+
+
+class FitError(Exception):
+    """A model that these data do not determine; the message says why."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An effect, its standard error, Student's degrees of freedom, the ends of its 95 % interval, and p.
+
+    ``note`` is what a reader must know of the model, or empty.
+    """
+
+    value: float
+    error: float
+    df: float
+    low: float
+    high: float
+    p: float
+    note: str = ""
+
+    @classmethod
+    def of(cls, value: float, variance: float, df: float) -> "Estimate":
+        """By Student's t; raises ``FitError`` where there is no variance to judge by."""
+        if not variance > 1e-16 * max(1.0, value**2):
+            raise FitError("all participants give the same difference: there is no variance to judge it by")
+        error = float(np.sqrt(variance))
+        half = float(stats.t.ppf(0.5 + LEVEL / 2, df)) * error
+        p = 2.0 * float(stats.t.sf(abs(value) / error, df))
+        return cls(value, error, df, value - half, value + half, p)
+
+
+class Fitted(Protocol):
+    """A model that was fitted."""
+
+    def estimate(self, contrast: FloatArray) -> Estimate:
+        """The effect ``contrast @ coefficients``, of the columns of the model's design matrix."""
+        ...

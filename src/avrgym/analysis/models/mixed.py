@@ -1,0 +1,231 @@
+"""A linear mixed model: values of participants who differ, in general and from condition to condition.
+
+y = X β + e, where the covariance of a cluster's values is a sum of known matrices, each times a variance that is
+estimated by restricted maximum likelihood (Patterson and Thompson, Biometrika 58, 1971) with Fisher's scoring. A
+variance may come out negative as long as all covariances stay positive definite: held at zero instead, tests of few
+participants find too much. Standard errors and degrees of freedom are those of Kenward and Roger (Biometrics 53,
+1997), which for one effect at a time are Satterthwaite's with their adjusted covariance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from avrgym.analysis.models.estimate import Estimate, FitError
+from avrgym.array_types import FloatArray
+
+ITERATIONS = 30
+
+
+HALVINGS = 8
+
+
+CONVERGED = 1e-10
+
+
+SINGULAR = 1e-8
+"""A random effect is at zero if its variance is no more than this share of that of single values."""
+
+
+NOT_CONVERGED = "the variances between and within participants cannot be told apart"
+
+
+@dataclass(frozen=True, eq=False)
+class MixedFit:
+    """Coefficients (p,), variances (v,), that of single values last, and covariances.
+
+    ``covariance`` (p, p) takes the variances for known, ``adjusted`` does not. ``slopes`` (v, p, p) say how
+    ``covariance`` changes with each variance, ``of_variances`` (v, v) is the covariance of these.
+    """
+
+    coefficients: FloatArray
+    variances: FloatArray
+    covariance: FloatArray
+    adjusted: FloatArray
+    slopes: FloatArray
+    of_variances: FloatArray
+
+    @property
+    def at_zero(self) -> list[int]:
+        """The places of the random effects whose variance is zero or negative: with any the fit is singular."""
+        *groups, single = self.variances.tolist()
+        return [place for place, variance in enumerate(groups) if variance <= SINGULAR * abs(single)]
+
+    def estimate(self, contrast: FloatArray) -> Estimate:
+        """The effect of a contrast (p,), by Student's t."""
+        plain = float(contrast @ self.covariance @ contrast)
+        slopes = np.einsum("i,vij,j->v", contrast, self.slopes, contrast)
+        spread = float(slopes @ self.of_variances @ slopes)
+        if not spread > 0.0:
+            raise FitError(NOT_CONVERGED)
+        value = float(contrast @ self.coefficients)
+        return Estimate.of(value, float(contrast @ self.adjusted @ contrast), 2.0 * plain**2 / spread)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cluster:
+    """Values (n,), their design (n, p), and what each variance multiplies (v, n, n)."""
+
+    values: FloatArray
+    design: FloatArray
+    parts: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """What follows from variances: the restricted log-likelihood, its score and information, and the estimates."""
+
+    likelihood: float
+    score: FloatArray
+    information: FloatArray
+    coefficients: FloatArray
+    covariance: FloatArray
+    singles: FloatArray
+    pairs: FloatArray
+
+
+def fit_mixed(
+    values: ArrayLike, design: FloatArray, clusters: ArrayLike, groupings: Sequence[ArrayLike]
+) -> MixedFit:
+    """Fit values (n,) by a design matrix (n, p) with its constant.
+
+    Args:
+        values: what was measured.
+        design: the fixed effects.
+        clusters: whose they are (n,); values of different clusters are independent.
+        groupings: what values of a cluster have in common, each (n,) labels, whose values share one draw of their
+            own variance, or (n, k) covariates with a slope of their own variance.
+
+    Raises:
+        FitError: where effects or variances cannot be told apart.
+    """
+    given = np.asarray(values, float)
+    if np.ptp(given) == 0.0:
+        raise FitError("all values are equal")
+    if np.linalg.matrix_rank(design) < design.shape[1] or len(given) <= design.shape[1]:
+        raise FitError("effects cannot be told apart")
+    scale = float(given.std())
+    own = list(_clusters(given / scale, design, np.asarray(clusters), groupings))
+    state, variances = _restricted(own, len(groupings) + 1)
+    of_variances = _inverse(state.information)
+    bend = state.pairs - np.einsum("aij,jk,bkl->abil", state.singles, state.covariance, state.singles)
+    middle = np.einsum("ab,abij->ij", of_variances, bend)
+    adjusted = state.covariance + 2.0 * state.covariance @ middle @ state.covariance
+    slopes = state.covariance @ state.singles @ state.covariance
+    return MixedFit(
+        scale * state.coefficients,
+        scale**2 * variances,
+        scale**2 * state.covariance,
+        scale**2 * adjusted,
+        slopes,
+        scale**4 * of_variances,
+    )
+
+
+def _clusters(
+    values: FloatArray, design: FloatArray, clusters: FloatArray, groupings: Sequence[ArrayLike]
+) -> list[_Cluster]:
+    found: list[_Cluster] = []
+    for name in np.unique(clusters):
+        own = clusters == name
+        parts = [_part(np.asarray(grouping)[own]) for grouping in groupings]
+        found.append(_Cluster(values[own], design[own], np.array([*parts, np.eye(int(own.sum()))])))
+    return found
+
+
+def _part(grouping: FloatArray) -> FloatArray:
+    """What a variance multiplies in a cluster's covariance: 1 where labels are equal, or products of covariates."""
+    if grouping.ndim == 1:
+        return (grouping[:, None] == grouping).astype(float)
+    return grouping @ grouping.T
+
+
+def _restricted(clusters: Sequence[_Cluster], count: int) -> tuple[_State, FloatArray]:
+    """State and variances of the greatest restricted likelihood."""
+    variances = np.full(count, 0.5 / max(count - 1, 1))
+    variances[-1] = 0.5
+    state = _state(clusters, variances)
+    for _ in range(ITERATIONS):
+        if state is None:
+            break
+        step = _inverse(state.information) @ state.score
+        if state.score @ step < CONVERGED:
+            return state, variances
+        variances, state = _along(clusters, variances, state, step)
+    raise FitError(NOT_CONVERGED)
+
+
+def _along(
+    clusters: Sequence[_Cluster], variances: FloatArray, state: _State, step: FloatArray
+) -> tuple[FloatArray, _State | None]:
+    """Variances and state after as much of a step as is no step back; no state where there is none."""
+    for _ in range(HALVINGS):
+        tried = _state(clusters, variances + step)
+        if tried is not None and tried.likelihood >= state.likelihood - 1e-12:
+            return variances + step, tried
+        step = step / 2.0
+    return variances, None
+
+
+def _state(clusters: Sequence[_Cluster], variances: FloatArray) -> _State | None:
+    """``None`` where a covariance is not positive definite.
+
+    With W the inverse of a cluster's covariance and G_a what variance a multiplies there, ``singles`` sums
+    Xᵀ W G_a W X and ``pairs`` Xᵀ W G_a W G_b W X over clusters.
+    """
+    weights: list[FloatArray] = []
+    determinant = 0.0
+    for each in clusters:
+        covariance = np.tensordot(variances, each.parts, 1)
+        try:
+            root = np.linalg.cholesky(covariance)
+        except np.linalg.LinAlgError:
+            return None
+        if root.diagonal().min() < 1e-6:
+            return None
+        determinant += 2.0 * float(np.log(root.diagonal()).sum())
+        weights.append(np.linalg.inv(covariance))
+    own = list(zip(clusters, weights, strict=True))
+    covariance = _inverse(np.sum([each.design.T @ w @ each.design for each, w in own], axis=0))
+    coefficients = covariance @ np.sum([each.design.T @ w @ each.values for each, w in own], axis=0)
+    return _derived(clusters, weights, determinant, coefficients, covariance)
+
+
+def _derived(
+    clusters: Sequence[_Cluster],
+    weights: Sequence[FloatArray],
+    determinant: float,
+    coefficients: FloatArray,
+    covariance: FloatArray,
+) -> _State:
+    count, width = len(clusters[0].parts), len(coefficients)
+    traces, squares = np.zeros(count), np.zeros(count)
+    both = np.zeros((count, count))
+    singles, pairs = np.zeros((count, width, width)), np.zeros((count, count, width, width))
+    residual = 0.0
+    for each, w in zip(clusters, weights, strict=True):
+        left = each.values - each.design @ coefficients
+        pulled = w @ left
+        turned = each.parts @ w
+        around = w @ each.design
+        spread = each.parts @ around
+        residual += float(left @ pulled)
+        squares += np.einsum("i,aij,j->a", pulled, each.parts, pulled)
+        traces += np.einsum("aii->a", turned)
+        both += np.einsum("aij,bji->ab", turned, turned)
+        singles += np.einsum("ni,anj->aij", around, spread)
+        pairs += np.einsum("ani,nm,bmj->abij", spread, w, spread, optimize=True)
+    leaning = covariance @ singles
+    traces -= np.einsum("aii->a", leaning)
+    both += np.einsum("aij,bji->ab", leaning, leaning) - 2.0 * np.einsum("ij,abji->ab", covariance, pairs)
+    likelihood = -0.5 * (determinant - float(np.linalg.slogdet(covariance)[1]) + residual)
+    return _State(likelihood, 0.5 * (squares - traces), 0.5 * both, coefficients, covariance, singles, pairs)
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    try:
+        return np.linalg.inv(matrix)
+    except np.linalg.LinAlgError as error:
+        raise FitError(NOT_CONVERGED) from error

@@ -1,0 +1,291 @@
+"""What models are made of: each quantity that trials of a study give, and where in the study its trials stand."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import exp
+
+from avrgym.analysis.answers.trial_answers import AFTER_TRIAL, questionnaires_at
+from avrgym.analysis.models.effects import EFFECTS, Effect, TrialValue, effects
+from avrgym.analysis.models.estimate import Estimate, FitError
+from avrgym.analysis.models.fitting import (
+    LOGISTIC,
+    MIXED,
+    ORDINAL,
+    EffectEstimates,
+    drop_constant_groups,
+    estimate_effects,
+)
+from avrgym.analysis.reading.rows import AttemptRow
+from avrgym.analysis.reading.study_data import StudyData
+from avrgym.analysis.statistics.tests import holm
+from avrgym.questionnaires.questionnaire import Item, Questionnaire
+from avrgym.study.design.design import Design
+from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, Plan
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelRow:
+    """An effect in a model of a ``quantity``: how ``group_a`` differs from ``group_b``, all else being equal.
+
+    Effects of one ``family`` are corrected together. ``estimate`` with its 95 % interval is in log odds for an
+    ``ordinal`` or ``logistic`` model, where ``odds_ratio`` stands beside it, and in the quantity's own unit for a
+    ``mixed`` one. ``df`` are the degrees of freedom of Student's t. ``without_one`` counts the models that could be
+    fitted without one participant, with the least and greatest of their estimates and p. ``role`` is what the effect
+    is for its question; ``p_primary`` of primary results is p corrected over all of them, ``mark`` stars it.
+    ``planned`` is ``confirmatory`` where the study's frozen plan names the effect, else ``exploratory``. ``note`` says
+    what was left out, why there is no estimate, or that a mixed model is singular.
+    """
+
+    simulated: bool
+    family: str
+    quantity: str
+    model: str
+    effect: str
+    group_a: str
+    group_b: str
+    participants: int
+    values: int
+    estimate: float | None = None
+    error: float | None = None
+    df: float | None = None
+    low: float | None = None
+    high: float | None = None
+    odds_ratio: float | None = None
+    odds_ratio_low: float | None = None
+    odds_ratio_high: float | None = None
+    p: float | None = None
+    p_holm: float | None = None
+    p_primary: float | None = None
+    mark: str = ""
+    without_one: int = 0
+    without_one_least: float | None = None
+    without_one_most: float | None = None
+    without_one_p_least: float | None = None
+    without_one_p_most: float | None = None
+    role: str = ""
+    planned: str = ""
+    note: str = ""
+
+
+MAX_ORDINAL_POINTS = 11
+"""Answers on longer scales are taken for numbers."""
+
+
+SUCCESS, REWARD = "success", "reward"
+
+
+ANSWERS, SCORES, TRIALS = "answers", "scores", "trials"
+"""Where the values of a source stand."""
+
+
+TrialKey = tuple[str, int]
+"""Pseudonym and position of a trial."""
+
+
+@dataclass(frozen=True)
+class ModelGroup:
+    """Quantities that are looked at together, each with the model that suits it, and where their values stand.
+
+    ``questionnaire`` is that of answers and scores.
+    """
+
+    name: str
+    models: Mapping[str, str]
+    rows: str
+    questionnaire: str = ""
+
+    def family(self, kind: str) -> str:
+        """The family of one kind of effects, which are corrected together."""
+        return f"{kind}, {self.name}"
+
+
+def model_groups(design: Design) -> Iterator[ModelGroup]:
+    """What the trials of a design give."""
+    rated = questionnaires_at(design, AFTER_TRIAL)
+    for questionnaire in rated:
+        models = {item.id: _model_of_item(item) for item in questionnaire.items}
+        yield ModelGroup(_of_answers(questionnaire, len(rated) > 1), models, ANSWERS, questionnaire.name)
+    for questionnaire in rated:
+        if questionnaire.instrument is not None:
+            scales = dict.fromkeys(questionnaire.instrument.scale_names, MIXED)
+            yield ModelGroup(f"models of scores of {questionnaire.name}", scales, SCORES, questionnaire.name)
+    yield ModelGroup("models of success and reward", {SUCCESS: LOGISTIC, REWARD: MIXED}, TRIALS)
+
+
+def _of_answers(questionnaire: Questionnaire, several: bool) -> str:
+    return f"models of answers to {questionnaire.name}" if several else "models of answers"
+
+
+def _model_of_item(item: Item) -> str:
+    return ORDINAL if item.points <= MAX_ORDINAL_POINTS else MIXED
+
+
+def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
+    """The families of effects in models by name, each with its quantities: what a plan may name."""
+    kinds = {effect.kind for effect in effects(design)}
+    return {
+        source.family(kind): tuple(source.models)
+        for source in model_groups(design)
+        for kind in EFFECTS
+        if kind in kinds
+    }
+
+
+def trial_values(
+    design: Design, seen: StudyData, simulated: bool, source: ModelGroup
+) -> Mapping[str, list[TrialValue]]:
+    """The values of each quantity of a source in the counted trials of people, or of simulated participants."""
+    counted = {
+        (row.participant, row.position) for row in seen.trials if row.counted and row.simulated is simulated
+    }
+    course = trial_places(design, seen.attempts)
+    found: dict[str, list[TrialValue]] = {quantity: [] for quantity in source.models}
+    for quantity, key, value in _values(seen, source):
+        if quantity in found and key in counted and key in course:
+            found[quantity].append(replace(course[key], value=value))
+    return found
+
+
+def _values(seen: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey, float]]:
+    """Quantity, trial and value of all trials."""
+    if source.rows == ANSWERS:
+        for row in seen.answers:
+            if row.counted and row.position is not None and row.questionnaire == source.questionnaire:
+                yield row.item, (row.participant, row.position), float(row.value)
+    elif source.rows == SCORES:
+        for row in seen.scores:
+            about = row.counted and row.position is not None and row.questionnaire == source.questionnaire
+            if about and row.score is not None and row.position is not None:
+                yield row.scale, (row.participant, row.position), row.score
+    else:
+        for row in seen.trials:
+            if row.success is not None:
+                yield SUCCESS, (row.participant, row.position), float(row.success)
+            if row.reward is not None:
+                yield REWARD, (row.participant, row.position), row.reward
+
+
+def trial_places(design: Design, attempts: Sequence[AttemptRow]) -> dict[TrialKey, TrialValue]:
+    """Every completed trial but for practice, where it stood in its participant's course, still without a value."""
+    found: dict[TrialKey, TrialValue] = {}
+    blocks, places = max(len(design.tasks) - 1, 1), max(len(design.conditions) - 1, 1)
+    block, place = 0, 0
+    last: AttemptRow | None = None
+    for row in (each for each in attempts if each.state == "completed"):
+        if last is None or last.participant != row.participant:
+            block, place, last = 0, 0, None
+        elif last.task != row.task:
+            block, place = block + 1, 0
+        same = last is not None and last.task == row.task
+        if not row.practice:
+            found[row.participant, row.position] = TrialValue(
+                row.participant, row.task, row.robot, row.policy,
+                min(block / blocks, 1.0), min(place / places, 1.0), last.policy if last and same else None, 0.0,
+            )  # fmt: skip
+            place += 1
+        last = row
+    return found
+
+
+def model_rows(design: Design, seen: StudyData, plan: Plan | None = None) -> list[ModelRow]:
+    """Every effect of every quantity, people and simulated participants apart; those of a plan are confirmatory."""
+    rows: list[ModelRow] = []
+    for simulated in sorted({row.simulated for row in seen.trials if row.counted}):
+        for source in model_groups(design):
+            rows += group_rows(design, source, simulated, trial_values(design, seen, simulated, source))
+    return [replace(row, planned=_label(plan, row)) for row in rows]
+
+
+def group_rows(
+    design: Design, source: ModelGroup, simulated: bool, values: Mapping[str, Sequence[TrialValue]]
+) -> list[ModelRow]:
+    """The effects of a source's quantities, by kind; those of a kind are corrected together."""
+    found = [row for each in values.items() for row in _quantity_rows(design, source, simulated, *each)]
+    rows: list[ModelRow] = []
+    for kind in EFFECTS:
+        own = [row for row in found if row.effect == kind]
+        adjusted = holm([row.p for row in own])
+        rows += [replace(row, p_holm=p) for row, p in zip(own, adjusted, strict=True)]
+    return rows
+
+
+def _quantity_rows(
+    design: Design, source: ModelGroup, simulated: bool, quantity: str, observed: Sequence[TrialValue]
+) -> Iterator[ModelRow]:
+    """All effects in the model of one quantity."""
+    model, wanted = source.models[quantity], effects(design)
+    kept, left_out = drop_constant_groups(model, observed)
+    found, without = (
+        estimate_effects(design, model, observed, wanted),
+        _without_one(design, model, observed, wanted),
+    )
+    for effect in wanted:
+        estimate = found[effect]
+        row = ModelRow(
+            simulated=simulated,
+            family=source.family(effect.kind),
+            quantity=quantity,
+            model=model,
+            effect=effect.kind,
+            group_a=effect.group_a,
+            group_b=effect.group_b,
+            participants=len({each.participant for each in kept}),
+            values=len(kept),
+            note=left_out,
+        )
+        if isinstance(estimate, FitError):
+            yield replace(row, note="; ".join(filter(None, (str(estimate), left_out))))
+        else:
+            yield _robust(_estimated(row, estimate), [each[effect] for each in without])
+
+
+def _without_one(
+    design: Design, model: str, observed: Sequence[TrialValue], wanted: Sequence[Effect]
+) -> list[EffectEstimates]:
+    """The effects in models without each participant in turn."""
+    people = dict.fromkeys(each.participant for each in observed)
+    return [
+        estimate_effects(design, model, [each for each in observed if each.participant != who], wanted)
+        for who in people
+    ]
+
+
+def _estimated(row: ModelRow, found: Estimate) -> ModelRow:
+    note = "; ".join(filter(None, (found.note, row.note)))
+    row = replace(
+        row,
+        estimate=found.value,
+        error=found.error,
+        df=found.df,
+        low=found.low,
+        high=found.high,
+        p=found.p,
+        note=note,
+    )
+    if row.model == MIXED:
+        return row
+    return replace(
+        row, odds_ratio=exp(found.value), odds_ratio_low=exp(found.low), odds_ratio_high=exp(found.high)
+    )
+
+
+def _robust(row: ModelRow, without: Sequence[Estimate | FitError]) -> ModelRow:
+    """The row with what becomes of its effect without one participant."""
+    fitted = [each for each in without if isinstance(each, Estimate)]
+    if not fitted:
+        return row
+    values, probabilities = [each.value for each in fitted], [each.p for each in fitted]
+    return replace(
+        row,
+        without_one=len(fitted),
+        without_one_least=min(values),
+        without_one_most=max(values),
+        without_one_p_least=min(probabilities),
+        without_one_p_most=max(probabilities),
+    )
+
+
+def _label(plan: Plan | None, row: ModelRow) -> str:
+    """What a plan has an effect as; whatever it does not name is exploratory."""
+    judged = plan is not None and plan.hypotheses_of(row.family, row.quantity)
+    return CONFIRMATORY if judged else EXPLORATORY

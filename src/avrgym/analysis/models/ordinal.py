@@ -1,0 +1,143 @@
+"""Proportional odds for ordered answers, and logistic regression where there are two, with participants as clusters.
+
+P(Y ≤ k) = 1 / (1 + exp(x β − θ_k)) (McCullagh, J. R. Statist. Soc. B 42, 1980): a positive β makes higher answers
+likelier, exp(β) is an odds ratio. Estimates are those of generalised estimating equations that take answers for
+independent of each other; their covariance allows for any dependence within a participant (Liang and Zeger,
+Biometrika 73, 1986). With few participants that covariance is too small, so that each one's residuals are divided by
+one minus their leverage (Mancl and DeRouen, Biometrics 57, 2001), or by its root (Kauermann and Carroll, J. Am.
+Statist. Assoc. 96, 2001).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from avrgym.analysis.models.estimate import Estimate, FitError
+from avrgym.array_types import FloatArray, IntArray
+
+ITERATIONS = 60
+
+
+CONVERGED = 1e-12
+
+
+NOT_APART = "effects cannot be told apart"
+
+
+FARTHEST = 12.0
+"""Effects of more log odds than this grow without bound: groups are separated."""
+
+
+UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0
+"""The power of one minus the leverage that residuals are divided by."""
+
+
+@dataclass(frozen=True, eq=False)
+class OrdinalFit:
+    """Thresholds (k,) between the categories, coefficients (p,), and the covariance (p, p) of the coefficients."""
+
+    thresholds: FloatArray
+    coefficients: FloatArray
+    covariance: FloatArray
+    clusters: int
+
+    def estimate(self, contrast: FloatArray) -> Estimate:
+        """The effect of a contrast (p,) in log odds, by Student's t with one degree of freedom less than clusters."""
+        variance = float(contrast @ self.covariance @ contrast)
+        return Estimate.of(float(contrast @ self.coefficients), variance, self.clusters - 1)
+
+
+def fit_ordinal(
+    values: ArrayLike, design: FloatArray, clusters: ArrayLike, correction: float = KAUERMANN_CARROLL
+) -> OrdinalFit:
+    """Fit answers (n,) by the columns of a design matrix (n, p) without a constant, with clusters (n,).
+
+    Raises:
+        FitError: where all answers are equal, an effect is without bound, or one cluster alone determines one.
+    """
+    levels, answered = np.unique(np.asarray(values), return_inverse=True)
+    if len(levels) < 2:
+        raise FitError("all values are equal")
+    thresholds = len(levels) - 1
+    parameters = _most_likely(answered, design, thresholds)
+    _, scores, information = _derivatives(parameters, answered, design, thresholds)
+    names, members = np.unique(np.asarray(clusters), return_inverse=True)
+    of_cluster: FloatArray = np.eye(len(names))[:, members]
+    covariance = clustered_covariance(
+        of_cluster @ scores, np.einsum("cn,nij->cij", of_cluster, information), correction
+    )[thresholds:, thresholds:]
+    return OrdinalFit(parameters[:thresholds], parameters[thresholds:], covariance, len(of_cluster))
+
+
+def clustered_covariance(scores: FloatArray, information: FloatArray, correction: float) -> FloatArray:
+    """The covariance (p, p) of estimates from each cluster's score (c, p) and expected information (c, p, p).
+
+    With the root L of the inverse of all information, Lᵀ information L is a cluster's leverage.
+    """
+    root = _root_of_inverse(information.sum(axis=0))
+    leverage: FloatArray = root.T @ information @ root
+    shares, axes = np.linalg.eigh(leverage)
+    left = 1.0 - shares
+    if correction and left.min() < 1e-9:
+        raise FitError("one participant alone determines an effect")
+    along: FloatArray = np.einsum("cij,ci->cj", axes, scores @ root) * left**-correction
+    corrected: FloatArray = np.einsum("cij,cj->ci", axes, along) @ root.T
+    return corrected.T @ corrected
+
+
+def _root_of_inverse(matrix: FloatArray) -> FloatArray:
+    try:
+        return np.linalg.cholesky(np.linalg.inv(matrix))
+    except np.linalg.LinAlgError as error:
+        raise FitError(NOT_APART) from error
+
+
+def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> FloatArray:
+    """The parameters (thresholds, then coefficients) of the greatest likelihood, by Fisher's scoring."""
+    below = np.array([np.mean(answered <= k) for k in range(thresholds)])
+    parameters: FloatArray = np.concatenate([np.log(below / (1.0 - below)), np.zeros(design.shape[1])])
+    likelihood, scores, information = _derivatives(parameters, answered, design, thresholds)
+    for _ in range(ITERATIONS):
+        score = scores.sum(axis=0)
+        step = _solved(information.sum(axis=0), score)
+        if score @ step < CONVERGED:
+            return parameters
+        tried = _derivatives(parameters + step, answered, design, thresholds)
+        while tried[0] < likelihood and np.abs(step).max() > 1e-12:
+            step = step / 2.0
+            tried = _derivatives(parameters + step, answered, design, thresholds)
+        parameters, (likelihood, scores, information) = parameters + step, tried
+        if np.abs(parameters[thresholds:]).max(initial=0.0) > FARTHEST:
+            break
+    raise FitError(
+        "groups are separated: in one of them all values are at the same end, an effect has no bound"
+    )
+
+
+def _solved(information: FloatArray, score: FloatArray) -> FloatArray:
+    try:
+        return np.linalg.solve(information, score)
+    except np.linalg.LinAlgError as error:
+        raise FitError(NOT_APART) from error
+
+
+def _derivatives(
+    parameters: FloatArray, answered: IntArray, design: FloatArray, thresholds: int
+) -> tuple[float, FloatArray, FloatArray]:
+    """Log-likelihood, each answer's score (n, q) and expected information (n, q, q); −∞ for disordered thresholds."""
+    count, width = design.shape
+    below = 0.5 + 0.5 * np.tanh(0.5 * (parameters[:thresholds] - (design @ parameters[thresholds:])[:, None]))
+    edges = np.hstack([np.zeros((count, 1)), below, np.ones((count, 1))])
+    shares = np.diff(edges, axis=1)
+    slopes = np.zeros((count, thresholds + 2, thresholds + width))
+    density = below * (1.0 - below)
+    slopes[:, np.arange(thresholds) + 1, np.arange(thresholds)] = density
+    slopes[:, 1:-1, thresholds:] = -density[:, :, None] * design[:, None, :]
+    slopes = np.diff(slopes, axis=1)
+    if not shares.min() > 0.0:
+        return -np.inf, slopes[:, 0], np.zeros((count, *slopes.shape[2:], slopes.shape[2]))
+    weighted = slopes / shares[:, :, None]
+    rows = np.arange(len(design))
+    likelihood = float(np.log(shares[rows, answered]).sum())
+    return likelihood, weighted[rows, answered], np.einsum("nki,nkj->nij", weighted, slopes)

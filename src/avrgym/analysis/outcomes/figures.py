@@ -1,0 +1,100 @@
+"""Figures of success and reward."""
+
+# Matplotlib's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+from collections.abc import Sequence
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from avrgym.analysis.outcomes.outcomes import ObjectiveRow
+from avrgym.analysis.page.drawing import (
+    GROUP_WIDTH,
+    INK,
+    LINES,
+    STYLE,
+    WIDTH_IN,
+    Drawing,
+    add_legend,
+    finish_figure,
+    label_x_ticks,
+)
+from avrgym.study.design.design import Design
+
+PERCENTS = (0.0, 0.25, 0.5, 0.75, 1.0)
+
+
+SIMULATION = "simulation"
+"""The name of the marks of policies in simulation."""
+
+
+# Objective measures
+
+
+def success_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
+    """Success of each condition with its interval, beside simulation."""
+    caption = _objective_caption("Success", simulated, rows)
+    return _objective_figure(design, simulated, rows, "success", "success", "success_rate", caption)
+
+
+def reward_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
+    """Mean reward of each condition with its interval, beside simulation."""
+    caption = _objective_caption("Mean reward", simulated, rows)
+    return _objective_figure(design, simulated, rows, "reward", "reward", "reward_mean", caption)
+
+
+def _objective_caption(what: str, simulated: bool, rows: Sequence[ObjectiveRow]) -> str:
+    measured = any(row.simulation_episodes for row in rows if row.simulated is simulated)
+    return f"{what} in VR (bars){' and in simulation (diamonds)' if measured else ''}, with 95 % intervals"
+
+
+def _objective_figure(
+    design: Design,
+    simulated: bool,
+    rows: Sequence[ObjectiveRow],
+    kind: str,
+    interval: str,
+    mean: str,
+    caption: str,
+) -> Drawing:
+    columns = min(2, len(design.tasks))
+    lines = -(-len(design.tasks) // columns)
+    label = {"success": "success / %", "reward": "mean reward"}[kind]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 0.6 + 2.1 * lines), layout="constrained")
+        for place, task in enumerate(design.tasks):
+            axes = figure.add_subplot(lines, columns, place + 1)
+            own = [row for row in rows if (row.simulated, row.task) == (simulated, task)]
+            _conditions(axes, design, own, interval, mean)
+            label_x_ticks(axes, design.robots, 0.8 * WIDTH_IN / columns)
+            axes.set(title=task, xlabel="robot", ylabel=label)
+            if interval == "success":
+                axes.set_ylim(0.0, 1.05)
+                axes.set_yticks(PERCENTS, [f"{100 * share:g}" for share in PERCENTS])
+        add_legend(figure, columns=3)
+    return finish_figure(simulated, kind, caption, figure)
+
+
+def _conditions(axes: Axes, design: Design, rows: Sequence[ObjectiveRow], interval: str, mean: str) -> None:
+    width = GROUP_WIDTH / len(design.policies)
+    for row in rows:
+        policy = design.policies.index(row.policy)
+        x = design.robots.index(row.robot) + width * (policy - (len(design.policies) - 1) / 2)
+        colour = LINES[policy % len(LINES)]
+        if getattr(row, mean) is not None:
+            axes.bar(x, getattr(row, mean), 0.9 * width, color=colour, alpha=0.55, label=row.policy)
+            _interval(axes, x - 0.12 * width, row, interval, "")
+        if getattr(row, f"simulation_{mean}") is not None:
+            value = getattr(row, f"simulation_{mean}")
+            label = f"{SIMULATION}: {row.simulation_note}" if row.simulation_note else SIMULATION
+            axes.plot(x + 0.2 * width, value, "D", color=INK, markersize=4, label=label)
+            _interval(axes, x + 0.2 * width, row, interval, "simulation_")
+    axes.axhline(0.0, color=INK, linewidth=0.6)
+
+
+def _interval(axes: Axes, x: float, row: ObjectiveRow, interval: str, prefix: str) -> None:
+    low, high = getattr(row, f"{prefix}{interval}_low"), getattr(row, f"{prefix}{interval}_high")
+    if low is not None and high is not None:
+        axes.plot([x, x], [low, high], color=INK, linewidth=1.0, label="95 % interval")

@@ -1,0 +1,247 @@
+"""Reward and success of each condition, next to the same policy in simulation, and tests between policies."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import combinations, groupby, product
+from statistics import fmean, stdev
+
+from avrgym.analysis.reading.rows import ALL, TrialRow
+from avrgym.analysis.statistics.comparisons import (
+    PARTICIPANT,
+    Family,
+    Key,
+    Question,
+    compare_policies,
+    corrected_family,
+)
+from avrgym.analysis.statistics.tests import clustered_wilson_interval, t_interval
+from avrgym.learning.evaluation import wilson_interval
+from avrgym.policies.trained import FILE_SUFFIX, Policy, PolicyError, find_policy, packaged_policies
+from avrgym.study.design.design import Design
+from avrgym.study.storage.store import Store
+from avrgym.tasks.constants import EPISODE_STEPS, environment_id
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """A condition's counted trials; intervals are 95 % intervals.
+
+    The row of the task ``all`` has no reward: rewards of different tasks cannot be compared.
+    """
+
+    simulated: bool
+    task: str
+    robot: str
+    policy: str
+    trials: int
+    reward_mean: float | None
+    reward_low: float | None
+    reward_high: float | None
+    successes: int
+    success_rate: float | None
+    success_low: float | None
+    success_high: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationResult:
+    """What a policy's file says of its own evaluation; ``simulation_note`` why there is nothing, or what to mind."""
+
+    simulation_people: str | None = None
+    simulation_episodes: int | None = None
+    simulation_reward_mean: float | None = None
+    simulation_reward_low: float | None = None
+    simulation_reward_high: float | None = None
+    simulation_success_rate: float | None = None
+    simulation_success_low: float | None = None
+    simulation_success_high: float | None = None
+    simulation_note: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectiveRow(SimulationResult, Outcome):
+    """A condition's counted trials, then the same policy in simulation."""
+
+
+def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRow]:
+    """A row for each condition of the design, and for each robot and policy over all tasks; groups apart.
+
+    Reward intervals are Student's t over trials, each of another participant; success intervals take account of
+    participants who have several trials.
+    """
+    design = store.design
+    beside = {
+        (task, robot, policy): simulation_result(store, environment_id(task, robot), policy)
+        for task, robot, policy in product(design.tasks, design.robots, design.policies)
+    }
+    rows: list[ObjectiveRow] = []
+    for simulated in sorted({row.simulated for row in trials if row.counted}):
+        own = [row for row in trials if row.counted and row.simulated is simulated]
+        for (task, robot, policy), measured in beside.items():
+            rows.append(_condition(own, simulated, task, robot, policy, measured))
+        for robot, policy in product(design.robots, design.policies):
+            by_task = [beside[task, robot, policy] for task in design.tasks]
+            rows.append(_condition(own, simulated, ALL, robot, policy, _over_tasks(by_task)))
+    return rows
+
+
+def _condition(
+    trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str, beside: SimulationResult
+) -> ObjectiveRow:
+    return ObjectiveRow(**asdict(outcome(trials, simulated, task, robot, policy)), **asdict(beside))
+
+
+def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str) -> Outcome:
+    """What a condition's trials gave; ``ALL`` tasks are taken together."""
+    own = [row for row in trials if task in (row.task, ALL) and (row.robot, row.policy) == (robot, policy)]
+    rewards = [row.reward for row in own if row.reward is not None] if task != ALL else []
+    successes = sum(bool(row.success) for row in own)
+    mean, low, high = mean_with_interval(rewards)
+    success_low, success_high = clustered_wilson_interval(_by_participant(own)) if own else (None, None)
+    return Outcome(
+        simulated=simulated,
+        task=task,
+        robot=robot,
+        policy=policy,
+        trials=len(own),
+        reward_mean=mean,
+        reward_low=low,
+        reward_high=high,
+        successes=successes,
+        success_rate=successes / len(own) if own else None,
+        success_low=success_low,
+        success_high=success_high,
+    )
+
+
+def _by_participant(trials: Sequence[TrialRow]) -> list[list[bool]]:
+    """Whether each trial succeeded, in lists by participant."""
+    ordered = sorted(trials, key=_participant_key)
+    return [[bool(row.success) for row in own] for _, own in groupby(ordered, _participant_key)]
+
+
+def _participant_key(row: TrialRow) -> tuple[bool, str, str]:
+    return row.simulated, row.site or "", row.participant
+
+
+def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | None, float | None]:
+    """A mean and the ends of its 95 % interval; what too few values do not give is ``None``."""
+    if not values:
+        return None, None, None
+    mean = fmean(values)
+    return mean, *t_interval(mean, stdev(values) if len(values) > 1 else 0.0, len(values))
+
+
+def simulation_result(store: Store, environment: str, policy: str) -> SimulationResult:
+    """What the study's policy for an environment did in simulation, with the people that it trained with.
+
+    The metrics are those that training measured and stored in the policy's file.
+    """
+    try:
+        source = store.policy_source(environment, policy)
+        if not source.endswith(FILE_SUFFIX) and source not in packaged_policies(environment):
+            return SimulationResult(simulation_note=f"{policy} is no policy whose file holds measurements")
+        metadata = Policy.load(find_policy(source, environment)).metadata
+    except PolicyError as error:
+        return SimulationResult(simulation_note=str(error))
+    numbers = ("episodes", "success_rate", "reward_mean", "reward_std")
+    if any(name not in metadata.measured for name in numbers):
+        return SimulationResult(
+            simulation_people=metadata.people, simulation_note="the policy's file has no measurements"
+        )
+    episodes, rate, mean, deviation = (float(metadata.measured[name]) for name in numbers)
+    return _as_measured(metadata.people, int(episodes), rate, mean, deviation, store.design.trial_steps)
+
+
+def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
+    """Success over all tasks, where every task was measured; their rewards are not comparable."""
+    rates = [(each.simulation_success_rate, each.simulation_episodes) for each in measured]
+    if any(rate is None or episodes is None for rate, episodes in rates):
+        return SimulationResult(simulation_note="not every task was measured in simulation")
+    episodes = sum(number or 0 for _, number in rates)
+    successes = round(sum((rate or 0.0) * (number or 0) for rate, number in rates))
+    low, high = wilson_interval(successes, episodes)
+    return SimulationResult(
+        simulation_people=measured[0].simulation_people,
+        simulation_episodes=episodes,
+        simulation_success_rate=successes / episodes,
+        simulation_success_low=low,
+        simulation_success_high=high,
+    )
+
+
+def _as_measured(
+    people: str, episodes: int, rate: float, mean: float, deviation: float, trial_steps: int
+) -> SimulationResult:
+    """``deviation`` is that of the episodes themselves, as evaluations have it."""
+    sample_deviation = deviation * (episodes / max(episodes - 1, 1)) ** 0.5
+    low, high = t_interval(mean, sample_deviation, episodes)
+    success_low, success_high = wilson_interval(round(rate * episodes), episodes)
+    other_length = f"episodes have {EPISODE_STEPS} steps, these trials {trial_steps}"
+    return SimulationResult(
+        simulation_people=people,
+        simulation_episodes=episodes,
+        simulation_reward_mean=mean,
+        simulation_reward_low=low,
+        simulation_reward_high=high,
+        simulation_success_rate=rate,
+        simulation_success_low=success_low,
+        simulation_success_high=success_high,
+        simulation_note="" if trial_steps == EPISODE_STEPS else other_length,
+    )
+
+
+OBJECTIVE = Question(
+    "policies, objective measures", table="Success, reward and force: tests of policies", primary=True
+)
+
+
+def _success(row: TrialRow) -> float | None:
+    return None if row.success is None else float(row.success)
+
+
+MEASURES: Mapping[str, Callable[[TrialRow], float | None]] = {
+    "success": _success,
+    "reward": lambda row: row.reward,
+    "force_mean_n": lambda row: row.force_mean_n,
+}
+"""By quantity, its value in a trial."""
+
+
+def outcome_tests(design: Design) -> dict[str, tuple[str, ...]]:
+    """The family of these tests by name, with its quantities; none with a single policy."""
+    return {OBJECTIVE.by(PARTICIPANT): tuple(MEASURES)} if len(design.policies) > 1 else {}
+
+
+def outcome_families(design: Design, trials: Sequence[TrialRow]) -> list[Family]:
+    """Wilcoxon's signed-rank tests between policies, paired within participant × task × robot."""
+    if not outcome_tests(design):
+        return []
+    counted = [row for row in trials if row.counted]
+    return [
+        _family(design, simulated, [row for row in counted if row.simulated is simulated])
+        for simulated in sorted({row.simulated for row in counted})
+    ]
+
+
+def _family(design: Design, simulated: bool, trials: Sequence[TrialRow]) -> Family:
+    tests = [
+        compare_policies(
+            name,
+            pair,
+            (_measure_values(trials, pair[0], measure), _measure_values(trials, pair[1], measure)),
+            PARTICIPANT,
+        )
+        for pair, (name, measure) in product(combinations(design.policies, 2), MEASURES.items())
+    ]
+    return corrected_family(simulated, OBJECTIVE, PARTICIPANT, tests)
+
+
+def _measure_values(
+    trials: Sequence[TrialRow], policy: str, measure: Callable[[TrialRow], float | None]
+) -> dict[Key, float]:
+    return {
+        (row.participant, row.task, row.robot): value
+        for row in trials
+        if row.policy == policy and (value := measure(row)) is not None
+    }

@@ -1,0 +1,107 @@
+"""The paper's tables: mean reward and success by task, robots side by side, mean success in the last row.
+
+Table I sets simulation beside virtual reality for one policy (the paper: Original), table II one policy beside another
+in virtual reality.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+from avrgym.analysis.outcomes.outcomes import ObjectiveRow
+from avrgym.analysis.reading.rows import ALL
+from avrgym.analysis.tables import Table
+from avrgym.study.design.design import Design
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A mean reward and a success rate in 0..1; ``None`` where there is none."""
+
+    reward: float | None
+    success: float | None
+
+
+EMPTY = Cell(None, None)
+
+
+@dataclass(frozen=True)
+class PaperTable:
+    """One table of one group of participants: a row of cells for each task, and one for all."""
+
+    name: str
+    caption: str
+    simulated: bool
+    columns: tuple[str, ...]
+    rows: dict[str, tuple[Cell, ...]]
+
+
+def _in_vr(row: ObjectiveRow) -> Cell:
+    return Cell(row.reward_mean, row.success_rate)
+
+
+def _in_simulation(row: ObjectiveRow) -> Cell:
+    return Cell(row.simulation_reward_mean, row.simulation_success_rate)
+
+
+SIDES: Mapping[str, Callable[[ObjectiveRow], Cell]] = {"simulation": _in_simulation, "VR": _in_vr}
+"""Table I's, and which cell of a condition stands there."""
+
+
+Column = tuple[str, str, Callable[[ObjectiveRow], Cell]]
+"""Robot and policy, and which cell of that condition."""
+
+
+def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[PaperTable]:
+    """Table I for each policy, then table II, of each group of participants.
+
+    Without any measurement in simulation, as of oracle and random, a robot has no column for it.
+    """
+    for simulated in sorted({row.simulated for row in rows}):
+        own = {(row.task, row.robot, row.policy): row for row in rows if row.simulated is simulated}
+        for policy in design.policies:
+            columns = {
+                f"{side} {robot}": (robot, policy, read)
+                for (side, read), robot in product(SIDES.items(), design.robots)
+                if read is _in_vr or any(read(own[task, robot, policy]) != EMPTY for task in design.tasks)
+            }
+            where = "in simulation and in virtual reality"
+            if len(columns) == len(design.robots):
+                where = "in virtual reality; it was not measured in simulation"
+            caption = f"Mean reward (success) of {policy} {where}"
+            cells = _cells(design, own, columns.values())
+            name = f"paper_table_1_{policy}".replace("/", "_")
+            yield PaperTable(name, caption, simulated, tuple(columns), cells)
+        caption = "Mean reward (success) of the policies in virtual reality"
+        columns = {
+            f"{policy} {robot}": (robot, policy, _in_vr)
+            for policy, robot in product(design.policies, design.robots)
+        }
+        cells = _cells(design, own, columns.values())
+        yield PaperTable("paper_table_2", caption, simulated, tuple(columns), cells)
+
+
+def _cells(
+    design: Design, rows: Mapping[tuple[str, str, str], ObjectiveRow], columns: Collection[Column]
+) -> dict[str, tuple[Cell, ...]]:
+    """The cells of columns for each task, and for all; rows by task, robot and policy."""
+    return {
+        task: tuple(read(rows[task, robot, policy]) for robot, policy, read in columns)
+        for task in (*design.tasks, ALL)
+    }
+
+
+def as_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
+    """The same as files: a column for each reward and each success, groups of participants below each other."""
+    for name in dict.fromkeys(table.name for table in tables):
+        own = [table for table in tables if table.name == name]
+        heads = [f"{column} {metric}" for column in own[0].columns for metric in ("reward", "success")]
+        values = [
+            {"simulated": table.simulated, "task": task}
+            | dict(
+                zip(heads, [value for cell in cells for value in (cell.reward, cell.success)], strict=True)
+            )
+            for table in own
+            for task, cells in table.rows.items()
+        ]
+        yield Table(name, ["simulated", "task", *heads], values)

@@ -1,0 +1,120 @@
+"""Success and reward in the report."""
+
+from collections.abc import Sequence
+
+from avrgym.analysis.outcomes.outcomes import OBJECTIVE, ObjectiveRow
+from avrgym.analysis.outcomes.paper_tables import PaperTable, paper_tables
+from avrgym.analysis.page.comparisons import TestTables
+from avrgym.analysis.page.drawing import Drawings, inline_figures
+from avrgym.analysis.page.elements import (
+    Markup,
+    bullet_list,
+    details,
+    empty_section,
+    group_caption,
+    number_text,
+    percent_text,
+    table,
+    tag,
+)
+from avrgym.analysis.reading.rows import ALL
+from avrgym.study.design.design import Design
+
+
+def outcomes_section(
+    design: Design,
+    outcomes: Sequence[ObjectiveRow],
+    simulated: bool,
+    drawings: Drawings,
+    tests: TestTables,
+) -> Markup:
+    """Reward and success, as the paper's tables, then with intervals."""
+    rows = [row for row in outcomes if row.simulated is simulated]
+    if not rows:
+        return empty_section("Objective measures", "No trial was completed yet.")
+    return tag(
+        "section",
+        tag("h3", "Objective measures"),
+        *(_paper_table(each) for each in paper_tables(design, rows)),
+        _remarks(rows),
+        inline_figures(drawings, "success", "reward"),
+        details("With 95 % intervals", _intervals(rows, simulated)),
+        tests.pop(OBJECTIVE.table, Markup()),
+    )
+
+
+def _paper_table(shown: PaperTable) -> Markup:
+    body = [
+        (
+            "Success over all tasks" if task == ALL else task,
+            *(_reward(cell.reward, cell.success) for cell in cells),
+        )
+        for task, cells in shown.rows.items()
+    ]
+    caption = group_caption(shown.caption, shown.simulated)
+    return table(caption, ("Task", *shown.columns), body, numbers=range(1, len(shown.columns) + 1))
+
+
+def _reward(mean: float | None, rate: float | None) -> str:
+    if rate is None:
+        return "–"
+    share = f"{100 * rate:.0f} %"
+    return share if mean is None else f"{number_text(mean, digits=0)} ({share})"
+
+
+def _intervals(rows: Sequence[ObjectiveRow], simulated: bool) -> Markup:
+    simulation = any(row.simulation_episodes for row in rows)
+    heads = (
+        "Task", "Robot", "Policy", "Trials", "Reward", "Success",
+        *(("Simulated with", "Episodes", "Reward", "Success") if simulation else ()),
+    )  # fmt: skip
+    body = [
+        (
+            row.task, row.robot, row.policy, row.trials,
+            _interval(row.reward_mean, row.reward_low, row.reward_high, row.trials),
+            percent_text(row.success_rate, row.success_low, row.success_high),
+            *(_simulation_cells(row) if simulation else ()),
+        )
+        for row in rows
+    ]  # fmt: skip
+    numbers = (3, 4, 5, 7, 8, 9) if simulation else (3, 4, 5)
+    return table(
+        group_caption("Objective measures with 95 % intervals", simulated), heads, body, numbers=numbers
+    )
+
+
+def _simulation_cells(row: ObjectiveRow) -> tuple[object, ...]:
+    """The cells about a condition in simulation."""
+    return (
+        row.simulation_people or "–",
+        row.simulation_episodes or "–",
+        _interval(
+            row.simulation_reward_mean,
+            row.simulation_reward_low,
+            row.simulation_reward_high,
+            row.simulation_episodes or 0,
+        ),
+        percent_text(row.simulation_success_rate, row.simulation_success_low, row.simulation_success_high),
+    )
+
+
+def _remarks(rows: Sequence[ObjectiveRow]) -> Markup:
+    """What is to be said about simulation, each once, with the conditions that it is about."""
+    about: dict[str, list[str]] = {}
+    for row in rows:
+        if row.simulation_note:
+            about.setdefault(row.simulation_note, []).append(f"{row.task} {row.robot} {row.policy}")
+    return bullet_list([f"Simulation of {', '.join(which)}: {note}." for note, which in about.items()])
+
+
+def _interval(mean: float | None, low: float | None, high: float | None, count: int) -> str:
+    """The mean of so many values with its interval; several values without one are all equal."""
+    if mean is None:
+        return "–"
+    without = " (all equal)" if count > 1 else ""
+    ends = (
+        without
+        if low is None or high is None
+        else f" [{number_text(low, digits=1)}, {number_text(high, digits=1)}]"
+    )
+    return number_text(mean, digits=1) + ends

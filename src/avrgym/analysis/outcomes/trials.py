@@ -1,0 +1,141 @@
+"""The trials of one group of participants on the page: a line for each, and what happened in it over time."""
+
+from collections.abc import Sequence
+from urllib.parse import quote
+
+from avrgym.analysis.page.elements import Markup, definition_list, number_text, table, tag
+from avrgym.analysis.page.line_charts import trial_charts
+from avrgym.analysis.reading.rows import AnswerRow, TermRow, TrialRow
+from avrgym.analysis.reading.study_data import StudyData
+
+
+def trials_section(observed: StudyData, simulated: bool, study_link: str) -> Markup:
+    """Every planned trial, run or not; those with a recording can be opened."""
+    rows = [row for row in observed.trials if row.simulated is simulated]
+    opened = [_trial(observed, row, study_link) for row in rows if row.recording is not None]
+    return tag(
+        "section",
+        tag("h3", "Trials"),
+        tag("details", tag("summary", f"All {len(rows)} planned trials"), _overview(rows, simulated)),
+        tag("p", "Each opens to its course. Replay commands are given as typed in the study's folder."),
+        *opened,
+    )
+
+
+def _overview(rows: Sequence[TrialRow], simulated: bool) -> Markup:
+    heads = (
+        "Trial",
+        "Task",
+        "Robot",
+        "Policy",
+        "State",
+        "Attempts",
+        "Counted",
+        "Recording",
+        "Held",
+        "Reward",
+        "Success",
+    )
+    body = [
+        (
+            _link(row), row.task, row.robot, row.policy + (" (practice)" if row.practice else ""), row.state,
+            row.attempts, _counted(row), row.recorded or "–", _share(row.held_share),
+            number_text(row.reward, absent="–"), _yes(row.success),
+        )
+        for row in rows
+    ]  # fmt: skip
+    caption = "Planned trials (simulated participants)" if simulated else "Planned trials"
+    return table(caption, heads, body, numbers=(5, 8, 9))
+
+
+def _counted(row: TrialRow) -> str:
+    return "left out" if row.left_out else _yes(row.counted)
+
+
+def _share(share: float | None) -> str:
+    """How long the person was held, for people."""
+    return "–" if share is None else f"{100 * share:.1f} %"
+
+
+def _link(row: TrialRow) -> Markup | str:
+    return tag("a", _name(row), href=f"#{_id(row)}") if row.recording else _name(row)
+
+
+def _name(row: TrialRow) -> str:
+    return f"{row.participant}, {row.position}"
+
+
+def _id(row: TrialRow) -> str:
+    return f"{row.participant}-trial-{row.position}"
+
+
+def _yes(value: bool | None) -> str:
+    return "–" if value is None else "yes" if value else "no"
+
+
+def _times(count: int | None) -> str:
+    return "–" if count is None else f"{count} ×"
+
+
+def _trial(observed: StudyData, row: TrialRow, study_link: str) -> Markup:
+    key = (row.participant, row.position)
+    series = observed.series.get(key)
+    charts = (
+        trial_charts(series.times_s, series.steps, series.weights)
+        if series
+        else tag("p", f"No time series: the recording is {row.recorded}.")
+    )
+    answers = [each for each in observed.answers if (each.participant, each.position) == key and each.attempt]
+    terms = [each for each in observed.terms if (each.participant, each.position) == key]
+    parts = (_metrics(row), charts, _answers(answers), _terms(terms), _replay(row, study_link))
+    return tag("details", _summary(row), tag("div", *parts, id=_id(row)))
+
+
+def _summary(row: TrialRow) -> Markup:
+    kind = " (practice)" if row.practice else ""
+    simulated = ", simulated" if row.simulated else ""
+    success = {True: ", success", False: ", no success", None: ""}[row.success]
+    what = f"{_name(row)}: {row.task}, {row.robot}, {row.policy}{kind}{simulated}"
+    return tag("summary", f"{what}: reward {number_text(row.reward)}{success}")
+
+
+def _metrics(row: TrialRow) -> Markup:
+    return definition_list(
+        {
+            "Steps": row.steps,
+            "Closest to the target": number_text(row.distance_least_m, "m"),
+            "Mean force on the person": number_text(row.force_mean_n, "N"),
+            "Peak force on the person": number_text(row.force_peak_n, "N"),
+            "Interventions of the force guard": _times(row.guard_interventions),
+            "Person held": _share(row.held_share),
+            "Torso height": number_text(row.torso_height_m, "m", digits=3),
+            "Bent forward, mean": number_text(row.waist_x_deg, "°", digits=1),
+            "Attempts": row.attempts,
+            "Recording": row.recorded,
+        }
+    )
+
+
+def _answers(rows: Sequence[AnswerRow]) -> Markup:
+    given = ", ".join(f"{row.item} {row.value}{_ends(row)}" for row in rows)
+    return tag("p", f"Answers: {given}." if given else "No answers were asked for or given.")
+
+
+def _ends(row: AnswerRow) -> str:
+    """The ends of an answer's scale, unless the design no longer has its item."""
+    return "" if row.least is None else f" ({row.least} to {row.most})"
+
+
+def _terms(rows: Sequence[TermRow]) -> Markup:
+    shown = [row for row in rows if row.sum]
+    given = ", ".join(f"{row.term} {number_text(row.weighted_sum)}" for row in shown)
+    return tag(
+        "p",
+        f"Reward by weighted term: {given}." if given else "No reward terms were recorded.",
+        class_="faint",
+    )
+
+
+def _replay(row: TrialRow, study_link: str) -> Markup:
+    file = tag("a", "recording", href=f"{quote(study_link)}/{quote(str(row.recording))}")
+    return tag("p", "Its ", file, "; replay: ", tag("code", f"avrgym replay {row.recording}"))

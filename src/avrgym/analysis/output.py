@@ -1,0 +1,72 @@
+"""Files of an analysis: report, tables, figures, and all results in one file."""
+
+import json
+import os
+import tempfile
+from pathlib import Path
+
+from avrgym.analysis.figures import draw_figures
+from avrgym.analysis.publication.writing import FOLDER as PACK
+from avrgym.analysis.publication.writing import write_publication_files
+from avrgym.analysis.report import write_report
+from avrgym.analysis.study import Analysis
+from avrgym.study.storage.analysis_files import RESULTS, UNFINISHED, made_before, remove_files
+from avrgym.study.storage.states import StudyError
+from avrgym.system.files import make_private, make_private_folder
+
+REPORT = "report/index.html"
+
+
+FOLDERS = ("report", "tables", "figures", PACK)
+
+
+def check_output_folder(out: Path) -> None:
+    """Raise ``StudyError`` where an analysis would overwrite what no analysis made."""
+    present = [name for name in (*FOLDERS, RESULTS) if (out / name).exists()]
+    if present and made_before(out) is None:
+        raise StudyError(f"{out / present[0]} is not of an earlier analysis; choose another folder")
+
+
+def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
+    """Write report, tables, figures and results into a folder; gives the report.
+
+    The files of an earlier analysis there are replaced, all others stay. New ones are their owner's alone.
+    ``study`` is the study's folder, to which the report links.
+
+    Raises:
+        StudyError: when the folder holds files of these names that no analysis made.
+        OSError: when it cannot be written.
+    """
+    check_output_folder(out)
+    make_private_folder(out)
+    with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=out) as temporary:
+        made = Path(temporary)
+        _write_all(analysis, made, os.path.relpath(study, out / "report"))
+        files = sorted(path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file())
+        results = analysis.results() | {"files": files}
+        (made / RESULTS).write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        make_private(made)
+        _replace(made, out, files)
+    return out / REPORT
+
+
+def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
+    """Write all but the results' file into a new folder."""
+    for folder in ("report", "tables", "figures"):
+        (made / folder).mkdir()
+    for table in analysis.tables():
+        table.write(made / "tables")
+    drawings = draw_figures(analysis)
+    for drawing in drawings:
+        drawing.write(made / "figures")
+    write_report(made / REPORT, analysis, drawings, study_link)
+    write_publication_files(analysis, made / PACK, made / "tables")
+
+
+def _replace(made: Path, out: Path, files: list[str]) -> None:
+    """Move new files to their places, the results last, and remove those that an earlier analysis made in addition."""
+    remove_files(out, set(made_before(out) or ()) - set(files))
+    for folder in FOLDERS:
+        make_private_folder(out / folder)
+    for name in [*files, RESULTS]:
+        os.replace(made / name, out / name)

@@ -1,0 +1,92 @@
+"""Tables of statistical tests in the report."""
+
+from collections.abc import Sequence
+
+from avrgym.analysis.page.elements import (
+    Markup,
+    details,
+    group_caption,
+    interval_text,
+    p_text,
+    short_number,
+    table,
+    tag,
+)
+from avrgym.analysis.statistics.comparisons import TRIAL, ComparisonRow, Family
+
+TestTables = dict[str, Markup]
+"""Tables of tests by caption: each section takes its own out."""
+
+
+# Tests
+
+
+def tables_of_tests(families: Sequence[Family], simulated: bool) -> TestTables:
+    """The tests of every family of a group of participants, by the caption of the table that they stand in."""
+    own = [family for family in families if family.simulated is simulated]
+    rows = {
+        caption: [row for family in own if family.question.table == caption for row in family.rows]
+        for caption in dict.fromkeys(family.question.table for family in own)
+    }
+    return {caption: table_of_tests(caption, tests, simulated) for caption, tests in rows.items()}
+
+
+def other_tests(tests: TestTables) -> Markup:
+    """The tables that no section has taken."""
+    return tag("section", tag("h3", "Other tests"), *tests.values()) if tests else Markup()
+
+
+def table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
+    """Tests by participant as a table; those by trial follow in a supplement."""
+    by_trial = [row for row in rows if row.unit == TRIAL]
+    by_participant = [row for row in rows if row.unit != TRIAL]
+    main = _table_of_tests(caption, by_participant, simulated) if by_participant else Markup()
+    supplement = _table_of_tests(f"{caption}, by trial", by_trial, simulated)
+    return Markup(main + details(BY_TRIAL, supplement)) if by_trial else main
+
+
+BY_TRIAL = (
+    "Supplement: the paper's tests by trial. Trials of one participant are not independent, so p is too small where "
+    "participants differ"
+)
+
+
+def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
+    """Tests as a table, with what they are by the study's plan if there is one."""
+    planned, corrected = any(row.planned for row in rows), any(row.p_primary is not None for row in rows)
+    heads = (
+        "What", "Groups", "Unit", "n", "Medians", "p", "p, Holm", *(["p, corrected"] if corrected else []),
+        "Effect [95 %]", "Test", "Role", *(["By plan"] if planned else []),
+    )  # fmt: skip
+    body = [
+        (
+            row.quantity, f"{row.group_a} / {row.group_b}", row.unit,
+            n_text(row),
+            f"{short_number(row.median_a)} / {short_number(row.median_b)}",
+            p_text(row.p), p_text(row.p_holm), *([p_primary_text(row.p_primary)] if corrected else []),
+            interval_text(row.effect, row.effect_low, row.effect_high),
+            f"{row.test}, {row.note or row.method}", row.role, *([row.planned] if planned else []),
+        )
+        for row in rows
+    ]  # fmt: skip
+    return table(group_caption(caption, simulated), heads, body, numbers=range(3, 9 if corrected else 8))
+
+
+def p_primary_text(p_primary: float | None) -> str:
+    """p corrected over all primary results; nothing for other results."""
+    return "–" if p_primary is None else p_text(p_primary)
+
+
+def n_text(row: ComparisonRow) -> str:
+    """The number of values in a test, by group if they are not pairs, and the number of equal pairs."""
+    if row.n_a != row.n_b:
+        return f"{row.n_a} / {row.n_b}"
+    return f"{row.n} + {row.zeros} zero" if row.zeros else str(row.n)
+
+
+def p_primary_and_stars(row: ComparisonRow) -> str:
+    """The primary result of a question beside the bars that it compares."""
+    if row.p_primary is None:
+        return "no test"
+    shown = "p < 0.001" if row.p_primary < 0.001 else f"p = {row.p_primary:.3f}"
+    return f"{shown}\n{row.mark}" if row.mark else shown

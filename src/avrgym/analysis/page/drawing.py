@@ -1,0 +1,144 @@
+"""The figures of a study, drawn once: as files of their own, and inside a page in its colours."""
+
+# Matplotlib's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+import io
+import re
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from avrgym.analysis.page.elements import Markup, figure, tag
+
+INK, GROUND, RULE, WARNING = "#1c2024", "#ffffff", "#d5dae0", "#8a3b00"
+
+
+LINES = ("#0b62a8", "#b1560f", "#1b7a43", "#8b3a8f", "#6b6b00", "#b3263a")
+
+
+ON_DARK, ON_LIGHT = "#fffffe", "#1c2025"
+"""Numbers on coloured bars, which look the same on every page."""
+
+
+_IN_PAGE = {INK: "currentColor", GROUND: "none", RULE: "var(--rule)", WARNING: "var(--warning)"} | {
+    colour: f"var(--line-{index})" for index, colour in enumerate(LINES, start=1)
+}
+"""Colours of pages, light or dark, that replace the colours of a file."""
+
+
+WIDTH_IN = 5.0
+
+
+LETTER_WIDTH_IN = 0.066
+"""The width of a letter of ticks, legends and items, rather more than the mean."""
+
+
+GROUP_WIDTH = 0.8
+"""What the bars of one group take of the space from one group to the next."""
+
+
+STYLE: Any = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "avrgym",
+    "pdf.fonttype": 42,
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "text.color": INK,
+    "text.parse_math": False,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": INK,
+    "axes.titlesize": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "figure.facecolor": GROUND,
+    "axes.facecolor": "none",
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+}
+
+
+class Drawing:
+    """A figure with its name and caption; as SVG its text is text, as PDF its fonts are embedded."""
+
+    def __init__(self, name: str, caption: str, figure: Figure) -> None:
+        """Take what was drawn; ``name`` is the file's, ``caption`` describes it in words."""
+        self.name, self.caption, self.figure = name, caption, figure
+        self._svg = self._saved("svg", Creator=None, Date=None, Format=None, Type=None)
+
+    def svg(self) -> bytes:
+        """The file as SVG, in the colours of a white page."""
+        return self._svg
+
+    def pdf(self) -> bytes:
+        """The file as PDF, without a date: the same figure gives the same bytes."""
+        return self._saved("pdf", Creator=None, Producer=None, CreationDate=None)
+
+    def write(self, folder: Path) -> None:
+        """Write both files into a folder."""
+        (folder / f"{self.name}.svg").write_bytes(self.svg())
+        (folder / f"{self.name}.pdf").write_bytes(self.pdf())
+
+    def inline(self) -> Markup:
+        """The figure as part of a page: its own ids, the page's colours, a name for screen readers."""
+        svg = self._svg.decode()
+        svg = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>{self.name}-", svg[svg.index("<svg") :])
+        for colour, shown in _IN_PAGE.items():
+            svg = svg.replace(colour, shown)
+        return Markup(svg.replace("<svg", f'<svg role="img" aria-label="{escape(self.caption)}"', 1))
+
+    def _saved(self, kind: str, **metadata: None) -> bytes:
+        buffer = io.BytesIO()
+        with matplotlib.rc_context(STYLE):
+            self.figure.savefig(buffer, format=kind, metadata=metadata)
+        return buffer.getvalue()
+
+
+def add_legend(figure: Figure, columns: int) -> None:
+    """Add a legend below that names the marks which are drawn anywhere in a figure, each once; none without marks."""
+    named: dict[str, Any] = {}
+    for axes in figure.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            if not isinstance(handle, Line2D) or np.size(handle.get_xdata()):
+                named.setdefault(label, handle)
+    if named:
+        room = figure.get_figwidth() / (0.6 + LETTER_WIDTH_IN * max(map(len, named)))
+        ncols = max(1, min(columns, int(room)))
+        figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=ncols)
+
+
+def label_x_ticks(axes: Axes, names: Sequence[str], width_in: float) -> None:
+    """Label the places 0, 1, … along the x axis; upright where their names do not fit side by side."""
+    longest = LETTER_WIDTH_IN * (1 + max(map(len, names)))
+    axes.set_xticks(range(len(names)), names, rotation=90 if longest * len(names) > width_in else 0)
+
+
+def finish_figure(simulated: bool, kind: str, caption: str, figure: Figure) -> Drawing:
+    """Finish a figure: what was simulated says so in it."""
+    if simulated:
+        figure.suptitle("SIMULATED PARTICIPANTS", color=WARNING, fontsize=8, x=0.01, ha="left")
+    suffix, group = ("simulated", "simulated participants") if simulated else ("people", "people")
+    return Drawing(f"{kind}-{suffix}", f"{caption} ({group})", figure)
+
+
+Drawings = Mapping[str, Drawing]
+
+
+# Parts
+
+
+def inline_figures(drawings: Drawings, *kinds: str) -> Markup:
+    present = [drawings[kind] for kind in kinds if kind in drawings]
+    shown = [figure(tag("div", each.inline(), class_="scroll", tabindex=0), each.caption) for each in present]
+    return tag("div", *shown, class_="figures")

@@ -1,0 +1,177 @@
+"""What all reports are built of: HTML in one file that opens from disk in any browser, narrow or wide."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from avrgym.system.files import write_whole
+
+CSS = """
+:root { color-scheme: light dark; --ground: #fff; --ink: #1c2024; --faint: #5b6570; --rule: #d5dae0;
+  --accent: #0b62a8; --warning: #8a3b00; --warning-ground: #fff1e3;
+  --line-1: #0b62a8; --line-2: #b1560f; --line-3: #1b7a43; --line-4: #8b3a8f; --line-5: #6b6b00; --line-6: #b3263a; }
+@media (prefers-color-scheme: dark) { :root { --ground: #14171a; --ink: #e6e9ec; --faint: #a0aab4;
+  --rule: #363d45; --accent: #6db7f2; --warning: #ffb673; --warning-ground: #35230f;
+  --line-1: #6db7f2; --line-2: #f0a35e; --line-3: #6fcf97; --line-4: #d99ae0; --line-5: #cfcf5a; --line-6: #ff8f9c; } }
+* { box-sizing: border-box; }
+body { margin: 0 auto; max-width: 72rem; padding: 1rem; background: var(--ground); color: var(--ink);
+  font: 1rem/1.5 system-ui, sans-serif; overflow-wrap: break-word; }
+h1, h2, h3, h4 { line-height: 1.2; }
+article { border-top: 1px solid var(--rule); margin-top: 2.5rem; }
+a { color: var(--accent); }
+.missing { color: var(--line-6); }
+.faint, figcaption, caption { color: var(--faint); }
+.notice, .badge { background: var(--warning-ground); color: var(--warning); border-radius: .3rem; }
+.notice { padding: .75rem 1rem; }
+.badge { display: inline-block; padding: .1rem .5rem; margin: 0 .4rem .4rem 0; font-size: .85rem; }
+.scroll { overflow-x: auto; background: linear-gradient(to right, var(--ground) 50%, transparent) left / 2.5rem 100%,
+  linear-gradient(to left, var(--ground) 50%, transparent) right / 2.5rem 100%,
+  linear-gradient(to right, var(--rule), transparent) left / .7rem 100%,
+  linear-gradient(to left, var(--rule), transparent) right / .7rem 100%;
+  background-repeat: no-repeat; background-attachment: local, local, scroll, scroll; }
+.scroll svg { min-width: 27rem; }
+table { border-collapse: collapse; margin: 1rem 0; overflow-wrap: normal; }
+caption { text-align: left; padding-bottom: .3rem; max-width: 88vw; }
+th, td { padding: .3rem .8rem .3rem 0; border-bottom: 1px solid var(--rule); text-align: left;
+  vertical-align: top; }
+td.text { min-width: 4.5rem; }
+.number { text-align: right; font-variant-numeric: tabular-nums; }
+td.number { white-space: nowrap; }
+th { vertical-align: bottom; }
+@media (max-width: 30rem) { table { font-size: .875rem; } th, td { padding-right: .5rem; } }
+dl { display: grid; grid-template-columns: repeat(auto-fit, minmax(max(8.5rem, 22%), 1fr)); gap: .8rem; }
+dt { color: var(--faint); font-size: .85rem; }
+dd { margin: 0; font-size: 1.15rem; font-variant-numeric: tabular-nums; }
+details { border-top: 1px solid var(--rule); padding: .4rem 0; }
+summary { cursor: pointer; }
+nav a { margin-right: 1rem; }
+.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(20rem, 100%), 1fr)); gap: 1rem; }
+.pairs { grid-template-columns: repeat(auto-fit, minmax(min(26rem, 100%), 1fr)); }
+figure { margin: 0; max-width: 40rem; }
+figure svg, figure img { display: block; width: 100%; height: auto; }
+figure img { border-radius: .3rem; }
+""".strip()
+
+
+class Markup(str):
+    """Text that is HTML already; every other text is escaped."""
+
+
+def tag(name: str, *children: Any, **attributes: Any) -> Markup:
+    """An element; ``class_`` and ``aria_label`` are the attributes class and aria-label."""
+    content = "".join(child if isinstance(child, Markup) else escape(str(child)) for child in children)
+    settings = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{escape(str(value))}"' for key, value in attributes.items()
+    )
+    return Markup(f"<{name}{settings}>{content}</{name}>")
+
+
+def join(parts: Sequence[Markup]) -> Markup:
+    """Elements one after another."""
+    return Markup("".join(parts))
+
+
+def write_page(path: Path, title: str, header: Sequence[Markup], main: Sequence[Markup]) -> Path:
+    """Write a whole page under its title; the folder is made when it is missing."""
+    head = tag("title", title) + tag("style", Markup(CSS))
+    body = tag("body", tag("header", tag("h1", title), *header), tag("main", *main))
+    page = (
+        '<!doctype html>\n<html lang="en">\n<head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"{head}</head>\n{body}\n</html>\n"
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, page.encode())
+    return path
+
+
+def warning_box(strong: str, text: str) -> Markup:
+    """What a reader must know before anything else."""
+    return tag("p", tag("strong", f"{strong} "), text, class_="notice", role="note")
+
+
+def badge(text: str) -> Markup:
+    """A mark on one thing."""
+    return tag("span", text, class_="badge")
+
+
+def definition_list(metrics: Mapping[str, Any]) -> Markup:
+    """Named metrics side by side."""
+    return tag("dl", *(tag("div", tag("dt", name), tag("dd", value)) for name, value in metrics.items()))
+
+
+def bullet_list(items: Sequence[Any]) -> Markup:
+    """A list of points."""
+    return tag("ul", *(tag("li", item) for item in items))
+
+
+def figure(picture: Markup, caption: str) -> Markup:
+    """A picture with words below it."""
+    return tag("figure", picture, tag("figcaption", caption))
+
+
+def table(
+    caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]], numbers: Sequence[int]
+) -> Markup:
+    """A table that scrolls by itself where the page is narrow; ``numbers`` are the columns to align at their ends."""
+    kinds = ["number" if column in numbers else "text" for column in range(len(heads))]
+    head = [
+        tag("th", text, scope="col", class_=kind) if text else tag("td", class_=kind)
+        for text, kind in zip(heads, kinds, strict=True)
+    ]
+    body = [
+        tag("tr", *(tag("td", cell, class_=kind) for cell, kind in zip(row, kinds, strict=True)))
+        for row in rows
+    ]
+    whole = tag("table", tag("caption", caption), tag("thead", tag("tr", *head)), tag("tbody", *body))
+    return tag("div", whole, class_="scroll", tabindex=0, role="group", aria_label=caption)
+
+
+def short_number(value: float | None) -> str:
+    """A number with three digits that count."""
+    return "–" if value is None else f"{value:z.3g}".replace("-", "−")
+
+
+def number_text(value: float | None, unit: str = "", digits: int = 2, absent: str = "not recorded") -> str:
+    """A number with its unit, for people."""
+    return absent if value is None else f"{value:z.{digits}f} {unit}".rstrip().replace("-", "−")
+
+
+def count_text(number: int, noun: str) -> str:
+    """So many things."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def percent_text(rate: float | None, low: float | None, high: float | None) -> str:
+    """A proportion with the ends of its interval, where it has one."""
+    if rate is None:
+        return "–"
+    interval = "" if low is None or high is None else f" [{100 * low:.0f}, {100 * high:.0f}]"
+    return f"{100 * rate:.0f} %{interval}"
+
+
+def interval_text(effect: float | None, low: float | None, high: float | None) -> str:
+    """An effect size with the ends of its 95 % interval, where it has one."""
+    ends = "" if low is None or high is None else f" [{number_text(low)}, {number_text(high)}]"
+    return number_text(effect, absent="–") + ends
+
+
+def p_text(p: float | None) -> str:
+    """A probability for people."""
+    if p is None:
+        return "no test"
+    return "< 0.001" if p < 0.001 else f"{p:.3f}"
+
+
+def details(summary: str, *content: Markup) -> Markup:
+    return tag("details", tag("summary", summary), *content)
+
+
+def empty_section(title: str, text: str) -> Markup:
+    return tag("section", tag("h3", title), tag("p", text))
+
+
+def group_caption(caption: str, simulated: bool) -> str:
+    """A caption that says where it is about simulated participants."""
+    return f"{caption} (simulated participants)" if simulated else caption

@@ -1,0 +1,260 @@
+"""The frozen plan of a study: which tests it may name, what it makes of results, and deviations from it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import msgspec
+
+from avrgym.analysis.answers.scores import scores_change_question, scores_policies_question
+from avrgym.analysis.answers.session_answers import change_question, session_questionnaires
+from avrgym.analysis.answers.trial_answers import (
+    AFTER_TRIAL,
+    midpoint_question,
+    policy_question,
+    questionnaires_at,
+)
+from avrgym.analysis.biomechanics.tests import HEADS, HEIGHTS, WHOLE_HEADS
+from avrgym.analysis.biomechanics.training_people import AXES, posture_of
+from avrgym.analysis.models.models import ModelRow, model_tests
+from avrgym.analysis.models.section import table_of_effects
+from avrgym.analysis.outcomes.outcomes import outcome_tests
+from avrgym.analysis.page.comparisons import table_of_tests
+from avrgym.analysis.page.elements import Markup, bullet_list, join, tag
+from avrgym.analysis.reading.study_data import StudyData
+from avrgym.analysis.statistics.comparisons import PARTICIPANT, TRIAL, ComparisonRow, Family, Question
+from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.study.checking.finding import Finding, left_out
+from avrgym.study.design.design import Design
+from avrgym.study.plan.deviations import deviations
+from avrgym.study.plan.frozen_plan import read_frozen
+from avrgym.study.plan.plan import EXPLORATORY, NOT_PLANNED, Hypothesis, Plan
+from avrgym.study.plan.plan import FILE as PLAN_FILE
+from avrgym.study.storage.store import Store
+
+BOTH_UNITS = (TRIAL, PARTICIPANT)
+
+
+Expected = tuple[str, list[str], Question]
+"""A hypothesis in words, its measures, and what their tests ask."""
+
+
+def required_tests(design: Design) -> dict[str, tuple[str, ...]]:
+    """The families of tests of a design's analysis by name, each with the quantities that it takes."""
+    return {
+        question.by(unit): tuple(quantities)
+        for question, units, quantities in _questions(design)
+        for unit in units
+    }
+
+
+def optional_tests(design: Design) -> dict[str, tuple[str, ...]]:
+    """Tests that a plan need not name: of objective measures, and effects in models. They are then exploratory."""
+    return outcome_tests(design) | model_tests(design)
+
+
+def available_tests(design: Design) -> dict[str, tuple[str, ...]]:
+    """All tests that a plan may name: those that it must name, and those that it need not name."""
+    return required_tests(design) | optional_tests(design)
+
+
+def _questions(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequence[str]]]:
+    """Each question with what its values may stand for, and its quantities."""
+    rated = questionnaires_at(design, AFTER_TRIAL)
+    for questionnaire in rated[:1]:
+        yield midpoint_question(questionnaire), BOTH_UNITS, [questionnaire.items[0].id]
+    for questionnaire in rated if len(design.policies) > 1 else ():
+        yield policy_question(design, questionnaire), BOTH_UNITS, [item.id for item in questionnaire.items]
+    for questionnaire in session_questionnaires(design):
+        if set(SESSION_MOMENTS) <= set(questionnaire.moments):
+            items = [item.id for item in questionnaire.items]
+            yield change_question(questionnaire), [PARTICIPANT], items
+    yield from _about_scores(design)
+    postures = dict.fromkeys(posture_of(task) for task in design.tasks)
+    yield HEIGHTS, BOTH_UNITS, ["torso_height_m"]
+    yield HEADS, BOTH_UNITS, [f"head_{axis}_m, {posture}" for posture, axis in product(postures, AXES)]
+    yield WHOLE_HEADS, [PARTICIPANT], [f"head_m, {posture}" for posture in postures]
+
+
+def _about_scores(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequence[str]]]:
+    for questionnaire in design.questionnaires:
+        if questionnaire.instrument is None:
+            continue
+        scales = questionnaire.instrument.scale_names
+        if AFTER_TRIAL in questionnaire.moments and len(design.policies) > 1:
+            yield scores_policies_question(questionnaire), BOTH_UNITS, scales
+        if set(SESSION_MOMENTS) <= set(questionnaire.moments):
+            yield scores_change_question(questionnaire), [PARTICIPANT], scales
+
+
+def suggested_hypotheses(design: Design) -> tuple[Hypothesis, ...]:
+    """The paper's expectations for a design, each value a participant, as a plan to begin with."""
+    rated = questionnaires_at(design, AFTER_TRIAL)
+    expected = [_above_midpoint(rated[0])] if rated else []
+    if rated and len(design.policies) > 1:
+        expected.append(_better_policy(design, rated[0]))
+    expected = expected or [
+        ("Participants are as tall as people of the training.", ["torso_height_m"], HEIGHTS)
+    ]
+    return tuple(
+        Hypothesis(f"H{number}", text, tuple(measures), (question.by(PARTICIPANT),))
+        for number, (text, measures, question) in enumerate(expected, start=1)
+    )
+
+
+def _above_midpoint(questionnaire: Questionnaire) -> Expected:
+    item = questionnaire.items[0]
+    scale = f"{questionnaire.scale_of(item).middle:g}, the middle of its scale"
+    text = f"With each policy participants rate {item.id} ({item.text}) above {scale}."
+    return text, [item.id], midpoint_question(questionnaire)
+
+
+def _better_policy(design: Design, questionnaire: Questionnaire) -> Expected:
+    items = [item.id for item in questionnaire.items]
+    text = f"Participants rate {', '.join(items)} higher with {design.policies[-1]} than with {design.policies[0]}."
+    return text, items, policy_question(design, questionnaire)
+
+
+@dataclass(frozen=True, eq=False)
+class FrozenPlan:
+    """A study's frozen plan, if it can still be told, and in what the study deviates from it.
+
+    ``words`` are what is known of its date. ``confirms``: it is known to be from before the first participant.
+    ``sha256`` is the checksum of the plan, ``record_sha256`` that of its frozen record.
+    """
+
+    at: str
+    plan: Plan | None
+    sha256: str | None
+    deviations: list[Finding]
+    words: str
+    confirms: bool
+    record_sha256: str
+
+    @property
+    def confirmed(self) -> Plan | None:
+        """The plan that makes tests confirmatory, if there is one."""
+        return self.plan if self.confirms else None
+
+
+def read_frozen_plan(store: Store, design: Design, observed: StudyData) -> FrozenPlan | None:
+    frozen = read_frozen(store)
+    if frozen is None:
+        return None
+    exclusions = [
+        left_out(row.participant, row.position, row.left_out) for row in observed.trials if row.left_out
+    ]
+    found = deviations(store, frozen, required_tests(design), exclusions, optional_tests(design))
+    record = frozen.record
+    return FrozenPlan(
+        at=frozen.at,
+        plan=record.parsed() if record else None,
+        sha256=record.sha256[PLAN_FILE] if record else None,
+        deviations=found,
+        words=frozen.words,
+        confirms=frozen.confirms,
+        record_sha256=frozen.sha256,
+    )
+
+
+def label_by_plan(families: list[Family], plan: Plan, design: Design) -> list[Family]:
+    """The families with what each test is by the plan; what it need not name is exploratory."""
+    optional = optional_tests(design)
+
+    def label(row: ComparisonRow) -> str:
+        by_plan = plan.label(row.family, row.quantity)
+        return EXPLORATORY if by_plan == NOT_PLANNED and row.family in optional else by_plan
+
+    return [
+        replace(family, rows=tuple(replace(row, planned=label(row)) for row in family.rows))
+        for family in families
+    ]
+
+
+def plan_results(plan: FrozenPlan) -> dict[str, Any]:
+    return {
+        "frozen_at": plan.at,
+        "sha256": plan.sha256,
+        "record_sha256": plan.record_sha256,
+        "origin": plan.words,
+        "confirms": plan.confirms,
+        "plan": None if plan.plan is None else msgspec.to_builtins(plan.plan),
+        "deviations": [{"where": each.where, "what": each.what} for each in plan.deviations],
+    }
+
+
+NO_PLAN = (
+    "No plan was frozen before the first participant: nothing was preregistered, every test is exploratory."
+)
+
+
+def plan_section(plan: FrozenPlan | None) -> Markup:
+    """The plan and the deviations from it; nothing where none was frozen."""
+    if plan is None:
+        return Markup()
+    parts = (_frozen_text(plan), _deviations(plan))
+    return tag("section", tag("h2", "The plan"), *parts, id="plan")
+
+
+def _frozen_text(frozen: FrozenPlan) -> Markup:
+    if frozen.plan is None:
+        return tag("p", "The record of a frozen plan is missing or damaged: nothing is confirmatory.")
+    plan = frozen.plan
+    tests = "Tests of its hypotheses are confirmatory, all others are exploratory." if frozen.confirms else ""
+    words = (
+        f"{frozen.words} The SHA-256 of plan.toml is {frozen.sha256}, that of plan-frozen.json {frozen.record_sha256}. "
+        f"{tests}"
+    )
+    said = {
+        "Participants planned": str(plan.participants),
+        "Why so many": plan.sample_size_rationale,
+        "When taking people in ends": plan.stopping_rule,
+        "Left out": f"trials whose person was held for more than {100 * plan.exclusion.max_held_share:g} % of the time",
+        "Left out too": " ".join(plan.exclusion.further),
+        "Settled beforehand": plan.other,
+    }
+    return join([tag("p", words), bullet_list([f"{name}: {text}" for name, text in said.items() if text])])
+
+
+def _deviations(frozen: FrozenPlan) -> Markup:
+    found = [f"{each.where}: {each.what}." for each in frozen.deviations]
+    if not found:
+        return join([tag("h3", "Deviations"), tag("p", "None.")])
+    return join([tag("h3", "Deviations"), bullet_list(found)])
+
+
+def confirmatory_section(
+    plan: Plan | None, tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool
+) -> Markup:
+    """The tests of the plan's hypotheses for a group of participants; nothing where no plan was frozen."""
+    if plan is None:
+        return Markup()
+    shown = [_hypothesis(plan, each, tests, models, simulated) for each in plan.hypotheses]
+    note = (
+        "These tests were planned. All other tests are exploratory. “p, corrected” is that of the primary results; "
+        "“p, Holm” is corrected within one family only."
+    )
+    return tag("section", tag("h3", "Confirmatory results"), tag("p", note), *shown)
+
+
+def _hypothesis(
+    plan: Plan,
+    hypothesis: Hypothesis,
+    tests: Sequence[ComparisonRow],
+    models: Sequence[ModelRow],
+    simulated: bool,
+) -> Markup:
+    def judged(row: ComparisonRow | ModelRow) -> bool:
+        return row.simulated is simulated and hypothesis in plan.hypotheses_of(row.family, row.quantity)
+
+    own_tests, effects = list(filter(judged, tests)), list(filter(judged, models))
+    caption = f"{hypothesis.id}: {', '.join(hypothesis.tests)}"
+    parts = [table_of_tests(caption, own_tests, simulated)] if own_tests else []
+    parts += [table_of_effects(caption, effects, simulated)] if effects else []
+    return join(
+        [
+            tag("p", f"{hypothesis.id}: {hypothesis.text}"),
+            *(parts or [tag("p", "There is nothing to test yet.")]),
+        ]
+    )

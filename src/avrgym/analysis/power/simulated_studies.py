@@ -1,0 +1,132 @@
+"""Answers of imagined participants, as a design would get them if certain effects were true."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.analysis.answers.trial_answers import AFTER_TRIAL, questionnaires_at
+from avrgym.array_types import BoolArray, FloatArray, IntArray
+from avrgym.questionnaires.questionnaire import Item
+from avrgym.study.design.allocation import cell_orders, least_filled_cell
+from avrgym.study.design.counterbalancing import Order
+from avrgym.study.design.design import Design
+
+Answers = NDArray[np.int_]
+"""Of participants who have finished: (participants, tasks, robots, policies, items)."""
+
+
+POINTS = 7
+"""The scale in whose points effects and deviations are given; on others they are stretched with the scale."""
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """How answers differ but for the effect itself, as standard deviations in points of a seven-point scale.
+
+    ``participant_sd``: how leniently somebody rates everything. ``policy_sd``: how differently participants like a
+    policy. ``task_sd``: how differently tasks are rated, by all alike. ``noise_sd``: what is left. ``drift``: how many
+    points ratings rise from the first to the last trial of a session. ``dropout``: the share who withdraw, count
+    nowhere and are replaced. None of them is measured; together they spread answers by about 1.5 points.
+    """
+
+    participant_sd: float = 0.8
+    policy_sd: float = 0.5
+    task_sd: float = 0.5
+    noise_sd: float = 1.0
+    drift: float = 0.5
+    dropout: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Raise ``ValueError`` for what cannot be."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not np.isfinite(value) or (value < 0 and field.name != "drift"):
+                raise ValueError(f"{field.name} is {value:g}; allowed: 0 or more")
+        if self.dropout >= 1:
+            raise ValueError(f"dropout is {self.dropout:g}; allowed: 0 or more, below 1")
+
+
+def midpoint(item: Item) -> float:
+    """The middle of an item's answers, which are numbered from 1 here."""
+    return (1 + item.points) / 2
+
+
+class SimulatedStudies:
+    """Studies of one design, again and again: each number is another study, and the same for every effect.
+
+    What the first participants of a study are like does not depend on how many there are.
+    """
+
+    def __init__(self, design: Design, assumptions: Assumptions, seed: int) -> None:
+        """Imagine studies; ``ValueError`` where nothing is asked after trials."""
+        asked = questionnaires_at(design, AFTER_TRIAL)
+        if not asked:
+            raise ValueError("the design asks nothing after trials: there is nothing to simulate")
+        self.design, self.questionnaire = design, asked[0]
+        self._assumptions, self._seed = assumptions, seed
+        self._shape = (len(design.tasks), len(design.robots), len(design.policies), len(asked[0].items))
+        self._places = self._places_in_session()
+        self._middle = np.array([midpoint(item) for item in asked[0].items])
+        self._points = np.array([item.points for item in asked[0].items])
+
+    def answers(self, effect: float, participants: int, number: int) -> Answers:
+        """What a study that so many participants complete is answered, by its number.
+
+        But for chance the last policy is rated ``effect`` points above the middle of the scale, all others there.
+        """
+        assumed, (tasks, _, policies, _) = self._assumptions, self._shape
+        rng = np.random.default_rng([self._seed, number, 0])
+        stays, cells = self._session(participants, number)
+        places = self._places[cells]
+        drawn = rng.standard_normal((len(stays), 1 + policies + int(np.prod(self._shape))))
+        lenience, liking = drawn[:, 0], drawn[:, 1 : 1 + policies]
+        noise = drawn[:, 1 + policies :].reshape(-1, *self._shape)
+        of_task = np.random.default_rng([self._seed, number, 1]).standard_normal(tasks)
+        of_policy = np.where(np.arange(policies) == policies - 1, effect, 0.0)
+        shift = (
+            assumed.participant_sd * lenience[:, None, None, None]
+            + assumed.policy_sd * liking[:, None, None, :]
+            + assumed.task_sd * (of_task - of_task.mean())[:, None, None]
+            + assumed.drift * (places - 0.5)
+            + of_policy
+        )
+        latent = shift[..., None] + assumed.noise_sd * noise
+        rated = np.rint(self._middle + latent * (self._points - 1) / (POINTS - 1))
+        return np.clip(rated, 1, self._points).astype(int)[stays]
+
+    def orders(self, participants: int, number: int) -> list[Order]:
+        """The order of each participant who completes a study, by its number."""
+        stays, cells = self._session(participants, number)
+        orders = cell_orders(self.design)
+        return [orders[cell] for cell in cells[stays]]
+
+    def objective(self, participants: int, number: int) -> FloatArray:
+        """Success, reward and force of the same study, without an effect of policies: (participants, policies, 3)."""
+        rng = np.random.default_rng([self._seed, number, 3])
+        return rng.standard_normal((participants, self._shape[2], 3))
+
+    def _session(self, participants: int, number: int) -> tuple[BoolArray, IntArray]:
+        """Whether each enrolled participant stays (m,), until enough have, and the number of their order (m,).
+
+        Orders are assigned as in a study: participants who withdraw free theirs.
+        """
+        rng = np.random.default_rng([self._seed, number, 2])
+        stays: list[bool] = []
+        cells: list[int] = []
+        while sum(stays) < participants:
+            taken = [cell for cell, remains in zip(cells, stays, strict=True) if remains]
+            cells.append(least_filled_cell(range(len(self._places)), taken))
+            stays.append(bool(rng.random() >= self._assumptions.dropout))
+        return np.array(stays), np.array(cells)
+
+    def _places_in_session(self) -> FloatArray:
+        """When in the session, 0 to 1, each condition is met: (orders, tasks, robots, policies)."""
+        tasks, robots, policies, _ = self._shape
+        orders = cell_orders(self.design)
+        places = np.zeros((len(orders), tasks, robots * policies))
+        for cell, order in enumerate(orders):
+            met = [(block.task, condition) for block in order for condition in block.conditions]
+            for position, (task, condition) in enumerate(met):
+                places[cell, task, condition] = position / max(len(met) - 1, 1)
+        return places.reshape(-1, tasks, robots, policies)

@@ -1,0 +1,241 @@
+"""The primary result of each question of a study, corrected over all primary results.
+
+Without a plan the primary results are the tests by participant of whether policies differ in each answer, score and
+objective measure, of the first answer against the middle of its scale, and of changes over sessions. With a plan they
+are the tests of its hypotheses. All other results are descriptive and have no stars.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+
+from avrgym.analysis.models.effects import POLICIES
+from avrgym.analysis.models.models import ModelRow
+from avrgym.analysis.models.section import effect_text
+from avrgym.analysis.page.comparisons import n_text
+from avrgym.analysis.page.elements import (
+    Markup,
+    badge,
+    group_caption,
+    interval_text,
+    p_text,
+    short_number,
+    table,
+    tag,
+)
+from avrgym.analysis.statistics.comparisons import (
+    MIN_PARTICIPANTS,
+    PARTICIPANT,
+    PRIMARY,
+    SECONDARY,
+    SENSITIVITY,
+    SUPPLEMENT,
+    TOO_FEW,
+    TRIAL,
+    ComparisonRow,
+    Family,
+)
+from avrgym.analysis.statistics.sign_flips import sign_flip_p_values
+from avrgym.analysis.statistics.tests import holm, significance_stars
+from avrgym.study.plan.plan import Plan
+
+Place = tuple[int, int]
+"""A family and a row in it."""
+
+
+@dataclass(frozen=True)
+class ResultsWithRoles:
+    """The tests and effects of a study, each with its role, primary ones corrected and with stars."""
+
+    families: list[Family]
+    models: list[ModelRow]
+
+
+def assign_roles(
+    families: Sequence[Family], models: Sequence[ModelRow], plan: Plan | None
+) -> ResultsWithRoles:
+    """Give every test and effect its role; people and simulated participants are corrected apart.
+
+    Args:
+        families: the tests.
+        models: the effects in models.
+        plan: the plan that makes its tests confirmatory; ``None`` without one.
+    """
+    roles = {
+        (at, place): _role_of_test(family, row, plan)
+        for at, family in enumerate(families)
+        for place, row in enumerate(family.rows)
+    }
+    of_models = [_role_of_effect(row, plan) for row in models]
+    corrected: dict[Place, float | None] = {}
+    of_effects: dict[int, float | None] = {}
+    for simulated in (False, True):
+        tests = [
+            at for at, role in roles.items() if role == PRIMARY and families[at[0]].simulated is simulated
+        ]
+        effects = [
+            at for at, row in enumerate(models) if of_models[at] == PRIMARY and row.simulated is simulated
+        ]
+        together = _corrected(
+            [_p_and_differences(families, at) for at in tests], [models[at].p for at in effects]
+        )
+        corrected |= dict(zip(tests, together, strict=False))
+        of_effects |= dict(zip(effects, together[len(tests) :], strict=True))
+    return ResultsWithRoles(
+        [_with_roles(at, family, roles, corrected) for at, family in enumerate(families)],
+        [
+            replace(
+                row,
+                role=of_models[at],
+                p_primary=of_effects.get(at),
+                mark=significance_stars(of_effects.get(at)),
+            )
+            for at, row in enumerate(models)
+        ],
+    )
+
+
+def _role_of_test(family: Family, row: ComparisonRow, plan: Plan | None) -> str:
+    """A hypothesis that names a test by trial is judged by the same test by participant."""
+    if row.unit == TRIAL:
+        return SUPPLEMENT
+    if plan is None:
+        return PRIMARY if family.question.primary else SECONDARY
+    named = (family.question.by(unit) for unit in (PARTICIPANT, TRIAL))
+    return PRIMARY if any(plan.hypotheses_of(name, row.quantity) for name in named) else SECONDARY
+
+
+def _role_of_effect(row: ModelRow, plan: Plan | None) -> str:
+    if plan is not None and plan.hypotheses_of(row.family, row.quantity):
+        return PRIMARY
+    return SENSITIVITY if row.effect == POLICIES else SECONDARY
+
+
+Tested = tuple[float | None, Mapping[str, float]]
+"""p of a test, and the differences of its participants, if they are paired."""
+
+
+def _p_and_differences(families: Sequence[Family], at: Place) -> Tested:
+    family = families[at[0]]
+    return family.rows[at[1]].p, family.differences[at[1]]
+
+
+def _corrected(tests: Sequence[Tested], effects: Sequence[float | None]) -> list[float | None]:
+    """p of tests, then of effects, corrected for all of them.
+
+    Paired tests are corrected jointly, all others by Holm; where there are both, each p is doubled.
+    """
+    paired = [at for at, (p, differences) in enumerate(tests) if p is not None and differences]
+    others = [(p if at not in paired else None) for at, (p, _) in enumerate(tests)] + list(effects)
+    parts = bool(paired) + any(p is not None for p in others)
+    found = [None if p is None else min(1.0, parts * p) for p in holm(others)]
+    joint = sign_flip_p_values([tests[at][1] for at in paired])
+    for at, p in zip(paired, joint, strict=True):
+        found[at] = None if p is None else min(1.0, parts * max(p, tests[at][0] or 0.0))
+    return found
+
+
+def _with_roles(
+    at: int, family: Family, roles: Mapping[Place, str], corrected: Mapping[Place, float | None]
+) -> Family:
+    def given() -> Iterator[ComparisonRow]:
+        for place, row in enumerate(family.rows):
+            p = corrected.get((at, place))
+            yield replace(row, role=roles[at, place], p_primary=p, mark=significance_stars(p))
+
+    return replace(family, rows=tuple(given()))
+
+
+PRIMARY_HEADS = ("Question", "What", "Groups", "n", "Medians", "Effect [95 %]", "p", "p, corrected", "")
+
+
+PRIMARY_NUMERIC_COLUMNS = (3, 4, 5, 6, 7)
+
+
+PRIMARY_CAPTION = "Primary results, each participant one value; p corrected over all of them"
+
+
+WITHOUT_PLAN = (
+    "Each question has one primary result. No plan names hypotheses, so these are the tests by participant of whether "
+    "policies differ in each answer, score and objective measure, of the first answer against the middle of its "
+    "scale, and of changes over sessions."
+)
+
+
+WITH_PLAN = "The primary results are the tests of the plan's hypotheses, each participant one value."
+
+
+OTHERS = (
+    "Only primary results have stars: * < 0.05, ** < 0.01, *** < 0.001 after correction over all of them. All other "
+    "results are sensitivity analyses, secondary, or a supplement, and have none. Stars and figures use "
+    "“p, corrected”. “p, Holm” in other tables is corrected within one family only and has another value."
+)
+
+
+def primary_section(
+    tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool, *, planned: bool
+) -> Markup:
+    """The primary results of a group of participants; nothing where there are none."""
+    rows = primary_rows(tests, models, simulated)
+    if not rows:
+        return Markup()
+    mark = [badge("SIMULATED PARTICIPANTS")] if simulated else []
+    limits = [tag("p", words) for words in _limits(tests, models, simulated)]
+    return tag(
+        "section",
+        tag("h3", "Primary results"),
+        *mark,
+        tag("p", f"{WITH_PLAN if planned else WITHOUT_PLAN} {OTHERS}"),
+        *limits,
+        table(group_caption(PRIMARY_CAPTION, simulated), PRIMARY_HEADS, rows, PRIMARY_NUMERIC_COLUMNS),
+    )
+
+
+def primary_rows(
+    tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool
+) -> list[tuple[object, ...]]:
+    """The cells of the table of primary results."""
+    own_tests, own_models = _primary_of_group(tests, models, simulated)
+    return [*map(_test_cells, own_tests), *map(_model_cells, own_models)]
+
+
+def _primary_of_group(
+    tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool
+) -> tuple[list[ComparisonRow], list[ModelRow]]:
+    def wanted(row: ComparisonRow | ModelRow) -> bool:
+        return row.simulated is simulated and row.role == PRIMARY
+
+    return list(filter(wanted, tests)), list(filter(wanted, models))
+
+
+def _test_cells(row: ComparisonRow) -> tuple[object, ...]:
+    return (
+        row.family.removesuffix(f", by {PARTICIPANT}"), row.quantity, f"{row.group_a} / {row.group_b}",
+        n_text(row), f"{short_number(row.median_a)} / {short_number(row.median_b)}",
+        interval_text(row.effect, row.effect_low, row.effect_high),
+        row.note if row.p is None else p_text(row.p), p_text(row.p_primary), row.mark,
+    )  # fmt: skip
+
+
+def _model_cells(row: ModelRow) -> tuple[object, ...]:
+    return (
+        row.family, row.quantity, f"{row.group_a} / {row.group_b}", row.participants, "–", effect_text(row),
+        row.note if row.p is None else p_text(row.p), p_text(row.p_primary), row.mark,
+    )  # fmt: skip
+
+
+def _limits(tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool) -> Iterator[str]:
+    """Limits of tests with few participants."""
+    rows = [*chain(*_primary_of_group(tests, models, simulated))]
+    if any(row.note == TOO_FEW for row in rows):
+        yield f"Fewer than {MIN_PARTICIPANTS} participants are described and not tested."
+    elif most := _most_participants(rows):
+        least = 2.0 / 2.0**most
+        if least >= 0.05:
+            yield f"With {most} participants p of a paired test is never below {least:.3g}: no star is possible."
+
+
+def _most_participants(rows: Sequence[ComparisonRow | ModelRow]) -> int:
+    if any(isinstance(row, ModelRow) for row in rows):
+        return 0
+    return max((row.n_a for row in rows if isinstance(row, ComparisonRow)), default=0)

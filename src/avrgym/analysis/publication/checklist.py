@@ -1,0 +1,118 @@
+"""What reporting recommendations ask of a publication about people and robots: given, or missing.
+
+The list is ours, after Cordero et al. (What and How Are We Reporting in HRI?, arXiv:2201.09114, 2022), Bagchi et al.
+(Towards Improved Replicability of Human Studies in HRI, HRI 2023 Companion, doi 10.1145/3568294.3580162) and the flow
+of participants of CONSORT (Schulz et al., BMJ 340, 2010, c332).
+"""
+
+from dataclasses import dataclass
+
+from avrgym.analysis.designs import describe_by_design
+from avrgym.analysis.flow import ParticipantFlow
+from avrgym.analysis.publication.methods import days_of, inclusion_answers, uses_of
+from avrgym.analysis.study import Analysis
+from avrgym.policies.names import OPERATOR
+from avrgym.study.design.description import blinding, conditions, randomization
+
+
+@dataclass(frozen=True)
+class ChecklistField:
+    """A field that is asked for: what is known of it, nothing where it is missing, and where to fill it in."""
+
+    field: str
+    known: str
+    fill_in: str = ""
+
+
+def checklist(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistField]:
+    """Every field, in the order of a publication."""
+    return [*_about_people(analysis, flow), *_about_the_study(analysis), *_about_the_analysis(analysis, flow)]
+
+
+def _reporting(field: str, text: str, name: str) -> ChecklistField:
+    return ChecklistField(field, text, f"{name} in [reporting] of study.toml")
+
+
+def _about_people(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistField]:
+    about = analysis.design.reporting
+    people = analysis.observed.analysed_people(simulated=flow.simulated)
+    ages = sum(row.age_years is not None for row in people)
+    left = (
+        f"{flow.excluded} excluded, {flow.withdrew_before + flow.withdrew} withdrew, {flow.deleted} deleted"
+    )
+    if lost := flow.unknown + flow.unknown_before:
+        left += f", of {lost} unknown"
+    inclusion = describe_by_design(uses_of(analysis, flow), analysis.design, inclusion_answers)
+    consent = ", ".join(f"version {version}: {number}" for version, number in flow.consents.items())
+    if flow.reconsented or flow.declined:
+        consent += f"; re-consent: {flow.reconsented} agreed, {flow.declined} declined"
+    return [
+        ChecklistField(
+            "Number of participants",
+            f"{flow.enrolled} enrolled, {flow.analysed} analysed" if flow.enrolled else "",
+        ),
+        ChecklistField(
+            "Age",
+            f"known of {ages} of {len(people)} in the analysis" if ages else "",
+            "--age of `avrgym study enrol`",
+        ),
+        _reporting("Gender, as participants described it", about.gender, "gender"),
+        _reporting("Experience with robots and VR", about.experience, "experience"),
+        _reporting("Recruitment", about.recruitment, "recruitment"),
+        _reporting("Compensation", about.compensation, "compensation"),
+        _reporting("Ethics approval", about.ethics_approval, "ethics_approval"),
+        ChecklistField("Informed consent", consent, "`avrgym study consent`"),
+        ChecklistField("Inclusion criteria", inclusion, "[[inclusion]] in study.toml"),
+        ChecklistField("Exclusions and dropouts", left),
+    ]
+
+
+def _about_the_study(analysis: Analysis) -> list[ChecklistField]:
+    design, about = analysis.design, analysis.design.reporting
+    measures = ", ".join(each.name for each in design.questionnaires)
+    flow = next(iter(analysis.flows), None)
+    days = days_of(flow) if flow and flow.first_day else ""
+    return [
+        ChecklistField("Design and conditions", conditions(design)),
+        ChecklistField("Order and randomisation", randomization(design)),
+        ChecklistField("Blinding", describe_by_design(analysis.uses, design, blinding)),
+        ChecklistField("Robots", ", ".join(design.robots)),
+        ChecklistField(
+            "Who controls the robots",
+            f"the policies {', '.join(design.policies)}"
+            + (
+                "; the experimenter where it is operator" if OPERATOR in design.policies else ", on their own"
+            ),
+        ),
+        _reporting("Headset and controllers", about.headset, "headset"),
+        _reporting("Place", about.location, "location"),
+        ChecklistField("Dates", days, "the first session"),
+        ChecklistField("Measures", f"reward, success, {measures}" if measures else "reward, success"),
+    ]
+
+
+def _about_the_analysis(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistField]:
+    plan = analysis.plan.plan if analysis.plan else None
+    rationale = plan.sample_size_rationale if plan else ""
+    deviations = len(analysis.plan.deviations) if analysis.plan else 0
+    own = [row for row in analysis.observed.participants if row.simulated is flow.simulated]
+    missing = sum(row.trials_missing for row in own)
+    frozen = f"frozen at {analysis.plan.at} (UTC)" if analysis.plan and analysis.plan.confirms else ""
+    return [
+        ChecklistField(
+            "Sample size and why", rationale, "sample_size_rationale in plan.toml, before it is frozen"
+        ),
+        ChecklistField("Preregistration", frozen, "`avrgym study freeze`, before the first participant"),
+        ChecklistField(
+            "Deviations from the plan", f"{deviations} listed" if plan else "", "`avrgym study freeze`"
+        ),
+        ChecklistField(
+            "Statistical tests, effect sizes and corrections",
+            "methods.md, tables/tests.csv, tables/models.csv",
+        ),
+        ChecklistField(
+            "Missing data",
+            f"{missing} planned trials not completed",
+        ),
+        _reporting("Data availability", analysis.design.reporting.data_availability, "data_availability"),
+    ]

@@ -1,0 +1,346 @@
+"""The methods section of a publication, in words, from what a study knows of itself."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from statistics import fmean, stdev
+
+from avrgym.analysis.adverse_events import describe_adverse_events
+from avrgym.analysis.biomechanics.training_people import posture_of
+from avrgym.analysis.designs import describe_by_design
+from avrgym.analysis.flow import ParticipantFlow, flow_steps
+from avrgym.analysis.headsets import describe_headset_checks
+from avrgym.analysis.latency import total_latency
+from avrgym.analysis.models.section import MODELS_METHOD
+from avrgym.analysis.page.elements import count_text
+from avrgym.analysis.reading.rows import ParticipantRow
+from avrgym.analysis.sites import site_of
+from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS
+from avrgym.analysis.study import Analysis
+from avrgym.questionnaires.questionnaire import Questionnaire
+from avrgym.study.design.description import blinding, conditions, description, randomization
+from avrgym.study.design.design import Design
+from avrgym.study.storage.item_versions import first_name
+from avrgym.study.storage.session_designs import Use
+from avrgym.tasks.registry import TASKS
+from avrgym.vr.session.attempt import versions
+
+SIMULATED = "SIMULATED PARTICIPANTS: all that follows was made up by a program and says nothing about people."
+
+
+LOST_ANSWERS = "The answers from before the database was rebuilt are lost."
+
+
+MOMENTS = {
+    "before_session": "before each session",
+    "after_trial": "after each trial",
+    "after_session": "after each session",
+}
+
+
+Sections = Mapping[str, list[str]]
+"""Paragraphs by heading."""
+
+
+def missing(what: str) -> str:
+    """Stands where somebody has to write something."""
+    return f"[MISSING: {what}]"
+
+
+def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
+    """The sections about people, or, of a study that no person takes part in, about simulated participants."""
+    uses = uses_of(analysis, flow)
+    sections = {
+        "Participants": list(_participants(analysis, flow)),
+        "Design": [
+            describe_by_design(uses, analysis.design, conditions),
+            randomization(analysis.design),
+            *_orders(flow),
+            describe_by_design(uses, analysis.design, blinding),
+        ],
+        "Apparatus": list(_apparatus(analysis, flow)),
+        "Procedure": [describe_by_design(uses, analysis.design, description), *_inclusion(analysis, flow)],
+        "Measures": list(_measures(analysis)),
+        "Analysis": list(_analysis(analysis)),
+        "Deviations from the plan": _deviations(analysis),
+    }
+    return {"": [SIMULATED]} | sections if flow.simulated else sections
+
+
+def uses_of(analysis: Analysis, flow: ParticipantFlow) -> list[Use]:
+    """The designs with which those who are analysed took part, people or simulated participants."""
+    analysed = {row.participant for row in analysis.observed.analysed_people(simulated=flow.simulated)}
+    return [use for use in analysis.uses if use.participant.pseudonym in analysed]
+
+
+def markdown(title: str, sections: Sections) -> str:
+    """The sections as Markdown."""
+    lines = [f"# {title}: methods"]
+    for heading, paragraphs in sections.items():
+        lines += ([f"## {heading}"] if heading else []) + paragraphs
+    return "\n\n".join(lines) + "\n"
+
+
+def _participants(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
+    about = analysis.design.reporting
+    people = analysis.observed.analysed_people(simulated=flow.simulated)
+    yield " ".join(_came_how_far(flow))
+    if people:
+        words = f"{_ages(people)} {_bodies(people)} {_languages(people)}"
+        yield f"Of the {count_text(len(people), _who(flow))} in the analysis: {words}"
+    if any(row.site for row in people):
+        yield _sites(people)
+    yield from analysis.losses
+    if flow.simulated:
+        return
+    yield f"Gender: {about.gender or missing('gender, as participants described it')}"
+    yield f"Experience with robots and VR: {about.experience or missing('experience with robots and with VR')}"
+    yield f"Recruitment: {about.recruitment or missing('how participants were recruited')}"
+    yield f"Compensation: {about.compensation or missing('what participants were given')}"
+    yield f"Ethics approval: {about.ethics_approval or missing('board and number of the approval')}"
+    lost = flow.unknown + flow.unknown_before
+    unknown = (
+        f"; of {count_text(lost, 'participant')} that is unknown, because the database was lost"
+        if lost
+        else ""
+    )
+    agreed = ", ".join(f"version {version} by {number}" for version, number in flow.consents.items())
+    yield f"Participants gave informed consent before anything else (text: {agreed or 'by nobody yet'}){unknown}."
+    if flow.reconsented or flow.declined:
+        yield (
+            "Re-consent to another version of the text, before the next session: "
+            f"{flow.reconsented} agreed, {flow.declined} declined and withdrew."
+        )
+    yield describe_adverse_events(analysis)
+
+
+def _who(flow: ParticipantFlow) -> str:
+    return "simulated participant" if flow.simulated else "participant"
+
+
+def _came_how_far(flow: ParticipantFlow) -> Iterator[str]:
+    """The steps of the flow chart in words, each with those who left after it."""
+    came = (
+        f"{count_text(flow.enrolled, _who(flow))} enrolled",
+        f"{flow.allocated} were given an order of trials",
+        f"{flow.completed} completed the study",
+    )
+    *_, (analysed, _) = flow_steps(flow)
+    for words, (_, left) in zip(came, flow_steps(flow), strict=False):
+        yield f"{words} (left: {', '.join(left)})." if left else f"{words}."
+    yield f"{analysed}."
+
+
+def _ages(people: Sequence[ParticipantRow]) -> str:
+    ages = [row.age_years for row in people if row.age_years is not None]
+    if not ages:
+        return f"Age: {missing('ages')}."
+    spread = f", standard deviation {stdev(ages):.1f}" if len(ages) > 1 else ""
+    unknown = f", of {len(people) - len(ages)} not given" if len(ages) < len(people) else ""
+    return f"Age: {min(ages)} to {max(ages)} years, mean {fmean(ages):.1f}{spread}{unknown}."
+
+
+def _bodies(people: Sequence[ParticipantRow]) -> str:
+    men = sum(row.sex == "man" for row in people)
+    return f"{len(people) - men} were represented by a woman's body model, {men} by a man's."
+
+
+def _languages(people: Sequence[ParticipantRow]) -> str:
+    read = Counter(row.language for row in people)
+    return f"Language of all that they read: {_shares(read)}."
+
+
+def _sites(people: Sequence[ParticipantRow]) -> str:
+    taken = Counter(site_of(row) for row in people)
+    return f"Sites: {_shares(taken)}. Orders are balanced within each site. Tests take all sites together."
+
+
+def _shares(times: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} ({number})" for name, number in sorted(times.items()))
+
+
+def _orders(flow: ParticipantFlow) -> Iterator[str]:
+    given = ", ".join(f"{number} ({times})" for number, times in flow.orders.items())
+    yield (
+        f"Orders given, with the number of participants: {given}."
+        if given
+        else "No order has been given yet."
+    )
+
+
+def _apparatus(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
+    design = analysis.design
+    software = versions()
+    checked = describe_headset_checks([row for row in analysis.headsets if row.simulated is flow.simulated])
+    yield (
+        f"AVR Gym {software['avrgym']} simulated the robots ({', '.join(design.robots)}) and the person's body with "
+        f"MuJoCo {software['mujoco']} (as of this analysis; the report lists recordings of other versions). "
+        f"Headset and controllers: {design.reporting.headset or missing('headset and controllers')}"
+    )
+    yield describe_by_design(uses_of(analysis, flow), design, _equipment)
+    yield from _plugins(analysis, flow)
+    yield _latency(analysis)
+    if checked:
+        yield checked
+
+
+def _equipment(design: Design) -> str:
+    """The seat or mattress of participants, the force guard and the withdrawal of robots."""
+    seat, postures = design.furniture, {posture_of(task) for task in design.tasks}
+    places = {
+        "seated": f"sat on a seat {seat.seat_height_m:g} m high",
+        "in bed": f"lay on a mattress {seat.mattress_height_m:g} m high with its back at {seat.mattress_back_deg:g}°",
+    }
+    guarded = "A force guard kept arms" if design.force_guard else "No force guard kept arms"
+    return (
+        f"Participants {' and '.join(words for posture, words in places.items() if posture in postures)}. "
+        f"{guarded} from pressing too hard and from coming too fast.{_withdrawal(design)}"
+    )
+
+
+def _withdrawal(design: Design) -> str:
+    ending = [task.lower() for task in design.tasks if TASKS[task].ends_with_success]
+    if not (ending and design.withdraw_after_success):
+        return ""
+    return f" After success in {' and '.join(ending)} the robot withdrew its tool and waited."
+
+
+def _plugins(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
+    """What others than AVR Gym provided, as the recordings store it."""
+    used = Counter(
+        f"{each.called}: {each.then}"
+        for each in analysis.observed.plugins
+        if each.simulated is flow.simulated
+    )
+    if used:
+        said = "; ".join(f"{what}, {count_text(number, 'trial')}" for what, number in sorted(used.items()))
+        yield f"Plug-ins, with the hash of their files: {said}."
+
+
+def _latency(analysis: Analysis) -> str:
+    flow = main_flow(analysis)
+    total = total_latency(analysis.latency, simulated=flow.simulated) if flow else None
+    if total is None:
+        return f"Latency from pose to picture: {missing('no recording contains it')}"
+    return (
+        "Latency from a tracked pose to the picture that showed what the simulation made of it: "
+        f"{total.p50_ms:.0f} ms at the median, at most {total.p95_ms:.0f} ms for 95 % of {total.pictures} frames, "
+        "without the headset's display. Participants' own arms were drawn in the frame of their pose."
+    )
+
+
+def _inclusion(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
+    asked = describe_by_design(uses_of(analysis, flow), analysis.design, _inclusion_questions)
+    if asked:
+        yield f"{asked} {LOST_ANSWERS}" if analysis.rebuilt_at else asked
+    about = analysis.design.reporting
+    days = f"Sessions took place {days_of(flow)}." if flow.first_day else "No session took place yet."
+    yield f"{days} Place: {about.location or missing('where sessions took place')}"
+
+
+def inclusion_answers(design: Design) -> str:
+    """Each inclusion question with the answer of everybody who took part."""
+    return " ".join(f"{each.text} {'Yes' if each.required else 'No'}." for each in design.inclusion)
+
+
+def _inclusion_questions(design: Design) -> str:
+    asked = inclusion_answers(design)
+    return f"Everybody who took part had to answer as follows: {asked}" if asked else ""
+
+
+def days_of(flow: ParticipantFlow) -> str:
+    """When sessions took place."""
+    return (
+        f"on {flow.first_day}"
+        if flow.first_day == flow.last_day
+        else f"from {flow.first_day} to {flow.last_day}"
+    )
+
+
+def _measures(analysis: Analysis) -> Iterator[str]:
+    yield "Objective: the reward summed over a trial, and whether the robot succeeded."
+    for each in analysis.design.questionnaires:
+        yield _questionnaire(each)
+    yield from _versions(analysis)
+    if analysis.design.practice_policy:
+        yield "Nothing is asked after practice."
+
+
+def _questionnaire(asked: Questionnaire) -> str:
+    when = " and ".join(MOMENTS[moment] for moment in asked.moments)
+    if asked.instrument is not None:
+        source, answers = f"{asked.instrument.title} ({asked.instrument.source})", asked.instrument.response
+        flow_steps = f" in steps of {answers.step}" if answers.step != 1 else ""
+        ranged = f"from {answers.lowest} to {answers.highest}{flow_steps}"
+        scale = "with a choice of one of two" if answers.points == 2 else ranged
+        return f"{asked.name}, asked {when}: {source}, {count_text(len(asked.items), 'item')} {scale}."
+    scales = dict.fromkeys(asked.scale_words(item) for item in asked.items)
+    if len(scales) == 1:
+        items = " ".join(f"{item.id}: “{item.text}”" for item in asked.items)
+        return f"{asked.name}, asked {when}, answers {next(iter(scales))}: {items}"
+    items = " ".join(f"{item.id}: “{item.text}” ({asked.scale_words(item)})." for item in asked.items)
+    return f"{asked.name}, asked {when}: {items}"
+
+
+def _versions(analysis: Analysis) -> Iterator[str]:
+    """Each version of a changed item with the participants who answered it."""
+    changed = {first_name(row.item) for row in analysis.items if row.version > 1}
+    asked = [
+        f"{row.item} (“{row.text}”, from {row.least}, {row.low}, to {row.most}, {row.high}) was answered by "
+        f"{row.asked_of}"
+        for row in analysis.items
+        if first_name(row.item) in changed
+    ]
+    if asked:
+        yield f"Items were changed during the study: {'; '.join(asked)}. Versions are analysed separately."
+
+
+def _analysis(analysis: Analysis) -> Iterator[str]:
+    plan = analysis.plan
+    if plan is None:
+        yield "Nothing was preregistered: all tests are exploratory."
+    elif plan.plan is None:
+        yield f"The record of a frozen plan is missing or damaged: {missing('the frozen plan')}"
+    else:
+        rationale = plan.plan.sample_size_rationale or missing("why so many participants")
+        yield (
+            f"{plan.words} The SHA-256 of the frozen record is {plan.record_sha256}. "
+            f"{plan.plan.participants} participants were planned: {rationale}"
+        )
+        yield " ".join(f"{each.id}: {each.text}" for each in plan.plan.hypotheses)
+    yield (
+        "Answers, scores of validated questionnaires, success, reward and force were compared by Wilcoxon's "
+        "signed-rank test, two-sided, each participant one value, with rank-biserial correlations as effect sizes and "
+        f"their 95 % intervals. Primary results: {_which_are_primary(analysis)}. Their p is corrected over all of "
+        "them, by flipping the signs of participants' differences together (Westfall and Young, step-down)"
+        f"{_others_corrected(analysis)}. All other "
+        "results are sensitivity analyses, secondary or, by trial as in the paper of AVR Gym, a supplement. Fewer than "
+        f"{MIN_PARTICIPANTS} participants are not tested."
+    )
+    yield from MODELS_METHOD
+
+
+def _others_corrected(analysis: Analysis) -> str:
+    """How the primary results are corrected that are not paired tests; only a plan has some."""
+    if analysis.plan is None or analysis.plan.confirmed is None:
+        return ""
+    return "; models and unpaired tests by Holm, and next to paired tests both p are doubled"
+
+
+def _which_are_primary(analysis: Analysis) -> str:
+    if analysis.plan is not None and analysis.plan.confirmed is not None:
+        return "the tests of the plan's hypotheses"
+    return (
+        "whether policies differ, the first answer against the middle of its scale, and changes over sessions"
+    )
+
+
+def _deviations(analysis: Analysis) -> list[str]:
+    if analysis.plan is None:
+        return ["There was no plan to deviate from."]
+    found = [f"{each.where}: {each.what}." for each in analysis.plan.deviations]
+    return found or ["None."]
+
+
+def main_flow(analysis: Analysis) -> ParticipantFlow | None:
+    """That of people, or of simulated participants where no person takes part; ``None`` where nobody does."""
+    return next(iter(analysis.flows), None)

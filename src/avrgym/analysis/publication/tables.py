@@ -1,0 +1,176 @@
+"""Tables for a publication: participants, reward and success, primary results, other tests and models."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+from avrgym.analysis.models.effects import POLICIES
+from avrgym.analysis.models.section import effect_text
+from avrgym.analysis.page.comparisons import n_text
+from avrgym.analysis.page.elements import interval_text, number_text, p_text, short_number
+from avrgym.analysis.primary import PRIMARY_CAPTION, PRIMARY_HEADS, PRIMARY_NUMERIC_COLUMNS, primary_rows
+from avrgym.analysis.statistics.comparisons import PARTICIPANT, PRIMARY
+from avrgym.analysis.study import Analysis
+
+
+@dataclass(frozen=True)
+class PublicationTable:
+    """A table as people read it; ``numbers`` are the columns to align at their ends."""
+
+    name: str
+    caption: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    numbers: Sequence[int]
+
+
+def publication_tables(analysis: Analysis, simulated: bool) -> Iterator[PublicationTable]:
+    """The tables that have rows; captions say what is about simulated participants."""
+    for table in (
+        _participants_table,
+        _functioning_table,
+        _primary_table,
+        _outcomes_table,
+        _tests_table,
+        _models_table,
+    ):
+        shown = table(analysis, simulated)
+        if shown.rows:
+            yield shown
+
+
+def _group_caption(caption: str, simulated: bool) -> str:
+    return f"{caption} (SIMULATED PARTICIPANTS)" if simulated else caption
+
+
+def _participants_table(analysis: Analysis, simulated: bool) -> PublicationTable:
+    people = analysis.observed.analysed_people(simulated=simulated)
+    rows: list[tuple[object, ...]] = []
+    for sex in dict.fromkeys(row.sex for row in people):
+        own = [row for row in people if row.sex == sex]
+        ages = [float(row.age_years) for row in own if row.age_years is not None]
+        heights = [row.torso_height_m for row in own if row.torso_height_m is not None]
+        rows.append(
+            (sex, len(own), _spread(ages, 0), _spread(heights, 3), sum(row.trials_completed for row in own))
+        )
+    heads = ("Body model", "n", "Age / years", "Torso / m", "Trials completed")
+    return PublicationTable(
+        "participants", _group_caption("Participants in the analysis", simulated), heads, rows, (1, 2, 3, 4)
+    )
+
+
+def _functioning_table(analysis: Analysis, simulated: bool) -> PublicationTable:
+    """Of people alone, without groups of fewer than five and what they would follow from."""
+    rows = [] if simulated else [tuple(row.values()) for row in analysis.functioning if row["people"] != "0"]
+    caption = (
+        "Functioning (Washington Group Short Set) and devices (ISO 9999) of people with a completed trial"
+    )
+    return PublicationTable("functioning", caption, ("Question", "Answer", "n"), rows, (2,))
+
+
+def _spread(values: Sequence[float], digits: int) -> str:
+    if not values:
+        return "–"
+    ends = f"{min(values):.{digits}f} to {max(values):.{digits}f}"
+    return f"{fmean(values):.{max(digits, 1)}f} ({ends})"
+
+
+def _outcomes_table(analysis: Analysis, simulated: bool) -> PublicationTable:
+    rows = [
+        (
+            row.task, row.robot, row.policy, row.trials,
+            _interval(row.reward_mean, row.reward_low, row.reward_high, 1, 1),
+            _interval(row.success_rate, row.success_low, row.success_high, 100, 0),
+        )
+        for row in analysis.objective
+        if row.simulated is simulated
+    ]  # fmt: skip
+    heads = ("Task", "Robot", "Policy", "Trials", "Reward [95 %]", "Success / % [95 %]")
+    return PublicationTable(
+        "objective", _group_caption("Reward and success", simulated), heads, rows, (3, 4, 5)
+    )
+
+
+def _interval(mean: float | None, low: float | None, high: float | None, factor: float, digits: int) -> str:
+    if mean is None:
+        return "–"
+    ends = [number_text(factor * end, digits=digits) for end in (low, high) if end is not None]
+    return number_text(factor * mean, digits=digits) + (f" [{', '.join(ends)}]" if ends else "")
+
+
+def _primary_table(analysis: Analysis, simulated: bool) -> PublicationTable:
+    rows = primary_rows(analysis.tests, analysis.models, simulated)
+    return PublicationTable(
+        "primary", _group_caption(PRIMARY_CAPTION, simulated), PRIMARY_HEADS, rows, PRIMARY_NUMERIC_COLUMNS
+    )
+
+
+def _tests_table(analysis: Analysis, simulated: bool) -> PublicationTable:
+    """The other tests by participant."""
+    rows = [
+        (
+            row.family, row.quantity, f"{row.group_a} / {row.group_b}", n_text(row),
+            f"{short_number(row.median_a)} / {short_number(row.median_b)}",
+            interval_text(row.effect, row.effect_low, row.effect_high), p_text(row.p), p_text(row.p_holm),
+            row.role,
+        )
+        for row in analysis.tests
+        if row.simulated is simulated and row.unit == PARTICIPANT and row.role != PRIMARY
+    ]  # fmt: skip
+    heads = ("Family", "What", "Groups", "n", "Medians", "Effect [95 %]", "p", "p, Holm", "Role")
+    caption = _group_caption("Other tests by participant: no primary results", simulated)
+    return PublicationTable("tests", caption, heads, rows, (3, 4, 5, 6, 7))
+
+
+def _models_table(analysis: Analysis, simulated: bool) -> PublicationTable:
+    rows = [
+        (
+            row.quantity, f"{row.group_a} / {row.group_b}", row.model, row.participants, effect_text(row),
+            p_text(row.p), p_text(row.p_holm), row.role, row.planned, row.note,
+        )
+        for row in analysis.models
+        if row.simulated is simulated and row.effect == POLICIES
+    ]  # fmt: skip
+    heads = ("What", "Groups", "Model", "n", "Effect [95 %]", "p", "p, Holm", "Role", "By plan", "Remark")
+    return PublicationTable(
+        "models",
+        _group_caption("Policies in models: sensitivity analyses", simulated),
+        heads,
+        rows,
+        (3, 4, 5, 6),
+    )
+
+
+SPECIAL = {
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "−": "$-$", "×": r"$\times$", "–": "--",
+    "<": "$<$", ">": "$>$",
+}  # fmt: skip
+
+
+def escaped(text: object) -> str:
+    """Text as LaTeX prints it."""
+    return "".join(SPECIAL.get(letter, letter) for letter in str(text))
+
+
+def latex_table(
+    caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]], numbers: Sequence[int]
+) -> str:
+    """A table as ``page.elements.table`` shows it; ``numbers`` are the columns to align at their ends."""
+    columns = "".join("r" if column in numbers else "l" for column in range(len(heads)))
+    lines = [" & ".join(escaped(cell) for cell in row) + r" \\" for row in (heads, *rows)]
+    return "\n".join(
+        [
+            r"\begin{table}",
+            rf"\caption{{{escaped(caption)}}}",
+            rf"\begin{{tabular}}{{{columns}}}",
+            r"\toprule",
+            lines[0],
+            r"\midrule",
+            *lines[1:],
+            r"\bottomrule",
+            r"\end{tabular}",
+            r"\end{table}",
+            "",
+        ]
+    )

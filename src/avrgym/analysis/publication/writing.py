@@ -1,0 +1,137 @@
+"""The reporting pack: what a publication needs beside the results, in files to copy from."""
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from avrgym.analysis.flow import ParticipantFlow, flow_chart
+from avrgym.analysis.page.elements import Markup, badge, figure, join, table, tag, warning_box, write_page
+from avrgym.analysis.publication.checklist import ChecklistField, checklist
+from avrgym.analysis.publication.codebook import codebook, data_package, json_schema
+from avrgym.analysis.publication.methods import SIMULATED, Sections, main_flow, markdown, methods
+from avrgym.analysis.publication.tables import PublicationTable, latex_table, publication_tables
+from avrgym.analysis.study import Analysis
+from avrgym.study.export import NOTICE
+from avrgym.study.export.tables import write_csv
+
+FOLDER = "reporting"
+
+
+PAGE = "index.html"
+
+
+DATA_PACKAGE = "datapackage.json"
+
+
+MISSING = re.compile(r"(\[MISSING: [^\]]*\])")
+
+
+NOBODY = "Nobody has taken part yet: there is nothing to report."
+
+
+FILES = (
+    "In this folder: methods.md, the same text; flow-*.svg and flow-*.pdf; *.tex, the tables for LaTeX with the "
+    "package booktabs (the tables below can be pasted into Word); codebook.csv and schema.json on every column of the "
+    "tables of the analysis, which tables/datapackage.json describes for Frictionless; checklist.csv."
+)
+
+
+def write_publication_files(analysis: Analysis, folder: Path, tables: Path) -> None:
+    """Write the pack into a new folder, and the description of the tables into theirs."""
+    folder.mkdir()
+    _write_codebook(analysis, folder, tables)
+    flow = main_flow(analysis)
+    if flow is None:
+        write_page(folder / PAGE, _title(analysis), [], [tag("p", NOBODY)])
+        return
+    sections, asked = methods(analysis, flow), checklist(analysis, flow)
+    (folder / "methods.md").write_text(markdown(analysis.design.title, sections), encoding="utf-8")
+    write_csv(folder / "checklist.csv", (_checked(each) for each in asked))
+    shown: list[PublicationTable] = []
+    for each in analysis.flows:
+        group = "simulated" if each.simulated else "people"
+        flow_chart(each).write(folder)
+        for own in publication_tables(analysis, each.simulated):
+            text = latex_table(own.caption, own.heads, own.rows, own.numbers)
+            (folder / f"{own.name}-{group}.tex").write_text(text, encoding="utf-8")
+            shown.append(own)
+    write_page(folder / PAGE, _title(analysis), _header(analysis), _main(analysis, sections, asked, shown))
+
+
+def _write_codebook(analysis: Analysis, folder: Path, tables: Path) -> None:
+    every, design = list(analysis.tables()), analysis.design
+    write_csv(folder / "codebook.csv", codebook(every, design))
+    for path, content in (
+        (folder / "schema.json", json_schema(every, design)),
+        (tables / DATA_PACKAGE, data_package(every, design, NOTICE)),
+    ):
+        path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _title(analysis: Analysis) -> str:
+    return f"{analysis.design.title}: reporting"
+
+
+def _header(analysis: Analysis) -> list[Markup]:
+    simulated = any(flow.simulated for flow in analysis.flows)
+    about = "What is about simulated participants says so; they are never taken together with people."
+    return [
+        *([warning_box("SIMULATED PARTICIPANTS.", about)] if simulated else []),
+        tag("p", FILES),
+        tag("p", tag("a", "The report", href="../report/index.html")),
+    ]
+
+
+def _main(
+    analysis: Analysis, sections: Sections, asked: Sequence[ChecklistField], shown: Sequence[PublicationTable]
+) -> list[Markup]:
+    return [
+        tag("section", tag("h2", "Methods"), *_methods(sections), id="methods"),
+        tag("section", tag("h2", "Flow of participants"), *map(_flow, analysis.flows), id="flow"),
+        tag("section", tag("h2", "What recommendations ask for"), _asked(asked), id="checklist"),
+        tag(
+            "section",
+            tag("h2", "Tables"),
+            *(table(each.caption, each.heads, each.rows, each.numbers) for each in shown),
+            id="tables",
+        ),
+    ]
+
+
+def _methods(sections: Sections) -> list[Markup]:
+    parts: list[Markup] = []
+    for heading, paragraphs in sections.items():
+        parts += [tag("h3", heading)] if heading else []
+        parts += [_paragraph(text) for text in paragraphs]
+    return parts
+
+
+def _paragraph(text: str) -> Markup:
+    if text == SIMULATED:
+        return badge(text)
+    pieces = MISSING.split(text)
+    return tag("p", *(_missing(piece) if number % 2 else piece for number, piece in enumerate(pieces)))
+
+
+def _missing(text: str) -> Markup:
+    return tag("strong", text, class_="missing")
+
+
+def _flow(flow: ParticipantFlow) -> Markup:
+    drawing = flow_chart(flow)
+    return figure(drawing.inline(), drawing.caption)
+
+
+def _asked(asked: Sequence[ChecklistField]) -> Markup:
+    lacking = sum(not each.known for each in asked)
+    rows = [
+        (each.field, each.known or _missing("missing"), "" if each.known else each.fill_in) for each in asked
+    ]
+    words = f"{lacking} of {len(asked)} fields are missing." if lacking else "No field is missing."
+    shown = table("Fields that a publication names", ("Field", "Known", "Fill in"), rows, numbers=())
+    return join([tag("p", words), shown])
+
+
+def _checked(asked: ChecklistField) -> dict[str, object]:
+    return {"field": asked.field, "missing": not asked.known, "known": asked.known, "fill_in": asked.fill_in}

@@ -1,0 +1,350 @@
+"""Read a study for its analysis: every participant, trial, attempt and answer, and each completed recording once."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import add
+from statistics import fmean, median
+
+import numpy as np
+from msgspec.structs import asdict
+
+from avrgym.analysis.reading.answers import ParticipantAnswers
+from avrgym.analysis.reading.rows import (
+    AnswerRow,
+    AttemptRow,
+    ParticipantRow,
+    ProblemRow,
+    ScoreRow,
+    StreamRow,
+    TermRow,
+    TrialRow,
+)
+from avrgym.analysis.reading.trial_series import Body, TrialSeries, read_trial_series, version_differences
+from avrgym.recording.reader import Recording, RecordingError
+from avrgym.recording.schema import Latency
+from avrgym.recording.streams import stream_figures
+from avrgym.robots.registry import find_robot
+from avrgym.safety.force_guard import ACTS
+from avrgym.study.checking.plugin_checks import RecordedPlugin, plugin_findings, recorded_plugins
+from avrgym.study.checking.tracking_loss import held_share, too_much_held
+from avrgym.study.export.trials import ExportedAttempt, all_attempts
+from avrgym.study.storage.attempts import CHANGED
+from avrgym.study.storage.item_versions import Asked
+from avrgym.study.storage.rows import Participant, Trial
+from avrgym.study.storage.sites import DIFFERS
+from avrgym.study.storage.states import TAKES_PART, StudyError
+from avrgym.study.storage.store import Store
+from avrgym.tasks.registry import TASKS, find_environment
+
+USED = "reward and success are those that were stored with the trial"
+
+
+WITHOUT = f"{USED}; it is missing from the biomechanics"
+
+
+WITHOUT_ALL = f"{USED}; it is missing from the biomechanics and has no time series"
+
+
+TrialKey = tuple[str, int]
+"""Pseudonym and position."""
+
+
+@dataclass(frozen=True)
+class StudyData:
+    """All that was observed in a study, in the order of participants and trials."""
+
+    participants: list[ParticipantRow] = field(default_factory=list[ParticipantRow])
+    trials: list[TrialRow] = field(default_factory=list[TrialRow])
+    attempts: list[AttemptRow] = field(default_factory=list[AttemptRow])
+    answers: list[AnswerRow] = field(default_factory=list[AnswerRow])
+    scores: list[ScoreRow] = field(default_factory=list[ScoreRow])
+    terms: list[TermRow] = field(default_factory=list[TermRow])
+    streams: list[StreamRow] = field(default_factory=list[StreamRow])
+    problems: list[ProblemRow] = field(default_factory=list[ProblemRow])
+    series: dict[TrialKey, TrialSeries] = field(default_factory=dict[TrialKey, TrialSeries])
+    latencies: dict[TrialKey, list[Latency]] = field(default_factory=dict[TrialKey, list[Latency]])
+    plugins: list[RecordedPlugin] = field(default_factory=list[RecordedPlugin])
+
+    @property
+    def analysed(self) -> set[str]:
+        """The pseudonyms of those who have a trial or an answer that counts."""
+        return {row.participant for row in (*self.trials, *self.answers) if row.counted}
+
+    def analysed_people(self, *, simulated: bool) -> list[ParticipantRow]:
+        """Those of them who are people, or simulated."""
+        analysed = self.analysed
+        return [
+            row for row in self.participants if row.simulated is simulated and row.participant in analysed
+        ]
+
+
+def read_study(
+    store: Store,
+    progress: Callable[[int, int], None] = lambda done, all_: None,
+    *,
+    skip_damaged: bool = False,
+    asked: Asked | None = None,
+) -> StudyData:
+    """Read a study; recordings that cannot be used are named among the problems.
+
+    Args:
+        store: the study.
+        progress: called after each recording with the number of recordings read and their total.
+        skip_damaged: use nothing of recordings that are not as they were when their trials were completed.
+        asked: the items that participants answered, if they were read already.
+
+    Raises:
+        StudyError: for such a recording, unless they are skipped; the message names them all.
+    """
+    asked = asked or Asked(store)
+    found = StudyData(problems=list(_site_problems(store)))
+    attempts = list(all_attempts(store))
+    completed = {each.trial.id: each for each in attempts if each.attempt.state == "completed"}
+    changed = {key for key, each in completed.items() if each.is_changed()}
+    if changed and not skip_damaged:
+        raise StudyError(_refusal([each for key, each in completed.items() if key in changed]))
+    for participant in store.participants():
+        for trial in store.trials(participant.pseudonym):
+            own = [each for each in attempts if each.trial.id == trial.id]
+            row = _trial(participant, trial, own)
+            if trial.id in completed:
+                row = _observe_recording(completed[trial.id], row, found, changed=trial.id in changed)
+                progress(sum(each.recording is not None for each in found.trials) + 1, len(completed))
+            found.trials.append(row)
+    found.problems.extend(_plugin_problems(found.plugins))
+    found.attempts.extend(_attempt(each) for each in attempts)
+    counted = {(row.participant, row.position) for row in found.trials if row.counted}
+    for participant in store.participants():
+        positions = {position for pseudonym, position in counted if pseudonym == participant.pseudonym}
+        answered = ParticipantAnswers(store, participant, attempts, positions, asked)
+        found.problems.extend(answered.problems())
+        found.answers.extend(answered.rows())
+        found.scores.extend(answered.scores())
+        found.participants.append(_participant(store, participant, found))
+    return found
+
+
+def _site_problems(store: Store) -> Iterator[ProblemRow]:
+    """In what the sites differ that a study was merged from."""
+    for event in store.events():
+        if event.name == DIFFERS:
+            what = f"were merged though {event.detail}"
+            yield ProblemRow(simulated=None, where="sites", what=what, consequence="they are taken together")
+
+
+def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[ProblemRow]:
+    """Which plug-ins were not the same in all trials, are no longer, or were not stored."""
+    for simulated in (False, True):
+        for found in plugin_findings(each for each in plugins if each.simulated is simulated):
+            yield ProblemRow(
+                simulated=simulated,
+                where=found.where,
+                what=found.what,
+                consequence="trials are used as they were recorded",
+            )
+
+
+def _refusal(changed: Sequence[ExportedAttempt]) -> str:
+    faults = "; ".join(f"{each.attempt.recording} {CHANGED}" for each in changed)
+    return f"nothing was analysed: {faults}; --skip-damaged uses nothing of what is damaged"
+
+
+def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAttempt]) -> TrialRow:
+    task, robot = find_environment(trial.environment)
+    takes_part = participant.state in TAKES_PART
+    return TrialRow(
+        participant=participant.pseudonym,
+        site=participant.site,
+        simulated=participant.simulated,
+        participant_state=participant.state,
+        sex=participant.sex,
+        position=trial.position,
+        practice=trial.practice,
+        task=task,
+        robot=robot,
+        policy=trial.policy,
+        seed=trial.seed,
+        state=trial.state,
+        attempts=len(attempts),
+        attempts_broken_off=sum(each.attempt.state not in ("completed", "running") for each in attempts),
+        counted=trial.state == "completed" and not trial.practice and takes_part,
+    )
+
+
+# One recording
+
+
+def _observe_recording(
+    exported: ExportedAttempt, row: TrialRow, found: StudyData, *, changed: bool
+) -> TrialRow:
+    """The row with what the recording adds; its time series, reward terms and problems go to ``found``.
+
+    ``changed``: it is not as it was when the trial was completed, and adds nothing.
+    """
+    row = replace(row, recording=exported.attempt.recording, **asdict(exported.attempt.metrics))
+
+    def tell(what: str, consequence: str) -> None:
+        found.problems.append(
+            ProblemRow(
+                simulated=row.simulated,
+                where=exported.attempt.recording,
+                what=what,
+                consequence=consequence,
+            )
+        )
+
+    if changed:
+        tell(CHANGED, WITHOUT_ALL)
+        return replace(row, recorded="changed")
+    try:
+        recording = exported.read()
+    except FileNotFoundError:
+        tell("is not here", WITHOUT_ALL)
+        return replace(row, recorded="missing")
+    except (OSError, RecordingError, StudyError) as error:
+        tell(f"cannot be read: {_without_path(error, exported)}", WITHOUT_ALL)
+        return replace(row, recorded="unreadable")
+    if recording.metadata.get("simulated") is not row.simulated:
+        tell("and the study differ in whether the participant was simulated", "the trial is not counted")
+        return replace(row, recorded="contradictory", counted=False)
+    found.plugins.extend(
+        recorded_plugins(recording.metadata, row.participant, row.position, simulated=row.simulated)
+    )
+    row = replace(row, held_share=held_share(recording))
+    left_out = too_much_held(recording, exported.store.design) if row.counted else None
+    if left_out is not None:
+        tell(f"is left out: {left_out}", "the trial is not counted")
+        row = replace(row, counted=False, left_out=left_out)
+    versions = version_differences(recording)
+    if versions:
+        tell(f"was recorded with {versions}", "it is used as it was recorded")
+    return _add_measures(recording, row, found, tell)
+
+
+def _without_path(error: Exception, exported: ExportedAttempt) -> str:
+    """The error's words without the folder's name, so that they are the same wherever the study lies."""
+    return str(error).replace(f"{exported.store.path(exported.attempt.recording)}: ", "")
+
+
+def _add_measures(
+    recording: Recording, row: TrialRow, found: StudyData, tell: Callable[[str, str], None]
+) -> TrialRow:
+    measured = read_trial_series(recording, TASKS[row.task].scene(find_robot(row.robot)).posture)
+    recorded = _kind(recording, measured)
+    if recorded == "cut off":
+        tell(f"is cut off: it holds {len(measured.steps)} of {row.steps} control steps", WITHOUT)
+    elif recorded == "without a body":
+        tell("does not tell the person's body as this version has it", WITHOUT)
+    if measured.steps:
+        found.series[row.participant, row.position] = measured
+        found.terms.extend(_terms(row, measured))
+        row = replace(row, **_step_metrics(measured))
+    told = [record for _, record in recording.topics["/latency"]]
+    if told:
+        found.latencies[row.participant, row.position] = told
+    row = replace(row, guard_interventions=guard_interventions(recording))
+    found.streams.extend(_streams(row, recording))
+    if recorded == "whole" and row.reward != row.reward_recorded:
+        tell(
+            f"adds up to a reward of {row.reward_recorded}, stored is {row.reward}", "the stored one is used"
+        )
+    if recorded == "whole" and measured.body is not None:
+        row = replace(row, **_body_metrics(measured.body))
+    return replace(row, recorded=recorded)
+
+
+def _kind(recording: Recording, measured: TrialSeries) -> str:
+    if not recording.complete:
+        return "cut off"
+    return "without a body" if measured.body is None else "whole"
+
+
+def _step_metrics(measured: TrialSeries) -> dict[str, float]:
+    forces = [step.force_on_person_n for step in measured.steps]
+    return {
+        "reward_recorded": _added(step.reward for step in measured.steps),
+        "distance_least_m": min(step.distance_m for step in measured.steps),
+        "force_mean_n": fmean(forces),
+        "force_peak_n": max(forces),
+    }
+
+
+def _streams(row: TrialRow, recording: Recording) -> list[StreamRow]:
+    whose = {name: getattr(row, name) for name in ("participant", "site", "simulated", "position")}
+    return [StreamRow(**whose, **vars(figures)) for figures in stream_figures(recording.topics)]
+
+
+def guard_interventions(recording: Recording) -> int | None:
+    """How often a force guard acted; ``None`` where there was none."""
+    if not recording.metadata.get("force_guard"):
+        return None
+    return sum(event.name == ACTS for _, event in recording.topics["/events"])
+
+
+def _body_metrics(body: Body) -> dict[str, float]:
+    metrics = {"torso_height_m": body.torso_height_m}
+    head = body.head_centre_w.mean(axis=0)
+    waist = np.degrees(body.waist_rad)
+    for index, axis in enumerate("xyz"):
+        metrics[f"head_{axis}_m"] = float(head[index])
+        metrics[f"waist_{axis}_deg"] = float(waist[:, index].mean())
+        metrics[f"waist_{axis}_least_deg"] = float(waist[:, index].min())
+        metrics[f"waist_{axis}_most_deg"] = float(waist[:, index].max())
+    return metrics
+
+
+def _terms(row: TrialRow, measured: TrialSeries) -> list[TermRow]:
+    names = dict.fromkeys(name for step in measured.steps for name in step.reward_terms)
+    sums = {name: _added(step.reward_terms.get(name, 0.0) for step in measured.steps) for name in names}
+    weights = measured.weights
+    return [
+        TermRow(
+            participant=row.participant,
+            site=row.site,
+            simulated=row.simulated,
+            position=row.position,
+            term=name,
+            sum=total,
+            weight=weights.get(name),
+            weighted_sum=weights[name] * total if name in weights else None,
+        )
+        for name, total in sums.items()
+    ]
+
+
+# Attempts, participants
+
+
+def _attempt(exported: ExportedAttempt) -> AttemptRow:
+    attempt = exported.attempt
+    metrics = asdict(attempt.metrics)
+    return AttemptRow(**exported.labels(), state=attempt.state, **metrics, recording=attempt.recording)
+
+
+def _participant(store: Store, participant: Participant, found: StudyData) -> ParticipantRow:
+    trials = [row for row in found.trials if row.participant == participant.pseudonym]
+    heights = [row.torso_height_m for row in trials if row.counted and row.torso_height_m is not None]
+    completed = sum(row.state == "completed" for row in trials)
+    return ParticipantRow(
+        participant=participant.pseudonym,
+        site=participant.site,
+        site_participant=participant.site_pseudonym,
+        simulated=participant.simulated,
+        state=participant.state,
+        sex=participant.sex,
+        age_years=participant.age_years,
+        language=participant.language or store.design.languages[0],
+        torso_height_m=median(heights) if heights else None,
+        sessions=len(store.sessions(participant.pseudonym)),
+        trials=len(trials),
+        trials_completed=completed,
+        trials_missing=len(trials) - completed,
+        attempts=sum(row.attempts for row in trials),
+        attempts_broken_off=sum(row.attempts_broken_off for row in trials),
+    )
+
+
+def _added(values: Iterable[float]) -> float:
+    """The sum as sessions add it up, value by value: since Python 3.12 ``sum`` rounds otherwise."""
+    return reduce(add, values, 0.0)

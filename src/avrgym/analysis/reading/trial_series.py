@@ -1,0 +1,97 @@
+"""What one trial's recording gives: metrics over its control steps, and how the person held themselves in them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry import transforms
+from avrgym.models import human
+from avrgym.models.human import JOINT_INDEX, JOINTS, SEXES, People, Posture
+from avrgym.recording.reader import Recording
+from avrgym.recording.schema import Control
+from avrgym.vr.session.attempt import versions
+
+WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """The person in a trial: their torso height, and per control step the head's centre (n, 3) and waist (n, 3)."""
+
+    torso_height_m: float
+    head_centre_w: FloatArray
+    waist_rad: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class TrialSeries:
+    """A recording's control steps with their times in seconds, the reward's weights, and the body, if it is whole."""
+
+    times_s: Sequence[float]
+    steps: Sequence[Control]
+    weights: Mapping[str, float]
+    body: Body | None
+
+
+def read_trial_series(recording: Recording, posture: Posture) -> TrialSeries:
+    """Measure a trial; what a recording does not hold is absent."""
+    control = recording.topics["/control"]
+    return TrialSeries(
+        [time_ns / 1e9 for time_ns, _ in control],
+        [step for _, step in control],
+        recording.metadata.get("reward_weights") or {},
+        _body(recording, posture),
+    )
+
+
+def version_differences(recording: Recording) -> str:
+    """With which versions the trial was recorded, if they are not those that run now; else nothing."""
+    recorded: Mapping[str, str] = recording.metadata.get("versions") or {}
+    present = versions()
+    names = {"avrgym": "AVR Gym", "mujoco": "MuJoCo"}
+    return ", ".join(
+        f"{names[name]} {recorded[name]} (now {now})"
+        for name, now in present.items()
+        if recorded.get(name, now) != now
+    )
+
+
+def head_centres(people: People, posture: Posture) -> FloatArray:
+    """The centres (n, 3) of the heads of people in a posture, world frame."""
+    pos_w, q_w = human.body_frames(people, posture, ("head",))
+    centre = human.layout(people.is_woman, people.torso_height_m).site_pos["head_centre"]
+    return pos_w["head"] + transforms.rotate(q_w["head"], centre)
+
+
+def _body(recording: Recording, posture: Posture) -> Body | None:
+    """From what the body is driven to: calibration and inverse kinematics put the head's centre where it is."""
+    person = _person(recording.metadata)
+    control, targets = recording.topics["/control"], recording.topics["/body_targets"]
+    if person is None or not control or not targets:
+        return None
+    angles = _held(targets, [time_ns for time_ns, _ in control])
+    if angles.shape[1] != len(JOINTS):
+        return None
+    sex, torso_height_m = person
+    people = People.unimpaired(
+        np.full(len(angles), sex == "woman"), np.full(len(angles), torso_height_m), angles
+    )
+    return Body(torso_height_m, head_centres(people, posture), angles[:, WAIST])
+
+
+def _person(metadata: Mapping[str, Any]) -> tuple[str, float] | None:
+    person: Mapping[str, Any] = metadata.get("person") or {}
+    known = person.get("sex") in SEXES and isinstance(person.get("torso_height_m"), float)
+    if not known or metadata.get("joints") != list(JOINTS):
+        return None
+    return person["sex"], person["torso_height_m"]
+
+
+def _held(targets: Sequence[tuple[int, Any]], times_ns: Sequence[int]) -> FloatArray:
+    """The targets (n, 20) in force at each time; before the first one, the first."""
+    begins_ns = [time_ns for time_ns, _ in targets]
+    present = np.maximum(np.searchsorted(begins_ns, times_ns, side="right") - 1, 0)
+    return np.array([targets[int(index)][1].joint_targets for index in present])

@@ -1,0 +1,127 @@
+"""Repeated trials by condition, reason and person: rows and section of the report."""
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass
+
+from avrgym.analysis.page.elements import Markup, bullet_list, group_caption, table, tag
+from avrgym.study.checking.repeats import Repeat, TriedTrial
+from avrgym.study.design.design import Design
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepeatRow:
+    """Attempts of one condition that others replaced for one cause; of ``trials`` that were begun, ``repeated`` were.
+
+    ``success_unknown`` attempts ended without a stored outcome. ``ordered_by`` is empty unless an experimenter did.
+    """
+
+    simulated: bool
+    task: str
+    robot: str
+    policy: str
+    trials: int
+    reason: str
+    cause: str
+    ordered_by: str
+    repeated: int
+    replaced: int
+    replaced_successes: int
+    success_unknown: int
+
+
+def repeat_rows(tried: Iterable[TriedTrial]) -> list[RepeatRow]:
+    """The rows of all conditions in which something was repeated."""
+    conditions = defaultdict[tuple[bool, str, str, str], list[TriedTrial]](list)
+    for each in tried:
+        condition = (each.participant.simulated, each.task, each.robot, each.trial.policy)
+        conditions[condition].append(each)
+    return [row for condition, own in sorted(conditions.items()) for row in _rows(condition, own)]
+
+
+def _rows(condition: tuple[bool, str, str, str], own: list[TriedTrial]) -> Iterable[RepeatRow]:
+    simulated, task, robot, policy = condition
+    groups = defaultdict[Hashable, list[Repeat]](list)
+    for repeat in (repeat for each in own for repeat in each.repeats):
+        groups[repeat.reason, repeat.cause, repeat.by].append(repeat)
+    for repeats in groups.values():
+        first, outcomes = repeats[0], [repeat.success for repeat in repeats]
+        yield RepeatRow(
+            simulated=simulated,
+            task=task,
+            robot=robot,
+            policy=policy,
+            trials=len(own),
+            reason=first.reason,
+            cause=first.cause,
+            ordered_by=first.by,
+            repeated=len({repeat.trial.id for repeat in repeats}),
+            replaced=len(repeats),
+            replaced_successes=outcomes.count(True),
+            success_unknown=outcomes.count(None),
+        )
+
+
+REPEATS_METHOD = (
+    "Repeats: attempts at trials, practice left out, that a later attempt replaced. Experimenters order a repeat by "
+    "repeat, skip, pause, stop, end, or measure again. Exact tests compare ordered repeats between policies, between "
+    "robots with policies, and between first attempts with and without success, within participant and task. If "
+    "repeats depend on nothing, they raise a finding in at most 1 % of studies. Attempts that were broken off before "
+    "their end enter the comparison of policies and the limit, not that of outcomes."
+)
+
+
+def repeats_section(
+    design: Design, repeats: Sequence[RepeatRow], findings: Sequence[str], simulated: bool
+) -> Markup:
+    """Repeats of a group of participants, with the findings about them."""
+    rows = [row for row in repeats if row.simulated is simulated]
+    listed = [bullet_list([f"{each}." for each in findings]), *_letters(design)] if findings else []
+    shown = [_table(rows, simulated)] if rows else []
+    return tag("section", tag("h3", "Repeats"), tag("p", _summary_text(rows)), *listed, *shown)
+
+
+def _letters(design: Design) -> list[Markup]:
+    """The letters that replace policies in the findings of a blind study."""
+    if not design.blind_experimenter:
+        return []
+    codes = [f"{letter} is {policy}" for policy, letter in design.policy_codes().items()]
+    return [tag("p", f"Letters stand for policies: {', '.join(sorted(codes))}.")]
+
+
+def _summary_text(rows: list[RepeatRow]) -> str:
+    if not rows:
+        return "No trial was repeated; practice is not counted."
+    reasons = _summed(rows, lambda row: row.reason)
+    people = _summed([row for row in rows if row.ordered_by], lambda row: row.ordered_by)
+    total = sum(row.replaced for row in rows)
+    attempts = "1 attempt was" if total == 1 else f"{total} attempts were"
+    words = f"{attempts} replaced by repeats: {_listed(reasons)}."
+    return f"{words} Ordered by: {_listed(people)}." if people else words
+
+
+def _summed(rows: list[RepeatRow], key: Callable[[RepeatRow], str]) -> Counter[str]:
+    found = Counter[str]()
+    for row in rows:
+        found[key(row)] += row.replaced
+    return found
+
+
+def _listed(counts: Counter[str]) -> str:
+    return ", ".join(f"{name} {number}" for name, number in counts.items())
+
+
+def _table(rows: list[RepeatRow], simulated: bool) -> Markup:
+    heads = (
+        "Task", "Robot", "Policy", "Trials", "Reason", "Cause", "Ordered by", "Trials repeated", "Attempts replaced",
+        "of them successes", "outcome unknown",
+    )  # fmt: skip
+    body = [
+        (
+            row.task, row.robot, row.policy, row.trials, row.reason, row.cause, row.ordered_by or "–", row.repeated,
+            row.replaced, row.replaced_successes, row.success_unknown,
+        )
+        for row in rows
+    ]  # fmt: skip
+    caption = "Attempts that a repeat replaced, by condition, reason and person"
+    return table(group_caption(caption, simulated), heads, body, numbers=(3, 7, 8, 9, 10))

@@ -1,0 +1,191 @@
+"""Results by site, for studies with more than one. They describe how far sites agree and test nothing."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
+
+from avrgym.analysis.answers.scores import score_families
+from avrgym.analysis.answers.session_answers import session_families
+from avrgym.analysis.answers.trial_answers import answer_families
+from avrgym.analysis.outcomes.outcomes import Outcome, outcome
+from avrgym.analysis.page.elements import (
+    Markup,
+    group_caption,
+    interval_text,
+    percent_text,
+    short_number,
+    table,
+    tag,
+)
+from avrgym.analysis.reading.rows import ALL, AnswerRow, ParticipantRow, ScoreRow, TrialRow
+from avrgym.analysis.statistics.comparisons import PARTICIPANT, ComparisonRow
+from avrgym.study.design.design import Design
+
+
+@dataclass(frozen=True, kw_only=True)
+class SiteOutcomeRow(Outcome):
+    """A condition's counted trials at one site."""
+
+    site: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class SiteEffectRow:
+    """An effect at one site, each participant one value; see ``ComparisonRow``. It is described, not tested."""
+
+    simulated: bool
+    site: str
+    family: str
+    quantity: str
+    group_a: str
+    group_b: str
+    n: int
+    zeros: int
+    median_a: float | None
+    median_b: float | None
+    effect: float | None
+    effect_low: float | None
+    effect_high: float | None
+
+
+NO_SITE = "no site"
+"""Of participants of whom no site was said, beside others."""
+
+
+def site_outcome_rows(design: Design, trials: Sequence[TrialRow]) -> list[SiteOutcomeRow]:
+    """What each condition gave at each site; nothing for people or simulated participants of one site."""
+    rows: list[SiteOutcomeRow] = []
+    for simulated, site in _sites(trials):
+        own = [row for row in trials if row.counted and row.simulated is simulated and site_of(row) == site]
+        for task, robot, policy in product((*design.tasks, ALL), design.robots, design.policies):
+            found = outcome(own, simulated, task, robot, policy)
+            rows.append(SiteOutcomeRow(site=site, **asdict(found)))
+    return rows
+
+
+def site_effect_rows(
+    design: Design, trials: Sequence[TrialRow], answers: Sequence[AnswerRow], scores: Sequence[ScoreRow]
+) -> list[SiteEffectRow]:
+    """The effects in answers and scores at each site; nothing for people or simulated participants of one site."""
+    rows: list[SiteEffectRow] = []
+    for simulated, site in _sites(trials):
+        given = [row for row in answers if row.simulated is simulated and site_of(row) == site]
+        scored = [row for row in scores if row.simulated is simulated and site_of(row) == site]
+        families = [
+            *answer_families(design, given),
+            *session_families(design, given),
+            *score_families(design, scored),
+        ]
+        rows += [
+            _site_effect(site, row) for family in families for row in family.rows if row.unit == PARTICIPANT
+        ]
+    return rows
+
+
+def site_of(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
+    """A row's site."""
+    return row.site or NO_SITE
+
+
+def _sites(trials: Sequence[TrialRow]) -> Iterator[tuple[bool, str]]:
+    """Each site of people and of simulated participants, where they are of more than one."""
+    for simulated in (False, True):
+        sites = sorted({site_of(row) for row in trials if row.counted and row.simulated is simulated})
+        if len(sites) > 1:
+            yield from ((simulated, site) for site in sites)
+
+
+def _site_effect(site: str, row: ComparisonRow) -> SiteEffectRow:
+    return SiteEffectRow(
+        simulated=row.simulated,
+        site=site,
+        family=row.family,
+        quantity=row.quantity,
+        group_a=row.group_a,
+        group_b=row.group_b,
+        n=row.n,
+        zeros=row.zeros,
+        median_a=row.median_a,
+        median_b=row.median_b,
+        effect=row.effect,
+        effect_low=row.effect_low,
+        effect_high=row.effect_high,
+    )
+
+
+SITES_METHOD = (
+    "The tests above take all sites together. Here each site stands by itself, each participant with one value: this "
+    "describes how far sites agree and tests nothing."
+)
+
+
+def sites_section(
+    participants: Sequence[ParticipantRow],
+    trials: Sequence[TrialRow],
+    outcomes: Sequence[SiteOutcomeRow],
+    effects: Sequence[SiteEffectRow],
+    simulated: bool,
+) -> Markup:
+    """Who took part at each site, what policies gave there, and the effects in answers; nothing for one site."""
+    if not any(row.simulated is simulated for row in outcomes):
+        return Markup()
+    return tag(
+        "section",
+        tag("h3", "By site"),
+        tag("p", SITES_METHOD),
+        _participants_table(participants, trials, simulated),
+        _outcomes_table(outcomes, simulated),
+        _effects_table(effects, simulated),
+    )
+
+
+def _participants_table(
+    participants: Sequence[ParticipantRow], trials: Sequence[TrialRow], simulated: bool
+) -> Markup:
+    people = [row for row in participants if row.simulated is simulated]
+    body = [
+        (
+            site,
+            sum(site_of(row) == site for row in people),
+            *(
+                sum(site_of(row) == site and row.state == state for row in people)
+                for state in ("completed", "withdrawn")
+            ),
+            sum(site_of(row) == site and row.counted and row.simulated is simulated for row in trials),
+        )
+        for site in sorted({site_of(row) for row in people})
+    ]
+    heads = ("Site", "Participants", "completed the study", "withdrew", "Trials in the analyses")
+    return table(group_caption("Participants of each site", simulated), heads, body, numbers=range(1, 5))
+
+
+def _outcomes_table(outcomes: Sequence[SiteOutcomeRow], simulated: bool) -> Markup:
+    body = [
+        (
+            row.site,
+            row.robot,
+            row.policy,
+            row.trials,
+            percent_text(row.success_rate, row.success_low, row.success_high),
+        )
+        for row in outcomes
+        if row.simulated is simulated and row.task == ALL
+    ]
+    heads = ("Site", "Robot", "Policy", "Trials", "Success")
+    caption = group_caption("Success over all tasks at each site, with 95 % intervals", simulated)
+    return table(caption, heads, body, numbers=(3, 4))
+
+
+def _effects_table(effects: Sequence[SiteEffectRow], simulated: bool) -> Markup:
+    rows = [row for row in effects if row.simulated is simulated]
+    body = [
+        (
+            row.family, row.quantity, f"{row.group_a} / {row.group_b}", row.site,
+            f"{row.n} + {row.zeros} zero" if row.zeros else row.n,
+            f"{short_number(row.median_a)} / {short_number(row.median_b)}",
+            interval_text(row.effect, row.effect_low, row.effect_high),
+        )
+        for row in sorted(rows, key=lambda row: (row.family, row.quantity, row.group_a, row.group_b, row.site))
+    ]  # fmt: skip
+    heads = ("Question", "What", "Groups", "Site", "n", "Medians", "Effect [95 %]")
+    return table(group_caption("Effects at each site", simulated), heads, body, numbers=(4, 5, 6))

@@ -1,0 +1,198 @@
+"""Comparisons of two groups, and families of tests that are corrected together."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from statistics import fmean
+
+import numpy as np
+
+from avrgym.analysis.statistics.tests import StatisticalTest, holm, signed_rank
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonRow:
+    """A test of ``group_a`` against ``group_b``.
+
+    Tests of one ``family`` are corrected together. ``unit`` is what one value stands for. ``n_a`` and ``n_b``
+    values were given, ``n`` went into the test, ``zeros`` differences of zero were left out. ``role`` is what the
+    test is for its question; ``p_primary`` of primary results is p corrected over all of them, ``mark`` stars it.
+    See ``StatisticalTest`` for the others. ``planned`` says what the study's frozen plan has a test
+    as: ``confirmatory``, ``exploratory`` or ``not in the plan``; nothing where no plan was frozen.
+    """
+
+    simulated: bool
+    family: str
+    quantity: str
+    unit: str
+    group_a: str
+    group_b: str
+    test: str
+    n_a: int
+    n_b: int
+    n: int
+    zeros: int
+    median_a: float | None
+    median_b: float | None
+    statistic: float | None
+    method: str
+    p: float | None
+    p_holm: float | None
+    p_primary: float | None = None
+    mark: str = ""
+    effect: float | None
+    effect_low: float | None
+    effect_high: float | None
+    note: str
+    role: str = ""
+    planned: str = ""
+
+
+TRIAL, PARTICIPANT = "trial", "participant"
+"""What one value of a test is of. Trials of one participant are not independent: p by trial is for comparison with the
+paper alone, and gets no stars."""
+
+
+PRIMARY, SENSITIVITY, SECONDARY, SUPPLEMENT = "primary", "sensitivity analysis", "secondary", "supplement"
+"""Roles of a result for its question."""
+MIN_PARTICIPANTS = 4
+"""With fewer participants nothing is tested or modelled: their differences cannot be estimated."""
+
+
+TOO_FEW = f"fewer than {MIN_PARTICIPANTS} participants"
+
+
+Sample = tuple[str, Sequence[float]]
+"""A group's name and its values."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """The question of a family of tests, and the caption of its table in the report.
+
+    ``primary``: without a plan its tests by participant are primary results.
+    """
+
+    name: str
+    table: str
+    primary: bool = False
+
+    def by(self, unit: str) -> str:
+        """The name of its family whose values each stand for a ``unit``."""
+        return f"{self.name}, by {unit}"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The result of a comparison of a quantity between two groups of values of some ``participants``.
+
+    ``differences`` are those of a paired test by participant; other tests have none.
+    """
+
+    quantity: str
+    a: Sample
+    b: Sample
+    found: StatisticalTest
+    participants: int
+    differences: Mapping[str, float] = field(default_factory=dict[str, float])
+
+
+@dataclass(frozen=True)
+class Family:
+    """The rows of tests that were corrected together, each with its differences by participant."""
+
+    simulated: bool
+    question: Question
+    rows: tuple[ComparisonRow, ...]
+    differences: tuple[Mapping[str, float], ...]
+
+
+def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequence[Comparison]) -> Family:
+    """A family: all tests of a question with a unit, by people or by simulated participants, corrected by Holm."""
+    allowed = [_with_enough(test) for test in tests]
+    adjusted = holm([test.found.p for test in allowed])
+    name = question.by(unit)
+    rows = [_row(simulated, name, unit, test, p) for test, p in zip(allowed, adjusted, strict=True)]
+    return Family(simulated, question, tuple(rows), tuple(test.differences for test in allowed))
+
+
+def _with_enough(test: Comparison) -> Comparison:
+    """The test, or of too few participants its groups and effect alone."""
+    if test.participants >= MIN_PARTICIPANTS:
+        return test
+    found = test.found
+    note = TOO_FEW if found.p is not None else found.note
+    described = StatisticalTest(found.test, found.n, found.zeros, effect=found.effect, note=note)
+    return replace(test, found=described)
+
+
+def _row(simulated: bool, family: str, unit: str, test: Comparison, p_holm: float | None) -> ComparisonRow:
+    found = test.found
+    return ComparisonRow(
+        simulated=simulated,
+        family=family,
+        quantity=test.quantity,
+        unit=unit,
+        group_a=test.a[0],
+        group_b=test.b[0],
+        test=found.test,
+        n_a=len(test.a[1]),
+        n_b=len(test.b[1]),
+        n=found.n,
+        zeros=found.zeros,
+        median_a=_median(test.a[1]),
+        median_b=_median(test.b[1]),
+        statistic=found.statistic,
+        method=found.method,
+        p=found.p,
+        p_holm=p_holm,
+        effect=found.effect,
+        effect_low=found.effect_low if unit == PARTICIPANT else None,
+        effect_high=found.effect_high if unit == PARTICIPANT else None,
+        note=found.note,
+    )
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return float(np.median(values)) if len(values) and np.ndim(values) == 1 else None
+
+
+MEAN_DECIMALS = 9
+"""Means over a participant's trials are rounded to so many decimals, so that equal means are equal."""
+
+
+Key = tuple[str, ...]
+
+
+def compare_policies(
+    name: str, policies: tuple[str, str], given: tuple[Mapping[Key, float], Mapping[Key, float]], unit: str
+) -> Comparison:
+    """A quantity with the second policy against the first; ``given`` holds its value in each participant's trials."""
+    first, second = policies
+    a, b = given
+    pairs = [key for key in a if key in b]
+    before = values_by_unit(unit, {key: a[key] for key in pairs})
+    after = values_by_unit(unit, {key: b[key] for key in pairs})
+    x, y = list(after.values()), list(before.values())
+    apart = np.round(np.subtract(x, y), MEAN_DECIMALS)
+    differences = dict(zip(after, apart.tolist(), strict=True))
+    return Comparison(
+        name, (second, x), (first, y), signed_rank(apart), *differences_by_participant(unit, differences)
+    )
+
+
+def values_by_unit(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
+    """The values of trials, or their means for each participant."""
+    if unit == TRIAL:
+        return {key: float(value) for key, value in values.items()}
+    own: dict[Key, list[float]] = {}
+    for key, value in values.items():
+        own.setdefault(key[:1], []).append(value)
+    return {key: round(fmean(given), MEAN_DECIMALS) for key, given in own.items()}
+
+
+def differences_by_participant(unit: str, differences: Mapping[Key, float]) -> tuple[int, dict[str, float]]:
+    """The number of participants, and for a test by participant the difference of each."""
+    participants = len({key[0] for key in differences})
+    if unit == TRIAL:
+        return participants, {}
+    return participants, {key[0]: value for key, value in differences.items()}
