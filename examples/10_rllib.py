@@ -47,7 +47,7 @@ policy = Policy(
     observation_variance=np.ones(layers[0].in_features),
     observation_clip=1e6,  # RLlib takes observations as they are
     observation_epsilon=1e-12,
-    action_deviation=0.0,
+    action_std=0.0,
     metadata=PolicyMetadata(environment=ENVIRONMENT, people="original", steps=UPDATES * STEPS, seed=0),
 )
 seen = np.random.default_rng(0).normal(size=(100, layers[0].in_features)).astype(np.float32)

@@ -18,7 +18,7 @@ from avrgym.tasks.registry import ENVIRONMENTS
 from figures_file import chosen
 
 EPISODES, SEED = 1000, 0
-MEASURES = ("stream", "episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
+MEASURES = ("split", "episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
 FIRST = 4
 """So many episodes are enough to see whether a world is another one; tests run them."""
 

@@ -2,7 +2,7 @@
 
     python research/memory_ablation.py train      trains what is not trained yet, and goes on where it stopped
     python research/memory_ablation.py measure    has each meet people it was trained with, and who tremble
-    python research/memory_ablation.py table      prints the table of docs/adaptive.md
+    python research/memory_ablation.py table      prints the table of docs/recurrent_recipe.md
 
 Without it the same network remembers nothing, for the weights of its recurrent unit are zero and stay so; the critic,
 which no policy contains, keeps its own. Policies lie in `runs/memory_ablation`, figures in
@@ -23,7 +23,7 @@ STEPS, IMITATION_SHARE, TRAINING_SEED = 256_000, 0.3, 3
 GROUPS = {"zoo/train": ("zoo/train", "none"), "tremor": ("participants", "tremor")}
 EPISODES, SHOWN_SEED = 200, 0
 UNDER_WAY, FIGURES_FILE = Path("runs/memory_ablation"), Path(__file__).with_suffix(".json")
-FIGURES = ("episodes", "stream", "success_rate", "success_ci95", "force_mean_newton")
+FIGURES = ("episodes", "split", "success_rate", "success_ci95", "force_mean_newton")
 
 
 def main() -> None:
@@ -36,9 +36,9 @@ def main() -> None:
 
 def train() -> None:
     """Train what is not trained yet."""
-    from avrgym.learning import adaptive
+    from avrgym.learning import recurrent_recipe
 
-    remembers = adaptive.RecurrentNetwork
+    remembers = recurrent_recipe.RecurrentNetwork
 
     class Forgetful(remembers):
         """The same network, whose recurrent unit always says zero."""
@@ -50,16 +50,16 @@ def train() -> None:
 
     for environment in ENVIRONMENTS:
         for kind, with_memory in KINDS.items():
-            adaptive.RecurrentNetwork = remembers if with_memory else Forgetful
+            recurrent_recipe.RecurrentNetwork = remembers if with_memory else Forgetful
             out = _folder(environment, kind)
-            if (out / adaptive.FILE).exists():
+            if (out / recurrent_recipe.FILE).exists():
                 if not _has_ended(out):
-                    adaptive.resume(out)
+                    recurrent_recipe.resume(out)
                 continue
-            asked = adaptive.AdaptiveTraining(
+            asked = recurrent_recipe.RecurrentConfiguration(
                 environment=environment, steps=STEPS, imitation_share=IMITATION_SHARE, seed=TRAINING_SEED
             )
-            policy = adaptive.train(asked, out)
+            policy = recurrent_recipe.train(asked, out)
             print(environment, kind, policy.metadata.measured["success_rate"], flush=True)
 
 

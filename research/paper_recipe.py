@@ -24,7 +24,7 @@ from papers_results import SIMULATION, VIRTUAL_REALITY, Reached, row, short
 PEOPLE = ("original", "revised")
 TRAINING_SEED, SHOWN_SEED, EPISODES = 1, 0, 100
 UNDER_WAY, FIGURES_FILE = Path("runs/paper_recipe"), Path(__file__).with_suffix(".json")
-FIGURES = ("episodes", "stream", "success_rate", "success_ci95", "reward_mean", "force_mean_newton")
+FIGURES = ("episodes", "split", "success_rate", "success_ci95", "reward_mean", "force_mean_newton")
 """Of each policy with each people, as ``evaluate`` has them."""
 HEAD = (
     "environment", "people", "steps", "with people like these", "paper, in simulation",
@@ -76,7 +76,7 @@ def main() -> None:
 def train(arguments: Sequence[str]) -> None:
     """Train what has had fewer steps, in all environments unless some are named."""
     from avrgym.learning import training
-    from avrgym.learning.configuration import PAPER_SETTINGS
+    from avrgym.learning.configuration import PAPER
 
     if not arguments or not arguments[0].isdigit():
         sys.exit(__doc__)
@@ -89,7 +89,7 @@ def train(arguments: Sequence[str]) -> None:
             policy = training.resume(out, steps=steps)
         else:
             asked = run.environment, run.people, steps, TRAINING_SEED
-            policy = training.train(training.configuration_for(*asked, settings=PAPER_SETTINGS), out)
+            policy = training.train(training.configuration_for(*asked, settings=PAPER), out)
         print(run.name, policy.metadata.measured["success_rate"], flush=True)
 
 

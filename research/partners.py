@@ -47,7 +47,7 @@ GROUPS = {
 """By the names of columns; impaired and guarded are people who move."""
 FIGURES_FILE = Path(__file__).with_suffix(".json")
 FIGURES = (
-    "episodes", "stream", "success_rate", "success_ci95", "reward_mean", "force_mean_newton", "episodes_over_limit",
+    "episodes", "split", "success_rate", "success_ci95", "reward_mean", "force_mean_newton", "episodes_over_limit",
 )  # fmt: skip
 OF_REGION = ("mean_n", "peak_n", "limit_n", "exceedances")
 

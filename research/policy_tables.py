@@ -35,7 +35,7 @@ def _packaged_row(environment: str, policy: Policy) -> str:
     hours = f"{metadata.seconds / 3600:.1f}" if metadata.seconds else "–"
     return (
         f"| {short(environment)} | {success} | {paper_success} % | {measured['reward_mean']:.0f} | {paper_reward} "
-        f"| {measured['force_mean_newton']:.1f} N | {policy.action_deviation:.2g} | {metadata.steps / 1e6:.2f} M "
+        f"| {measured['force_mean_newton']:.1f} N | {policy.action_std:.2g} | {metadata.steps / 1e6:.2f} M "
         f"| {hours} |"
     )
 
@@ -63,7 +63,7 @@ def settings_table() -> Iterator[str]:
         how = configuration_for(f"avrgym/{task}Jaco-v1", "original", 1, 0)
         first, last = how.log_std
         yield (
-            f"| {task} | {how.worlds} | {how.minibatch} | {how.imitation_rounds} | {first:g} to {last:g} "
+            f"| {task} | {how.num_envs} | {how.batch_size} | {how.imitation_rounds} | {first:g} to {last:g} "
             f"| {how.learning_rate:g} | {how.force_weight_per_n:g} | {how.detour_weight_per_m:g} "
             f"| {100.0 * how.hard_share:g} % |"
         )

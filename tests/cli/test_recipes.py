@@ -1,5 +1,6 @@
-"""``avrgym train --recipe``: the settings are the recipe's, and whoever says otherwise is told."""
+"""``avrgym train --recipe``: its hyperparameters, and the options that it refuses."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,8 +9,9 @@ from typer.testing import CliRunner, Result
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 from avrgym.cli.main import app
-from avrgym.learning import adaptive
-from avrgym.learning.configuration import PAPER_STEPS, stored_configuration
+from avrgym.learning import recurrent_recipe, training
+from avrgym.learning.configuration import AnyConfiguration, RecurrentConfiguration, stored_configuration
+from avrgym.learning.hyperparameters import PAPER_STEPS, RECURRENT
 from avrgym.policies.trained import Policy
 from helpers.learning.small_training import train_little
 from helpers.vr.visit import ENVIRONMENT
@@ -23,21 +25,36 @@ def train(*arguments: str | Path) -> Result:
     ("arguments", "told"),
     [
         (["--recipe", "secret"], "allowed: adaptive, paper"),
-        (["--recipe", "paper", "--config", "settings.toml"], "leave out --config"),
-        (["--recipe", "adaptive", "--people", "revised", "--impairment", "tremor"], "--people, --impairment"),
-        (["--recipe", "paper", "--teacher", "revised"], "--teacher goes with a new training"),
-        (["--recipe", "pair", "--initial-policy", "adaptive"], "--initial-policy goes with a new training"),
-        (["--recipe", "adaptive", "--resume", "--initial-policy", "adaptive"], "goes with a new training"),
-        (["--recipe", "adaptive", "--initial-policy", "revised", "--worlds", "1"], "a policy that remembers"),
-        (["--recipe", "adaptive", "--teacher", "nobody", "--worlds", "1"], "no policy 'nobody'"),
-        (["--recipe", "paper", "--imitation-share", "1"], "--imitation-share goes with a new training"),
+        (["--recipe", "paper", "--config", "settings.toml"], "--recipe paper does not take --config"),
         (
-            ["--recipe", "adaptive", "--initial-policy", "adaptive", "--teacher", "revised", "--worlds", "1"],
-            "leave out the teacher, or give the share",
+            ["--recipe", "adaptive", "--people", "revised", "--impairment", "tremor"],
+            "does not take --people, --impairment",
+        ),
+        (["--recipe", "paper", "--teacher", "revised"], "--teacher needs --recipe adaptive"),
+        (["--recipe", "pair", "--initial-policy", "adaptive"], "--initial-policy needs --recipe adaptive"),
+        (
+            ["--recipe", "adaptive", "--resume", "--initial-policy", "adaptive"],
+            "--resume does not take --initial-policy",
+        ),
+        (["--recipe", "adaptive", "--initial-policy", "revised", "--num-envs", "1"], "a recurrent policy"),
+        (["--recipe", "adaptive", "--teacher", "nobody", "--num-envs", "1"], "no policy 'nobody'"),
+        (["--recipe", "paper", "--imitation-share", "1"], "--imitation-share needs --recipe adaptive"),
+        (
+            [
+                "--recipe",
+                "adaptive",
+                "--initial-policy",
+                "adaptive",
+                "--teacher",
+                "revised",
+                "--num-envs",
+                "1",
+            ],
+            "leave out the teacher, or set the imitation share",
         ),
     ],
 )
-def test_what_a_recipe_leaves_no_choice_of_is_refused(arguments: list[str], told: str) -> None:
+def test_options_that_do_not_fit_a_recipe_are_refused(arguments: list[str], told: str) -> None:
     result = train(*arguments)
     assert result.exit_code == 1
     (line,) = result.stderr.splitlines()
@@ -55,33 +72,40 @@ def test_the_papers_recipe_is_ppo_alone(tmp_path: Path, monkeypatch: pytest.Monk
         assert Policy.load(out / "policy.safetensors").metadata.steps == steps
         made = stored_configuration(out)
         assert made.imitation_steps == 0
-        assert made.hidden == (64, 64)
+        assert made.net_arch == (64, 64)
         assert made.force_weight_at(steps) == made.detour_weight_per_m == made.hard_share == 0.0
         assert made.actor_learns_at(0)
 
 
+class TrainCalled(Exception):
+    """Raised in place of a training."""
+
+
+def given_configuration(patch: pytest.MonkeyPatch, *arguments: str) -> AnyConfiguration:
+    """The configuration that a command would train."""
+    given: list[AnyConfiguration] = []
+
+    def train_nothing(configuration: AnyConfiguration, *rest: object, **named: object) -> None:
+        given.append(configuration)
+        raise TrainCalled
+
+    patch.setattr(training, "train", train_nothing)
+    assert isinstance(train(*arguments).exception, TrainCalled)
+    return given[0]
+
+
 def test_the_papers_recipe_takes_ten_million_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    class AskedError(Exception):
-        pass
-
-    def asked(environment: str, people: str, steps: int, *rest: object) -> None:
-        assert (environment, people, steps) == (ENVIRONMENT, "original", PAPER_STEPS)
-        raise AskedError
-
-    from avrgym.learning import training
-
-    monkeypatch.setattr(training, "configuration_for", asked)
-    assert isinstance(train("--recipe", "paper").exception, AskedError)
+    assert given_configuration(monkeypatch, "--recipe", "paper").steps == PAPER_STEPS
 
 
 @pytest.mark.slow
-def test_the_adaptive_recipe_leaves_a_policy_that_remembers(
+def test_the_adaptive_recipe_trains_a_recurrent_policy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for name, value in {"MEASURED_EPISODES": 1, "PASSES": 1, "LAST_PASSES": 1}.items():
-        monkeypatch.setattr(adaptive, name, value)
-    result = train("--recipe", "adaptive", "--steps", "200", "--worlds", "1")
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
+    monkeypatch.setattr(recurrent_recipe, "RECURRENT", replace(RECURRENT, last_gradient_steps=1))
+    result = train("--recipe", "adaptive", "--steps", "200", "--num-envs", "1")
     assert result.exit_code == 0, result.stderr
     out = tmp_path / "runs" / "FeedingJaco-v1-adaptive-0"
     assert Policy.load(out / "policy.safetensors").memory is not None
@@ -91,16 +115,8 @@ def test_the_adaptive_recipe_leaves_a_policy_that_remembers(
 
 
 @pytest.mark.parametrize("more", [[], ["--initial-policy", "adaptive"]])
-def test_a_share_of_the_adaptive_recipe_s_rounds_imitates(
-    more: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class AskedError(Exception):
-        pass
-
-    def asked(training: adaptive.AdaptiveTraining, *rest: object) -> None:
-        assert training.imitation_rounds == training.rounds == 3
-        raise AskedError
-
-    monkeypatch.setattr(adaptive, "train", asked)
-    given = ("--recipe", "adaptive", "--imitation-share", "1", "--steps", "1200", "--worlds", "2")
-    assert isinstance(train(*given, *more).exception, AskedError)
+def test_imitation_share_sets_the_number_of_updates(more: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    options = ("--recipe", "adaptive", "--imitation-share", "1", "--steps", "1200", "--num-envs", "2")
+    configuration = given_configuration(monkeypatch, *options, *more)
+    assert isinstance(configuration, RecurrentConfiguration)
+    assert configuration.imitation_updates == configuration.updates == 3

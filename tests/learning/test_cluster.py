@@ -14,21 +14,22 @@ pytest.importorskip("ray", reason="clusters are an extra, too large for every co
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 from avrgym.learning import training
+from avrgym.learning.configuration import FeedforwardConfiguration
 from avrgym.learning.evaluation import evaluate_all
-from avrgym.learning.training import TrainingConfiguration, resume, train
+from avrgym.learning.training import resume, train
 from avrgym.system.cluster import Cluster, connected
 from helpers.learning.ray_nodes import assert_same_training, ray_nodes, refuse, where
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes and files end with its shutdown
 FEEDING = "avrgym/FeedingJaco-v1"
-TINY = TrainingConfiguration(
+TINY = FeedforwardConfiguration(
     environment="avrgym/ScratchItchJaco-v1",
     people="participants",
     steps=4 * 5 * 200,
     seed=4,
-    worlds=5,
-    epochs=2,
-    minibatch=250,
+    num_envs=5,
+    n_epochs=2,
+    batch_size=250,
     threads=1,
     imitation_rounds=1,
     imitation_share=0.5,
@@ -54,14 +55,14 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A training of one process."""
     out = tmp_path_factory.mktemp("runs") / "whole"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "MEASURED_EPISODES", 1)
+        patch.setattr(training, "EVALUATION_EPISODES", 1)
         train(TINY, out)
     return out
 
 
 @pytest.fixture(autouse=True)
 def _measured_shortly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
 
 
 def test_a_cluster_and_kills_of_workers_change_no_weight(whole, cluster, tmp_path) -> None:
@@ -110,5 +111,5 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(cluster, tmp_pa
     with pytest.raises(RuntimeError, match=r"a worker would need .* let more workers share the worlds"):
         cluster.need(1 << 60)
     with pytest.raises(ValueError, match=r"worlds would take .* of this computer's memory"):
-        train(replace(TINY, worlds=10**9), tmp_path / "many", cluster=cluster)
+        train(replace(TINY, num_envs=10**9), tmp_path / "many", cluster=cluster)
     assert not list(tmp_path.iterdir())

@@ -52,7 +52,7 @@ def test_an_episode_is_the_same_however_many_there_are(rewards: Callable[..., np
 
 def test_batches_hold_each_episode_once_and_are_of_one_size() -> None:
     for episodes, size in ((1, 64), (3, 2), (100, 64), (1000, 64)):
-        batches = evaluation._split(episodes, size)
+        batches = evaluation._parts(episodes, size)
         assert [number for batch in batches for number in batch] == list(range(episodes))
         sizes = {len(batch) for batch in batches}
         assert max(sizes) <= size

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from avrgym.learning.hard_episodes import HARD_FORCE_N, KEPT, HardEpisodes
+from avrgym.learning.hard_episodes import HARD_FORCE_N, STORED_EPISODES, HardEpisodes
 
 WORLDS = 8
 
@@ -10,7 +10,7 @@ WORLDS = 8
 def run(hard: HardEpisodes, steps: int, good) -> list[int]:
     """Choose, and judge with nothing on the person: those go well that are ``good``; what was chosen."""
     seeds = hard.choose(steps)
-    hard.judge([good(seed) for seed in seeds], [0.0] * len(seeds))
+    hard.update([good(seed) for seed in seeds], [0.0] * len(seeds))
     return seeds
 
 
@@ -26,38 +26,38 @@ def test_where_all_goes_well_every_episode_is_new():
     hard = HardEpisodes(WORLDS, 0.5, 0)
     seeds = [seed for update in range(20) for seed in run(hard, update, always)]
     assert len(set(seeds)) == 20 * WORLDS
-    assert hard.kept == []
+    assert hard.stored == []
 
 
 def test_what_went_badly_comes_again_until_it_goes_well():
     hard = HardEpisodes(WORLDS, 0.5, 0)
     bad = run(hard, 0, never)
-    assert hard.kept == bad
+    assert hard.stored == bad
     came: list[int] = []
     for update in range(1, 4):
         chosen = run(hard, update, always)
-        came += chosen[: hard.again]
-        assert set(chosen[hard.again :]).isdisjoint(bad)
+        came += chosen[: hard.repeated]
+        assert set(chosen[hard.repeated :]).isdisjoint(bad)
     assert sorted(came) == sorted(bad)
-    assert hard.kept == []
+    assert hard.stored == []
 
 
 def test_strong_forces_are_bad_even_where_the_robot_succeeds():
     hard = HardEpisodes(2, 0.5, 0)
     seeds = hard.choose(0)
-    hard.judge([True, True], [HARD_FORCE_N, HARD_FORCE_N + 0.1])
-    assert hard.kept == seeds[1:]
+    hard.update([True, True], [HARD_FORCE_N, HARD_FORCE_N + 0.1])
+    assert hard.stored == seeds[1:]
 
 
 def test_at_most_its_share_comes_again_and_at_most_so_many_are_kept():
     hard = HardEpisodes(WORLDS, 0.25, 0)
     for update in range(100):
         seeds = run(hard, update, never)
-        assert hard.again == (2 if update else 0)
+        assert hard.repeated == (2 if update else 0)
         assert len(seeds) == len(set(seeds)) == WORLDS
-        assert hard.kept[-WORLDS:] == seeds
-        assert len(hard.kept) == len(set(hard.kept)) <= KEPT
-    assert len(hard.kept) == KEPT
+        assert hard.stored[-WORLDS:] == seeds
+        assert len(hard.stored) == len(set(hard.stored)) <= STORED_EPISODES
+    assert len(hard.stored) == STORED_EPISODES
 
 
 def test_the_same_choice_when_asked_again_and_another_with_another_seed():

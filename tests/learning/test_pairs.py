@@ -14,15 +14,16 @@ from typer.testing import CliRunner, Result
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 import torch
+from networks import network, saved
 
 import avrgym
 from avrgym.cli.main import app
 from avrgym.envs.parallel import HUMAN, ROBOT
 from avrgym.learning import training
-from avrgym.learning.configuration import Pairing, turn
+from avrgym.learning.configuration import FeedforwardConfiguration, Pairing
 from avrgym.learning.evaluation import evaluate
-from avrgym.learning.rollouts import Order, Place, roll_out_all
-from avrgym.learning.training import Progress, TrainingConfiguration, resume, train
+from avrgym.learning.rollouts import RolloutRequest, WorldSettings, roll_out_all
+from avrgym.learning.training import Progress, resume, train
 from avrgym.networks.policy import HumanRole, Policy, PolicyError
 from avrgym.people.populations import find_populations
 from avrgym.system.transferred_files import TransferredFile
@@ -30,22 +31,21 @@ from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, sizes
-from helpers.learning.random_networks import network, saved
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"
 WORLDS = 2
 UPDATE = WORLDS * EPISODE_STEPS
-PAIR = TrainingConfiguration(
+PAIR = FeedforwardConfiguration(
     environment=SCRATCHING,
     people="zoo/train",
     impairment="weakness",
     steps=2 * UPDATE,
     seed=4,
-    worlds=WORLDS,
-    minibatch=200,
-    epochs=1,
+    num_envs=WORLDS,
+    batch_size=200,
+    n_epochs=1,
     threads=1,
     imitation_rounds=0,
     pairing=Pairing(),
@@ -57,7 +57,7 @@ LONG = replace(
 
 @pytest.fixture(autouse=True)
 def _measured_shortly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
 
 
 # The training
@@ -68,7 +68,7 @@ def trained(tmp_path_factory) -> Path:
     """The folder of a pair after two updates."""
     out = tmp_path_factory.mktemp("runs") / "pair"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "MEASURED_EPISODES", 1)
+        patch.setattr(training, "EVALUATION_EPISODES", 1)
         train(PAIR, out)
     return out
 
@@ -156,10 +156,10 @@ def test_in_turn_one_learns_while_the_other_stays_as_it_is(tmp_path):
 @pytest.mark.parametrize("alternate", [0, 1, 3])
 def test_turns_are_of_as_many_updates_each(alternate):
     how = replace(LONG, steps=100 * UPDATE, pairing=Pairing(alternate=alternate))
-    turns = [turn(how, how.imitation_steps + number * UPDATE) for number in range(12)]
+    turns = [how.learners_at(how.imitation_steps + number * UPDATE) for number in range(12)]
     one = [(True, False)] * alternate + [(False, True)] * alternate
     assert turns == (one * 12)[:12] if alternate else [(True, True)] * 12
-    assert turn(replace(how, pairing=None), 0) == (True, True)
+    assert replace(how, pairing=None).learners_at(0) == (True, True)
 
 
 # The episodes
@@ -170,10 +170,10 @@ def test_training_makes_the_episodes_of_the_parallel_environment_to_the_bit(envi
     """With the same actions of both; observations and rewards of both, and those of each agent's own effort."""
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 6)
     networks = [network(environment, of_human=of_human, deviation=0.3) for of_human in (False, True)]
-    place = Place(environment, TransferredFile.of("zoo/train"), "tremor", 1, "threads")
-    order = Order(place, 0, np.array([7, 8]), noise=(1, 2), shared_reward=False)
-    robot, human = roll_out_all(networks, order)
-    for world, seed in enumerate(order.episodes):
+    place = WorldSettings(environment, TransferredFile.of("zoo/train"), "tremor", 1, "threads")
+    request = RolloutRequest(place, 0, np.array([7, 8]), noise_seed=(1, 2), shared_reward=False)
+    robot, human = roll_out_all(networks, request)
+    for world, seed in enumerate(request.episode_seeds):
         env = avrgym.parallel_env(environment, people="zoo/train", impairment="tremor", shared_reward=False)
         seen, _ = env.reset(seed=int(seed))
         for number in range(6):
@@ -290,15 +290,15 @@ def test_another_impairment_takes_the_place_of_the_human_s_own(tmp_path):
 
 
 def test_people_whose_files_are_not_seen_here_are_carried(tmp_path, monkeypatch):
-    from avrgym.people.populations import carried_people
+    from avrgym.people.populations import transferred_people
 
     saved(tmp_path / "here" / "a" / "human.safetensors", network(SCRATCHING))
     saved(tmp_path / "here" / "b.safetensors", network(SCRATCHING, seed=1))
     found = [each.trained for each in find_populations(str(tmp_path / "here"), TASKS)]
-    carried = carried_people(str(tmp_path / "here"))
-    assert carried.here() == str(tmp_path / "here")
+    carried = transferred_people(str(tmp_path / "here"))
+    assert carried.local_path() == str(tmp_path / "here")
     shutil.move(tmp_path / "here", tmp_path / "away")
-    again = [each.trained for each in find_populations(carried.here(), TASKS)]
+    again = [each.trained for each in find_populations(carried.local_path(), TASKS)]
     assert [each.digest for each in again if each] == [each.digest for each in found if each]
     assert len(again) == 2
 
@@ -344,10 +344,10 @@ def test_a_human_keeps_the_bodies_of_a_file_of_people(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_every_environment_trains_a_pair_that_is_measured_together(environment, tmp_path):
-    few = replace(PAIR, environment=environment, worlds=1, steps=EPISODE_STEPS, people="revised")
+    few = replace(PAIR, environment=environment, num_envs=1, steps=EPISODE_STEPS, people="revised")
     policy = train(few, tmp_path)
     human = str(tmp_path / "human.safetensors")
-    found = evaluate(environment, str(tmp_path / "policy.safetensors"), human, 1, 0, stream="choosing")
+    found = evaluate(environment, str(tmp_path / "policy.safetensors"), human, 1, 0, split="validation")
     assert policy.metadata.measured["reward_mean"] == found.reward_mean
     assert Policy.load(human).metadata.measured == policy.metadata.measured
 
@@ -387,7 +387,7 @@ def test_who_cannot_be_there_is_named_in_one_line(tmp_path):
     assert_refused(run("view", FEEDING, "--people", human, "--port", 0), "a human trained for")
     assert_refused(
         run("train", SCRATCHING, "--recipe", "pair", "--people", human, "--out", tmp_path / "no"),
-        "trained already, and a pair trains a human of its own",
+        "is trained already, and a pair trains a human of its own",
     )
     assert not (tmp_path / "no").exists()
 
@@ -407,23 +407,23 @@ def test_a_human_with_a_memory_is_refused(tmp_path):
 def test_options_of_a_pair_belong_to_pairs(trained, tmp_path):
     new = "train", SCRATCHING, "--out", tmp_path / "no"
     for option in (("--alternate", 2), ("--own-reward",)):
-        assert_refused(run(*new, *option), "--alternate and --own-reward go with --recipe pair")
+        assert_refused(run(*new, *option), f"{option[0]} needs --recipe pair")
         again = "train", SCRATCHING, "--recipe", "pair", "--resume", "--out", trained, *option
-        assert_refused(run(*again), "a pair goes on as it began")
+        assert_refused(run(*again), f"--resume does not take {option[0]}")
     resumed = "train", FEEDING, "--recipe", "pair", "--resume", "--out", trained
-    assert_refused(run(*resumed), f"holds a training of {SCRATCHING}, not of {FEEDING}")
+    assert_refused(run(*resumed), f"contains a training of {SCRATCHING}, not of {FEEDING}")
     alone = tmp_path / "alone"
     alone.mkdir()
     configuration = json.loads((trained / "configuration.json").read_text())
     (alone / "configuration.json").write_text(json.dumps(configuration | {"pairing": None}))
     resumed = "train", SCRATCHING, "--recipe", "pair", "--resume", "--out", alone
-    assert_refused(run(*resumed), "holds a training of a robot alone, and no pair")
+    assert_refused(run(*resumed), "contains no training of --recipe pair")
     assert not (tmp_path / "no").exists()
 
 
 def test_a_task_that_wants_nothing_of_people_has_no_human_to_train(tmp_path, monkeypatch):
     monkeypatch.setitem(TASKS, "ScratchItch", replace(TASKS["ScratchItch"], offered="nothing"))
-    with pytest.raises(ValueError, match="wants nothing of people"):
+    with pytest.raises(ValueError, match="people do nothing in"):
         train(PAIR, tmp_path / "no")
     assert not (tmp_path / "no").exists()
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -6,8 +8,9 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 import torch
 
-from avrgym.learning.recurrent import RecurrentNetwork, windows
-from avrgym.learning.recurrent_ppo import EPOCHS, RecurrentPPO, advantages
+from avrgym.learning.hyperparameters import RECURRENT
+from avrgym.learning.recurrent_network import RecurrentNetwork, windows
+from avrgym.learning.recurrent_ppo import RecurrentPPO, advantages
 from avrgym.tasks.constants import EPISODE_STEPS
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -37,7 +40,7 @@ def update(
 
 
 def learn(network: RecurrentNetwork, ppo: RecurrentPPO, number: int, learning_rate: float) -> None:
-    ppo.improve(
+    ppo.update(
         *update(network, number), DEVIATION, np.random.default_rng(number), learning_rate=learning_rate
     )
 
@@ -49,13 +52,13 @@ def numbers(network: torch.nn.Module) -> list[np.ndarray]:
 def test_an_advantage_is_what_was_gained_beyond_what_was_expected():
     random = np.random.default_rng(2)
     rewards, values = (torch.as_tensor(random.standard_normal((steps, 4))) for steps in (6, 7))
-    whole = advantages(rewards, values, discount=0.9, gae_lambda=1.0)
+    whole = advantages(rewards, values, gamma=0.9, gae_lambda=1.0)
     powers = 0.9 ** torch.arange(7, dtype=torch.float64)
     returns = [
         (powers[: 6 - t, None] * rewards[t:]).sum(dim=0) + powers[6 - t] * values[-1] for t in range(6)
     ]
     assert_allclose(whole, torch.stack(returns) - values[:-1])
-    one_step = advantages(rewards, values, discount=0.9, gae_lambda=0.0)
+    one_step = advantages(rewards, values, gamma=0.9, gae_lambda=0.0)
     assert_allclose(one_step, rewards + 0.9 * values[1:] - values[:-1])
 
 
@@ -75,9 +78,9 @@ def test_actions_go_where_the_reward_is():
 @pytest.mark.parametrize(("worlds", "minibatches"), [(8, 1), (64, 4), (65, 5), (160, 8)])
 def test_many_episodes_make_larger_minibatches_rather_than_more(worlds: int, minibatches: int) -> None:
     network, ppo = begun()
-    ppo.improve(*update(network, 1, worlds), DEVIATION, np.random.default_rng(1), learning_rate=0.0)
+    ppo.update(*update(network, 1, worlds), DEVIATION, np.random.default_rng(1), learning_rate=0.0)
     steps = ppo.state()["critic_optimizer"]["state"][0]["step"]
-    assert int(steps) == EPOCHS * minibatches * len([*windows()])
+    assert int(steps) == RECURRENT.n_epochs * minibatches * len([*windows()])
 
 
 def test_while_only_the_critic_learns_the_policy_stays_as_it_is():
@@ -93,7 +96,7 @@ def test_a_policy_that_has_gone_far_goes_no_farther(monkeypatch):
     """With a rate this high one epoch is too far already: more of them change nothing."""
     ends: list[list[np.ndarray]] = []
     for epochs in (1, 4):
-        monkeypatch.setattr("avrgym.learning.recurrent_ppo.EPOCHS", epochs)
+        monkeypatch.setattr("avrgym.learning.recurrent_ppo.RECURRENT", replace(RECURRENT, n_epochs=epochs))
         network, ppo = begun()
         learn(network, ppo, 0, 0.05)
         ends.append(numbers(network))

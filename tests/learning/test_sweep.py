@@ -21,9 +21,9 @@ steps = 1200
 seeds = [0, 1]
 
 [recipes.little]
-worlds = 1
-minibatch = 100
-epochs = 1
+num_envs = 1
+batch_size = 100
+n_epochs = 1
 imitation_rounds = 1
 """
 
@@ -46,7 +46,7 @@ def test_a_sweep_has_every_combination_once(tmp_path: Path) -> None:
     assert len({each.name for each in group}) == 4
     usual = configuration_for("avrgym/ScratchItchJaco-v1", "original", 1200, 1)
     assert group[3].configuration == usual
-    changed = {"worlds": 1, "minibatch": 100, "epochs": 1, "imitation_rounds": 1}
+    changed = {"num_envs": 1, "batch_size": 100, "n_epochs": 1, "imitation_rounds": 1}
     assert group[1].configuration == replace(usual, **changed)
 
 
@@ -59,17 +59,13 @@ def test_the_example_is_a_sweep() -> None:
     ("change", "told"),
     [
         pytest.param(("steps = 1200", "steps = 0"), "steps: expected `int` >= 1", id="steps"),
-        pytest.param(
-            ("seeds", "seedz"), "a sweep has no seedz; allowed: environments, steps, seeds", id="key"
-        ),
+        pytest.param(("seeds", "seedz"), "unknown key seedz; allowed: environments, steps, seeds", id="key"),
         pytest.param(
             ("ScratchItchJaco", "Cooking"), "the environments are avrgym/FeedingJaco", id="environment"
         ),
-        pytest.param(
-            ("epochs", "epoch"), "recipes.little: no training setting is called epoch", id="setting"
-        ),
-        pytest.param(("minibatch = 100", "minibatch = 1"), "minibatch: expected `int` >= 2", id="value"),
-        pytest.param(("[recipes", "[[recipes"), "no TOML", id="toml"),
+        pytest.param(("n_epochs", "n_epoch"), "recipes.little: unknown hyperparameter n_epoch", id="setting"),
+        pytest.param(("batch_size = 100", "batch_size = 1"), "batch_size: expected `int` >= 2", id="value"),
+        pytest.param(("[recipes", "[[recipes"), "invalid TOML", id="toml"),
         pytest.param(("recipes.little", 'recipes."../out"'), "matching regex", id="name"),
     ],
 )
@@ -93,11 +89,11 @@ def test_a_sweep_makes_what_train_makes_and_goes_on(tmp_path: Path, monkeypatch:
     from helpers.learning.ray_nodes import assert_same_training
 
     out, heard = tmp_path / "out", dict[str, int]()
-    sweep.begin(written(tmp_path, LITTLE), out)
-    with pytest.raises(FileExistsError, match="already holds a sweep"):
-        sweep.begin(tmp_path / "sweep.toml", out)
+    sweep.create(written(tmp_path, LITTLE), out)
+    with pytest.raises(FileExistsError, match="already contains a sweep"):
+        sweep.create(tmp_path / "sweep.toml", out)
     first, second = next(iter(sweep.plan_of(out).values()))
-    monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
     training.train(replace(first.configuration, threads=1), tmp_path / "alone")
     training.train(replace(first.configuration, threads=1), out / first.name)
     measured = (out / first.name / "policy.safetensors").stat().st_mtime_ns

@@ -6,32 +6,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-
-from helpers.browser.documentation import missing_rows
-from helpers.system.places import DATA
+from pages import missing_rows
+from places import DATA
 
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 import torch
-from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecNormalize
 
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.learning import training
-from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
-from avrgym.learning.settings_file import read_settings, settings_of, settings_text
+from avrgym.learning.configuration import FeedforwardConfiguration
+from avrgym.learning.hyperparameter_files import hyperparameters_text, read_hyperparameters
+from avrgym.learning.hyperparameters import hyperparameters_of
+from avrgym.learning.normaliser import Normaliser, observation_of
+from avrgym.learning.ppo import Agent, export_policy, make_ppo
+from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
 from avrgym.learning.stable_baselines import SB3VectorEnv
-from avrgym.learning.training import (
-    Progress,
-    TrainingConfiguration,
-    configuration_for,
-    export_policy,
-    lengthened,
-    resume,
-    stored_configuration,
-    train,
-)
-from avrgym.policies.trained import Policy, find_policy
+from avrgym.learning.training import Progress, configuration_for, resume, stored_configuration, train
+from avrgym.policies.trained import Policy, PolicyMetadata, find_policy
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
@@ -43,15 +35,15 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 FEEDING = "avrgym/FeedingJaco-v1"
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 WORLDS = 3
-TINY = TrainingConfiguration(
+TINY = FeedforwardConfiguration(
     environment=SCRATCHING,
     people="zoo/train",
     impairment="weakness",
     steps=2 * WORLDS * EPISODE_STEPS,
     seed=4,
-    worlds=WORLDS,
-    minibatch=200,
-    epochs=2,
+    num_envs=WORLDS,
+    batch_size=200,
+    n_epochs=2,
     threads=1,
     imitation_rounds=0,
 )
@@ -67,7 +59,7 @@ def trained(tmp_path_factory) -> tuple[Policy, Path]:
     """A training of two updates, and its folder."""
     out = tmp_path_factory.mktemp("runs") / "tiny"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "MEASURED_EPISODES", 2)
+        patch.setattr(training, "EVALUATION_EPISODES", 2)
         return train(TINY, out), out
 
 
@@ -152,23 +144,23 @@ def test_a_training_leaves_a_policy_that_loads(trained):
 @pytest.mark.slow
 def test_a_training_stores_its_configuration_and_its_log(trained):
     _, out = trained
-    assert json.loads((out / "configuration.json").read_text())["minibatch"] == TINY.minibatch
+    assert json.loads((out / "configuration.json").read_text())["batch_size"] == TINY.batch_size
     assert list((out / "tensorboard").rglob("events.out.tfevents.*"))
 
 
 def test_a_used_folder_is_refused_and_left_alone(trained):
     _, out = trained
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    with pytest.raises(FileExistsError, match="already holds a training; choose another folder"):
+    with pytest.raises(FileExistsError, match="already contains a training; choose another folder"):
         train(TINY, out)
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
 
 
 @pytest.mark.slow
 def test_scratching_gets_better_within_20_000_steps(tmp_path, monkeypatch):
-    monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
-    few = TrainingConfiguration(
-        environment=SCRATCHING, people="revised", steps=20_000, seed=1, worlds=8, minibatch=200, imitation_rounds=0,
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 2)
+    few = FeedforwardConfiguration(
+        environment=SCRATCHING, people="revised", steps=20_000, seed=1, num_envs=8, batch_size=200, imitation_rounds=0,
         log_std=(-0.7, -1.0), threads=1,
     )  # fmt: skip
     heard: list[Progress] = []
@@ -185,10 +177,10 @@ Whole = tuple[Path, list[Progress]]
 """The folder of a training that nothing interrupted, and what it told of."""
 
 
-def train_whole(configuration: TrainingConfiguration, out: Path) -> Whole:
+def train_whole(configuration: FeedforwardConfiguration, out: Path) -> Whole:
     heard: list[Progress] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "MEASURED_EPISODES", 2)
+        patch.setattr(training, "EVALUATION_EPISODES", 2)
         train(configuration, out, heard.append)
     return out, heard
 
@@ -198,8 +190,9 @@ def whole(tmp_path_factory) -> Whole:
     """Two rounds of imitation and two updates."""
     out, heard = train_whole(LONG, tmp_path_factory.mktemp("runs") / "whole")
     assert [(progress.stage, progress.steps) for progress in heard] == [
-        *((f"imitation, round {number} of 2", UPDATE * number) for number in (1, 2)),
-        ("PPO", 3 * UPDATE), ("PPO", 4 * UPDATE), ("measuring, 2 episodes", 4 * UPDATE),
+        *((f"imitation, update {number} of 4", UPDATE * number) for number in (1, 2)),
+        *((f"PPO, update {number} of 4", UPDATE * number) for number in (3, 4)),
+        ("evaluation, 2 episodes", 4 * UPDATE),
     ]  # fmt: skip
     assert heard[0].reward_mean is None
     return out, heard
@@ -219,10 +212,10 @@ def test_a_training_with_hard_episodes_that_was_cut_off_goes_on_with_the_same(tm
 
 
 def assert_goes_on(
-    configuration: TrainingConfiguration, told: int, whole: Whole, tmp_path: Path, monkeypatch
+    configuration: FeedforwardConfiguration, told: int, whole: Whole, tmp_path: Path, monkeypatch
 ) -> None:
     """Assert that a training that is killed when it has told so often goes on as the whole one did."""
-    monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 2)
     heard: list[Progress] = []
 
     def kill(progress: Progress) -> None:
@@ -234,14 +227,13 @@ def assert_goes_on(
         train(configuration, tmp_path / "cut", kill)
     resume(tmp_path / "cut", heard.append)
     uncut, expected = whole
-    assert heard == [*expected[:told], *expected[told - 1 :]]
+    assert heard == expected
     first, second = (
         torch.load(out / "checkpoint.pt", weights_only=True) for out in (tmp_path / "cut", uncut)
     )
     for part in ("policy", "observations", "returns"):
         for name, value in first[part].items():
             assert_array_equal(np.asarray(value), np.asarray(second[part][name]), err_msg=name)
-    assert first["episodes"] == second["episodes"]
     assert json.loads(first["notes"])["hard"] == json.loads(second["notes"])["hard"]
     assert sorted(path.name for path in (tmp_path / "cut").iterdir()) == sorted(
         path.name for path in uncut.iterdir()
@@ -250,20 +242,22 @@ def assert_goes_on(
 
 @pytest.mark.slow
 def test_a_training_may_be_imitation_alone(tmp_path, monkeypatch):
-    monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 2)
     policy = train(replace(TINY, imitation_rounds=9, imitation_share=1.0), tmp_path)
     assert policy.metadata.steps == TINY.steps
     assert policy.metadata.measured["episodes"] == 2
-    assert policy.action_deviation == pytest.approx(np.exp(TINY.log_std[0]))
-    with pytest.raises(ValueError, match=f"is complete, after {TINY.steps} steps; more --steps go on"):
+    assert policy.action_std == pytest.approx(np.exp(TINY.log_std[0]))
+    with pytest.raises(
+        ValueError, match=f"is complete, after {TINY.steps} steps; larger --steps continue it"
+    ):
         resume(tmp_path)
 
 
 def test_a_training_goes_on_beyond_its_end(trained, tmp_path, monkeypatch):
-    monkeypatch.setattr(training, "MEASURED_EPISODES", 2)
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 2)
     first, out = trained
     longer = Path(shutil.copytree(out, tmp_path / "longer"))
-    with pytest.raises(ValueError, match=f"has made {TINY.steps} steps; to go on, --steps must be more"):
+    with pytest.raises(ValueError, match=f"has made {TINY.steps} steps; --steps must be more"):
         resume(longer, steps=TINY.steps - 1)
     policy = resume(longer, steps=TINY.steps + 1)
     assert policy.metadata.steps == 3 * UPDATE
@@ -276,7 +270,7 @@ def test_a_training_goes_on_beyond_its_end(trained, tmp_path, monkeypatch):
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_longer_training_imitates_no_longer(environment):
     how = configuration_for(environment, "revised", 300_000, 0)
-    assert lengthened(how, 900_000).imitation_steps == how.imitation_steps
+    assert how.lengthened(900_000).imitation_steps == how.imitation_steps
 
 
 # Files of settings
@@ -285,38 +279,38 @@ def test_a_longer_training_imitates_no_longer(environment):
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_the_printed_settings_are_those_of_the_environment(environment, tmp_path):
     file = tmp_path / "settings.toml"
-    file.write_text(settings_text(environment))
-    assert read_settings(file, environment) == settings_of(environment)
+    file.write_text(hyperparameters_text(environment))
+    assert read_hyperparameters(file, environment) == hyperparameters_of(environment)
     file.write_text("")
-    assert read_settings(file, environment) == settings_of(environment)
+    assert read_hyperparameters(file, environment) == hyperparameters_of(environment)
 
 
 def test_settings_of_a_file_stand_for_the_task_s_own(tmp_path):
     file = tmp_path / "settings.toml"
-    file.write_text("worlds = 4\nhidden = [16]\n")
-    how = configuration_for(FEEDING, "revised", 1000, 0, settings=read_settings(file, FEEDING))
-    assert (how.worlds, how.hidden, how.log_std) == (4, (16,), settings_of(FEEDING).log_std)
+    file.write_text("num_envs = 4\nhidden = [16]\n")
+    how = configuration_for(FEEDING, "revised", 1000, 0, hyperparameters=read_hyperparameters(file, FEEDING))
+    assert (how.num_envs, how.net_arch, how.log_std) == (4, (16,), hyperparameters_of(FEEDING).log_std)
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("worlds = 0", "worlds: expected `int` >= 1"),
-        ("hidden = []", "hidden: expected `array` of length >= 1"),
-        ("hidden = [8, 0.5]", r"hidden\[1\]: expected `int`"),
-        ("discount = 1.5", "discount: expected `float` <= 1.0"),
+        ("num_envs = 0", "num_envs: expected `int` >= 1"),
+        ("net_arch = []", "net_arch: expected `array` of length >= 1"),
+        ("net_arch = [8, 0.5]", r"net_arch\[1\]: expected `int`"),
+        ("gamma = 1.5", "gamma: expected `float` <= 1.0"),
         ("learning_rate = nan", "learning_rate: expected a finite number"),
         ("log_std = [1.0]", "log_std: expected `array` of length 2"),
-        ("wrolds = 8", "no training setting is called wrolds; allowed: worlds, minibatch"),
-        ("steps = 8", "no training setting is called steps"),
-        ("worlds", "no TOML: "),
+        ("wrolds = 8", "unknown hyperparameter wrolds; allowed: num_envs, batch_size"),
+        ("steps = 8", "unknown hyperparameter steps"),
+        ("worlds", "invalid TOML: "),
     ],
 )
 def test_a_wrong_file_of_settings_is_refused(text, said, tmp_path):
     file = tmp_path / "settings.toml"
     file.write_text(text)
     with pytest.raises(ValueError, match=rf"settings\.toml: {said}"):
-        read_settings(file, FEEDING)
+        read_hyperparameters(file, FEEDING)
 
 
 @pytest.mark.slow
@@ -328,7 +322,7 @@ def test_a_training_whose_expert_s_files_are_damaged_says_so(tmp_path):
     with pytest.raises(Killed):
         train(LONG, tmp_path, kill)
     (tmp_path / "shown" / "round_0000.npz").write_bytes(b"PK")
-    with pytest.raises(ValueError, match=r"round_0000\.npz: not what an expert showed"):
+    with pytest.raises(ValueError, match=r"round_0000\.npz: not a file of demonstrations"):
         resume(tmp_path)
 
 
@@ -336,12 +330,8 @@ def test_only_a_training_that_was_cut_off_can_be_resumed(trained, tmp_path):
     _, out = trained
     with pytest.raises(ValueError, match=f"is complete, after {TINY.steps} steps"):
         resume(out)
-    with pytest.raises(ValueError, match="holds no training to resume"):
+    with pytest.raises(ValueError, match="contains no training to resume"):
         resume(tmp_path)
-    (tmp_path / "adaptive.json").touch()
-    with pytest.raises(ValueError, match="holds a training by --recipe adaptive"):
-        resume(tmp_path)
-    (tmp_path / "adaptive.json").unlink()
     (tmp_path / "configuration.json").write_bytes((out / "configuration.json").read_bytes())
     (tmp_path / "checkpoint.pt").write_bytes((out / "checkpoint.pt").read_bytes()[:1000])
     with pytest.raises(ValueError, match=r"checkpoint\.pt: not a checkpoint of this training"):
@@ -350,7 +340,7 @@ def test_only_a_training_that_was_cut_off_can_be_resumed(trained, tmp_path):
 
 def test_an_unknown_environment_leaves_nothing_behind(tmp_path):
     with pytest.raises(ValueError, match="unknown environment 'avrgym/Flying-v1'"):
-        train(TrainingConfiguration(environment="avrgym/Flying-v1"), tmp_path / "out")
+        train(FeedforwardConfiguration(environment="avrgym/Flying-v1"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -374,9 +364,9 @@ def test_who_makes_an_update_s_episodes_changes_none_of_them(sizes):
     """Parts beside each other give what one gives; with an expert in some worlds and without."""
     policy = Policy.load(find_policy("revised", SCRATCHING))
     by_expert = np.array([True, False, False, True, False])
-    for how in ({"noise": (3, 400)}, {"by_expert": by_expert}):
+    for how in ({"noise_seed": (3, 400)}, {"expert_drives": by_expert}):
         whole, parts = (
-            Rollout.joined([roll_out(policy, order) for order in orders_of(split, how)])
+            Rollout.joined([roll_out(policy, request) for request in requests_of(split, how)])
             for split in ((5,), sizes)
         )
         for field in fields(Rollout):
@@ -387,8 +377,8 @@ def test_who_makes_an_update_s_episodes_changes_none_of_them(sizes):
 
 def expert_rollout(**weights: float) -> Rollout:
     """Two episodes that the task's expert drives."""
-    (order,) = orders_of((2,), {"by_expert": np.ones(2, bool)})
-    weighted = replace(order, **{"force_weight_per_n": 0.0, "detour_weight_per_m": 0.0, **weights})
+    (request,) = requests_of((2,), {"expert_drives": np.ones(2, bool)})
+    weighted = replace(request, **{"force_weight_per_n": 0.0, "detour_weight_per_m": 0.0, **weights})
     return roll_out(Policy.load(find_policy("revised", SCRATCHING)), weighted)
 
 
@@ -404,7 +394,9 @@ def test_force_on_the_person_is_subtracted_from_the_rewards():
 def test_detours_are_subtracted_from_the_rewards_of_all_but_the_last_step():
     plain, weighted = expert_rollout(), expert_rollout(detour_weight_per_m=2.0)
     worlds = Episodes(SCRATCHING, 2, distribution="participants", impairment="tremor", num_threads=1)
-    worlds.begin(np.arange(2), [np.random.default_rng(seed) for seed in orders_of((2,), {})[0].episodes])
+    worlds.begin(
+        np.arange(2), [np.random.default_rng(seed) for seed in requests_of((2,), {})[0].episode_seeds]
+    )
     expected = np.zeros((EPISODE_STEPS, 2))
     for number, action in enumerate(plain.actions[:-1]):
         worlds.step(np.clip(action, -1.0, 1.0).astype(float))
@@ -413,17 +405,17 @@ def test_detours_are_subtracted_from_the_rewards_of_all_but_the_last_step():
     assert expected.max() > 0.1
 
 
-def orders_of(split: tuple[int, ...], how: dict) -> list[Order]:
+def requests_of(split: tuple[int, ...], how: dict) -> list[RolloutRequest]:
     """Of five worlds, in parts of these sizes."""
-    place = Place(SCRATCHING, TransferredFile.of("participants"), "tremor", 1, "threads")
+    place = WorldSettings(SCRATCHING, TransferredFile.of("participants"), "tremor", 1, "threads")
     ends = np.cumsum(split)
     return [
-        Order(
-            place=place,
-            first=int(end - size),
-            episodes=np.arange(50, 55)[end - size : end],
-            noise=how.get("noise"),
-            by_expert=how["by_expert"][end - size : end] if "by_expert" in how else None,
+        RolloutRequest(
+            settings=place,
+            first_world=int(end - size),
+            episode_seeds=np.arange(50, 55)[end - size : end],
+            noise_seed=how.get("noise_seed"),
+            expert_drives=how["expert_drives"][end - size : end] if "expert_drives" in how else None,
             force_weight_per_n=0.1,
             detour_weight_per_m=5.0,
         )
@@ -432,26 +424,31 @@ def orders_of(split: tuple[int, ...], how: dict) -> list[Order]:
 
 
 def test_more_worlds_than_memory_are_refused_and_nothing_is_written(tmp_path):
-    with pytest.raises(ValueError, match=r"worlds would take .* of this computer's memory.*: at most"):
-        train(replace(TINY, worlds=10**9), tmp_path / "many")
+    with pytest.raises(
+        ValueError, match=r"worlds would take .* of this computer's memory.*allowed: .* worlds"
+    ):
+        train(replace(TINY, num_envs=10**9), tmp_path / "many")
     assert not (tmp_path / "many").exists()
 
 
 # The exported policy
 
 
-def test_the_exported_policy_acts_as_the_model_does(rng):
-    """Also where observations are clipped, and after the normaliser has seen some."""
-    native = AssistiveVectorEnv(FEEDING, 4, people="revised", num_threads=1)
-    env = VecNormalize(SB3VectorEnv(native), clip_obs=5.0)
-    model = PPO("MlpPolicy", env, seed=1, device="cpu", policy_kwargs={"activation_fn": torch.nn.Tanh})
-    env.reset()
-    for action in rng.uniform(-1, 1, (20, 4, 7)).astype(np.float32):
-        env.step(action)
-    observations = np.concatenate([native.episodes.observe(), rng.uniform(-3, 3, (200, 25))])
-    normalised = np.asarray(env.normalize_obs(observations))
+def test_the_exported_policy_acts_as_the_model_does(rng, tmp_path):
+    """Also where observations are clipped, and after the normaliser was updated."""
+    model = make_ppo(replace(TINY, environment=FEEDING), 25, 7, tmp_path)
+    normaliser = Normaliser(observation_of(FEEDING), TINY.gamma)
+    (request,) = requests_of((2,), {})
+    place = replace(
+        request.settings, environment=FEEDING, people=TransferredFile.of("revised"), impairment="none"
+    )
+    rollout = roll_out(Policy.load(find_policy("revised", FEEDING)), replace(request, settings=place))
+    normaliser.update_observations(rollout)
+    observations = np.concatenate([rollout.observations[:, 0], rng.uniform(-3, 3, (200, 25))])
+    normalised = normaliser.normalize_obs(observations)
     expected, _ = model.predict(normalised, deterministic=True)
-    exported = export_policy(model, env, replace(TINY, environment=FEEDING), 0.0, [])
+    metadata = PolicyMetadata(environment=FEEDING, people="", steps=0, seed=0)
+    exported = export_policy(Agent(model, normaliser), TINY.log_std[0], metadata)
     assert_allclose(np.clip(exported.mean(observations), -1.0, 1.0), expected, atol=1e-5)
-    assert exported.action_deviation == pytest.approx(np.exp(TINY.log_std[0]))
+    assert exported.action_std == pytest.approx(np.exp(TINY.log_std[0]))
     assert np.abs(normalised).max() == 5.0

@@ -274,16 +274,18 @@ def test_environments_and_evaluation_meet_them(fitted: Path) -> None:
 def test_a_training_keeps_its_people(fitted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also when their file has gone, and the policy says that they were fitted."""
     training = pytest.importorskip("avrgym.learning.training", reason="training is an extra")
-    monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
+    from avrgym.learning.configuration import FeedforwardConfiguration
+
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
     own, out = tmp_path / "mine.toml", tmp_path / "run"
     own.write_bytes(fitted.read_bytes())
-    tiny = training.TrainingConfiguration(
+    tiny = FeedforwardConfiguration(
         environment=f"avrgym/{TASK}Jaco-v1",
         people=str(own),
         steps=400,
-        worlds=2,
-        minibatch=400,
-        epochs=1,
+        num_envs=2,
+        batch_size=400,
+        n_epochs=1,
         threads=1,
         imitation_rounds=0,
     )

@@ -279,7 +279,7 @@ def test_a_packaged_policy_as_onnx_acts_the_same(tmp_path: Path, policy: str, ro
 
 def test_an_onnx_file_drives_a_session_and_an_evaluation(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
     path = tmp_path / "calm.onnx"
-    as_onnx(replace(drive(ENVIRONMENT), action_deviation=0.0), path, 1, double=False)
+    as_onnx(replace(drive(ENVIRONMENT), action_std=0.0), path, 1, double=False)
     planned = plan(trial_steps=STEPS)
     planned = replace(planned, trials=[replace(planned.trials[0], policy=str(path))])
     (recording,) = completed(live(tmp_path / "recordings", planned, workers))

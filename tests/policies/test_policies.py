@@ -34,7 +34,7 @@ def make_policy(sizes=(25, 64, 64, 7), seed=0, deviation=0.3) -> Policy:
         observation_variance=rng.uniform(0, 2, sizes[0]),
         observation_clip=10.0,
         observation_epsilon=1e-8,
-        action_deviation=deviation,
+        action_std=deviation,
         metadata=METADATA,
     )
 
@@ -75,7 +75,7 @@ def test_a_policy_by_hand():
         observation_variance=np.array([3.0, 0.0]),
         observation_clip=5.0,
         observation_epsilon=1.0,
-        action_deviation=0.25,
+        action_std=0.25,
         metadata=METADATA,
     )
     hidden = np.tanh(0.5 * 1 - 5.0 * 2 + 9.7)

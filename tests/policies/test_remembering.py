@@ -26,7 +26,7 @@ def make_policy(deviation=0.2) -> Policy:
         observation_variance=np.ones(SEEN),
         observation_clip=10.0,
         observation_epsilon=1e-8,
-        action_deviation=deviation,
+        action_std=deviation,
         metadata=PolicyMetadata(environment=ENVIRONMENT, people="zoo/train", steps=1, seed=0),
         memory=Memory(
             draw(0, 0.3, (SEEN, 3 * UNITS)),

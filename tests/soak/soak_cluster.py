@@ -20,7 +20,8 @@ pytest.importorskip("ray", reason="clusters are an extra, too large for every co
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 from avrgym.learning import training
-from avrgym.learning.training import Progress, TrainingConfiguration, train
+from avrgym.learning.configuration import FeedforwardConfiguration
+from avrgym.learning.training import Progress, train
 from avrgym.system.cluster import Cluster, connected
 from helpers.learning.ray_nodes import add_node, assert_same_training, kill_node, ray_nodes, where
 from helpers.system.processes import die_with_parent
@@ -29,8 +30,8 @@ pytestmark = pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes a
 WORKERS_KILLED, NODES_KILLED, COMMANDS_KILLED = (
     int(number) for number in os.environ.get("AVRGYM_SOAK_KILLS", "20 5 5").split()
 )
-SMALL = TrainingConfiguration(
-    environment="avrgym/ScratchItchJaco-v1", people="revised", seed=4, worlds=4, epochs=1, minibatch=200,
+SMALL = FeedforwardConfiguration(
+    environment="avrgym/ScratchItchJaco-v1", people="revised", seed=4, num_envs=4, n_epochs=1, batch_size=200,
     imitation_rounds=0, threads=1, hard_share=0.5,
 )  # fmt: skip
 COMMAND = """
@@ -38,7 +39,7 @@ import sys
 from pathlib import Path
 from avrgym.learning import training
 from avrgym.system.cluster import connected
-training.MEASURED_EPISODES = 1
+training.EVALUATION_EPISODES = 1
 with connected(sys.argv[2], 2) as cluster:
     training.resume(Path(sys.argv[1]), cluster=cluster)
 """
@@ -46,10 +47,10 @@ with connected(sys.argv[2], 2) as cluster:
 
 @pytest.fixture(autouse=True)
 def _measured_shortly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
 
 
-def whole(updates: int, folder: Path) -> tuple[TrainingConfiguration, Path]:
+def whole(updates: int, folder: Path) -> tuple[FeedforwardConfiguration, Path]:
     """A training of so many updates that nothing disturbs, in one process."""
     configuration = replace(SMALL, steps=updates * SMALL.update_steps)
     train(configuration, folder / "whole")

@@ -8,24 +8,24 @@ from typing import Any
 
 import pandas as pd
 import pytest
+from avrgym.study.plan.origin import read_frozen
+from avrgym.texts.texts import read_texts
+from studies import make_study, run_participant, small_study, take_in
 from typer.testing import CliRunner
 
 from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.analysis.tables import Table
 from avrgym.cli.main import app
-from avrgym.learning.settings_file import read_toml
+from avrgym.learning.hyperparameter_files import read_toml
 from avrgym.people.people_file import PeopleFileError, read_people
 from avrgym.study.checking.checks import check_study
 from avrgym.study.design.design import DesignError, read_design
 from avrgym.study.export import export_study
 from avrgym.study.export.tables import write_csv
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.frozen_plan import read_frozen
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from avrgym.texts.interface_texts import read_texts
-from helpers.studies.small_studies import make_study, run_participant, small_study, take_in
 
 UMLAUTS = "Ärger über Füße, «naïve» 姓名"
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from avrgym.cli.main import app
 from avrgym.learning.evaluation import evaluate
 from avrgym.policies import controllers, registry
-from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.policies.trained import Policy
 from avrgym.system import plugins, used_plugins
 from avrgym.system.used_plugins import UsedPlugin, content_sha256, differences, own_version, stored
 from avrgym.tasks.registry import plugins_of
@@ -217,18 +217,12 @@ def test_a_controller_s_code_is_stored_and_a_network_s_file_is_none(folder: Path
 
 
 @pytest.mark.slow
-def test_training_stores_the_plug_ins(robot: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from avrgym.learning import adaptive
+def test_training_stores_the_plugins(robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from avrgym.learning import training
+    from avrgym.learning.configuration import FeedforwardConfiguration
 
-    metadata: list[PolicyMetadata] = []
-    learner = SimpleNamespace(
-        _configuration=adaptive.AdaptiveTraining(environment=ENVIRONMENT, seed=0),
-        _initial=None,
-        _curve=[],
-        _steps=0,
-        _seconds=0.0,
-        _normaliser=None,
-        _network=SimpleNamespace(policy=lambda normaliser, about, deviation: metadata.append(about)),
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
+    configuration = FeedforwardConfiguration(
+        environment=ENVIRONMENT, steps=200, num_envs=1, imitation_rounds=0
     )
-    next(kind for kind in vars(adaptive).values() if hasattr(kind, "_policy"))._policy(learner)
-    assert metadata[0].plugins == plugins_of(ENVIRONMENT)
+    assert training.train(configuration, tmp_path / "out").metadata.plugins == plugins_of(ENVIRONMENT)

@@ -15,7 +15,6 @@ from avrgym.tasks.observation import Observation, position
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, Registry
 from avrgym.tasks.task import StepResult, Task
 from avrgym.tasks.task_check import check_task
-from avrgym.tasks.training_settings import TrainingSettings
 
 FEEDING = TASKS["Feeding"]
 
@@ -53,7 +52,7 @@ def test_a_task_s_scene_with_a_robot_is_one_object(task, robot):
         ({"expert": None}, TypeError, "expert of task Feeding is None; allowed: a function"),
         ({"views": None}, TypeError, "views of task Feeding is None; allowed: a Views"),
         ({"weights": {}}, ValueError, "the weights of task Feeding are empty"),
-        ({"training": TrainingSettings(detour_weight_per_m=1.0)}, ValueError, "but no detour_m"),
+        ({"hyperparameters": {"detour_weight_per_m": 1.0}}, ValueError, "but no detour_m"),
     ],
 )
 def test_a_record_with_a_part_that_cannot_be_is_refused(changes: Mapping[str, Any], error, said: str):

@@ -76,7 +76,7 @@ def test_a_lost_hand_keeps_its_pose() -> None:
 
 def test_a_policys_chance_comes_from_the_seed_of_the_trial() -> None:
     world = LiveWorld("avrgym/FeedingJaco-v1", Person())
-    driver = driver_of(replace(drive(world.environment), action_deviation=0.1), beside=False)
+    driver = driver_of(replace(drive(world.environment), action_std=0.1), beside=False)
 
     def actions(seed: int) -> list[np.ndarray]:
         world.begin(seed)

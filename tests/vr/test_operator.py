@@ -13,7 +13,7 @@ from playwright.sync_api import expect, sync_playwright
 
 from avrgym.geometry.kinematics import jacobian
 from avrgym.models import robot
-from avrgym.policies.hand import SPEED_LIMIT_M_S, TURN_LIMIT_RAD_S, Hand
+from avrgym.policies.cartesian_control import SPEED_LIMIT_M_S, TURN_LIMIT_RAD_S, Hand
 from avrgym.replay.verification import verify
 from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.storage.store import Store

@@ -34,10 +34,8 @@ def export_policy(
             )
         write_onnx(found, out)
         say(f"policy    {out}: {found.observation_size} numbers in, {found.action_size} out")
-        if found.action_deviation:
-            say(
-                f"It was trained to act with chance, ±{found.action_deviation:g}; the file holds its mean actions."
-            )
+        if found.action_std:
+            say(f"It was trained to act with chance, ±{found.action_std:g}; the file holds its mean actions.")
 
 
 @app.command("scene")

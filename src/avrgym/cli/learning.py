@@ -1,4 +1,4 @@
-"""The commands about environments, people and policies: ``envs``, ``train``, ``fit-people`` and ``evaluate``."""
+"""The commands ``envs``, ``train``, ``fit-people`` and ``evaluate``."""
 
 import shlex
 from collections.abc import Generator
@@ -39,18 +39,25 @@ from avrgym.system.engines import THREADS
 
 if TYPE_CHECKING:
     from avrgym.learning import training
+    from avrgym.learning.configuration import AnyConfiguration
 
-STEPS = 1_000_000
-"""Of a training, unless another number is asked for."""
-NOT_SHOWN = ("force_regions", "plugin_differences", "start_draws_mean", "start_draws_max", "starts_refused")
-"""What `evaluate` prints elsewhere than in its table."""
+OMITTED = ("force_regions", "plugin_differences", "start_draws_mean", "start_draws_max", "starts_refused")
+"""Keys of the rows of `evaluate` that its table omits."""
 ADAPTIVE, PAPER, PAIR = RECIPES = ("adaptive", "paper", "pair")
-"""For policies that remember; what the paper did; and for a robot and a human who learn together."""
-SETTLED: dict[str | None, tuple[str, ...]] = {
+FIXED_BY_RECIPE: dict[str | None, tuple[str, ...]] = {
     ADAPTIVE: ("--config", "--people", "--impairment", "--cluster", "--engine"),
     PAPER: ("--config",),
 }
-"""Options that a recipe leaves no choice of."""
+OF_RECIPE = {
+    "--teacher": ADAPTIVE,
+    "--initial-policy": ADAPTIVE,
+    "--imitation-share": ADAPTIVE,
+    "--alternate": PAIR,
+    "--own-reward": PAIR,
+}
+"""Options that only one recipe has."""
+OF_NEW_TRAINING = ("--config", "--num-envs", "--withdraw-after-success", *OF_RECIPE)
+"""Options that a training keeps: ``--resume`` does not take them."""
 
 
 def envs(json_file: JsonFile = None) -> None:
@@ -78,28 +85,29 @@ def envs(json_file: JsonFile = None) -> None:
 
 def train(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
-    people: Annotated[str, typer.Option(help=f"Whom to train with: {PEOPLE}.")] = "original",
+    people: Annotated[str, typer.Option(help=f"People to train with: {PEOPLE}.")] = "original",
     impairment: Impairment = "none",
     steps: Annotated[
         int | None,
         typer.Option(
-            help=f"Environment steps in all; {STEPS}, or the recipe's own number. With --resume, more than before go "
-            "on beyond.",
+            help="Environment steps in all; by default 1 000 000, or the recipe's number. With --resume a larger "
+            "number continues a complete training.",
             min=1,
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="A folder for policy, checkpoint and log.")] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with the training in the folder, as it was configured.")
+        bool,
+        typer.Option("--resume", help="Continue the training in the folder, with its own configuration."),
     ] = False,
     config: Annotated[
         Path | None,
-        typer.Option(help="A TOML file of training settings, as --help-config prints.", metavar="FILE"),
+        typer.Option(help="A TOML file of hyperparameters, as --help-config prints.", metavar="FILE"),
     ] = None,
     recipe: Annotated[
         str | None,
         typer.Option(
-            help="How; without it by imitation, then PPO. adaptive: a policy that remembers, in the same two stages, "
+            help="How to train. By default: imitation, then PPO. adaptive: a recurrent policy by imitation and PPO, "
             "with zoo/train and every impairment. paper: PPO alone, ten million steps. pair: robot and human "
             "together; the human has the bodies of the people.",
         ),
@@ -107,21 +115,21 @@ def train(
     teacher: Annotated[
         str | None,
         typer.Option(
-            help="With --recipe adaptive: a policy to imitate, by its name or file, in place of the task's expert."
+            help="With --recipe adaptive: a policy to imitate, by its name or file, instead of the task's expert."
         ),
     ] = None,
     initial_policy: Annotated[
         str | None,
         typer.Option(
-            help="With --recipe adaptive: a policy that remembers to go on from, by its name or file; by PPO alone, "
-            "unless --imitation-share says how much imitates."
+            help="With --recipe adaptive: a recurrent policy to start from, by its name or file; by default without "
+            "imitation."
         ),
     ] = None,
     imitation_share: Annotated[
         float | None,
         typer.Option(
-            help="With --recipe adaptive: what share of its rounds imitate; PPO does the others. 0.25 unless named, at "
-            "least one round; none with --initial-policy unless named.",
+            help="With --recipe adaptive: the share of updates that imitate; PPO does the others. By default 0.25, at "
+            "least one update; 0 with --initial-policy.",
             min=0.0,
             max=1.0,
         ),
@@ -129,38 +137,41 @@ def train(
     alternate: Annotated[
         int,
         typer.Option(
-            help="With --recipe pair: for how many updates one of the two learns while the other stays as it is; "
-            "0 lets both learn in each.",
+            help="With --recipe pair: the number of updates in which one agent learns while the other is fixed; "
+            "0: both learn in each.",
             min=0,
         ),
     ] = 0,
     own_reward: Annotated[
         bool,
-        typer.Option("--own-reward", help="With --recipe pair: each pays for its own effort."),
+        typer.Option(
+            "--own-reward", help="With --recipe pair: each agent's reward has its own action penalty only."
+        ),
     ] = False,
     withdraw_after_success: WithdrawAfterSuccess = False,
     help_config: Annotated[
         bool,
-        typer.Option("--help-config", help="Print the environment's training settings, and train nothing."),
+        typer.Option("--help-config", help="Print the environment's hyperparameters, and exit."),
     ] = False,
     seed: Seed = 0,
     engine: Engine = THREADS,
-    worlds: Annotated[
+    num_envs: Annotated[
         int | None,
-        typer.Option(help="Worlds of an update; without it the task's or the recipe's own number.", min=1),
+        typer.Option(
+            help="Worlds that are stepped together; by default the task's or the recipe's number.", min=1
+        ),
     ] = None,
     cluster: Cluster = None,
     jobs: Annotated[
         int | None,
         typer.Option(
-            help="Workers of the cluster; without it one for each 64 worlds, and core. Changes no weight.",
+            help="Workers of the cluster; by default one per core and 64 worlds. Changes no weight.",
             min=1,
         ),
     ] = None,
 ) -> None:
-    """Train a policy with PPO. Needs the extra `train`."""
-    from avrgym.learning.configuration import PAPER_SETTINGS, PAPER_STEPS, Pairing
-    from avrgym.learning.settings_file import read_settings, settings_text
+    """Train a policy by imitation and PPO. Needs the extra `train`."""
+    from avrgym.learning.hyperparameter_files import hyperparameters_text
     from avrgym.people.populations import HUMAN_FILE
     from avrgym.simulation.engines.engine import check_engine
     from avrgym.tasks.registry import find_environment
@@ -168,7 +179,7 @@ def train(
     with plain_errors():
         find_environment(env)
         if help_config:
-            say(settings_text(env))
+            say(hyperparameters_text(env))
             return
         given = {
             "--config": config is not None,
@@ -182,107 +193,115 @@ def train(
             "--alternate": bool(alternate),
             "--own-reward": own_reward,
             "--withdraw-after-success": withdraw_after_success,
-            "--worlds": worlds is not None,
+            "--num-envs": num_envs is not None,
             "--jobs": jobs is not None,
         }
         _check_together(recipe, [name for name, is_given in given.items() if is_given], resume=resume)
-        settings = PAPER_SETTINGS if recipe == PAPER else None
-        if config is not None:
-            settings = read_settings(config, env)
         check_engine(engine)
+        folder = out or Path("runs") / _run_name(env, people, impairment, recipe, seed)
         training = _training()
-        if recipe == ADAPTIVE:
-            folder = out or Path("runs") / f"{env.removeprefix('avrgym/')}-{recipe}-{seed}"
-            choices = {
+        if resume:
+            configuration = _stored(folder, env, recipe)
+            if steps is not None:
+                configuration = replace(configuration, steps=steps)
+        else:
+            options = {
                 "steps": steps,
-                "worlds": worlds,
+                "num_envs": num_envs,
+                "withdraw_after_success": withdraw_after_success,
+                "people": people,
+                "impairment": impairment,
+                "engine": engine,
                 "teacher": teacher,
                 "initial": initial_policy,
                 "imitation_share": imitation_share,
-                "withdraw_after_success": withdraw_after_success or None,
+                "alternate": alternate,
+                "own_reward": own_reward,
             }
-            _train_adaptive(env, seed, choices, folder, resume=resume)
-            say(f"policy    {folder / training.POLICY_FILE}")
-            return
-        folder = out or Path("runs") / _run_name(env, people, impairment, recipe, seed)
-        if resume:
-            configuration = training.stored_configuration(folder)
-            if configuration.environment != env:
-                raise ValueError(f"{folder} holds a training of {configuration.environment}, not of {env}")
-            if recipe == PAIR and configuration.pairing is None:
-                raise ValueError(f"{folder} holds a training of a robot alone, and no pair")
-            configuration = replace(configuration, steps=steps or configuration.steps)
-        else:
-            steps = steps or (PAPER_STEPS if recipe == PAPER else STEPS)
-            pairing = Pairing(alternate=alternate, shared_reward=not own_reward) if recipe == PAIR else None
-            configuration = training.configuration_for(
-                env, people, steps, seed, impairment, settings, engine, pairing
-            )
-            configuration = replace(configuration, worlds=worlds or configuration.worlds)
-        with on_cluster(cluster, jobs) as workers, _shown(env, configuration.whole_steps, folder) as tell:
+            configuration = _configuration(env, seed, recipe, config, options)
+        with (
+            on_cluster(cluster, jobs) as workers,
+            _progress(env, configuration.total_steps, folder, recipe) as report,
+        ):
             if resume:
-                training.resume(folder, tell, steps, cluster=workers)
+                training.resume(folder, report, steps, cluster=workers)
             else:
-                training.train(configuration, folder, tell, cluster=workers)
+                training.train(configuration, folder, report, cluster=workers)
     say(f"policy    {folder / training.POLICY_FILE}")
-    if configuration.pairing is not None:
+    if recipe == PAIR or (folder / HUMAN_FILE).exists():
         say(f"human     {folder / HUMAN_FILE}")
 
 
 def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> None:
-    """Refuse a recipe that there is not, and options given that do not go with it or with each other."""
+    """Refuse an unknown recipe, and options that do not fit it or each other."""
     if recipe is not None and recipe not in RECIPES:
         raise ValueError(f"unknown recipe {recipe!r}; allowed: {', '.join(RECIPES)}")
-    settled = [name for name in given if name in SETTLED.get(recipe, ())]
-    if settled:
-        raise ValueError(
-            f"--recipe {recipe} says that itself or cannot do it: leave out {', '.join(settled)}"
-        )
-    of_pairs = any(name in given for name in ("--alternate", "--own-reward"))
-    if of_pairs and recipe != PAIR:
-        raise ValueError(f"--alternate and --own-reward go with --recipe {PAIR}")
-    for name in ("--teacher", "--initial-policy", "--imitation-share", "--withdraw-after-success"):
-        if name in given and (recipe != ADAPTIVE or resume):
-            raise ValueError(f"{name} goes with a new training by --recipe {ADAPTIVE}")
-    if resume and of_pairs:
-        raise ValueError("a pair goes on as it began; --resume goes without --alternate and --own-reward")
-    if resume and "--config" in given:
-        raise ValueError("a training goes on with the settings it began with; --resume goes without --config")
-    if resume and "--worlds" in given:
-        raise ValueError("--worlds belongs to a new training: this one goes on as it was configured")
+    fixed = [name for name in given if name in FIXED_BY_RECIPE.get(recipe, ())]
+    if fixed:
+        raise ValueError(f"--recipe {recipe} does not take {', '.join(fixed)}")
+    for name in given:
+        if name in OF_RECIPE and recipe != OF_RECIPE[name]:
+            raise ValueError(f"{name} needs --recipe {OF_RECIPE[name]}")
+        if resume and name in OF_NEW_TRAINING:
+            raise ValueError(f"--resume does not take {name}: a training keeps its configuration")
     if "--jobs" in given and "--cluster" not in given:
-        raise ValueError("--jobs goes with --cluster: without one, threads of this process step the worlds")
+        raise ValueError("--jobs needs --cluster: without one, threads of this process step the worlds")
 
 
-def _train_adaptive(env: str, seed: int, choices: dict[str, Any], folder: Path, *, resume: bool) -> None:
-    """Train by the recipe ``ADAPTIVE``; ``choices`` are of ``AdaptiveTraining``, None where nobody chose."""
-    from avrgym.learning import adaptive
+def _configuration(
+    env: str, seed: int, recipe: str | None, config: Path | None, options: dict[str, Any]
+) -> "AnyConfiguration":
+    """The configuration of a new training; options that are None have the recipe's default."""
+    from avrgym.learning.configuration import Pairing, RecurrentConfiguration, configuration_for
+    from avrgym.learning.hyperparameter_files import read_hyperparameters
+    from avrgym.learning.hyperparameters import PAPER as OF_PAPER
+    from avrgym.learning.hyperparameters import PAPER_STEPS, TRAINING_STEPS
 
-    if resume:
-        configuration = adaptive.stored_training(folder)
-        if configuration.environment != env:
-            raise ValueError(f"{folder} holds a training of {configuration.environment}, not of {env}")
-        if choices["steps"] is not None:
-            configuration = adaptive.lengthened(configuration, choices["steps"])
-    else:
-        made = {name: choice for name, choice in choices.items() if choice is not None}
-        configuration = adaptive.AdaptiveTraining(environment=env, seed=seed, **made)
-    again = f"avrgym train {env} --recipe {ADAPTIVE} --resume --out {shlex.quote(str(folder))}"
-    with progress_bar(env, configuration.whole_steps, "steps", stopped=f"`{again}` goes on") as bar:
+    common = ("steps", "num_envs", "withdraw_after_success")
+    names = (*common, *(("teacher", "initial", "imitation_share") if recipe == ADAPTIVE else ()))
+    given = {name: options[name] for name in names if options[name] is not None}
+    if recipe == ADAPTIVE:
+        return RecurrentConfiguration(environment=env, seed=seed, **given)
+    hyperparameters = OF_PAPER if recipe == PAPER else None
+    if config is not None:
+        hyperparameters = read_hyperparameters(config, env)
+    pairing = None
+    if recipe == PAIR:
+        pairing = Pairing(alternate=options["alternate"], shared_reward=not options["own_reward"])
+    steps = PAPER_STEPS if recipe == PAPER else TRAINING_STEPS
+    configuration = configuration_for(
+        env,
+        options["people"],
+        steps,
+        seed,
+        options["impairment"],
+        hyperparameters,
+        options["engine"],
+        pairing,
+    )
+    return replace(configuration, **given)
 
-        def tell(now: "training.Progress") -> None:
-            bar.show(now.steps, words=f"{env}  {now.stage}{_so_far(now)}")
 
-        if resume:
-            adaptive.resume(folder, tell, choices["steps"])
-        else:
-            adaptive.train(configuration, folder, tell)
+def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
+    """The configuration of the training in a folder, which must be of the environment and the recipe."""
+    from avrgym.learning.configuration import (
+        RecurrentConfiguration,
+        stored_configuration,
+    )
 
-
-def _so_far(now: "training.Progress") -> str:
-    if now.reward_mean is None:
-        return ""
-    return f"  reward {now.reward_mean:.1f}  success {now.success_rate:.1%}".replace("%", " %")
+    configuration = stored_configuration(folder)
+    if configuration.environment != env:
+        raise ValueError(f"{folder} contains a training of {configuration.environment}, not of {env}")
+    recurrent = isinstance(configuration, RecurrentConfiguration)
+    fits = {
+        None: True,
+        ADAPTIVE: recurrent,
+        PAPER: not recurrent,
+        PAIR: not recurrent and configuration.pairing,
+    }
+    if not fits[recipe]:
+        raise ValueError(f"{folder} contains no training of --recipe {recipe}")
+    return configuration
 
 
 def _training() -> ModuleType:
@@ -292,33 +311,39 @@ def _training() -> ModuleType:
 
 
 @contextmanager
-def _shown(env: str, steps: int, folder: Path) -> "Generator[training.Tell]":
-    """Gives what shows how a training in a folder stands."""
+def _progress(env: str, steps: int, folder: Path, recipe: str | None) -> "Generator[training.Report]":
+    """A function that shows the progress of a training."""
     from avrgym.learning.training import LOG_FOLDER
 
-    log, again = folder / LOG_FOLDER, f"avrgym train {env} --resume --out {shlex.quote(str(folder))}"
-    told = False
-    with progress_bar(env, steps, "steps", stopped=f"`{again}` goes on") as bar:
+    log = folder / LOG_FOLDER
+    with_recipe = f" --recipe {ADAPTIVE}" if recipe == ADAPTIVE else ""
+    again = f"avrgym train {env}{with_recipe} --resume --out {shlex.quote(str(folder))}"
+    log_is_shown = False
+    with progress_bar(env, steps, "steps", stopped=f"`{again}` continues it") as bar:
 
-        def tell(now: "training.Progress") -> None:
-            nonlocal told
-            if not told:
-                say(
-                    f"log       {log}; `tensorboard --logdir {shlex.quote(str(log))}` shows it while it grows"
-                )
-            told = True
-            bar.show(now.steps, words=f"{env}  {now.stage}{_so_far(now)}")
+        def report(now: "training.Progress") -> None:
+            nonlocal log_is_shown
+            if log.exists() and not log_is_shown:
+                say(f"log       {log}; `tensorboard --logdir {shlex.quote(str(log))}` shows it")
+                log_is_shown = True
+            results = ""
+            if now.reward_mean is not None:
+                results = f"  reward {now.reward_mean:.1f}  success {100 * (now.success_rate or 0.0):.1f} %"
+            bar.show(now.steps, words=f"{env}  {now.stage}{results}")
 
-        yield tell
+        yield report
 
 
 def _run_name(env: str, people: str, impairment: str, recipe: str | None, seed: int) -> str:
     from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 
-    whom = people.replace("/", "-") if people in NAMED_DISTRIBUTIONS else Path(people).stem
-    limited = [] if impairment == "none" else [impairment]
+    name = env.removeprefix("avrgym/")
+    if recipe == ADAPTIVE:
+        return f"{name}-{recipe}-{seed}"
+    population = people.replace("/", "-") if people in NAMED_DISTRIBUTIONS else Path(people).stem
+    impaired = [] if impairment == "none" else [impairment]
     by_recipe = [] if recipe is None else [recipe]
-    return "-".join([env.removeprefix("avrgym/"), whom, *limited, *by_recipe, str(seed)])
+    return "-".join([name, population, *impaired, *by_recipe, str(seed)])
 
 
 def fit_people(
@@ -347,41 +372,43 @@ def evaluate(
     ] = None,
     all_environments: Annotated[bool, typer.Option("--all", help="Every environment.")] = False,
     policy: Annotated[
-        list[str] | None, typer.Option(help=f"Who drives, revised unless named: {CHOICES}. Repeatable.")
+        list[str] | None,
+        typer.Option(help=f"The policy that drives the robot, by default revised: {CHOICES}. Repeatable."),
     ] = None,
     people: Annotated[
-        list[str] | None, typer.Option(help=f"Whom to meet, revised unless named: {PEOPLE}. Repeatable.")
+        list[str] | None,
+        typer.Option(help=f"The people in the episodes, by default revised: {PEOPLE}. Repeatable."),
     ] = None,
     impairment: Impairment = "none",
     cross_play: Annotated[
         bool,
         typer.Option(
             "--cross-play",
-            help="Show success as a matrix of policies and people; unless named, original and revised policies with "
+            help="Show success as a matrix of policies and people; by default original and revised policies with "
             f"{', '.join(POPULATION_NAMES)}.",
         ),
     ] = False,
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
     seed: Seed = 0,
-    stream: Annotated[
+    split: Annotated[
         str,
         typer.Option(
-            help="What episodes are drawn from: showing, for figures that are shown; choosing, for whatever is "
-            "chosen by them, such as settings and checkpoints."
+            help="The episodes: test, for reported results; validation, for choices such as hyperparameters and "
+            "checkpoints."
         ),
-    ] = "showing",
+    ] = "test",
     jobs: Jobs = None,
     cluster: Cluster = None,
     allow_other_environment: Annotated[
         bool,
         typer.Option(
-            "--allow-other-environment", help="Run a policy that was trained for another environment."
+            "--allow-other-environment", help="Allow a policy that was trained for another environment."
         ),
     ] = False,
     force_guard: Annotated[
         bool,
         typer.Option(
-            "--force-guard", help="Keep arms from pressing too hard or coming too fast, as live sessions do."
+            "--force-guard", help="Limit contact force and approach speed of the arms, as in live sessions."
         ),
     ] = False,
     withdraw_after_success: WithdrawAfterSuccess = False,
@@ -391,13 +418,13 @@ def evaluate(
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Measure reward, success and force over many episodes.
+    """Evaluate policies: reward, success and force over many episodes.
 
-    Of each policy with each group of people.
+    One row for each environment, policy and population.
     """
     from avrgym.learning.cross_play import cross_play as evaluate_each
     from avrgym.learning.cross_play import matrix
-    from avrgym.learning.seed_streams import stream_of
+    from avrgym.system.random_streams import split_of
     from avrgym.tasks.constants import EPISODE_STEPS
     from avrgym.tasks.placement_check import excess_draws
 
@@ -419,7 +446,7 @@ def evaluate(
                 seed,
                 bar.advance,
                 impairment=impairment,
-                stream=stream_of(stream),
+                split=split_of(split),
                 jobs=jobs,
                 cluster=workers,
                 allow_other_environment=allow_other_environment,
@@ -432,17 +459,17 @@ def evaluate(
         if cross_play:
             print_table(matrix(metrics))
         else:
-            print_table([{name: row[name] for name in row if name not in NOT_SHOWN} for row in rows])
+            print_table([{name: row[name] for name in row if name not in OMITTED} for row in rows])
         if regions:
-            print_regions({_whose(row): row["force_regions"] for row in rows})
+            print_regions({_title(row): row["force_regions"] for row in rows})
         write_json(json_file, rows)
         for row in rows:
             for difference in row["plugin_differences"]:
-                warn(f"{_whose(row)}: not as the policy was trained: {difference}")
+                warn(f"{_title(row)}: differs from the policy's training: {difference}")
             crowded = excess_draws(row["start_draws_mean"], row["start_draws_max"])
             if crowded:
-                warn(f"{_whose(row)}: {crowded}; {row['starts_refused']} people were left out")
+                warn(f"{_title(row)}: {crowded}; {row['starts_refused']} people were omitted")
 
 
-def _whose(row: dict[str, Any]) -> str:
+def _title(row: dict[str, Any]) -> str:
     return f"{row['env']}, {row['policy']} with {row['people']}"

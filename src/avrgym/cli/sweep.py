@@ -22,37 +22,38 @@ def sweep(
         Path | None, typer.Option(help="A folder for the trainings; runs/NAME for NAME.toml.")
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with the sweep in the folder, without a file.")
+        bool, typer.Option("--resume", help="Continue the sweep in the folder, without a file.")
     ] = False,
     cluster: Cluster = "local",
     jobs: Jobs = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Make many trainings on a Ray cluster.
+    """Run many trainings on a Ray cluster.
 
-    Many seeds, recipes, people and environments; worse trainings may end early. Needs `avrgym[train,cluster]`.
+    Trains every combination of seeds, recipes, people and environments; early stopping is optional. Needs
+    `avrgym[train,cluster]`.
     """
     with plain_errors():
         check_json(json_file)
         if resume == (file is not None) or (resume and out is None):
             raise ValueError(
-                "a new sweep takes FILE, and --resume takes --out DIR, the folder of one that was begun"
+                "a new sweep needs FILE; --resume needs --out DIR, the folder of the sweep, and no FILE"
             )
         sweeps = _sweeps()
         folder = out or Path("runs") / (file or Path()).stem
         if file is not None:
-            sweeps.begin(file, folder)
+            sweeps.create(file, folder)
         groups = sweeps.plan_of(folder)
-        steps = sum(each.configuration.whole_steps for group in groups.values() for each in group)
-        again = f"`avrgym sweep --resume --out {shlex.quote(str(folder))}` goes on"
+        steps = sum(each.configuration.total_steps for group in groups.values() for each in group)
+        again = f"`avrgym sweep --resume --out {shlex.quote(str(folder))}` continues it"
         made: dict[str, int] = {}
         with on_cluster(cluster, jobs), progress_bar("trainings", steps, "steps", stopped=again) as bar:
 
-            def told(name: str, steps_made: int) -> None:
+            def report(name: str, steps_made: int) -> None:
                 made[name] = steps_made
-                bar.show(sum(made.values()), words=f"{len(made)} trainings begun")
+                bar.show(sum(made.values()), words=f"{len(made)} trainings started")
 
-            rows = [asdict(each) for each in sweeps.run(folder, jobs, told)]
+            rows = [asdict(each) for each in sweeps.run(folder, jobs, report)]
         print_table([{name: row[name] for name in row if name != "policy"} for row in rows])
         write_json(json_file, rows)
     say(f"trainings {folder}")

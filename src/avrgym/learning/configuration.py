@@ -1,52 +1,45 @@
-"""What a training run is made of."""
+"""Configurations of trainings: what is trained, with which people, for how long and with which hyperparameters."""
 
+from abc import abstractmethod
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 
-from avrgym.learning.settings_file import settings_of
+from avrgym.learning.hyperparameters import RECURRENT, Hyperparameters, hyperparameters_of
 from avrgym.networks.policy import FILE_SUFFIX
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
-from avrgym.people.populations import carried_people, is_trained
+from avrgym.people.population_names import ORIGINAL, TRAIN_ZOO
+from avrgym.people.populations import is_trained, transferred_people
 from avrgym.system.engines import THREADS
 from avrgym.system.files import write_whole
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.training_settings import TrainingSettings
 
-PEOPLE = "people"
-"""Name of a copy of the file of people, or the folder of trained humans, that a training was begun with, if it was."""
-CONFIGURATION_FILE, LOG_FOLDER = "configuration.json", "tensorboard"
-ADAPTIVE_FILE = "adaptive.json"
-"""The same of a training by the recipe ``adaptive``."""
-PEOPLE_SUFFIX = ".toml"
+CONFIGURATION_FILE = "configuration.json"
+RECURRENT_FILE = "adaptive.json"
+"""The configuration of a training by the recipe ``adaptive``."""
+PEOPLE, PEOPLE_SUFFIX = "people", ".toml"
+"""Name of the copy of the file of people, or of the folder of trained humans, in a training's folder."""
 LEARNING_VERSION = 2
-"""Version of the training algorithm. A training is resumed only by the version that began it."""
-PAPER_STEPS = 10_000_000
-"""Environment steps of each of the paper's trainings (section VI)."""
-PAPER_SETTINGS = TrainingSettings(
-    worlds=1024,
-    minibatch=5120,
-    imitation_rounds=0,
-    imitation_share=0.0,
-    critic_updates=0,
-    log_std=(-0.7, -2.5),
-    force_weight_per_n=0.0,
-    detour_weight_per_m=0.0,
-    hard_share=0.0,
-)
-"""The paper's recipe, the same for every task: PPO alone, on the task's rewards as they are. The paper says nothing of
-how random actions are: they begin and end here as in feeding, which learns by PPO alone, too. Nor does it say how many
-episodes an update has: with so many, each finds some of what is rare, and steps are made several times faster."""
+"""Version of the training algorithm. A training is resumed only by the version that started it."""
+NAMES_OF_0_2 = {
+    "worlds": "num_envs",
+    "minibatch": "batch_size",
+    "epochs": "n_epochs",
+    "discount": "gamma",
+    "hidden": "net_arch",
+    "memory": "memory_size",
+}
+"""Keys of configurations of version 0.2, and the present ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pairing:
-    """That a human is trained beside the robot, in the bodies of the people.
+    """Settings of a training of robot and human together; the human has the bodies of the people.
 
-    ``alternate`` is for how many updates one learns while the other stays as it is, first the robot; with 0 both learn
-    in each. Unless the reward is shared, each pays for its own effort.
+    With ``alternate`` 0 both learn in each update. Otherwise one learns for that many updates while the other is
+    fixed, first the robot. Unless the reward is shared, each agent's reward contains its own action penalty only.
     """
 
     alternate: int = 0
@@ -54,65 +47,145 @@ class Pairing:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainingConfiguration(TrainingSettings):
-    """A training run: environment, people, number of environment steps, and recipe."""
+class TrainingConfiguration:
+    """The part that every recipe shares; ``steps`` are environment steps, rounded up to whole updates.
+
+    ``threads`` step the worlds, 0 for one on each core. With ``force_guard`` the policy is trained behind the force
+    guard. ``withdraw_after_success`` is as in ``Episodes``.
+    """
 
     environment: str
-    people: str = "original"
-    impairment: str = "none"
-    steps: int = 2_000_000
+    people: str
+    steps: int
+    num_envs: int
     seed: int = 0
     threads: int = 0
+    force_guard: bool = False
+    withdraw_after_success: bool = False
+
+    @property
+    def update_steps(self) -> int:
+        """Environment steps of one update: an episode in every world."""
+        return self.num_envs * EPISODE_STEPS
+
+    @property
+    def updates(self) -> int:
+        """Updates in all."""
+        return -(-self.steps // self.update_steps)
+
+    @property
+    def total_steps(self) -> int:
+        """Environment steps in all."""
+        return self.updates * self.update_steps
+
+    @property
+    @abstractmethod
+    def imitation_updates(self) -> int:
+        """Updates at the start that imitate."""
+
+    @property
+    def imitation_steps(self) -> int:
+        """Environment steps of imitation."""
+        return self.imitation_updates * self.update_steps
+
+    @abstractmethod
+    def lengthened(self, steps: int) -> Self:
+        """The same with more steps, and as many updates of imitation.
+
+        Raises:
+            ValueError: for fewer steps, where the recipe does not allow it.
+        """
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
+    """A training of a feed-forward policy, or with ``pairing`` of a robot's and a human's."""
+
+    people: str = ORIGINAL
+    impairment: str = "none"
+    steps: int = 2_000_000
     engine: str = THREADS
     learning_version: int = LEARNING_VERSION
     pairing: Pairing | None = None
 
     @property
-    def update_steps(self) -> int:
-        """Environment steps of one update: an episode in every world."""
-        return self.worlds * EPISODE_STEPS
+    def imitation_updates(self) -> int:
+        return min(self.imitation_rounds, int(self.imitation_share * self.steps) // self.update_steps)
 
-    @property
-    def whole_steps(self) -> int:
-        """Environment steps in all, whole updates."""
-        return -(-self.steps // self.update_steps) * self.update_steps
+    def lengthened(self, steps: int) -> Self:
+        return replace(self, steps=steps, imitation_rounds=self.imitation_updates, imitation_share=1.0)
 
-    @property
-    def imitation_steps(self) -> int:
-        """Environment steps of imitation, whole rounds."""
-        rounds = min(self.imitation_rounds, int(self.imitation_share * self.steps) // self.update_steps)
-        return rounds * self.update_steps
-
-    def _ppo_share(self, steps: float) -> float:
-        """What share of PPO is done after so many environment steps in all."""
+    def _ppo_progress(self, steps: float) -> float:
+        """The share of PPO that is done after ``steps`` environment steps, 0 to 1."""
         return min(1.0, max(0.0, steps - self.imitation_steps) / max(1, self.steps - self.imitation_steps))
 
     def log_std_at(self, steps: float) -> float:
-        """Logarithm of the standard deviation of random actions after so many steps."""
+        """Logarithm of the action standard deviation after ``steps``."""
         first, last = self.log_std
-        return first + self._ppo_share(steps) * (last - first)
+        return first + self._ppo_progress(steps) * (last - first)
 
     def learning_rate_at(self, steps: float) -> float:
-        """The learning rate after so many steps."""
-        return self.learning_rate * max(0.01, 1.0 - self._ppo_share(steps))
+        """The learning rate after ``steps``."""
+        return self.learning_rate * max(0.01, 1.0 - self._ppo_progress(steps))
 
     def force_weight_at(self, steps: float) -> float:
-        """What each newton takes off the reward after so many steps, 1/N."""
-        return self.force_weight_per_n * min(max(3.0 * self._ppo_share(steps) - 1.0, 0.0), 1.0)
+        """The reward penalty after ``steps``, per newton."""
+        return self.force_weight_per_n * min(max(3.0 * self._ppo_progress(steps) - 1.0, 0.0), 1.0)
 
     def actor_learns_at(self, steps: int) -> bool:
-        """Whether the actor learns too, or only the critic, which does not know yet what an imitated actor is worth."""
+        """Whether the actor learns, or only the critic, which has no estimate of an imitated actor yet."""
         critic_steps = self.critic_updates * self.update_steps
         return self.imitation_steps == 0 or steps > self.imitation_steps + critic_steps
 
+    def learners_at(self, steps: int) -> tuple[bool, bool]:
+        """Whether the robot and the human learn in the update of PPO that starts after ``steps``."""
+        alternate = 0 if self.pairing is None else self.pairing.alternate
+        if not alternate:
+            return True, True
+        update = (steps - self.imitation_steps) // self.update_steps
+        return (True, False) if update // alternate % 2 == 0 else (False, True)
 
-def turn(configuration: TrainingConfiguration, steps: int) -> tuple[bool, bool]:
-    """Whether the robot and the human learn from the update of PPO that begins after so many steps."""
-    alternate = 0 if configuration.pairing is None else configuration.pairing.alternate
-    if not alternate:
-        return True, True
-    update = (steps - configuration.imitation_steps) // configuration.update_steps
-    return (True, False) if update // alternate % 2 == 0 else (False, True)
+
+@dataclass(frozen=True, kw_only=True)
+class RecurrentConfiguration(TrainingConfiguration):
+    """A training of a recurrent policy.
+
+    The first updates imitate: the task's expert, or ``teacher``, a policy by its name or file. ``initial`` is a
+    recurrent policy to start from, by its name or file; its layer sizes replace ``memory_size`` and ``net_arch``.
+    Without ``imitation_share`` it is ``RECURRENT.imitation_share``, and 0 with an initial policy.
+    """
+
+    people: str = TRAIN_ZOO
+    steps: int = 1_280_000
+    imitation_share: float | None = None
+    num_envs: int = 64
+    memory_size: int = 128
+    net_arch: tuple[int, ...] = (128, 128)
+    teacher: str | None = None
+    initial: str | None = None
+
+    @property
+    def imitation_updates(self) -> int:
+        least, share = (1, RECURRENT.imitation_share) if self.initial is None else (0, 0.0)
+        if self.imitation_share is not None:
+            share = self.imitation_share
+        return max(least, round(share * self.updates))
+
+    def lengthened(self, steps: int) -> Self:
+        longer = replace(self, steps=steps)
+        if longer.updates < self.updates:
+            raise ValueError(
+                f"{steps} steps are fewer than the training's {self.steps}; allowed: those or more"
+            )
+        return replace(longer, imitation_share=self.imitation_updates / longer.updates)
+
+    def ppo_progress(self, update: int) -> float:
+        """The share of PPO, without the critic's first updates, that is done before an update, 0 to 1."""
+        first = self.imitation_updates + RECURRENT.critic_updates
+        return max(0.0, (update - first) / max(1, self.updates - first))
+
+
+AnyConfiguration = FeedforwardConfiguration | RecurrentConfiguration
 
 
 def configuration_for(
@@ -121,16 +194,17 @@ def configuration_for(
     steps: int,
     seed: int,
     impairment: str = "none",
-    settings: TrainingSettings | None = None,
+    hyperparameters: Hyperparameters | None = None,
     engine: str = THREADS,
     pairing: Pairing | None = None,
-) -> TrainingConfiguration:
-    """How we train in an environment; ``settings`` stand for the task's own.
+    **others: Any,
+) -> FeedforwardConfiguration:
+    """A training of a feed-forward policy, with the hyperparameters of its task unless others are given.
 
     Raises:
-        ValueError: for an unknown environment, naming what there is.
+        ValueError: for an unknown environment, naming the known ones.
     """
-    return TrainingConfiguration(
+    return FeedforwardConfiguration(
         environment=environment,
         people=people,
         impairment=impairment,
@@ -138,57 +212,63 @@ def configuration_for(
         seed=seed,
         engine=engine,
         pairing=pairing,
-        **vars(settings or settings_of(environment)),
+        **others,
+        **vars(hyperparameters or hyperparameters_of(environment)),
     )
 
 
-def lengthened(configuration: TrainingConfiguration, steps: int) -> TrainingConfiguration:
-    """The configuration for more steps, with as much imitation as before."""
-    rounds = configuration.imitation_steps // configuration.update_steps
-    return replace(configuration, steps=steps, imitation_rounds=rounds, imitation_share=1.0)
+def store(configuration: AnyConfiguration, out: Path) -> None:
+    """Write a configuration into the folder of its training."""
+    recurrent = isinstance(configuration, RecurrentConfiguration)
+    path = out / (RECURRENT_FILE if recurrent else CONFIGURATION_FILE)
+    write_whole(path, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
 
 
-def store(configuration: TrainingConfiguration, out: Path) -> None:
-    """Write what the training in ``out`` is made of."""
-    write_whole(out / CONFIGURATION_FILE, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
+def holds_training(out: Path) -> bool:
+    """Whether a folder contains a training."""
+    return (out / CONFIGURATION_FILE).exists() or (out / RECURRENT_FILE).exists()
+
+
+def stored_configuration(out: Path) -> AnyConfiguration:
+    """Read the configuration of the training in ``out``, also of version 0.2.
+
+    Raises:
+        ValueError: when ``out`` contains no training, or one of another learning version.
+    """
+    if not holds_training(out):
+        raise ValueError(f"{out} contains no training to resume")
+    recurrent = (out / RECURRENT_FILE).exists()
+    path, kind = (
+        (out / RECURRENT_FILE, RecurrentConfiguration)
+        if recurrent
+        else (out / CONFIGURATION_FILE, FeedforwardConfiguration)
+    )
+    try:
+        stored: dict[str, Any] = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+        configuration = msgspec.convert(
+            {NAMES_OF_0_2.get(key, key): value for key, value in stored.items()}, kind
+        )
+    except (msgspec.DecodeError, msgspec.ValidationError) as error:
+        raise ValueError(f"{path}: {error}") from error
+    version = LEARNING_VERSION if recurrent else stored.get("learning_version")
+    if version != LEARNING_VERSION:
+        raise ValueError(f"{path}: learning version {version}; allowed: {LEARNING_VERSION}")
+    return configuration
 
 
 def store_people(people: str, out: Path) -> None:
-    """Keep a copy of people who have no name in the folder of a training."""
+    """Copy a file of people, or trained humans, into the folder of a training."""
     if people in NAMED_DISTRIBUTIONS:
         return
-    kept = out / PEOPLE
+    copy = out / PEOPLE
     if not Path(people).is_dir():
-        kept = kept.with_suffix(FILE_SUFFIX if is_trained(people) else PEOPLE_SUFFIX)
-    carried_people(people).write(kept)
+        copy = copy.with_suffix(FILE_SUFFIX if is_trained(people) else PEOPLE_SUFFIX)
+    transferred_people(people).write(copy)
 
 
-def stored_people(configuration: TrainingConfiguration, out: Path) -> str:
-    """Name, file or folder of the people of the training in ``out``."""
-    if configuration.people in NAMED_DISTRIBUTIONS:
-        return configuration.people
+def stored_people(people: str, out: Path) -> str:
+    """Name of the people, or the path of their copy in the folder of a training."""
+    if people in NAMED_DISTRIBUTIONS:
+        return people
     copies = [out / f"{PEOPLE}{suffix}" for suffix in (PEOPLE_SUFFIX, FILE_SUFFIX, "")]
     return str(next((copy for copy in copies if copy.exists()), copies[0]))
-
-
-def stored_configuration(out: Path) -> TrainingConfiguration:
-    """What the training in ``out`` is made of.
-
-    Raises:
-        ValueError: when ``out`` holds no training, or one of a later version.
-    """
-    path = out / CONFIGURATION_FILE
-    if (out / ADAPTIVE_FILE).exists():
-        raise ValueError(
-            f"{out} holds a training by --recipe adaptive; allowed with it: --resume --recipe adaptive"
-        )
-    if not path.exists():
-        raise ValueError(f"{out} holds no training to resume")
-    try:
-        stored: dict[str, Any] = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
-        configuration = msgspec.convert(stored, TrainingConfiguration)
-    except (msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise ValueError(f"{path}: {error}") from error
-    if (version := stored.get("learning_version")) != LEARNING_VERSION:
-        raise ValueError(f"{path}: learning version {version}; allowed: {LEARNING_VERSION}")
-    return configuration

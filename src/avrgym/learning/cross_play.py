@@ -5,11 +5,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from avrgym.learning.evaluation import Evaluation, Progress, evaluate_all
-from avrgym.learning.seed_streams import SHOWING, Stream
 from avrgym.people.impairments import find_impairment
 from avrgym.policies import registry
 from avrgym.simulation.engines.engine import check_engine
 from avrgym.system.engines import THREADS
+from avrgym.system.random_streams import TEST, Split
 from avrgym.tasks.company import find_company
 from avrgym.tasks.constants import ENVIRONMENTS, expected_errors
 from avrgym.tasks.registry import find_environment
@@ -32,7 +32,7 @@ def cross_play(
     progress: Progress = lambda steps: None,
     *,
     impairment: str = "none",
-    stream: Stream = SHOWING,
+    split: Split = TEST,
     jobs: int | None = None,
     cluster: "Cluster | None" = None,
     allow_other_environment: bool = False,
@@ -68,7 +68,7 @@ def cross_play(
                 seed=seed,
                 progress=progress,
                 impairment=impairment,
-                stream=stream,
+                split=split,
                 jobs=jobs,
                 cluster=cluster,
                 allow_other_environment=allow_other_environment,

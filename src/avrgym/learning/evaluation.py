@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.learning.seed_streams import SHOWING, Stream, episode_generators
 from avrgym.models.scene import SUBSTEPS
-from avrgym.people.populations import carried_people
+from avrgym.people.populations import transferred_people
 from avrgym.policies import registry
 from avrgym.safety.force_guard import ForceGuard
 from avrgym.safety.region_forces import RegionFigures, RegionLoads, RegionWatch, summed_up
 from avrgym.simulation.engines.engine import check_engine
 from avrgym.system.engines import THREADS
 from avrgym.system.jobs import cores, report, run_all
+from avrgym.system.random_streams import TEST, Split, evaluation_episodes
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes, Step
@@ -51,7 +51,7 @@ class Results(NamedTuple):
 class Evaluation:
     """The figures of one policy in one environment; force is the mean over all steps.
 
-    ``stream`` is what its episodes were drawn from: figures of ``showing`` are of episodes that no choice has seen.
+    No choice is made with episodes of the ``split`` test.
     ``force_regions`` are the forces by region of the body, ``episodes_over_limit`` counts the episodes in which any
     region bore more than its limits allow, see ``RegionLoads``. ``guard_interventions`` is how often a force guard
     acted, per episode; ``None`` without one. ``engine`` and ``device`` say where physics ran. ``plugin_differences``:
@@ -63,7 +63,7 @@ class Evaluation:
     policy: str
     people: str
     impairment: str
-    stream: Stream
+    split: Split
     episodes: int
     reward_mean: float
     reward_std: float
@@ -89,7 +89,7 @@ class _Batch:
     policy: TransferredFile
     people: TransferredFile
     impairment: str
-    stream: Stream
+    split: Split
     seed: int
     episodes: range
     threads: int
@@ -108,12 +108,25 @@ def evaluate(
     progress: Progress = lambda steps: None,
     *,
     impairment: str = "none",
-    stream: Stream = SHOWING,
+    split: Split = TEST,
+    force_guard: bool = False,
     engine: str = THREADS,
 ) -> Evaluation:
-    """Run episodes of 200 steps in this process, and sum them up; see ``evaluate_all``."""
-    asked = [environment_id], policy, people, episodes, seed, progress
-    return evaluate_all(*asked, impairment=impairment, stream=stream, jobs=1, engine=engine)[0]
+    """Evaluate in one environment and this process; see ``evaluate_all``."""
+    (row,) = evaluate_all(
+        [environment_id],
+        policy,
+        people,
+        episodes,
+        seed,
+        progress,
+        impairment=impairment,
+        split=split,
+        jobs=1,
+        force_guard=force_guard,
+        engine=engine,
+    )
+    return row
 
 
 def evaluate_all(
@@ -125,7 +138,7 @@ def evaluate_all(
     progress: Progress = lambda steps: None,
     *,
     impairment: str = "none",
-    stream: Stream = SHOWING,
+    split: Split = TEST,
     jobs: int | None = None,
     cluster: "Cluster | None" = None,
     allow_other_environment: bool = False,
@@ -144,7 +157,7 @@ def evaluate_all(
         seed: of the episodes; another seed gives other people and starts.
         progress: told again and again how many environment steps were made since it was told last.
         impairment: a name in ``people.impairments.IMPAIRMENTS``.
-        stream: what the episodes are drawn from, see ``seed_streams``.
+        split: episodes of the test or the validation split, see ``random_streams``.
         jobs: how many processes share the work and the cores; without it one for each core that has enough to do,
             and one alone for a device.
             It changes no figure.
@@ -172,15 +185,15 @@ def evaluate_all(
     jobs = jobs or (min(there, max(1, every // WORTH_A_PROCESS)) if engine == THREADS else 1)
     size = min(MAX_WORLDS, -(-every // jobs))
     threads = max(1, there // jobs) if cluster is None else 1
-    split = _split(episodes, size)
-    driver, whom = TransferredFile.of(policy), carried_people(people)
+    parts = _parts(episodes, size)
+    driver, whom = TransferredFile.of(policy), transferred_people(people)
     batches = [
         _Batch(
             environment_id=environment_id,
             policy=driver,
             people=whom,
             impairment=impairment,
-            stream=stream,
+            split=split,
             seed=seed,
             episodes=numbers,
             threads=threads,
@@ -190,17 +203,17 @@ def evaluate_all(
             engine=engine,
         )
         for environment_id in environment_ids
-        for numbers in split
+        for numbers in parts
     ]
     results = _run_batches(batches, jobs, cluster, progress)
-    firsts = range(0, len(batches), len(split))
+    firsts = range(0, len(batches), len(parts))
     return [
-        _sum_up(batches[first], results[first : first + len(split)], differing)
+        _sum_up(batches[first], results[first : first + len(parts)], differing)
         for first, differing in zip(firsts, changed, strict=True)
     ]
 
 
-def _split(episodes: int, size: int) -> list[range]:
+def _parts(episodes: int, size: int) -> list[range]:
     """Batches of at most that size, as equal as can be, so that no process waits long for another."""
     count = -(-episodes // size)
     bounds = [number * episodes // count for number in range(count + 1)]
@@ -230,14 +243,14 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
     world = Episodes(
         batch.environment_id,
         len(batch.episodes),
-        distribution=batch.people.here(),
+        distribution=batch.people.local_path(),
         impairment=batch.impairment,
         num_threads=batch.threads,
         by_region=True,
         engine=batch.engine,
         withdraw_after_success=batch.withdraw_after_success,
     )
-    generators = episode_generators(batch.stream, batch.seed, batch.episodes)
+    generators = evaluation_episodes(batch.split, batch.seed, batch.episodes)
     return _run(world, batch, generators, progress)
 
 
@@ -253,7 +266,7 @@ def _sum_up(batch: _Batch, results: list[Results], changed: list[str]) -> Evalua
         policy=batch.policy.name,
         people=batch.people.name,
         impairment=batch.impairment,
-        stream=batch.stream,
+        split=batch.split,
         episodes=len(reward),
         reward_mean=float(reward.mean()),
         reward_std=float(reward.std()),
@@ -290,7 +303,7 @@ def _run(
     """One batch of episodes."""
     count = len(generators)
     allowed = batch.allow_other_environment
-    found = registry.find(batch.policy.here(), world.environment_id, allow_other_environment=allowed)
+    found = registry.find(batch.policy.local_path(), world.environment_id, allow_other_environment=allowed)
     observation = world.begin(np.arange(count), generators)
     draws = world.draws.astype(np.intp)
     reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)

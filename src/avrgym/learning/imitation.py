@@ -1,129 +1,99 @@
-"""Learning from an expert before PPO: dataset aggregation (Ross, Gordon, Bagnell, AISTATS 2011, algorithm 3.1).
+"""Imitation of an expert before PPO: dataset aggregation (Ross, Gordon, Bagnell, AISTATS 2011, algorithm 3.1).
 
-The policy drives ever more of the worlds, the expert says at every step what it would do there, and the policy
-learns to do the same from all that was gathered so far.
+The policy drives more and more of the worlds. The expert's actions are recorded in all of them, and after each round
+the policy is fitted to the demonstrations of all rounds so far.
 """
 
 # Stable-Baselines3's attributes and PyTorch's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Generic, TypeVar
 from zipfile import BadZipFile
 
 import numpy as np
 import torch
-from stable_baselines3 import PPO
-from torch import Tensor
+from torch.nn.functional import mse_loss
+from torch.optim.lr_scheduler import ExponentialLR
 
-from avrgym.array_types import BoolArray, Float32Array
-from avrgym.learning.stable_baselines import Normaliser
-from avrgym.tasks.constants import EPISODE_STEPS
+from avrgym.array_types import Float32Array
+from avrgym.learning.hyperparameters import IMITATION
+from avrgym.learning.ppo import Agent
 
-EXPERT_SHARE = 0.8
-"""The expert drives all worlds in the first round, and in each later one this share of those of the round before."""
-BATCH = 1024
-EPOCHS, LAST_EPOCHS = 10, 100
-"""How often all that was gathered is gone through at the end of a round and of the last."""
-LEARNING_RATE, FALL, LAST_FALL = 1e-3, 0.3, 0.01
-"""The learning rate, and the share of it that is left at the end of a round and of the last."""
-
-Finished = list[tuple[float, bool]]
-"""Return and success of episodes that the policy drove."""
-Hear = Callable[[Finished], object]
-
-
-def imitate(
-    model: PPO,
-    normaliser: Normaliser,
-    worlds: int,
-    rounds: int,
-    seed: int,
-    shown: Path,
-    gather: "Gather",
-    hear: Hear,
-) -> None:
-    """Bring a model's actor to do as the expert does.
-
-    What the model has done of it, by its number of steps, is not done again: it goes on to the same weights.
-
-    Args:
-        model: not yet begun, or as it was after a round.
-        normaliser: of its observations; ``gather`` fits it on the way.
-        worlds: how many.
-        rounds: how many in all; each is an episode in every world.
-        seed: of who drives which world, and of the minibatches.
-        shown: a folder for what the expert shows, a file for each round; it must hold those of the rounds done.
-        gather: makes the episodes of a round.
-        hear: told after each round return and success of each episode that the policy drove.
-
-    Raises:
-        ValueError: for a file that is missing or damaged.
-    """
-    done = model.num_timesteps // (worlds * EPISODE_STEPS)
-    shown.mkdir(exist_ok=True)
-    files = [shown / f"round_{number:04}.npz" for number in range(rounds)]
-    gathered = [load_shown(file, Shown) for file in files[:done]]
-    for number in range(done, rounds):
-        random = np.random.default_rng([seed, 2, number])
-        by_expert = random.random(worlds) < EXPERT_SHARE**number
-        round_shown, finished = gather(by_expert)
-        np.savez(files[number], **asdict(round_shown))
-        gathered.append(round_shown)
-        _fit(model, normaliser, gathered, random, last=number == rounds - 1)
-        model.num_timesteps += len(round_shown.observations)
-        hear(finished)
+DEMONSTRATIONS_FOLDER = "shown"
 
 
 @dataclass(frozen=True)
-class Shown:
-    """What an expert showed: observations (S, O) and its actions (S, J), or (T, N, ...), single precision."""
+class Demonstration:
+    """Observations (S, O) and the expert's actions (S, J) of a round, or (T, N, ...); single precision."""
 
     observations: Float32Array
     actions: Float32Array
 
 
-AnyShown = TypeVar("AnyShown", bound=Shown)
-Gather = Callable[[BoolArray], tuple[Shown, Finished]]
-"""From which worlds (N,) the expert drives to what it showed in an episode of each."""
+D = TypeVar("D", bound=Demonstration)
 
 
-def load_shown(file: Path, kind: type[AnyShown]) -> AnyShown:
-    """What a file keeps of a round.
+class Demonstrations(Generic[D]):
+    """The demonstrations of all rounds so far, with a file for each round."""
 
-    Raises:
-        ValueError: for a file that is missing or damaged.
-    """
-    try:
-        with np.load(file) as arrays:
-            return kind(**arrays)
-    except (OSError, ValueError, TypeError, BadZipFile) as error:
-        raise ValueError(f"{file}: not what an expert showed ({error})") from error
+    def __init__(self, out: Path, kind: type[D]) -> None:
+        self.rounds: list[D] = []
+        self._folder, self._kind = out / DEMONSTRATIONS_FOLDER, kind
+
+    def append(self, demonstration: D) -> None:
+        """Append a round, and write its file."""
+        self._folder.mkdir(exist_ok=True)
+        np.savez(self._file(len(self.rounds)), **asdict(demonstration))
+        self.rounds.append(demonstration)
+
+    def read(self, rounds: int) -> None:
+        """Read the first rounds.
+
+        Raises:
+            ValueError: for a file that is missing or damaged.
+        """
+        self.rounds = [self._read(self._file(number)) for number in range(rounds)]
+
+    def joined(self, name: str, axis: int = 0) -> Float32Array:
+        """An array of all rounds, joined along an axis."""
+        return np.concatenate([getattr(each, name) for each in self.rounds], axis=axis)
+
+    def _read(self, file: Path) -> D:
+        try:
+            with np.load(file) as arrays:
+                return self._kind(**arrays)
+        except (OSError, ValueError, TypeError, BadZipFile) as error:
+            raise ValueError(f"{file}: not a file of demonstrations ({error})") from error
+
+    def _file(self, number: int) -> Path:
+        return self._folder / f"round_{number:04}.npz"
 
 
-def _fit(
-    model: PPO, normaliser: Normaliser, gathered: list[Shown], random: np.random.Generator, *, last: bool
+def fit(
+    agent: Agent, demonstrations: Demonstrations[Demonstration], random: np.random.Generator, *, last: bool
 ) -> None:
-    """Least squares over all that was gathered, at a rate that falls; in the last round longer."""
-    seen = np.concatenate([shown.observations for shown in gathered])
-    observations = torch.as_tensor(np.asarray(normaliser.normalize_obs(seen)), dtype=torch.float32)
-    actions = torch.as_tensor(np.concatenate([shown.actions for shown in gathered]))
+    """Least squares of the actor's mean actions over all demonstrations; longer in the last round."""
+    model, normaliser = agent
+    observed = demonstrations.joined("observations")
+    observations = torch.as_tensor(np.asarray(normaliser.normalize_obs(observed)), dtype=torch.float32)
+    actions = torch.as_tensor(demonstrations.joined("actions"))
     actor = model.policy
     parameters = [*actor.mlp_extractor.policy_net.parameters(), *actor.action_net.parameters()]
-    optimizer = torch.optim.Adam(parameters, LEARNING_RATE)
-    epochs, fall = (LAST_EPOCHS, LAST_FALL) if last else (EPOCHS, FALL)
-    steps = -(-epochs * len(seen) // BATCH)
-    rate = torch.optim.lr_scheduler.ExponentialLR(optimizer, fall ** (1.0 / steps))
+    optimizer = torch.optim.Adam(parameters, IMITATION.learning_rate)
+    epochs, decay = (
+        (IMITATION.last_n_epochs, IMITATION.last_lr_decay)
+        if last
+        else (IMITATION.n_epochs, IMITATION.lr_decay)
+    )
+    steps = -(-epochs * len(observed) // IMITATION.batch_size)
+    schedule = ExponentialLR(optimizer, decay ** (1.0 / steps))
     for _ in range(steps):
-        rows = torch.as_tensor(random.integers(len(seen), size=BATCH))
-        loss = torch.nn.functional.mse_loss(_mean_actions(model, observations[rows]), actions[rows])
+        rows = torch.as_tensor(random.integers(len(observed), size=IMITATION.batch_size))
+        means = actor.action_net(actor.mlp_extractor.forward_actor(observations[rows]))
+        loss = mse_loss(means, actions[rows])
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-        rate.step()
-
-
-def _mean_actions(model: PPO, observations: Tensor) -> Tensor:
-    return model.policy.action_net(model.policy.mlp_extractor.forward_actor(observations))
+        schedule.step()

@@ -1,27 +1,81 @@
-"""Stable-Baselines3's PPO as a training configures it."""
+"""PPO of feed-forward policies with Stable-Baselines3, from whole episodes that rollouts provide."""
 
 # Stable-Baselines3's attributes: their types are known only in part.
 # pyright: reportUnknownMemberType=false
 
+from collections.abc import Callable
+from math import exp
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
+import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 
-from avrgym.learning.configuration import LOG_FOLDER, TrainingConfiguration
+from avrgym.array_types import Float32Array
+from avrgym.learning.configuration import FeedforwardConfiguration
+from avrgym.learning.normaliser import OBSERVATION_CLIP, Normaliser, Scaled
+from avrgym.learning.rollouts import Rollout
+from avrgym.networks.policy import Policy, PolicyMetadata
 from avrgym.tasks.constants import EPISODE_STEPS
 
-OBSERVATION_CLIP = 5.0
+LOG_FOLDER = "tensorboard"
+PolicyUpdate = Callable[[PPO, Any, Any, Any], object]
+"""Improves a model from whole episodes that the time limit ends.
+
+Arguments: the model, normalised observations (T + 1, N, O), actions (T, N, J) and scaled rewards (T, N).
+"""
 
 
-def make_ppo(configuration: TrainingConfiguration, observation_size: int, action_size: int, out: Path) -> PPO:
-    """A model that is given its episodes."""
-    model = PPO("MlpPolicy", None, _init_setup_model=False, **_settings(configuration, out))  # type: ignore[arg-type]
+class Agent(NamedTuple):
+    """A model and the normaliser of its observations and rewards."""
+
+    model: PPO
+    normaliser: Normaliser
+
+
+def make_agent(
+    configuration: FeedforwardConfiguration, observation: Scaled, action_size: int, out: Path
+) -> Agent:
+    """An agent before training."""
+    return Agent(
+        make_ppo(configuration, observation.size, action_size, out),
+        Normaliser(observation, configuration.gamma),
+    )
+
+
+def make_ppo(
+    configuration: FeedforwardConfiguration, observation_size: int, action_size: int, out: Path
+) -> PPO:
+    """A model without an environment."""
+
+    def learning_rate(remaining: float) -> float:
+        return configuration.learning_rate_at((1.0 - remaining) * configuration.steps)
+
+    torch.set_num_threads(1)  # more are no faster with small networks, and would change the order of sums
+    model = PPO(
+        "MlpPolicy",
+        None,  # type: ignore[arg-type]
+        learning_rate=learning_rate,
+        n_steps=EPISODE_STEPS,
+        batch_size=configuration.batch_size,
+        n_epochs=configuration.n_epochs,
+        gamma=configuration.gamma,
+        gae_lambda=configuration.gae_lambda,
+        clip_range=configuration.clip_range,
+        ent_coef=configuration.ent_coef,
+        vf_coef=configuration.vf_coef,
+        max_grad_norm=configuration.max_grad_norm,
+        policy_kwargs={"net_arch": list(configuration.net_arch), "activation_fn": torch.nn.Tanh},
+        tensorboard_log=str(out / LOG_FOLDER),
+        seed=configuration.seed,
+        device="cpu",
+        _init_setup_model=False,
+    )
     model.observation_space = spaces.Box(-OBSERVATION_CLIP, OBSERVATION_CLIP, (observation_size,))
     model.action_space = spaces.Box(-1.0, 1.0, (action_size,))
-    model.n_envs = configuration.worlds
+    model.n_envs = configuration.num_envs
     model._setup_model()  # pyright: ignore[reportPrivateUsage]  # as its own load() does
     model.policy.log_std.requires_grad_(False)
     return model
@@ -32,35 +86,93 @@ def steps_of(model: PPO) -> int:
     return cast(int, model.num_timesteps)
 
 
-def begin_update(model: PPO, configuration: TrainingConfiguration) -> None:
-    """Set how far actions are drawn from their mean in the next update."""
+def set_log_std(model: PPO, configuration: FeedforwardConfiguration) -> None:
+    """Set the exploration noise of the next update."""
     with torch.no_grad():
         model.policy.log_std.fill_(configuration.log_std_at(steps_of(model)))
 
 
-def free_actor(model: PPO, configuration: TrainingConfiguration) -> None:
-    """Let the actor learn too, when the critic knows what it is worth."""
+def freeze_actor(model: PPO, configuration: FeedforwardConfiguration) -> None:
+    """Let only the critic learn for the first updates after imitation."""
     learns = configuration.actor_learns_at(steps_of(model))
     model.policy.mlp_extractor.policy_net.requires_grad_(learns)
     model.policy.action_net.requires_grad_(learns)
 
 
-def _settings(configuration: TrainingConfiguration, out: Path) -> dict[str, Any]:
+def learn(agent: Agent, rollout: Rollout, last: int, update: PolicyUpdate) -> None:
+    """Improve an agent from an update's episodes, in a training of ``last`` steps."""
+    model, normaliser = agent
+    rewards = normaliser.normalize_rewards(rollout)
+    observations = normaliser.normalize_obs(rollout.observations)
+    model._update_current_progress_remaining(steps_of(model), last)  # pyright: ignore[reportPrivateUsage]
+    update(model, observations, rollout.actions, rewards)
+    normaliser.update_observations(rollout)
 
-    def rate(remaining: float) -> float:
-        return configuration.learning_rate_at((1.0 - remaining) * configuration.steps)
 
-    torch.set_num_threads(1)  # so small a network gains nothing from more, and its sums keep their order
+def update_on_host(model: PPO, observations: Any, actions: Any, rewards: Any) -> None:
+    """Improve a model with Stable-Baselines3 in this process, a ``PolicyUpdate``."""
+    _fill(model, observations, actions, rewards)
+    model.train()
+
+
+def _fill(model: PPO, observations: Float32Array, actions: Float32Array, rewards: Float32Array) -> None:
+    """Fill a model's rollout buffer.
+
+    Episodes are truncated, not terminated: the critic's value follows the last step.
+    """
+    buffer, policy = model.rollout_buffer, model.policy
+    policy.set_training_mode(False)
+    buffer.reset()
+    count = rewards.shape[1]
+    seen, done = torch.as_tensor(observations), torch.as_tensor(actions)
+    with torch.no_grad():
+        last_values: Any = policy.predict_values(seen[-1])
+        for number, reward in enumerate(rewards):
+            value, log_probability, _ = policy.evaluate_actions(seen[number], done[number])
+            if number == len(rewards) - 1:
+                reward = reward + model.gamma * last_values.numpy().ravel()
+            starts = np.full(count, number == 0)
+            buffer.add(observations[number], actions[number], reward, starts, value, log_probability)
+    truncated: Any = np.ones(count, dtype=bool)
+    buffer.compute_returns_and_advantage(last_values, truncated)
+
+
+def agent_state(agent: Agent) -> dict[str, Any]:
+    """An agent's part of a checkpoint."""
+    model, normaliser = agent
     return {
-        "learning_rate": rate,
-        "n_steps": EPISODE_STEPS,
-        "batch_size": configuration.minibatch,
-        "n_epochs": configuration.epochs,
-        "gamma": configuration.discount,
-        "gae_lambda": configuration.gae_lambda,
-        "clip_range": configuration.clip_range,
-        "policy_kwargs": {"net_arch": list(configuration.hidden), "activation_fn": torch.nn.Tanh},
-        "tensorboard_log": str(out / LOG_FOLDER),
-        "seed": configuration.seed,
-        "device": "cpu",
+        "steps": model.num_timesteps,
+        "updates": model._n_updates,  # pyright: ignore[reportPrivateUsage]
+        "policy": model.policy.state_dict(),
+        "optimizer": model.policy.optimizer.state_dict(),
+        **normaliser.state(),
     }
+
+
+def restore_agent(agent: Agent, state: dict[str, Any]) -> None:
+    """Set an agent to its part of a checkpoint."""
+    model, normaliser = agent
+    model.policy.load_state_dict(state["policy"])
+    model.policy.optimizer.load_state_dict(state["optimizer"])
+    model.num_timesteps = state["steps"]
+    model._n_updates = state["updates"]  # pyright: ignore[reportPrivateUsage]
+    normaliser.restore(state)
+
+
+def export_policy(agent: Agent, log_std: float, metadata: PolicyMetadata) -> Policy:
+    """The actor with its normaliser, as a policy that needs no PyTorch."""
+    actor, normaliser = agent.model.policy, agent.normaliser
+    layers: list[Any] = [
+        layer for layer in actor.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)
+    ]
+    layers.append(actor.action_net)
+    return Policy(
+        weights=tuple(layer.weight.detach().cpu().numpy().T for layer in layers),
+        biases=tuple(layer.bias.detach().cpu().numpy() for layer in layers),
+        observation_mean=normaliser.obs_rms.mean,
+        observation_variance=normaliser.obs_rms.var,
+        observation_clip=normaliser.clip_obs,
+        observation_epsilon=normaliser.epsilon,
+        action_std=exp(log_std),
+        metadata=metadata,
+    )

@@ -1,7 +1,7 @@
-"""Proximal policy optimisation of a policy that remembers, by a critic that remembers, too.
+"""Proximal policy optimisation of a recurrent policy with a recurrent critic.
 
 Schulman et al., "Proximal policy optimization algorithms", 2017, equation 7; advantages by Schulman et al., ICLR 2016,
-equation 16. Gradients go back through ``WINDOW`` control steps at most, as in imitation.
+equation 16; truncated backpropagation through time by Williams and Peng, Neural Computation 2, 1990.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -14,36 +14,28 @@ import torch
 from torch import Tensor
 from torch.nn.functional import mse_loss
 
-from avrgym.learning.recurrent import RecurrentNetwork, fit, step, windows
-
-DISCOUNT, GAE_LAMBDA = 0.99, 0.95
-CLIP_RANGE = 0.2
-EPOCHS = 4
-SEQUENCES, MOST_MINIBATCHES = 16, 8
-"""An update's episodes are cut into minibatches of so many, or into so many where that would make more."""
-FARTHEST = 0.03
-"""An update ends when the policy has gone so far from where it began (mean Kullback-Leibler divergence of an epoch)."""
-CRITIC_MEMORY, CRITIC_HIDDEN, CRITIC_LEARNING_RATE = 64, (64,), 1e-3
-GRADIENT_NORM = 0.5
-"""Gradients longer than this are shortened to it."""
+from avrgym.learning.hyperparameters import RECURRENT
+from avrgym.learning.recurrent_network import RecurrentNetwork, fit, gradient_step, windows
 
 
 class RecurrentPPO:
-    """Improves a network that remembers from whole episodes of its own."""
+    """Improves a recurrent network from whole episodes of its own; its hyperparameters are ``RECURRENT``."""
 
     def __init__(self, network: RecurrentNetwork, observation_size: int) -> None:
         """Draw the critic's weights from PyTorch's random stream."""
         self._network = network
-        self._critic = RecurrentNetwork(observation_size, CRITIC_MEMORY, CRITIC_HIDDEN, 1)
+        self._critic = RecurrentNetwork(
+            observation_size, RECURRENT.critic_memory_size, RECURRENT.critic_net_arch, 1
+        )
         self._optimizer = torch.optim.Adam(network.parameters(), eps=1e-5)
-        self._critic_optimizer = torch.optim.Adam(self._critic.parameters(), CRITIC_LEARNING_RATE)
+        self._critic_optimizer = torch.optim.Adam(self._critic.parameters(), RECURRENT.critic_learning_rate)
 
     def state(self) -> dict[str, Any]:
-        """What it goes on from, beside the network."""
+        """The critic and both optimizers, for a checkpoint."""
         return {name: part.state_dict() for name, part in self._parts.items()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a state."""
+        """Set critic and optimizers to a state."""
         for name, part in self._parts.items():
             part.load_state_dict(state[name])
 
@@ -55,12 +47,12 @@ class RecurrentPPO:
             "critic_optimizer": self._critic_optimizer,
         }
 
-    def improve(
+    def update(
         self,
         observations: Tensor,
         actions: Tensor,
         rewards: Tensor,
-        deviation: float,
+        action_std: float,
         random: np.random.Generator,
         learning_rate: float,
     ) -> None:
@@ -68,72 +60,87 @@ class RecurrentPPO:
 
         Args:
             observations: normalised, (T + 1, N, O), the last of them after the last step.
-            actions: drawn about the network's means, before they are clipped, (T, N, A).
-            rewards: (T, N), scaled.
-            deviation: of the actions from their means.
-            random: chooses minibatches.
+            actions: with exploration noise, before clipping, (T, N, A).
+            rewards: scaled, (T, N).
+            action_std: standard deviation of the actions.
+            random: stream of minibatches.
             learning_rate: of the policy; with 0 only the critic learns.
         """
         for group in self._optimizer.param_groups:
             group["lr"] = learning_rate
         with torch.no_grad():
             values = self._critic(observations)[0][..., 0]
-            before = _log_chance(self._network(observations[:-1])[0], actions, deviation)
-        gained = advantages(rewards, values)
-        returns = gained + values[:-1]
-        gained = (gained - gained.mean()) / (gained.std() + 1e-8)
+            old_log_prob = _log_prob(self._network(observations[:-1])[0], actions, action_std)
+        advantage = advantages(rewards, values)
+        returns = advantage + values[:-1]
+        advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
         learns = learning_rate > 0.0
         worlds = rewards.shape[1]
-        minibatches = min(-(-worlds // SEQUENCES), MOST_MINIBATCHES)
-        for _ in range(EPOCHS):
-            far: list[float] = []
+        minibatches = min(-(-worlds // RECURRENT.sequences), RECURRENT.max_minibatches)
+        for _ in range(RECURRENT.n_epochs):
+            divergences: list[float] = []
             for columns in np.array_split(random.permutation(worlds), minibatches):
                 chosen = torch.as_tensor(columns)
-                seen, wanted = observations[:-1, chosen], returns[:, chosen, None]
-                fit(self._critic, self._critic_optimizer, seen, mse_loss, [wanted], GRADIENT_NORM)
+                observed, targets = observations[:-1, chosen], [returns[:, chosen, None]]
+                fit(
+                    self._critic,
+                    self._critic_optimizer,
+                    observed,
+                    mse_loss,
+                    targets,
+                    RECURRENT.max_grad_norm,
+                )
                 if learns:
-                    far += self._fit_policy(
-                        seen,
+                    divergences += self._fit_policy(
+                        observed,
                         actions[:, chosen],
-                        before[:, chosen],
-                        gained[:, chosen],
-                        deviation,
+                        old_log_prob[:, chosen],
+                        advantage[:, chosen],
+                        action_std,
                     )
-            learns = learns and float(np.mean(far)) <= FARTHEST
+            learns = learns and float(np.mean(divergences)) <= RECURRENT.target_kl
 
     def _fit_policy(
-        self, observations: Tensor, actions: Tensor, before: Tensor, gained: Tensor, deviation: float
+        self,
+        observations: Tensor,
+        actions: Tensor,
+        old_log_prob: Tensor,
+        advantage: Tensor,
+        action_std: float,
     ) -> list[float]:
-        """How far the policy had gone in each window."""
-        remembered, far = None, list[float]()
+        """Gradient steps of the policy; returns the approximate Kullback-Leibler divergence of each window."""
+        memory, divergences, clip_range = None, list[float](), RECURRENT.clip_range
         for window in windows():
-            means, remembered = self._network(observations[window], remembered)
-            change = _log_chance(means, actions[window], deviation) - before[window]
-            ratio = change.exp()
-            clipped = ratio.clamp(1.0 - CLIP_RANGE, 1.0 + CLIP_RANGE)
-            loss = -torch.minimum(ratio * gained[window], clipped * gained[window]).mean()
-            step(self._optimizer, self._network, loss, GRADIENT_NORM)
-            remembered = remembered.detach()
-            far.append(float((ratio - 1.0 - change).mean().detach()))
-        return far
+            means, memory = self._network(observations[window], memory)
+            log_ratio = _log_prob(means, actions[window], action_std) - old_log_prob[window]
+            ratio = log_ratio.exp()
+            clipped = ratio.clamp(1.0 - clip_range, 1.0 + clip_range)
+            loss = -torch.minimum(ratio * advantage[window], clipped * advantage[window]).mean()
+            gradient_step(self._optimizer, self._network, loss, RECURRENT.max_grad_norm)
+            memory = memory.detach()
+            divergences.append(float((ratio - 1.0 - log_ratio).mean().detach()))
+        return divergences
 
 
 def advantages(
-    rewards: Tensor, values: Tensor, discount: float = DISCOUNT, gae_lambda: float = GAE_LAMBDA
+    rewards: Tensor,
+    values: Tensor,
+    gamma: float = RECURRENT.gamma,
+    gae_lambda: float = RECURRENT.gae_lambda,
 ) -> Tensor:
-    """Generalised advantage estimates (T, N) of episodes that were cut off.
+    """Generalised advantage estimates (T, N) of truncated episodes.
 
-    ``rewards`` are (T, N), ``values`` (T + 1, N): what may follow the last step counts with the last of them.
+    ``rewards`` are (T, N), ``values`` (T + 1, N); the last value estimates the return after the last step.
     """
-    errors = rewards + discount * values[1:] - values[:-1]
-    gained = torch.empty_like(errors)
+    errors = rewards + gamma * values[1:] - values[:-1]
+    estimates = torch.empty_like(errors)
     later = torch.zeros_like(errors[0])
     for number in reversed(range(len(errors))):
-        later = errors[number] + discount * gae_lambda * later
-        gained[number] = later
-    return gained
+        later = errors[number] + gamma * gae_lambda * later
+        estimates[number] = later
+    return estimates
 
 
-def _log_chance(means: Tensor, actions: Tensor, deviation: float) -> Tensor:
-    """Logarithm of the actions' chance, up to a constant, (T, N)."""
-    return -0.5 * (((actions - means) / deviation) ** 2).sum(dim=-1)
+def _log_prob(means: Tensor, actions: Tensor, action_std: float) -> Tensor:
+    """Log-probability of the actions, up to a constant, (T, N)."""
+    return -0.5 * (((actions - means) / action_std) ** 2).sum(dim=-1)

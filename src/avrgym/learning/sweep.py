@@ -1,6 +1,6 @@
 """Sweeps: many trainings on a Ray cluster, scheduled by Ray Tune. Needs the extras ``train`` and ``cluster``.
 
-Each training has a folder of its own, takes one core, and leaves what ``training.train`` leaves, to the bit.
+Each training has its own folder, takes one core, and gives the same weights as ``training.train``.
 """
 
 # Ray Tune's types are known only in part.
@@ -19,31 +19,27 @@ from ray import tune
 from ray.tune.schedulers import ASHAScheduler, FIFOScheduler
 
 from avrgym.learning import training
-from avrgym.learning.configuration import (
-    CONFIGURATION_FILE,
-    TrainingConfiguration,
-    stored_configuration,
-)
-from avrgym.learning.course import POLICY_FILE
+from avrgym.learning.configuration import FeedforwardConfiguration, holds_training, stored_configuration
 from avrgym.learning.sweep_file import Planned, Stopping, Sweep, planned, read_sweep
+from avrgym.learning.training import POLICY_FILE
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 
 SWEEP_FILE = "sweep.toml"
 SCHEDULE_FOLDER = "schedule"
-"""Where Ray Tune keeps which trainings run, have ended or were broken off, a folder for each group."""
-NOTHING_YET = -1e9
-"""Stands for the mean reward as long as no episode has ended."""
+"""Ray Tune's state of the trainings, a folder for each group."""
+NO_REWARD = -1e9
+"""Mean reward before an episode has ended."""
 
-Told = Callable[[str, int], None]
-"""Hears the name of a training and how many steps it has made."""
-_told: ContextVar[Told] = ContextVar("_told")
+Report = Callable[[str, int], None]
+"""Called with the name of a training and its environment steps so far."""
+_report: ContextVar[Report] = ContextVar("_report")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a training; the figures are those of its policy's file, None where it was not measured."""
+    """The result of a training; ``reward_mean`` and ``success_rate`` are None for a training that was stopped early."""
 
     env: str
     people: str
@@ -56,16 +52,16 @@ class Outcome:
     policy: str
 
 
-def begin(file: Path, out: Path) -> None:
-    """Make the folder of a new sweep, with a copy of its file.
+def create(file: Path, out: Path) -> None:
+    """Create the folder of a new sweep, with a copy of its file.
 
     Raises:
-        ValueError: for what cannot be trained, naming what is allowed.
-        FileExistsError: when ``out`` already holds a sweep.
+        ValueError: for an invalid sweep, naming what is allowed.
+        FileExistsError: when ``out`` already contains a sweep.
     """
     planned(read_sweep(file), str(file))
     if (out / SWEEP_FILE).exists():
-        raise FileExistsError(f"{out} already holds a sweep; choose another folder, or go on with --resume")
+        raise FileExistsError(f"{out} already contains a sweep; choose another folder, or add --resume")
     out.mkdir(parents=True, exist_ok=True)
     write_whole(out / SWEEP_FILE, file.read_bytes())
 
@@ -74,7 +70,7 @@ def plan_of(out: Path) -> dict[str, list[Planned]]:
     """The trainings of the sweep in a folder, by group.
 
     Raises:
-        ValueError: when it holds none.
+        ValueError: when it contains none.
     """
     return planned(_stored(out), str(out / SWEEP_FILE))
 
@@ -82,24 +78,24 @@ def plan_of(out: Path) -> dict[str, list[Planned]]:
 def _stored(out: Path) -> Sweep:
     path = out / SWEEP_FILE
     if not path.exists():
-        raise ValueError(f"{out} holds no sweep to resume")
+        raise ValueError(f"{out} contains no sweep to resume")
     return read_sweep(path)
 
 
-def run(out: Path, jobs: int | None, told: Told) -> list[Outcome]:
-    """Make, or go on with, all trainings of the sweep in ``out``, on the cluster that is connected.
+def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
+    """Run, or continue, all trainings of the sweep in ``out`` on the connected cluster.
 
-    Trainings of a group run at the same time, as many as there are cores, or ``jobs``; then comes the next group.
-    Every node needs to see the folder at the same path.
+    Trainings of a group run at the same time, on all cores or ``jobs`` of them; then the next group follows. Every
+    node must find the folder at the same path.
 
     Raises:
-        ValueError: when it holds no sweep, or goes on in another process.
-        RuntimeError: naming the trainings that failed; the others are made.
+        ValueError: when the folder contains no sweep, or another process runs it.
+        RuntimeError: naming the trainings that failed; the others are complete.
     """
     sweep = _stored(out)
     groups = planned(sweep, str(out / SWEEP_FILE))
     with locked(out), _quiet():
-        token = _told.set(told)
+        token = _report.set(report)
         try:
             failed = [
                 failure
@@ -107,7 +103,7 @@ def run(out: Path, jobs: int | None, told: Told) -> list[Outcome]:
                 for failure in _run_group(out.resolve(), f"group_{number}", group, sweep.stopping, jobs)
             ]
         finally:
-            _told.reset(token)
+            _report.reset(token)
     if failed:
         raise RuntimeError(f"of {sum(map(len, groups.values()))} trainings {len(failed)} failed: {failed[0]}")
     return [_outcome(out, each) for group in groups.values() for each in group]
@@ -116,7 +112,7 @@ def run(out: Path, jobs: int | None, told: Told) -> list[Outcome]:
 def _run_group(
     out: Path, name: str, group: Sequence[Planned], stopping: Stopping | None, jobs: int | None
 ) -> list[str]:
-    """What went wrong in those that failed."""
+    """Run a group; returns the errors of failed trainings."""
     schedule = out / SCHEDULE_FOLDER / name
     trainable = tune.with_resources(_train_one, {"cpu": 1})
     if tune.Tuner.can_restore(str(schedule)):
@@ -127,7 +123,7 @@ def _run_group(
             param_space={
                 "training": tune.grid_search(
                     [
-                        {"folder": str(out / each.name), "made_of": asdict(each.configuration)}
+                        {"folder": str(out / each.name), "configuration": asdict(each.configuration)}
                         for each in group
                     ]
                 )
@@ -135,7 +131,7 @@ def _run_group(
             tune_config=tune.TuneConfig(
                 metric="reward_mean",
                 mode="max",
-                scheduler=_scheduler(stopping, group[0].configuration.whole_steps),
+                scheduler=_scheduler(stopping, group[0].configuration.total_steps),
                 max_concurrent_trials=jobs,
                 reuse_actors=False,
             ),
@@ -154,32 +150,32 @@ def _scheduler(stopping: Stopping | None, steps: int) -> Any:
 
 
 class _Listener(tune.Callback):
-    """Tells of each training's progress."""
+    """Reports each training's progress."""
 
     def on_trial_result(self, iteration: int, trials: Any, trial: Any, result: Any, **info: Any) -> None:
-        _told.get()(Path(trial.config["training"]["folder"]).name, int(result["steps"]))
+        _report.get()(Path(trial.config["training"]["folder"]).name, int(result["steps"]))
 
 
 def _train_one(given: dict[str, Any]) -> None:
-    """On a worker: make one training, or go on with it, and report to Ray Tune after every update."""
+    """On a worker: run or continue one training, and report to Ray Tune after every update."""
     out = Path(given["training"]["folder"])
-    configuration = msgspec.convert(given["training"]["made_of"], TrainingConfiguration)
+    configuration = msgspec.convert(given["training"]["configuration"], FeedforwardConfiguration)
 
-    def tell(now: training.Progress) -> None:
-        reward = NOTHING_YET if now.reward_mean is None else now.reward_mean
+    def report(now: training.Progress) -> None:
+        reward = NO_REWARD if now.reward_mean is None else now.reward_mean
         tune.report({"steps": now.steps, "reward_mean": reward})
 
-    if (made := _complete(out)) is not None:
-        tune.report({"steps": made.steps, "reward_mean": made.measured["reward_mean"]})
+    if (complete := _complete(out)) is not None:
+        tune.report({"steps": complete.steps, "reward_mean": complete.measured["reward_mean"]})
         return
-    if (out / CONFIGURATION_FILE).exists():
-        training.resume(out, tell)
+    if holds_training(out):
+        training.resume(out, report)
     else:
-        training.train(replace(configuration, threads=1), out, tell)
+        training.train(replace(configuration, threads=1), out, report)
 
 
 def _complete(out: Path) -> PolicyMetadata | None:
-    """What the policy's file says of itself, where the training is complete."""
+    """The metadata of the policy, if the training is complete."""
     path = out / POLICY_FILE
     metadata = Policy.load(path).metadata if path.exists() else None
     return metadata if metadata is not None and metadata.measured else None
@@ -205,14 +201,14 @@ def _outcome(out: Path, each: Planned) -> Outcome:
 
 @contextmanager
 def _quiet() -> Generator[None]:
-    """Keep Ray Tune from logs of its own beside the trainings', from printing, and from taking Ctrl+C for itself."""
-    said = {
+    """Keep Ray Tune from writing its own logs, from printing, and from handling Ctrl+C."""
+    variables = {
         "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",
         "TUNE_DISABLE_SIGINT_HANDLER": "1",
         "RAY_AIR_NEW_OUTPUT": "0",
     }
-    before = {name: os.environ.get(name) for name in said}
-    os.environ.update(said)
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
     try:
         yield
     finally:

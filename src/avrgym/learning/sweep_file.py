@@ -1,4 +1,4 @@
-"""Files that say which trainings a sweep makes: TOML, every combination of environments, people, recipes and seeds."""
+"""Files of sweeps: TOML with environments, people, recipes and seeds, of which a sweep trains every combination."""
 
 from itertools import product
 from pathlib import Path
@@ -7,8 +7,8 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 from msgspec import Meta
 
-from avrgym.learning.configuration import TrainingConfiguration, configuration_for
-from avrgym.learning.settings_file import changed_settings, read_toml, refusal
+from avrgym.learning.configuration import FeedforwardConfiguration, configuration_for
+from avrgym.learning.hyperparameter_files import changed_hyperparameters, read_toml, validation_error
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 from avrgym.people.impairments import find_impairment
 from avrgym.people.population_names import ORIGINAL
@@ -19,11 +19,11 @@ Name = Annotated[str, Meta(pattern="^[A-Za-z0-9_]+$")]
 
 
 class Stopping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """When trainings are broken off that do worse than others: asynchronous successive halving.
+    """Early stopping of trainings with low rewards: asynchronous successive halving.
 
-    After ``after_steps``, and again each time that a training has made ``factor`` times as many, it goes on only if
-    its mean reward is among the best 1/``factor`` of those that have come so far (Li et al., "A System for Massively
-    Parallel Hyperparameter Tuning", MLSys 2020).
+    After ``after_steps``, and again after each ``factor`` times as many, a training continues only if its mean reward
+    is among the best 1/``factor`` at that point (Li et al., "A System for Massively Parallel Hyperparameter Tuning",
+    MLSys 2020).
     """
 
     after_steps: Annotated[int, Meta(ge=1)]
@@ -31,7 +31,7 @@ class Stopping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is trained. A recipe, by its name, has the training settings that are other than the task's own."""
+    """The contents of a file. A recipe is a name with the hyperparameters that differ from the task's."""
 
     environments: Annotated[tuple[str, ...], Meta(min_length=1)]
     steps: Annotated[int, Meta(ge=1)]
@@ -45,32 +45,32 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class Planned(NamedTuple):
-    """One training of a sweep: its folder's name, its recipe's, and what it is made of."""
+    """One training of a sweep: the name of its folder, the name of its recipe, and its configuration."""
 
     name: str
     recipe: str
-    configuration: TrainingConfiguration
+    configuration: FeedforwardConfiguration
 
 
 def read_sweep(path: Path) -> Sweep:
-    """What a file says.
+    """Read a file.
 
     Raises:
-        ValueError: for a file that is no TOML, or says what cannot be, naming what is allowed.
+        ValueError: for invalid TOML, keys or values, naming what is allowed.
         OSError: when it cannot be read.
     """
-    said = read_toml(path)
-    unknown = ", ".join(said.keys() - set(Sweep.__struct_fields__))
+    values = read_toml(path)
+    unknown = ", ".join(values.keys() - set(Sweep.__struct_fields__))
     if unknown:
-        raise ValueError(f"{path}: a sweep has no {unknown}; allowed: {', '.join(Sweep.__struct_fields__)}")
+        raise ValueError(f"{path}: unknown key {unknown}; allowed: {', '.join(Sweep.__struct_fields__)}")
     try:
-        return msgspec.convert(said, Sweep)
+        return msgspec.convert(values, Sweep)
     except msgspec.ValidationError as error:
-        raise refusal(error, str(path)) from None
+        raise validation_error(error, str(path)) from None
 
 
 def planned(sweep: Sweep, where: str) -> dict[str, list[Planned]]:
-    """The trainings, those together that are compared: in the same environment with the same people.
+    """The trainings by group; those of a group have the same environment and people, and are compared.
 
     Raises:
         ValueError: for an unknown environment, people, impairment or setting, naming what is allowed.
@@ -90,10 +90,10 @@ def planned(sweep: Sweep, where: str) -> dict[str, list[Planned]]:
                     sweep.steps,
                     seed,
                     sweep.impairment,
-                    changed_settings(settings, environment, f"{where}: recipes.{recipe}"),
+                    changed_hyperparameters(changes, environment, f"{where}: recipes.{recipe}"),
                 ),
             )
-            for (recipe, settings), seed in product(sweep.recipes.items(), dict.fromkeys(sweep.seeds))
+            for (recipe, changes), seed in product(sweep.recipes.items(), dict.fromkeys(sweep.seeds))
         ]
     return groups
 

@@ -1,46 +1,52 @@
-"""Training: imitation of an expert, then PPO, over worlds here, on a cluster or on a GPU.
+"""The trainer: runs the updates of a recipe, with checkpoints, a learning curve and a final evaluation.
 
-Stable-Baselines3 learns, with RSL-RL where the worlds are on a device; see ``updates`` and ``on_device``. Needs the
-extra ``train``, on a device ``gpu`` too. What it leaves is a policy file that needs no PyTorch.
+Needs the extra ``train``, on a device ``gpu`` too. The result is a policy file that needs no PyTorch.
 """
 
+import io
+import json
 import shutil
-from collections.abc import Sequence
-from dataclasses import replace
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
+import torch
 
+from avrgym.learning import feedforward_recipe, recurrent_recipe
 from avrgym.learning.configuration import (
-    CONFIGURATION_FILE,
-    LOG_FOLDER,
-    TrainingConfiguration,
+    AnyConfiguration,
+    FeedforwardConfiguration,
+    RecurrentConfiguration,
     configuration_for,
-    lengthened,
+    holds_training,
     store,
     store_people,
     stored_configuration,
     stored_people,
 )
-from avrgym.learning.course import CHECKPOINT_FILE, POLICY_FILE, Course, Progress, Tell
-from avrgym.learning.exporting import export_policy
-from avrgym.learning.measuring import measure
-from avrgym.learning.on_device import DeviceImprovement, libraries
-from avrgym.learning.ppo import steps_of
-from avrgym.learning.rollouts import Order, Rollout, roll_out_all, worlds_of
-from avrgym.learning.updates import UpdateLearner, make_here
+from avrgym.learning.evaluation import evaluate
+from avrgym.learning.feedforward_recipe import FeedforwardRecipe
+from avrgym.learning.imitation import DEMONSTRATIONS_FOLDER
+from avrgym.learning.ppo import LOG_FOLDER
+from avrgym.learning.recipe import CurvePoint, Recipe
+from avrgym.learning.recurrent_recipe import RecurrentRecipe
 from avrgym.people.impairments import find_impairment
 from avrgym.people.populations import HUMAN_FILE, is_trained
-from avrgym.policies.trained import Policy
+from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.simulation.engines.engine import check_ready
-from avrgym.system.engines import THREADS
+from avrgym.system.files import write_whole
 from avrgym.system.locks import locked
 from avrgym.system.memory import memory_bytes
+from avrgym.system.random_streams import VALIDATION
 from avrgym.tasks.company import find_company
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.human_view import human_view_of
-from avrgym.tasks.registry import find_environment, sizes
+from avrgym.tasks.registry import find_environment, plugins_of, sizes
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
@@ -49,211 +55,310 @@ __all__ = [
     "LOG_FOLDER",
     "POLICY_FILE",
     "Progress",
-    "TrainingConfiguration",
     "configuration_for",
-    "export_policy",
     "resume",
     "stored_configuration",
     "train",
 ]
 
-SHOWN_FOLDER = "shown"
-"""What the expert showed, while the policy imitates it."""
-MEASURED_EPISODES = 100
-LEAST_WORLDS, MOST_WORLDS = 64, 128
-"""How many worlds a worker of a cluster has, where the training has enough of them."""
+POLICY_FILE, CHECKPOINT_FILE = "policy.safetensors", "checkpoint.pt"
+EVALUATION_EPISODES = 100
+"""Episodes of the final evaluation."""
+MEASURED = ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
+"""Results of the final evaluation that a policy's file contains."""
+CURVE_POINTS = 100
+"""Points of the learning curve that a policy's file contains."""
 WORLD_BYTES = 4 << 20
-"""More than what a world and its part of a rollout take: 2.7 MB where the PR2 brings 64 spheres of water."""
+"""Upper bound of the memory of a world and its part of a rollout: 2.7 MB for the PR2 with 64 spheres of water."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Progress of a training: its stage, environment steps so far, and results of the policy's latest episodes.
+
+    Mean reward and success rate are None before the policy has had episodes.
+    """
+
+    stage: str
+    steps: int
+    reward_mean: float | None
+    success_rate: float | None
+
+
+Report = Callable[[Progress], object]
 
 
 def train(
-    configuration: TrainingConfiguration,
+    configuration: AnyConfiguration,
     out: Path,
-    tell: Tell = lambda progress: None,
+    report: Report = lambda progress: None,
     *,
     cluster: "Cluster | None" = None,
 ) -> Policy:
-    """Train, and leave ``policy.safetensors``, ``configuration.json`` and TensorBoard's log in ``out``.
+    """Train a policy, and write it, its configuration, its checkpoint and TensorBoard's log into ``out``.
 
-    Where robot and human are trained together, ``human.safetensors`` is the human. The policy carries what it reaches
-    on people that training never saw, or with that human. A training that is cut off leaves its latest policy and
-    checkpoint, from which ``resume`` goes on.
+    With a pairing ``human.safetensors`` is the human. The policy's file contains results on the validation split.
+    A training that is interrupted leaves its latest policy and checkpoint; ``resume`` continues it.
 
     Args:
-        configuration: what to train, on whom, for how long.
-        out: a folder that holds no training yet.
-        tell: told of the progress after every update.
-        cluster: whose workers make the episodes; without it this process does. It changes no weight.
+        configuration: what to train.
+        out: a folder without a training.
+        report: called after every update.
+        cluster: its workers run the episodes; without it this process does. The weights are the same.
 
     Raises:
-        ValueError: for an unknown environment or people, or where another training is about to begin in ``out``.
-        FileExistsError: when ``out`` already holds a training.
-        RuntimeError: where the worlds have no room on the cluster, or it is gone.
+        ValueError: for an unknown environment, people or policy, and where another training starts in ``out``.
+        FileExistsError: when ``out`` already contains a training.
+        RuntimeError: where the worlds do not fit into the cluster's memory, or the cluster does not answer.
     """
     _refuse_used(out)
     _check(configuration, configuration.people, cluster)
+    recurrent = isinstance(configuration, RecurrentConfiguration)
+    copied = recurrent_recipe.given_policies(configuration) if recurrent else {}
     if Path(configuration.people).is_dir() and is_trained(configuration.people):
         configuration = replace(configuration, people=f"{configuration.people.rstrip('/')}/")
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
         _refuse_used(out)
         store_people(configuration.people, out)
-        course = Course(configuration, out, tell)
-        learner = _learner(configuration, out, course, cluster)
+        for name, policy in copied.items():
+            policy.save(out / name)
+        trainer = _Trainer(configuration, out, report, cluster)
         store(configuration, out)
-        return _go_on(configuration, out, course, learner)
+        return trainer.run()
+
+
+def resume(
+    out: Path,
+    report: Report = lambda progress: None,
+    steps: int | None = None,
+    *,
+    cluster: "Cluster | None" = None,
+) -> Policy:
+    """Continue the training in ``out`` from its latest checkpoint; the weights are as without the interruption.
+
+    A training without a checkpoint starts again, with the same seed.
+
+    Args:
+        out: the folder of the training.
+        report: called after every update.
+        steps: environment steps in all, more than so far; without it those of the configuration. Imitation stays as
+            long as it was, and PPO has the learning rate and the exploration noise of so long a training.
+        cluster: as for ``train``.
+
+    Raises:
+        ValueError: when there is none, when it is complete, when another process continues it, or when its files are
+            damaged.
+    """
+    configuration = stored = stored_configuration(out)
+    _check(configuration, stored_people(configuration.people, out), cluster)
+    with locked(out):
+        if steps is not None and steps != configuration.steps:
+            configuration = _lengthened(configuration, steps, out)
+        trainer = _Trainer(configuration, out, report, cluster)
+        if (out / CHECKPOINT_FILE).exists():
+            trainer.restore()
+        if configuration != stored:
+            store(configuration, out)
+        return trainer.run()
 
 
 def _refuse_used(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise FileExistsError(f"{out} is a file; choose a folder with --out")
-    if (out / CONFIGURATION_FILE).exists():
-        raise FileExistsError(
-            f"{out} already holds a training; choose another folder, or go on with --resume"
-        )
+    if holds_training(out):
+        raise FileExistsError(f"{out} already contains a training; choose another folder, or add --resume")
 
 
-def resume(
-    out: Path,
-    tell: Tell = lambda progress: None,
-    steps: int | None = None,
-    *,
-    cluster: "Cluster | None" = None,
-) -> Policy:
-    """Go on with the training in ``out`` from its latest checkpoint, to the same weights as if never cut off.
-
-    One that was cut off before its first checkpoint begins again, with the same seed.
-
-    Args:
-        out: the folder of the training.
-        tell: told of the progress after every update.
-        steps: how many it shall have made in the end, more than so far; without it as many as it was begun with.
-            Imitation gets no longer; PPO goes on, its learning rate and chance where a training of so many steps has
-            them.
-        cluster: whose workers make the episodes, as for ``train``.
-
-    Raises:
-        ValueError: when there is none, when it is complete, when it goes on in another process, or when its files are
-            damaged.
-    """
-    configuration = stored_configuration(out)
-    _check(configuration, stored_people(configuration, out), cluster)
-    with locked(out):
-        if steps is not None and steps != configuration.steps:
-            configuration = _extended(configuration, steps, out)
-        course = Course(configuration, out, tell)
-        return _go_on(configuration, out, course, _learner(configuration, out, course, cluster))
+def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyConfiguration:
+    """The configuration with other steps in all."""
+    policy = out / POLICY_FILE
+    done = Policy.load(policy).metadata.steps if policy.exists() else 0
+    if isinstance(configuration, FeedforwardConfiguration) and steps <= done:
+        raise ValueError(f"the training in {out} has made {done} steps; --steps must be more")
+    return configuration.lengthened(steps)
 
 
-def _extended(configuration: TrainingConfiguration, steps: int, out: Path) -> TrainingConfiguration:
-    """The configuration for so many steps in all, stored."""
-    done = Policy.load(out / POLICY_FILE).metadata.steps if (out / POLICY_FILE).exists() else 0
-    if steps <= done:
-        raise ValueError(f"the training in {out} has made {done} steps; to go on, --steps must be more")
-    longer = lengthened(configuration, steps)
-    store(longer, out)
-    return longer
-
-
-def _check(configuration: TrainingConfiguration, people: str, cluster: "Cluster | None") -> None:
-    """Refuse what cannot run, before anything is written."""
+def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | None") -> None:
+    """Refuse a training that cannot run, before anything is written."""
     find_environment(configuration.environment)
     find_company(people, configuration.environment)
+    _check_memory(configuration, cluster)
+    if isinstance(configuration, RecurrentConfiguration):
+        if cluster is not None:
+            raise ValueError("a recurrent policy is trained in this process; leave out --cluster")
+        return
     find_impairment(configuration.impairment)
     check_ready(configuration.engine)
-    if configuration.pairing is not None:
-        _check_pairing(configuration.environment, people)
-    _check_memory(configuration, cluster)
-    if configuration.engine != THREADS:
-        libraries()
-        if configuration.pairing is not None or is_trained(people):
-            raise ValueError(
-                f"trained humans act on threads; allowed: them, or --engine {configuration.engine}"
-            )
-        if cluster is not None:
-            raise ValueError(
-                f"a cluster's workers step worlds on threads; allowed: --cluster, or --engine {configuration.engine}"
-            )
-    if cluster is None:
-        return
-    cluster.need(-(-configuration.worlds // _parts(configuration, cluster)) * WORLD_BYTES)
+    feedforward_recipe.check(configuration, people, cluster)
+    if cluster is not None:
+        worlds = -(-configuration.num_envs // feedforward_recipe.parts_of(configuration, cluster))
+        cluster.need(worlds * WORLD_BYTES)
 
 
-def _check_pairing(environment: str, people: str) -> None:
-    """Refuse to train a human where there is nothing to learn, or who is one already."""
-    _, joints = human_view_of(environment)
-    if not joints:
-        raise ValueError(
-            f"{environment} wants nothing of people: there is no human to train beside the robot"
-        )
-    if is_trained(people):
-        raise ValueError(
-            f"{people}: trained already, and a pair trains a human of its own; allowed: people by name or a file "
-            "of people, whose bodies that human has"
-        )
-
-
-def _check_memory(configuration: TrainingConfiguration, cluster: "Cluster | None") -> None:
-    """Refuse more worlds than this computer could hold, or their episodes where a cluster has the worlds."""
+def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") -> None:
+    """Refuse more worlds than fit into this computer's memory, or with a cluster, more episodes."""
     observation, action = sizes(configuration.environment)
-    each = EPISODE_STEPS * (3 * observation + 2 * action + 8) * np.dtype(np.float32).itemsize
-    needed = configuration.worlds * (each if cluster else WORLD_BYTES)
-    there = memory_bytes()
-    if there is not None and needed > there:
+    episode = EPISODE_STEPS * (3 * observation + 2 * action + 8) * np.dtype(np.float32).itemsize
+    worlds = configuration.num_envs
+    needed, available = worlds * (episode if cluster else WORLD_BYTES), memory_bytes()
+    if available is not None and needed > available:
         raise ValueError(
-            f"{configuration.worlds} worlds would take {needed / 2**30:.1f} GiB of this computer's memory, which has "
-            f"{there / 2**30:.1f}: at most {there * configuration.worlds // needed} have room"
+            f"{worlds} worlds would take {needed / 2**30:.1f} GiB of this computer's memory, which has "
+            f"{available / 2**30:.1f}; allowed: {available * worlds // needed} worlds or fewer"
         )
 
 
-def _parts(configuration: TrainingConfiguration, cluster: "Cluster") -> int:
-    """Among how many calls the worlds of an update are shared: as many as there are workers, or a multiple."""
-    worlds, workers = configuration.worlds, min(cluster.count, configuration.worlds)
-    if cluster.asked_for is None:
-        workers = max(1, min(workers, worlds // LEAST_WORLDS))
-    return workers * -(-worlds // (workers * MOST_WORLDS))
+def _recipe(configuration: AnyConfiguration, out: Path, cluster: "Cluster | None") -> Recipe:
+    if isinstance(configuration, RecurrentConfiguration):
+        return RecurrentRecipe(configuration, out)
+    return FeedforwardRecipe(configuration, out, cluster)
 
 
-def _learner(
-    configuration: TrainingConfiguration, out: Path, course: Course, cluster: "Cluster | None"
-) -> UpdateLearner:
-    people = stored_people(configuration, out)
-    how = configuration, people, out, course
-    if configuration.engine != THREADS:
-        learner = UpdateLearner(
-            *how, 1, make_here, configuration.threads, improve=DeviceImprovement(configuration)
+class _Trainer:
+    """A training between two updates."""
+
+    def __init__(
+        self, configuration: AnyConfiguration, out: Path, report: Report, cluster: "Cluster | None"
+    ) -> None:
+        self._configuration, self._out, self._report = configuration, out, report
+        self._recipe = _recipe(configuration, out, cluster)
+        self._curve: list[CurvePoint] = []
+        self._seconds_before, self._started = 0.0, time.monotonic()
+
+    def restore(self) -> None:
+        """Set everything to the latest checkpoint.
+
+        Raises:
+            ValueError: for a damaged file, and when the training is complete.
+        """
+        path = self._out / CHECKPOINT_FILE
+        try:
+            tensors: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
+            values: dict[str, Any] = json.loads(tensors["notes"])
+        except Exception as error:  # torch raises many kinds
+            raise ValueError(f"{path}: not a checkpoint of this training ({error})") from error
+        try:
+            self._recipe.restore(tensors, values)
+        except (KeyError, TypeError, RuntimeError) as error:
+            raise ValueError(f"{path}: not a checkpoint of this training ({error})") from error
+        self._curve = [(steps, reward, success) for steps, reward, success in values["curve"]]
+        self._seconds_before = values["seconds"]
+        finished = not (self._out / DEMONSTRATIONS_FOLDER).exists()
+        if self._recipe.steps >= self._configuration.steps and finished and self._is_evaluated():
+            raise ValueError(
+                f"the training in {self._out} is complete, after {self._recipe.steps} steps; larger --steps continue it"
+            )
+
+    def run(self) -> Policy:
+        """Make the remaining updates, and evaluate the finished policy."""
+        recipe, configuration = self._recipe, self._configuration
+        while recipe.steps < configuration.steps:
+            update = recipe.update()
+            if update.reward_mean is not None and update.success_rate is not None:
+                self._curve.append((recipe.steps, update.reward_mean, update.success_rate))
+            self._save()
+            number = recipe.steps // configuration.update_steps
+            self._tell(f"{update.stage}, update {number} of {configuration.updates}")
+        policy = self._evaluate()
+        shutil.rmtree(self._out / DEMONSTRATIONS_FOLDER, ignore_errors=True)
+        return policy
+
+    def _tell(self, stage: str) -> None:
+        reward, success = self._curve[-1][1:] if self._curve else (None, None)
+        self._report(Progress(stage, self._recipe.steps, reward, success))
+
+    def _is_evaluated(self) -> bool:
+        return bool(Policy.load(self._out / POLICY_FILE).metadata.measured)
+
+    def _save(self) -> None:
+        """Write the checkpoint and the present policies."""
+        tensors, values = self._recipe.state()
+        notes = {**values, "curve": self._curve, "seconds": self._seconds}
+        buffer = io.BytesIO()
+        torch.save({**tensors, "notes": json.dumps(notes)}, buffer)
+        write_whole(self._out / CHECKPOINT_FILE, buffer.getvalue())
+        self._save_policies(self._policies())
+
+    def _policies(self) -> list[Policy]:
+        configuration = self._configuration
+        metadata = PolicyMetadata(
+            environment=configuration.environment,
+            people=configuration.people,
+            steps=self._recipe.steps,
+            seed=configuration.seed,
+            git_commit=_git_commit(),
+            seconds=round(self._seconds, 1),
+            curve=self._curve,
+            plugins=plugins_of(configuration.environment),
+            force_guard=configuration.force_guard,
         )
-        worlds_of(learner.place, configuration.worlds)  # before anything is written, should they have no room
-        return learner
-    if cluster is None:
-        return UpdateLearner(*how, 1, make_here, configuration.threads)
+        return [
+            with_metadata(policy, curve=thinned(policy.metadata.curve))
+            for policy in self._recipe.policies(metadata)
+        ]
 
-    def make_all(policies: Sequence[Policy], orders: Sequence[Order]) -> list[list[Rollout]]:
-        return cluster.run_all(roll_out_all, [(policies, order) for order in orders])
+    def _save_policies(self, policies: list[Policy]) -> None:
+        for policy, name in zip(policies, (POLICY_FILE, HUMAN_FILE), strict=False):
+            policy.save(self._out / name, overwrite=True)
 
-    return UpdateLearner(*how, _parts(configuration, cluster), make_all, 1)
+    def _evaluate(self) -> Policy:
+        """Evaluate the policy with each candidate of action_std, and write the best one with its results."""
+        robot, *humans = self._policies()
+        evaluated: list[Policy] = []
+        stds = self._recipe.final_action_stds
+        for action_std in stds:
+            noise = f" with action_std {action_std:g}" if len(stds) > 1 else ""
+            self._tell(f"evaluation{noise}, {EVALUATION_EPISODES} episodes")
+            candidate = replace(robot, action_std=action_std)
+            self._save_policies([candidate])
+            evaluated.append(with_metadata(candidate, measured=self._results()))
+        best = max(evaluated, key=lambda policy: policy.metadata.measured["success_rate"])
+        results = best.metadata.measured
+        self._save_policies([best, *(with_metadata(human, measured=results) for human in humans)])
+        return best
+
+    def _results(self) -> dict[str, Any]:
+        """Results of the saved policy with its training's people, or with the human who was trained with it."""
+        configuration, out = self._configuration, self._out
+        people, impairment = stored_people(configuration.people, out), "none"
+        if isinstance(configuration, FeedforwardConfiguration):
+            impairment = configuration.impairment
+            if configuration.pairing is not None:
+                people, impairment = str(out / HUMAN_FILE), "none"
+        row = evaluate(
+            configuration.environment,
+            str(out / POLICY_FILE),
+            people,
+            EVALUATION_EPISODES,
+            seed=0,
+            impairment=impairment,
+            split=VALIDATION,
+            force_guard=configuration.force_guard,
+        )
+        return {name: getattr(row, name) for name in MEASURED}
+
+    @property
+    def _seconds(self) -> float:
+        """Duration of the training so far."""
+        return self._seconds_before + time.monotonic() - self._started
 
 
-def _go_on(configuration: TrainingConfiguration, out: Path, course: Course, learner: UpdateLearner) -> Policy:
-    if (out / CHECKPOINT_FILE).exists():
-        learner.restore()
-        done = steps_of(learner.model)
-        if done >= configuration.steps and Policy.load(out / POLICY_FILE).metadata.measured:
-            raise ValueError(f"the training in {out} is complete, after {done} steps; more --steps go on")
-    if steps_of(learner.model) < configuration.imitation_steps:
-        learner.imitate(configuration.imitation_steps // configuration.update_steps, out / SHOWN_FOLDER)
-    shutil.rmtree(out / SHOWN_FOLDER, ignore_errors=True)
-    remaining = configuration.steps - steps_of(learner.model)
-    if remaining > 0:
-        learner.learn(remaining)
-    course.tell(f"measuring, {MEASURED_EPISODES} episodes", steps_of(learner.model))
-    return _measure(configuration, out)
+def with_metadata(policy: Policy, **changes: Any) -> Policy:
+    """The same policy with other metadata."""
+    return replace(policy, metadata=msgspec.structs.replace(policy.metadata, **changes))
 
 
-def _measure(configuration: TrainingConfiguration, out: Path) -> Policy:
-    """Write into the policy's file what it reaches, and where a human was trained with it, with that one, into both."""
-    if configuration.pairing is not None:
-        human = out / HUMAN_FILE
-        return measure(out / POLICY_FILE, str(human), "none", MEASURED_EPISODES, human=human)
-    people = stored_people(configuration, out)
-    return measure(out / POLICY_FILE, people, configuration.impairment, MEASURED_EPISODES)
+def thinned(curve: list[CurvePoint]) -> list[CurvePoint]:
+    """At most ``CURVE_POINTS`` points of a curve, with the last one."""
+    stride = -(-len(curve) // CURVE_POINTS) or 1
+    return curve[::-stride][::-1]
+
+
+@cache
+def _git_commit() -> str:
+    """The commit of this code; empty where it is unknown."""
+    found = subprocess.run(
+        ["git", "rev-parse", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent, check=False
+    )
+    return found.stdout.strip()

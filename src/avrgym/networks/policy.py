@@ -75,6 +75,7 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     curve: list[tuple[int, float, float]] = []
     human: HumanRole | None = None
     plugins: tuple[UsedPlugin, ...] = ()
+    force_guard: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,7 @@ class Policy:
         observation_variance: (observation,), not negative.
         observation_clip: Normalised observations are clipped to ± this, in standard deviations.
         observation_epsilon: Added to the variance before its root is taken.
-        action_deviation: Standard deviation of every entry of an action about its mean, 0 for no chance.
+        action_std: Standard deviation of every entry of an action about its mean, 0 for no chance.
         metadata: What the policy was trained on.
         memory: Sees the normalised observations. What it remembers comes after them in the first layer's inputs.
     """
@@ -103,7 +104,7 @@ class Policy:
     observation_variance: np.ndarray
     observation_clip: float
     observation_epsilon: float
-    action_deviation: float
+    action_std: float
     metadata: PolicyMetadata
     memory: Memory | None = None
 
@@ -176,8 +177,8 @@ class Policy:
         if len(generators) != len(means):
             raise PolicyError(f"{len(generators)} generators for {len(means)} observations; one is for each")
         actions = means.copy()
-        for row, generator in enumerate(generators if self.action_deviation else ()):
-            actions[row] += self.action_deviation * generator.standard_normal(self.action_size)
+        for row, generator in enumerate(generators if self.action_std else ()):
+            actions[row] += self.action_std * generator.standard_normal(self.action_size)
         return np.clip(actions, -1, 1).astype(np.float32)
 
     def _normalise(self, observations: np.ndarray) -> np.ndarray:
@@ -192,7 +193,7 @@ class Policy:
             raise PolicyError(f"{path}: exists already; choose another name, or pass overwrite=True")
         version = FORMAT_VERSION if self.memory is None else WITH_MEMORY
         header = {"format_version": version, **msgspec.to_builtins(self.metadata)}
-        for name in ("human", "plugins"):
+        for name in ("human", "plugins", "force_guard"):
             if not header[name]:
                 del header[name]  # files without them are as they were before there were any
         numbers = {name: _narrowed(array) for name, array in _tensors(self).items()}
@@ -224,8 +225,8 @@ def _check_numbers(policy: Policy) -> None:
             raise PolicyError(f"{name} is {number}; it must be above 0")
     if (policy.observation_variance < 0).any():
         raise PolicyError("observation.variance holds negative numbers; 0 and above are allowed")
-    if policy.action_deviation < 0:
-        raise PolicyError(f"{_DEVIATION} is {policy.action_deviation}; 0 and above are allowed")
+    if policy.action_std < 0:
+        raise PolicyError(f"{_DEVIATION} is {policy.action_std}; 0 and above are allowed")
 
 
 def _check_sums(policy: Policy) -> None:
@@ -291,7 +292,7 @@ def _tensors(policy: Policy) -> dict[str, np.ndarray]:
         "observation.variance": policy.observation_variance,
         "observation.clip": np.array([policy.observation_clip], np.float64),
         "observation.epsilon": np.array([policy.observation_epsilon], np.float64),
-        _DEVIATION: np.array([policy.action_deviation], np.float64),
+        _DEVIATION: np.array([policy.action_std], np.float64),
         **memory,
         **{f"actor.{layer}.weight": weight for layer, weight in enumerate(policy.weights)},
         **{f"actor.{layer}.bias": bias for layer, bias in enumerate(policy.biases)},
@@ -324,7 +325,7 @@ def _read(file: Any) -> Policy:
         observation_variance=variance,
         observation_clip=float(clip[0]),
         observation_epsilon=float(epsilon[0]),
-        action_deviation=float(deviation[0]),
+        action_std=float(deviation[0]),
         metadata=metadata,
         memory=Memory(**{name: _tensor(file, of_file) for name, of_file in _OF_MEMORY.items()})
         if version == WITH_MEMORY

@@ -87,7 +87,7 @@ def human_files(folder: Path) -> list[Path]:
     return [file for file in [*beside, *below] if Policy.load(file).metadata.human is not None]
 
 
-def carried_people(name_or_path: str) -> TransferredFile:
+def transferred_people(name_or_path: str) -> TransferredFile:
     """People for processes that may not see their files."""
     if is_trained(name_or_path) and Path(name_or_path).is_dir():
         return TransferredFile.folder(name_or_path, human_files(Path(name_or_path)))

@@ -42,7 +42,7 @@ class Actor:
         return means
 
 
-class ActorThere:
+class DeviceActor:
     """A policy without memory at work where an array is, such as a tensor on a GPU, in that array's precision.
 
     There the order of sums is the library's.

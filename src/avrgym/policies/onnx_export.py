@@ -58,7 +58,7 @@ def onnx_model(policy: Policy, rows: int | str | None = "N", *, double: bool = T
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
     about = policy.metadata
     trained = {"environment": about.environment, "people": about.people, "impairment": about.impairment}
-    numbers = {"steps": about.steps, "seed": about.seed, "action_deviation": policy.action_deviation}
+    numbers = {"steps": about.steps, "seed": about.seed, "action_std": policy.action_std}
     helper.set_model_props(model, {name: str(value) for name, value in {**trained, **numbers}.items()})
     return model
 

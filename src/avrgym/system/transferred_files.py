@@ -1,4 +1,4 @@
-"""Files by their content, for processes that may not see them."""
+"""Files with their content, for processes that may run where the files do not exist."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from tempfile import mkdtemp
 
 @dataclass(frozen=True)
 class TransferredFile:
-    """A name, and the file's content where it is that of a file, or those of a folder's ``files`` by their paths."""
+    """A name, with the content if it is that of a file, or with the ``files`` of a folder by their relative paths."""
 
     name: str
     content: bytes | None = None
@@ -18,41 +18,36 @@ class TransferredFile:
 
     @classmethod
     def of(cls, name: str) -> "TransferredFile":
-        """What stands behind a name here."""
+        """A name, with the content if this process finds a file of that name."""
         return cls(name, Path(name).read_bytes() if Path(name).is_file() else None)
 
     @classmethod
     def folder(cls, name: str, files: Iterable[Path]) -> "TransferredFile":
-        """A folder with some of the files in it."""
+        """A folder with some of its files."""
         return cls(name, files=tuple((str(file.relative_to(name)), file.read_bytes()) for file in files))
 
-    def here(self) -> str:
-        """A name by which this process finds it: its own, or that of a copy where no such files are seen here."""
-        return self.name if all(_seen(*each) for each in self._there(Path(self.name))) else _copy(self)
-
-    def _there(self, path: Path) -> list[tuple[Path, bytes]]:
-        """Where its files are and what they hold, were it at a path."""
-        alone = [] if self.content is None else [(path, self.content)]
-        return alone + [(path / name, content) for name, content in self.files]
+    def local_path(self) -> str:
+        """The name, if this process finds the same files there, else the path of a temporary copy."""
+        found = all(path.is_file() and path.read_bytes() == content for path, content in self._at(self.name))
+        return self.name if found else _copy(self)
 
     def write(self, path: Path) -> None:
-        """Write its files where it is to be."""
-        for file, content in self._there(path):
+        """Write the file, or the folder's files, to a path."""
+        for file, content in self._at(path):
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(content)
 
-
-def _seen(path: Path, content: bytes) -> bool:
-    return path.is_file() and path.read_bytes() == content
+    def _at(self, path: str | Path) -> list[tuple[Path, bytes]]:
+        """Paths and contents of the files, for a snapshot that lies at ``path``."""
+        alone = [] if self.content is None else [(Path(path), self.content)]
+        return alone + [(Path(path) / name, content) for name, content in self.files]
 
 
 @cache
-def _copy(carried: TransferredFile) -> str:
-    """A copy of the same name, which rows and messages show; it stays as long as the machine keeps such files."""
-    contents = [
-        content for content in (carried.content, *dict(carried.files).values()) if content is not None
-    ]
+def _copy(snapshot: TransferredFile) -> str:
+    """A temporary copy with the same base name, which results and messages show."""
+    contents = [each for each in (snapshot.content, *dict(snapshot.files).values()) if each is not None]
     folder = Path(mkdtemp(prefix=f"avrgym-{sha256(b''.join(contents)).hexdigest()[:8]}-"))
-    path = folder / Path(carried.name).name
-    carried.write(path)
+    path = folder / Path(snapshot.name).name
+    snapshot.write(path)
     return str(path)

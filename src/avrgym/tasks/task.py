@@ -15,7 +15,6 @@ from avrgym.people.cooperation import OfferedPart
 from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import RightArm, Simulation, Start, State
 from avrgym.tasks.observation import Observation
-from avrgym.tasks.training_settings import TrainingSettings
 
 TaskState = Any
 """What a task keeps of an episode from step to step: a dataclass of arrays, world axis first."""
@@ -129,10 +128,10 @@ class Task:
         expert: plans with all that can be known: it shows that the task can be done.
         feedback_expert: does without plan or memory what depends evenly on the present: training imitates it.
         views: from where pictures are taken.
-        training: how policies are trained.
+        hyperparameters: those of training that differ from the defaults of ``learning.hyperparameters``.
         memory_expert: may remember; policies that remember imitate it in place of the reactive one.
         detour_m: how much longer than straight on the way of tool and hand to the goal is, (N,); with a
-            ``training.detour_weight_per_m`` training draws the policy along it.
+            ``detour_weight_per_m`` training draws the policy along it.
         marks: what is drawn on the person.
         ends_with_success: whether going on after success helps nobody. The robot then withdraws its tool where an
             episode or a session has ``withdraw_after_success``.
@@ -159,7 +158,7 @@ class Task:
     feedback_expert: Expert
     views: Views
     strength_share: float | None = None
-    training: TrainingSettings = field(default_factory=TrainingSettings)
+    hyperparameters: Mapping[str, Any] = field(default_factory=dict[str, Any])
     memory_expert: Expert | None = None
     detour_m: Callable[[State, TaskState], FloatArray] | None = None
     marks: Marks | None = None
@@ -194,8 +193,8 @@ class Task:
             raise ValueError(
                 f"the weights of task {self.name} are empty; allowed: a weight for each reward term"
             )
-        if self.training.detour_weight_per_m and self.detour_m is None:
-            raise ValueError(f"task {self.name} has a weight for detours in its training, but no detour_m")
+        if self.hyperparameters.get("detour_weight_per_m") and self.detour_m is None:
+            raise ValueError(f"task {self.name} has a detour_weight_per_m, but no detour_m")
         if self.memory_expert is not None:
             self._check_part("memory_expert", callable(self.memory_expert), "function")
         object.__setattr__(self, "scene", cache(self.scene))
@@ -229,7 +228,7 @@ _KINDS: Mapping[str, type] = {
     "uniforms": int,
     "weights": Mapping,
     "views": Views,
-    "training": TrainingSettings,
+    "hyperparameters": Mapping,
     "ends_with_success": bool,
 }
 _FUNCTIONS = (

@@ -29,7 +29,7 @@ def network(
         observation_variance=np.ones(observed),
         observation_clip=5.0,
         observation_epsilon=1e-8,
-        action_deviation=deviation,
+        action_std=deviation,
         metadata=PolicyMetadata(
             environment=environment,
             people=people,

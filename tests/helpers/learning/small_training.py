@@ -8,10 +8,10 @@ from avrgym.learning import training
 
 
 def train_little(patch: pytest.MonkeyPatch) -> None:
-    """Have trainings take two worlds and one epoch, and be measured by one episode."""
+    """Make trainings use two worlds and one epoch, and evaluate them with one episode."""
     usual = training.configuration_for
-    little = {"worlds": 2, "minibatch": 100, "epochs": 1}
+    little = {"num_envs": 2, "batch_size": 100, "n_epochs": 1}
     patch.setattr(
         training, "configuration_for", lambda *given, **named: replace(usual(*given, **named), **little)
     )
-    patch.setattr(training, "MEASURED_EPISODES", 1)
+    patch.setattr(training, "EVALUATION_EPISODES", 1)

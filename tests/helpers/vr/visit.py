@@ -46,7 +46,7 @@ def drive(environment: str) -> Policy:
         observation_variance=np.ones(size),
         observation_clip=5.0,
         observation_epsilon=1e-8,
-        action_deviation=0.0,
+        action_std=0.0,
         metadata=PolicyMetadata(environment=environment, people="original", steps=0, seed=0),
     )
 

@@ -23,7 +23,6 @@ from avrgym.tasks.experts.feedback import FeedbackExpert
 from avrgym.tasks.observation import Observation
 from avrgym.tasks.person import ARM_SPREAD_RAD, above_sleeve
 from avrgym.tasks.task import Marks, Task, View, Views
-from avrgym.tasks.training_settings import TrainingSettings
 
 HAND_START_W = np.array([-0.5, -0.1, 1.0])
 START_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.radians(45.0))
@@ -99,13 +98,6 @@ BED_BATHING = Task(
     views=Views(
         mounted=View((-0.25, -0.02, 0.92), 1.85, 70.0, -28.0),
         on_floor=View((-0.35, -0.05, 0.85), 2.6, 112.0, -28.0),
-    ),
-    training=TrainingSettings(
-        imitation_rounds=100,
-        imitation_share=1.0,
-        log_std=(-3.0, -3.0),
-        learning_rate=1e-4,
-        force_weight_per_n=0.0,
     ),
     marks=Marks(count=2 * MARKERS, radius_m=0.006, rgb=(0.85, 0.25, 0.30), places=marks_w),
     tracked=("head", "right"),

@@ -21,7 +21,6 @@ from avrgym.tasks.experts.feedback import FeedbackExpert
 from avrgym.tasks.observation import tool_at_the_mouth
 from avrgym.tasks.person import TURNED_HEAD
 from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
-from avrgym.tasks.training_settings import TrainingSettings
 
 HAND_START_W = (-0.2, -0.5, 1.0)
 HAND_SPREAD_M = 0.05
@@ -62,9 +61,6 @@ DRINKING = Task(
     views=Views(
         mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
         on_floor=BESIDE_WHEELCHAIR,
-    ),
-    training=TrainingSettings(
-        imitation_rounds=24, log_std=(-2.2, -3.0), critic_updates=3, learning_rate=1e-4
     ),
     ends_with_success=True,
 )

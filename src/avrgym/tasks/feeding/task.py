@@ -22,7 +22,6 @@ from avrgym.tasks.feeding.reward import WEIGHTS, evaluate_step, init_state
 from avrgym.tasks.observation import tool_at_the_mouth
 from avrgym.tasks.person import TURNED_HEAD
 from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
-from avrgym.tasks.training_settings import TrainingSettings
 
 BOWL_SPREAD_M = 0.05
 HAND_SPREAD_M = 0.05
@@ -74,6 +73,5 @@ FEEDING = Task(
         mounted=View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
         on_floor=BESIDE_WHEELCHAIR,
     ),
-    training=TrainingSettings(imitation_rounds=0, log_std=(-0.7, -2.5)),
     ends_with_success=True,
 )

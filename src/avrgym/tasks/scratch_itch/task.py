@@ -33,7 +33,6 @@ from avrgym.tasks.scratch_itch.reward import (
     limb_frame,
 )
 from avrgym.tasks.task import Marks, Task, View, Views
-from avrgym.tasks.training_settings import TrainingSettings
 
 HAND_M, MOBILE_HAND_M = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
 HAND_SPREAD_M = 0.05
@@ -109,15 +108,6 @@ SCRATCH_ITCH = Task(
     views=Views(
         mounted=View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
         on_floor=View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
-    ),
-    training=TrainingSettings(
-        worlds=128,
-        minibatch=1280,
-        imitation_rounds=15,
-        log_std=(-1.9, -2.5),
-        force_weight_per_n=0.05,
-        detour_weight_per_m=5.0,
-        hard_share=0.5,
     ),
     memory_expert=memory_expert,
     detour_m=around_arm_m,

@@ -125,7 +125,7 @@ def _untrained(environment_id: str) -> Policy:
         observation_variance=np.ones(size),
         observation_clip=10.0,
         observation_epsilon=1e-8,
-        action_deviation=0.1,
+        action_std=0.1,
         metadata=PolicyMetadata(environment=environment_id, people="", steps=0, seed=0),
     )
 

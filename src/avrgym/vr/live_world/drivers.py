@@ -10,8 +10,8 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.policies import controllers, registry
+from avrgym.policies.cartesian_control import Hand
 from avrgym.policies.controllers import Controller, Foreign
-from avrgym.policies.hand import Hand
 from avrgym.policies.registry import Act, AnyPolicy, Operated, Script
 from avrgym.policies.trained import Policy
 from avrgym.tasks.episodes import Episodes

@@ -23,7 +23,6 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.observation import Observation, from_goal
 from avrgym.tasks.person import ARM_SPREAD_RAD, force_above_limit
 from avrgym.tasks.task import Marks, StepResult, Task, View, Views
-from avrgym.tasks.training_settings import TrainingSettings
 
 ELBOW = 1
 REACHED_M, TOUCHES = 0.08, 5
@@ -129,7 +128,7 @@ TASK = Task(
         mounted=View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
         on_floor=View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
     ),
-    training=TrainingSettings(worlds=2, minibatch=100, epochs=1, imitation_rounds=1),
+    hyperparameters={"num_envs": 2, "batch_size": 100, "n_epochs": 1, "imitation_rounds": 1},
     marks=Marks(count=1, radius_m=0.01, rgb=(0.85, 0.10, 0.12), places=lambda arm, _: elbow_w(arm)[:, None]),
     tracked=("head", "right"),
 )

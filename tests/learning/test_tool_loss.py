@@ -7,9 +7,9 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 import torch
 
 from avrgym.geometry import kinematics, transforms
-from avrgym.learning.rollouts import Order, Place, Rollout, roll_out
-from avrgym.learning.tool_error import ACTIONS_WEIGHT, SLOW, UNIT_M, UNIT_RAD, ToolMotion, tool_error
-from avrgym.learning.updates import observation_of
+from avrgym.learning.normaliser import observation_of
+from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
+from avrgym.learning.tool_loss import ACTIONS_WEIGHT, SLOW_MOTION, UNIT_M, UNIT_RAD, ToolMotion, tool_loss
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.system.transferred_files import TransferredFile
@@ -44,10 +44,10 @@ def test_a_wrong_action_counts_by_where_it_leads_the_tool():
     motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose_rad, np.float32))
     joints = len(scene.arm.joints)
     wanted = torch.zeros(joints)
-    assert tool_error(wanted, wanted, motion) == 0.0
+    assert tool_loss(wanted, wanted, motion) == 0.0
     *_, axes = np.linalg.svd(motion.numpy().astype(float))
     most, nothing = (torch.as_tensor(axes[row], dtype=torch.float32) for row in (0, joints - 1))
-    costs = [float(tool_error(wanted + wrong, wanted, motion)) for wrong in (nothing, most, 2.0 * most)]
+    costs = [float(tool_loss(wanted + wrong, wanted, motion)) for wrong in (nothing, most, 2.0 * most)]
     assert_allclose(costs[0], ACTIONS_WEIGHT / joints, rtol=1e-3)
     assert costs[1] > 10.0 * costs[0]
     assert_allclose(costs[2], 4.0 * costs[1], rtol=1e-4)
@@ -59,17 +59,20 @@ def test_the_same_error_counts_less_the_faster_the_tool_is_to_go():
     wanted = torch.linspace(-0.5, 0.5, len(scene.arm.joints))
     wrong = torch.full_like(wanted, 0.01)
     length = float((motion @ wanted).square().sum().sqrt())
-    meant = [times * SLOW / length * wanted for times in (0.0, 1.0, 10.0)]
-    at_rest, slow, fast = (float(tool_error(each + wrong, each, motion)) for each in meant)
+    meant = [times * SLOW_MOTION / length * wanted for times in (0.0, 1.0, 10.0)]
+    at_rest, slow, fast = (float(tool_loss(each + wrong, each, motion)) for each in meant)
     assert_allclose([slow / at_rest, fast / at_rest], [1 / 2, 1 / 101], rtol=1e-4)
 
 
 def test_a_rollout_says_where_the_arm_was_when_the_expert_spoke(monkeypatch):
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 5)
     policy = Policy.load(packaged_policies(ENVIRONMENT)["adaptive"])
-    place = Place(ENVIRONMENT, TransferredFile.of("zoo/train"), "none", 1, "threads")
+    place = WorldSettings(ENVIRONMENT, TransferredFile.of("zoo/train"), "none", 1, "threads")
     parts = [
-        roll_out(policy, Order(place, first, np.arange(first, first + 2), by_expert=np.array([True, False])))
+        roll_out(
+            policy,
+            RolloutRequest(place, first, np.arange(first, first + 2), expert_drives=np.array([True, False])),
+        )
         for first in (0, 2)
     ]
     joined = Rollout.joined(parts)
@@ -80,5 +83,5 @@ def test_a_rollout_says_where_the_arm_was_when_the_expert_spoke(monkeypatch):
     assert joined.arm_angles_rad is not None
     assert_allclose(joined.arm_angles_rad, joined.observations[:-1, :, end - joints : end], atol=1e-6)
     assert joined.nbytes == sum(part.nbytes for part in parts)
-    alone = roll_out(policy, Order(place, 0, np.arange(2)))
+    alone = roll_out(policy, RolloutRequest(place, 0, np.arange(2)))
     assert alone.arm_angles_rad is None

@@ -4,23 +4,23 @@ import numpy as np
 import pytest
 
 from avrgym.learning.evaluation import evaluate
-from avrgym.learning.seed_streams import CHOOSING, SHOWING, Stream, episode_generators, stream_of
+from avrgym.system.random_streams import TEST, VALIDATION, Split, evaluation_episodes, split_of
 
 ENVIRONMENT = "avrgym/ScratchItchJaco-v1"
 
 
-def beginnings(stream: Stream, seed: int, count: int = 300) -> set[bytes]:
-    return {each.bytes(16) for each in episode_generators(stream, seed, range(count))}
+def beginnings(split: Split, seed: int, count: int = 300) -> set[bytes]:
+    return {each.bytes(16) for each in evaluation_episodes(split, seed, range(count))}
 
 
 def test_no_episode_belongs_to_two_streams_or_seeds() -> None:
-    drawn = [beginnings(stream, seed) for stream in (CHOOSING, SHOWING) for seed in (0, 1, 7, 2**31)]
+    drawn = [beginnings(split, seed) for split in (VALIDATION, TEST) for seed in (0, 1, 7, 2**31)]
     assert len(set.union(*drawn)) == 8 * 300
 
 
 def test_no_training_meets_an_episode_of_either(rng: np.random.Generator) -> None:
     """Whatever seeds it draws: it has no spawn key."""
-    of_streams = beginnings(CHOOSING, 0) | beginnings(SHOWING, 0)
+    of_streams = beginnings(VALIDATION, 0) | beginnings(TEST, 0)
     seeds = [
         *range(2000),
         *([0, number] for number in range(300)),
@@ -33,19 +33,19 @@ def test_no_training_meets_an_episode_of_either(rng: np.random.Generator) -> Non
 
 
 def test_an_episode_is_known_by_stream_seed_and_number() -> None:
-    (alone,) = episode_generators(SHOWING, 5, [17])
-    assert alone.bytes(16) == episode_generators(SHOWING, 5, range(20))[17].bytes(16)
+    (alone,) = evaluation_episodes(TEST, 5, [17])
+    assert alone.bytes(16) == evaluation_episodes(TEST, 5, range(20))[17].bytes(16)
 
 
 def test_figures_are_of_the_stream_that_they_name() -> None:
     shown, chosen = (
-        evaluate(ENVIRONMENT, "zero", "revised", 2, 0, stream=stream) for stream in (SHOWING, CHOOSING)
+        evaluate(ENVIRONMENT, "zero", "revised", 2, 0, split=split) for split in (TEST, VALIDATION)
     )
-    assert (shown.stream, chosen.stream) == ("showing", "choosing")
+    assert (shown.split, chosen.split) == ("test", "validation")
     assert shown.reward_mean != chosen.reward_mean
     assert evaluate(ENVIRONMENT, "zero", "revised", 2, 0) == shown
 
 
 def test_an_unknown_stream_is_refused() -> None:
-    with pytest.raises(ValueError, match="unknown stream 'shown'; allowed: choosing, showing"):
-        stream_of("shown")
+    with pytest.raises(ValueError, match="unknown split 'shown'; allowed: validation, test"):
+        split_of("shown")

@@ -1,8 +1,8 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
-import msgspec
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -11,11 +11,14 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 import torch
 
-from avrgym.learning import adaptive
-from avrgym.learning.adaptive import AdaptiveTraining, lengthened, resume, stored_training, train
-from avrgym.learning.recurrent import RecurrentNetwork
-from avrgym.learning.rollouts import Order, Place, roll_out
-from avrgym.learning.updates import UpdateNormaliser, observation_of
+from avrgym.learning import configuration as configurations
+from avrgym.learning import recurrent_recipe, training
+from avrgym.learning.configuration import RecurrentConfiguration, stored_configuration
+from avrgym.learning.hyperparameters import RECURRENT
+from avrgym.learning.normaliser import Normaliser, observation_of
+from avrgym.learning.recurrent_network import RecurrentNetwork
+from avrgym.learning.rollouts import RolloutRequest, WorldSettings, roll_out
+from avrgym.learning.training import resume, train
 from avrgym.models.scene import SUBSTEPS
 from avrgym.policies.actors import Actor
 from avrgym.policies.trained import Policy, PolicyMetadata, packaged_policies
@@ -27,8 +30,14 @@ from avrgym.tasks.registry import ENVIRONMENTS, sizes
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-TINY = AdaptiveTraining(
-    environment="avrgym/ScratchItchJaco-v1", steps=1000, seed=4, worlds=1, memory=8, hidden=(8,), threads=1
+TINY = RecurrentConfiguration(
+    environment="avrgym/ScratchItchJaco-v1",
+    steps=1000,
+    seed=4,
+    num_envs=1,
+    memory_size=8,
+    net_arch=(8,),
+    threads=1,
 )
 
 
@@ -38,8 +47,10 @@ class CutOffError(Exception):
 
 @pytest.fixture(autouse=True)
 def _short(monkeypatch):
-    for name, value in {"MEASURED_EPISODES": 1, "PASSES": 3, "LAST_PASSES": 3, "CRITIC_ROUNDS": 1}.items():
-        monkeypatch.setattr(adaptive, name, value)
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
+    short = replace(RECURRENT, gradient_steps=3, last_gradient_steps=3, critic_updates=1)
+    for module in (configurations, recurrent_recipe):
+        monkeypatch.setattr(module, "RECURRENT", short)
 
 
 def packaged(environment: str, kind: str) -> Policy:
@@ -72,22 +83,22 @@ def tensors(out: Path) -> bytes:
 )
 def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(last, how, imitated, tmp_path):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
-    training = replace(TINY, **{"imitation_share": 0.4, **how})
-    assert (training.rounds, training.imitation_rounds) == (5, imitated)
-    policy = train(training, whole)
+    configuration = replace(TINY, **{"imitation_share": 0.4, **how})
+    assert (configuration.updates, configuration.imitation_updates) == (5, imitated)
+    policy = train(configuration, whole)
     before = packaged(TINY.environment, "adaptive") if "initial" in how else None
     assert policy.metadata.steps == 1000 + (0 if before is None else before.metadata.steps)
     if before is not None:
         assert_allclose(policy.observation_mean, before.observation_mean)
     assert policy.metadata.measured["episodes"] == 1
-    assert policy.action_deviation in adaptive.CHANCES
+    assert policy.action_std in RECURRENT.final_action_stds
 
     def stop(progress):
         if progress.steps == last:
             raise CutOffError
 
     with pytest.raises(CutOffError):
-        train(training, cut, stop)
+        train(configuration, cut, stop)
     assert json.loads((cut / "adaptive.json").read_text())["seed"] == 4
     assert (cut / "checkpoint.pt").exists()
     torch.manual_seed(99)
@@ -95,43 +106,44 @@ def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(last, how, imitated, 
     assert tensors(cut) == tensors(whole)
     with pytest.raises(ValueError, match="complete"):
         resume(cut)
-    with pytest.raises(FileExistsError, match="not empty"):
-        train(training, cut)
+    with pytest.raises(FileExistsError, match="already contains a training"):
+        train(configuration, cut)
 
 
 def test_ppo_follows_imitation_and_ends_with_its_last_round():
-    training = AdaptiveTraining(environment=TINY.environment)
-    first = training.imitation_rounds + adaptive.CRITIC_ROUNDS
-    assert training.imitation_rounds == round(adaptive.IMITATION_SHARE * training.rounds)
-    assert training.ppo_share(0) == training.ppo_share(first) == 0.0
-    assert 0.9 < training.ppo_share(training.rounds - 1) < 1.0
+    configuration = RecurrentConfiguration(environment=TINY.environment)
+    first = configuration.imitation_updates + 1
+    assert configuration.imitation_updates == round(RECURRENT.imitation_share * configuration.updates)
+    assert configuration.ppo_progress(0) == configuration.ppo_progress(first) == 0.0
+    assert 0.9 < configuration.ppo_progress(configuration.updates - 1) < 1.0
 
 
 @pytest.mark.parametrize("rounds", [1, 2, 25, 63])
 def test_a_longer_training_imitates_as_long(rounds):
-    training = replace(TINY, steps=200 * rounds, imitation_share=0.25)
+    configuration = replace(TINY, steps=200 * rounds, imitation_share=0.25)
     for more in (0, 1, 10, 100):
-        longer = lengthened(training, 200 * (rounds + more))
-        assert (longer.rounds, longer.imitation_rounds) == (rounds + more, training.imitation_rounds)
+        longer = configuration.lengthened(200 * (rounds + more))
+        assert (longer.updates, longer.imitation_updates) == (rounds + more, configuration.imitation_updates)
     with pytest.raises(ValueError, match="fewer than the training's"):
-        lengthened(training, 200 * rounds - 200)
+        configuration.lengthened(200 * rounds - 200)
 
 
 @pytest.mark.slow
 def test_it_keeps_the_chance_with_which_it_succeeds_most_and_the_least_of_equals(tmp_path, monkeypatch):
     success_with = {0.0: 0.2, 0.05: 0.6, 0.08: 0.6}
-    assert tuple(success_with) == adaptive.CHANCES
+    assert tuple(success_with) == RECURRENT.final_action_stds
 
-    def measured(path, *_):
-        policy = Policy.load(path)
-        told = {"success_rate": success_with[policy.action_deviation]}
-        return replace(policy, metadata=msgspec.structs.replace(policy.metadata, measured=told))
+    def evaluated(environment, path, *_, **__):
+        return SimpleNamespace(
+            **dict.fromkeys(training.MEASURED, 0.0)
+            | {"success_rate": success_with[Policy.load(path).action_std]}
+        )
 
-    monkeypatch.setattr(adaptive, "measure", measured)
+    monkeypatch.setattr(training, "evaluate", evaluated)
     out = tmp_path / "out"
     train(replace(TINY, steps=200, imitation_share=1.0), out)
     kept = Policy.load(out / "policy.safetensors")
-    assert (kept.action_deviation, kept.metadata.measured["success_rate"]) == (0.05, 0.6)
+    assert (kept.action_std, kept.metadata.measured["success_rate"]) == (0.05, 0.6)
 
 
 @pytest.mark.slow
@@ -140,8 +152,8 @@ def test_a_training_that_has_ended_goes_on_with_more_steps(tmp_path):
     train(replace(TINY, steps=400, imitation_share=0.5), out)
     before = tensors(out)
     policy = resume(out, steps=800)
-    assert policy.metadata.steps == stored_training(out).steps == 800
-    assert stored_training(out).imitation_rounds == 1
+    assert policy.metadata.steps == stored_configuration(out).steps == 800
+    assert stored_configuration(out).imitation_updates == 1
     assert tensors(out) != before
 
 
@@ -150,7 +162,7 @@ def test_numpy_does_as_torch_does(environment):
     observation_size, action_size = sizes(environment)
     torch.manual_seed(1)
     network = RecurrentNetwork(observation_size, 12, (9, 8), action_size)
-    normaliser = UpdateNormaliser(observation_of(environment), 0.99)
+    normaliser = Normaliser(observation_of(environment), 0.99)
     policy = network.policy(normaliser, PolicyMetadata(environment=environment, people="", steps=0, seed=0))
     observations = np.random.default_rng(2).standard_normal((30, 4, observation_size))
     with torch.no_grad():
@@ -172,9 +184,11 @@ def test_windows_begin_where_the_one_before_ended():
 
 def test_what_is_shown_is_what_the_teacher_would_do():
     teacher, learner = (packaged(TINY.environment, kind) for kind in ("revised", "original"))
-    place = Place(TINY.environment, TransferredFile.of(TINY.people), "none", 1, "threads")
+    place = WorldSettings(TINY.environment, TransferredFile.of(TINY.people), "none", 1, "threads")
     by_expert = np.array([True, False])
-    shown = roll_out(learner, Order(place, 0, np.arange(2), by_expert=by_expert, teacher=teacher))
+    shown = roll_out(
+        learner, RolloutRequest(place, 0, np.arange(2), expert_drives=by_expert, teacher=teacher)
+    )
     for seen, done in zip(shown.observations[:-1], shown.actions, strict=True):
         assert_allclose(done, np.clip(Actor(teacher, 2).mean(seen), -1.0, 1.0), atol=1e-4)
 
@@ -195,8 +209,8 @@ def test_whoever_cannot_teach_is_refused_before_anything_is_written(name, told, 
     ("name", "told"),
     [
         ("nobody", "no policy 'nobody'"),
-        ("oracle", "a policy that remembers"),
-        ("revised", "a policy that remembers"),
+        ("oracle", "a recurrent policy"),
+        ("revised", "a recurrent policy"),
         ("adaptive", "trained for"),
     ],
 )
@@ -230,9 +244,11 @@ def test_an_overload_costs_by_the_highest_share_of_a_limit(monkeypatch):
     environment, steps, seeds = "avrgym/FeedingPR2-v1", 40, [0, 1, 2]
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", steps)
     policy = packaged(environment, "revised")
-    place = Place(environment, TransferredFile.of("participants"), "none", 1, "threads")
-    orders = [Order(place, 0, np.array(seeds), overload_weight=weight) for weight in (0.0, 1.0, 3.0)]
-    free, once, thrice = (roll_out(policy, order) for order in orders)
+    place = WorldSettings(environment, TransferredFile.of("participants"), "none", 1, "threads")
+    requests = [
+        RolloutRequest(place, 0, np.array(seeds), overload_weight=weight) for weight in (0.0, 1.0, 3.0)
+    ]
+    free, once, thrice = (roll_out(policy, request) for request in requests)
     assert free.observations.tobytes() == once.observations.tobytes()
     cost = free.rewards - once.rewards
     assert_allclose(free.rewards - thrice.rewards, 3.0 * cost, atol=1e-4)
@@ -257,8 +273,10 @@ def test_newtons_beyond_the_most_are_not_paid_for(monkeypatch):
     environment, steps, seeds, most = TINY.environment, 60, np.arange(2), 3.0
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", steps)
     policy = packaged(environment, "revised")
-    place = Place(environment, TransferredFile.of("revised"), "none", 1, "threads")
-    free, held = (roll_out(policy, Order(place, 0, seeds, paid_force_n=each)) for each in (np.inf, most))
+    place = WorldSettings(environment, TransferredFile.of("revised"), "none", 1, "threads")
+    free, limited = (
+        roll_out(policy, RolloutRequest(place, 0, seeds, rewarded_force_n=each)) for each in (np.inf, most)
+    )
     worlds, actor = Episodes(environment, 2, distribution="revised", num_threads=1), Actor(policy, 2)
     seen, taken_off = worlds.begin(np.arange(2), [np.random.default_rng(seed) for seed in seeds]), []
     for _ in range(steps):
@@ -268,21 +286,21 @@ def test_newtons_beyond_the_most_are_not_paid_for(monkeypatch):
         beyond = [np.maximum(terms[name] - most, 0.0) for name in ("scratch_force_n", "force_at_itch_n")]
         taken_off.append(2.0 * beyond[0] + 0.01 * beyond[1])
     assert np.max(taken_off) > 1.0
-    assert_allclose(free.rewards - held.rewards, taken_off, atol=1e-4)
+    assert_allclose(free.rewards - limited.rewards, taken_off, atol=1e-4)
 
 
 def test_a_folder_without_training_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="no training of an adaptive policy"):
+    with pytest.raises(ValueError, match="contains no training"):
         resume(tmp_path)
 
 
 @pytest.mark.slow
 def test_with_withdrawal_contact_after_success_earns_nothing_and_imitation_shows_waiting():
-    place = Place("avrgym/FeedingJaco-v1", TransferredFile.of("revised"), "none", 1, "threads")
-    order = Order(place, 0, np.array([3]), by_expert=np.array([True]))
+    place = WorldSettings("avrgym/FeedingJaco-v1", TransferredFile.of("revised"), "none", 1, "threads")
+    request = RolloutRequest(place, 0, np.array([3]), expert_drives=np.array([True]))
     policy = packaged("avrgym/FeedingJaco-v1", "adaptive")
-    goes_on = roll_out(policy, order)
-    waits = roll_out(policy, replace(order, place=replace(place, withdraw_after_success=True)))
+    goes_on = roll_out(policy, request)
+    waits = roll_out(policy, replace(request, place=replace(place, withdraw_after_success=True)))
     assert goes_on.success.all()
     assert waits.success.all()
     assert (goes_on.rewards[-20:] != 0.0).all()
@@ -295,10 +313,10 @@ def test_with_withdrawal_contact_after_success_earns_nothing_and_imitation_shows
 def test_every_other_round_of_imitation_is_of_people_who_sit_still(tmp_path, monkeypatch):
     met: list[tuple[str, str]] = []
 
-    def rolled_out(policy, order):
-        met.append((order.place.people.name, order.place.impairment))
-        return roll_out(policy, order)
+    def rolled_out(policy, request):
+        met.append((request.place.people.name, request.place.impairment))
+        return roll_out(policy, request)
 
-    monkeypatch.setattr(adaptive, "roll_out", rolled_out)
+    monkeypatch.setattr(recurrent_recipe, "roll_out", rolled_out)
     train(replace(TINY, steps=800, imitation_share=1.0), tmp_path / "training")
     assert met == [("zoo/train", "none"), ("revised", "none"), ("zoo/train", "limits"), ("revised", "none")]

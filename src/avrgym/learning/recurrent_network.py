@@ -1,4 +1,4 @@
-"""A network that remembers, in PyTorch: what ``policies.trained.Policy`` is with a memory, while it learns."""
+"""A recurrent network in PyTorch: a ``Policy`` with memory, while it learns."""
 
 # PyTorch's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -10,32 +10,32 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from avrgym.learning.hyperparameters import RECURRENT
+from avrgym.learning.normaliser import Normaliser
 from avrgym.networks.layers import Memory
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.tasks.constants import EPISODE_STEPS
 
-WINDOW = 50
-"""Through how many control steps gradients go back."""
-
 
 class RecurrentNetwork(nn.Module):
-    """A gated recurrent unit, and tanh layers that see the observation and what is remembered."""
+    """A gated recurrent unit, then tanh layers over observation and memory."""
 
-    def __init__(self, observation_size: int, memory: int, hidden: tuple[int, ...], action_size: int) -> None:
+    def __init__(
+        self, observation_size: int, memory_size: int, net_arch: tuple[int, ...], outputs: int
+    ) -> None:
         """Draw the weights from PyTorch's random stream."""
         super().__init__()
-        self.memory = nn.GRU(observation_size, memory)
-        sizes = [observation_size + memory, *hidden, action_size]
+        self.memory = nn.GRU(observation_size, memory_size)
+        sizes = [observation_size + memory_size, *net_arch, outputs]
         self.layers = nn.ModuleList(nn.Linear(*pair) for pair in pairwise(sizes))
 
     @classmethod
     def of(cls, policy: Policy) -> "RecurrentNetwork":
-        """The network of a policy that remembers, in single precision."""
+        """The network of a recurrent policy, in single precision."""
         memory = policy.memory
         assert memory is not None
-        observation_size, action_size = policy.observation_size, policy.action_size
-        hidden = tuple(len(bias) for bias in policy.biases[:-1])
-        network = cls(observation_size, memory.units, hidden, action_size)
+        net_arch = tuple(len(bias) for bias in policy.biases[:-1])
+        network = cls(policy.observation_size, memory.units, net_arch, policy.action_size)
         arrays = {
             "memory.weight_ih_l0": memory.input_weight,
             "memory.bias_ih_l0": memory.input_bias,
@@ -47,16 +47,16 @@ class RecurrentNetwork(nn.Module):
         network.load_state_dict({name: torch.as_tensor(array.T.copy()) for name, array in arrays.items()})
         return network
 
-    def forward(self, observations: Tensor, remembered: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """Mean actions (T, n, A) for normalised observations (T, n, O), and what is remembered (1, n, U) at the end."""
-        told, last = self.memory(observations, remembered)
-        rows = torch.cat([observations, told], dim=-1)
+    def forward(self, observations: Tensor, memory: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Outputs (T, n, A) for normalised observations (T, n, O), and the memory (1, n, U) at the end."""
+        remembered, last = self.memory(observations, memory)
+        rows = torch.cat([observations, remembered], dim=-1)
         for layer in self.layers[:-1]:
             rows = torch.tanh(layer(rows))
         return self.layers[-1](rows), last
 
-    def policy(self, normaliser: Any, metadata: PolicyMetadata, deviation: float = 0.0) -> Policy:
-        """The same as a policy behind a normaliser of observations, with a chance of this standard deviation."""
+    def policy(self, normaliser: Normaliser, metadata: PolicyMetadata, action_std: float = 0.0) -> Policy:
+        """The network with its normaliser, as a policy that needs no PyTorch."""
         unit, layers = self.memory, [*self.layers]
         return Policy(
             weights=tuple(_array(layer.weight).T for layer in layers),
@@ -65,7 +65,7 @@ class RecurrentNetwork(nn.Module):
             observation_variance=normaliser.obs_rms.var,
             observation_clip=normaliser.clip_obs,
             observation_epsilon=normaliser.epsilon,
-            action_deviation=deviation,
+            action_std=action_std,
             metadata=metadata,
             memory=Memory(
                 input_weight=_array(unit.weight_ih_l0).T,
@@ -77,8 +77,9 @@ class RecurrentNetwork(nn.Module):
 
 
 def windows() -> Iterator[slice]:
-    """The parts of an episode through which gradients go back, one after the other."""
-    return (slice(first, first + WINDOW) for first in range(0, EPISODE_STEPS, WINDOW))
+    """The consecutive parts of an episode for truncated backpropagation through time."""
+    steps = RECURRENT.window
+    return (slice(first, first + steps) for first in range(0, EPISODE_STEPS, steps))
 
 
 def fit(
@@ -87,24 +88,26 @@ def fit(
     observations: Tensor,
     loss: Callable[..., Tensor],
     targets: Sequence[Tensor],
-    gradient_norm: float,
+    max_grad_norm: float,
 ) -> None:
-    """Lower the loss of what a network says of whole episodes, (T, n, O).
+    """Lower the loss of the outputs for whole episodes (T, n, O), with one gradient step per window.
 
-    ``loss`` is given what it says in a window, (t, n, A), and that part of each of the targets (T, n, ...).
+    ``loss`` gets a window's outputs (t, n, A), and the same part of each of the targets (T, n, ...).
     """
-    remembered = None
+    memory = None
     for window in windows():
-        said, remembered = network(observations[window], remembered)
-        step(optimizer, network, loss(said, *(target[window] for target in targets)), gradient_norm)
-        remembered = remembered.detach()
+        outputs, memory = network(observations[window], memory)
+        gradient_step(optimizer, network, loss(outputs, *(each[window] for each in targets)), max_grad_norm)
+        memory = memory.detach()
 
 
-def step(optimizer: torch.optim.Optimizer, network: nn.Module, loss: Tensor, gradient_norm: float) -> None:
-    """Take a step down a loss; a gradient longer than given is shortened to that."""
+def gradient_step(
+    optimizer: torch.optim.Optimizer, network: nn.Module, loss: Tensor, max_grad_norm: float
+) -> None:
+    """One step of the optimizer; longer gradients are clipped to ``max_grad_norm``."""
     optimizer.zero_grad()
     loss.backward()
-    nn.utils.clip_grad_norm_(network.parameters(), gradient_norm)
+    nn.utils.clip_grad_norm_(network.parameters(), max_grad_norm)
     optimizer.step()
 
 

@@ -19,16 +19,15 @@ import torch
 
 from avrgym.cli.main import app
 from avrgym.learning import configuration as configuration_module
-from avrgym.learning import imitation, ppo, rollouts, training
-from avrgym.learning.configuration import TrainingConfiguration, stored_configuration
-from avrgym.learning.exporting import export_policy
-from avrgym.learning.on_device import DeviceImprovement
-from avrgym.learning.ppo import begin_update, free_actor, make_ppo_alone
-from avrgym.learning.rollouts import Order, Place, roll_out
+from avrgym.learning import ppo, rollouts, training
+from avrgym.learning.configuration import FeedforwardConfiguration, stored_configuration
+from avrgym.learning.normaliser import Normaliser, observation_of
+from avrgym.learning.ppo import Agent, export_policy, freeze_actor, make_ppo, set_log_std, update_on_host
+from avrgym.learning.rollouts import RolloutRequest, WorldSettings, roll_out
+from avrgym.learning.rsl_rl_ppo import DevicePPO
 from avrgym.learning.training import Progress, resume, train
-from avrgym.learning.updates import UpdateNormaliser, improve_here, observation_of
-from avrgym.policies.actors import ActorThere
-from avrgym.policies.trained import Policy, find_policy
+from avrgym.policies.actors import DeviceActor
+from avrgym.policies.trained import Policy, PolicyMetadata, find_policy
 from avrgym.simulation.engines import warp
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.registry import sizes
@@ -36,14 +35,14 @@ from avrgym.tasks.registry import sizes
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 WORLDS, STEPS = 2, 12
 UPDATE = WORLDS * STEPS
-TINY = TrainingConfiguration(
+TINY = FeedforwardConfiguration(
     environment=SCRATCHING,
     people="revised",
     steps=3 * UPDATE,
     seed=4,
-    worlds=WORLDS,
-    minibatch=8,
-    epochs=2,
+    num_envs=WORLDS,
+    batch_size=8,
+    n_epochs=2,
     threads=1,
     imitation_rounds=1,
     imitation_share=0.5,
@@ -54,13 +53,15 @@ TINY = TrainingConfiguration(
     engine="warp:cpu",
 )
 
+METADATA = PolicyMetadata(environment=SCRATCHING, people="", steps=0, seed=0)
+
 
 @pytest.fixture(autouse=True)
 def _brief(monkeypatch: pytest.MonkeyPatch) -> None:
     """Episodes of ``STEPS`` steps, measured by one."""
-    for module in (configuration_module, imitation, ppo, rollouts, training):
+    for module in (configuration_module, ppo, rollouts, training):
         monkeypatch.setattr(module, "EPISODE_STEPS", STEPS)
-    monkeypatch.setattr(training, "MEASURED_EPISODES", 1)
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
 
 
 # One update
@@ -72,11 +73,11 @@ def test_episodes_on_the_device_are_those_of_threads() -> None:
     here, there = (
         roll_out(
             policy,
-            Order(
-                Place(SCRATCHING, TransferredFile.of("revised"), "none", 1, engine),
-                first=0,
-                episodes=np.arange(50, 50 + WORLDS),
-                noise=(3, 400),
+            RolloutRequest(
+                WorldSettings(SCRATCHING, TransferredFile.of("revised"), "none", 1, engine),
+                first_world=0,
+                episode_seeds=np.arange(50, 50 + WORLDS),
+                noise_seed=(3, 400),
                 force_weight_per_n=0.1,
                 detour_weight_per_m=5.0,
             ),
@@ -95,7 +96,7 @@ def test_episodes_on_the_device_are_those_of_threads() -> None:
 def test_a_policy_acts_on_the_device_as_it_does_on_the_host(rng: np.random.Generator) -> None:
     policy = Policy.load(find_policy("revised", SCRATCHING))
     observations = 4.0 * rng.normal(size=(50, policy.observation_size))
-    double = ActorThere(policy, torch.zeros(1, dtype=torch.float64)).mean(torch.as_tensor(observations))
+    double = DeviceActor(policy, torch.zeros(1, dtype=torch.float64)).mean(torch.as_tensor(observations))
     assert_allclose(double, policy.mean(observations), atol=1e-6)
 
 
@@ -117,23 +118,23 @@ def test_both_learners_make_the_same_of_an_update(
     worlds = 5
     how = replace(
         TINY,
-        worlds=worlds,
-        minibatch=worlds * STEPS,
-        epochs=4,
+        num_envs=worlds,
+        batch_size=worlds * STEPS,
+        n_epochs=4,
         imitation_rounds=0 if actor_learns else 1,
         steps=2400,
     )
     given = seen_and_done(rng, worlds)
     networks: list[dict[str, torch.Tensor]] = []
     before: dict[str, torch.Tensor] = {}
-    for improve in (improve_here, DeviceImprovement(how)):
-        model = make_ppo_alone(how, *sizes(SCRATCHING), tmp_path)
+    for update in (update_on_host, DevicePPO(how)):
+        model = make_ppo(how, *sizes(SCRATCHING), tmp_path)
         model.set_logger(ppo_logger())
         model.num_timesteps, model.max_grad_norm = worlds * STEPS, 1e9
         before = {name: value.clone() for name, value in model.policy.state_dict().items()}
-        begin_update(model, how)
-        free_actor(model, how)
-        improve(model, *(each.numpy() if improve is improve_here else each for each in given))
+        set_log_std(model, how)
+        freeze_actor(model, how)
+        update(model, *(each.numpy() if update is update_on_host else each for each in given))
         networks.append(model.policy.state_dict())
     here, there = networks
     for name, wanted in here.items():
@@ -150,12 +151,12 @@ def ppo_logger():
 
 
 def test_the_exported_policy_acts_as_the_network_does(rng: np.random.Generator, tmp_path: Path) -> None:
-    model = make_ppo_alone(TINY, *sizes(SCRATCHING), tmp_path)
+    model = make_ppo(TINY, *sizes(SCRATCHING), tmp_path)
     model.set_logger(ppo_logger())
-    normaliser = UpdateNormaliser(observation_of(SCRATCHING), TINY.discount)
+    normaliser = Normaliser(observation_of(SCRATCHING), TINY.gamma)
     observations, actions, rewards = seen_and_done(rng, WORLDS)
-    DeviceImprovement(TINY)(model, observations, actions, rewards)
-    exported = export_policy(model, normaliser, TINY, 0.0, [])
+    DevicePPO(TINY)(model, observations, actions, rewards)
+    exported = export_policy(Agent(model, normaliser), -1.0, METADATA)
     last = cast(Any, model.policy).action_net.weight
     assert_array_equal(exported.weights[-1], last.detach().T)
     plain = rng.uniform(-3.0, 3.0, (200, observations.shape[-1]))
@@ -169,15 +170,15 @@ def test_the_exported_policy_acts_as_the_network_does(rng: np.random.Generator, 
 
 def test_the_normaliser_learns_the_same_of_tensors(rng: np.random.Generator) -> None:
     observations, actions, rewards = (each.numpy() for each in seen_and_done(rng, 3))
-    here, there = (UpdateNormaliser(observation_of(SCRATCHING), 0.9) for _ in range(2))
+    here, there = (Normaliser(observation_of(SCRATCHING), 0.9) for _ in range(2))
     rest = {"episode_return": np.zeros(3), "success": np.zeros(3, dtype=bool), "episode_force_n": np.zeros(3)}
     given = {"observations": observations, "actions": actions, "rewards": rewards}
     on_host = rollouts.Rollout(**given, **rest)
     on_it = rollouts.Rollout(**{name: torch.as_tensor(each) for name, each in given.items()}, **rest)
     for _ in range(2):
-        assert_allclose(there.rewards(on_it), here.rewards(on_host), atol=1e-6)
+        assert_allclose(there.normalize_rewards(on_it), here.normalize_rewards(on_host), atol=1e-6)
         for normaliser, rollout in ((here, on_host), (there, on_it)):
-            normaliser.see(rollout)
+            normaliser.update_observations(rollout)
     assert_allclose(there.obs_rms.var, here.obs_rms.var)
     assert_allclose(there.ret_rms.mean, here.ret_rms.mean)
     assert_allclose(
@@ -192,7 +193,9 @@ class Killed(Exception):
     """Something ended the training."""
 
 
-def trained(configuration: TrainingConfiguration, out: Path, kill_after: int | None = None) -> list[Progress]:
+def trained(
+    configuration: FeedforwardConfiguration, out: Path, kill_after: int | None = None
+) -> list[Progress]:
     """What a training told of, perhaps killed after so many times."""
     heard: list[Progress] = []
 
@@ -218,11 +221,13 @@ def test_a_training_on_the_device_leaves_what_any_other_does_and_goes_on_to_the_
     tmp_path: Path,
 ) -> None:
     heard = trained(TINY, tmp_path / "whole")
-    stages = ["imitation, round 1 of 1", "PPO", "PPO", "measuring, 1 episodes"]
+    stages = [
+        "imitation, update 1 of 3", "PPO, update 2 of 3", "PPO, update 3 of 3", "evaluation, 1 episodes"
+    ]  # fmt: skip
     assert [progress.stage for progress in heard] == stages
     policy = Policy.load(tmp_path / "whole" / "policy.safetensors")
     assert policy.metadata.steps == TINY.steps
-    assert policy.action_deviation == pytest.approx(np.exp(TINY.log_std[1]))
+    assert policy.action_std == pytest.approx(np.exp(TINY.log_std[1]))
     assert set(policy.metadata.measured) >= {"success_rate", "reward_mean"}
     assert stored_configuration(tmp_path / "whole") == TINY
     assert list((tmp_path / "whole" / "tensorboard").rglob("events.out.tfevents.*"))
@@ -261,7 +266,7 @@ def refused(tmp_path: Path, *options: str) -> str:
 def test_a_missing_extra_is_named_with_its_cure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rsl_rl.algorithms", None)
     said = refused(tmp_path, "--engine", "warp:cpu")
-    assert "missing; `pip install avrgym[train,gpu]` brings what training on the engine warp needs" in said
+    assert "training on the engine warp needs rsl_rl.algorithms: `pip install avrgym[train,gpu]`" in said
 
 
 def test_without_a_gpu_training_says_so(tmp_path: Path) -> None:
@@ -290,5 +295,5 @@ def test_more_worlds_than_the_device_has_room_for_are_refused_before_a_training_
     monkeypatch.setattr(warp.Warp, "_bytes_per_world", lambda *_: 1 << 30)
     monkeypatch.setattr(warp.Warp, "_free_bytes", lambda _: 5 << 30)
     with pytest.raises(ValueError, match=r"^7 worlds take 7.0 GiB of memory on CPU; allowed: up to 5$"):
-        train(replace(TINY, worlds=7), tmp_path / "out")
+        train(replace(TINY, num_envs=7), tmp_path / "out")
     assert not (tmp_path / "out" / "configuration.json").exists()

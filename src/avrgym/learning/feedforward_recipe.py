@@ -1,0 +1,292 @@
+"""Recipe of feed-forward policies: imitation, then PPO, of a robot, or of a robot and a human together.
+
+Within an update policy and normaliser are constant, and each world has its own exploration noise. The episodes follow
+from the policy, the seed and the steps so far, so the weights do not depend on the processes that run them.
+"""
+
+# Stable-Baselines3's attributes: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from math import exp
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+import torch
+from stable_baselines3.common.utils import configure_logger
+
+from avrgym.array_types import BoolArray
+from avrgym.learning import ppo
+from avrgym.learning.configuration import FeedforwardConfiguration, stored_people
+from avrgym.learning.hard_episodes import HardEpisodes
+from avrgym.learning.hyperparameters import IMITATION
+from avrgym.learning.imitation import Demonstration, Demonstrations, fit
+from avrgym.learning.normaliser import Scaled, observation_of
+from avrgym.learning.recipe import Update
+from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out_all, worlds_of
+from avrgym.learning.rsl_rl_ppo import DevicePPO, libraries
+from avrgym.networks.policy import HumanRole, Policy, PolicyMetadata
+from avrgym.people.distributions import NAMED_DISTRIBUTIONS
+from avrgym.people.populations import is_trained, population_label, transferred_people
+from avrgym.system import random_streams
+from avrgym.system.engines import THREADS
+from avrgym.system.files import read_user_text
+from avrgym.tasks.human_view import human_view_of
+from avrgym.tasks.registry import sizes
+
+if TYPE_CHECKING:
+    from avrgym.system.cluster import Cluster
+
+RollOut = Callable[[Sequence[Policy], Sequence[RolloutRequest]], list[list[Rollout]]]
+"""Runs the episodes of several requests; returns for each request what ``rollouts.roll_out_all`` returns."""
+LOG_NAMES = "PPO", "human"
+"""Names of the robot and the human in TensorBoard's log."""
+WORLDS_PER_WORKER = 64, 128
+"""Smallest and largest number of worlds of a cluster's worker, where the training has enough of them."""
+
+
+def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluster | None") -> None:
+    """Refuse a training that cannot run.
+
+    Raises:
+        ValueError, RuntimeError: naming what is allowed.
+    """
+    if configuration.pairing is not None:
+        _check_pairing(configuration.environment, people)
+    if configuration.engine == THREADS:
+        return
+    libraries()
+    if configuration.pairing is not None or is_trained(people):
+        raise ValueError(f"trained humans act on threads only; leave out --engine {configuration.engine}")
+    if cluster is not None:
+        raise ValueError(
+            f"a cluster's workers step worlds on threads; allowed: --cluster, or --engine {configuration.engine}"
+        )
+
+
+def _check_pairing(environment: str, people: str) -> None:
+    """Refuse to train a human who has nothing to learn, or who is trained already."""
+    _, joints = human_view_of(environment)
+    if not joints:
+        raise ValueError(f"people do nothing in {environment}: there is no human to train with the robot")
+    if is_trained(people):
+        raise ValueError(
+            f"{people}: is trained already, and a pair trains a human of its own; allowed: people by name, or a file "
+            "of people, whose bodies that human gets"
+        )
+
+
+def parts_of(configuration: FeedforwardConfiguration, cluster: "Cluster | None") -> int:
+    """The number of requests that share an update's worlds: the number of workers, or a multiple."""
+    if cluster is None:
+        return 1
+    least, most = WORLDS_PER_WORKER
+    worlds = configuration.num_envs
+    workers = cluster.asked_for or max(1, min(cluster.count, worlds // least))
+    workers = min(workers, worlds)
+    return workers * -(-worlds // (workers * most))
+
+
+class FeedforwardRecipe:
+    """See ``recipe.Recipe``. The agents are the robot's and, with ``pairing``, the human's."""
+
+    def __init__(
+        self, configuration: FeedforwardConfiguration, out: Path, cluster: "Cluster | None" = None
+    ) -> None:
+        self._configuration, self._out = configuration, out
+        self._people = stored_people(configuration.people, out)
+        threads = configuration.threads if cluster is None else 1
+        self._settings = {
+            engine: WorldSettings(
+                configuration.environment,
+                transferred_people(self._people),
+                configuration.impairment,
+                threads,
+                engine,
+                configuration.force_guard,
+                configuration.withdraw_after_success,
+            )
+            for engine in (THREADS, configuration.engine)
+        }
+        self._parts = np.array_split(np.arange(configuration.num_envs), parts_of(configuration, cluster))
+        self._roll_out_parts = _roll_out_here if cluster is None else _roll_out_on(cluster)
+        self._policy_update: ppo.PolicyUpdate = ppo.update_on_host
+        if configuration.engine != THREADS:
+            self._policy_update = DevicePPO(configuration)
+            worlds_of(self._settings[configuration.engine], configuration.num_envs)  # fails without memory
+        self._agents = _agents(configuration, out)
+        self._demonstrations = Demonstrations(out, Demonstration)
+        self._hard = HardEpisodes(configuration.num_envs, configuration.hard_share, configuration.seed)
+        self._latest: list[tuple[float, bool]] = []
+        self._log_is_open = False
+
+    @property
+    def model(self) -> ppo.PPO:
+        """The robot's model."""
+        return self._agents[0].model
+
+    @property
+    def steps(self) -> int:
+        return ppo.steps_of(self.model)
+
+    @property
+    def final_action_stds(self) -> tuple[float, ...]:
+        return (exp(self._configuration.log_std_at(self.steps)),)
+
+    def update(self) -> Update:
+        if self.steps < self._configuration.imitation_steps:
+            return self._imitate()
+        return self._improve()
+
+    def policies(self, metadata: PolicyMetadata) -> list[Policy]:
+        configuration = self._configuration
+        log_std = configuration.log_std_at(self.steps)
+        name = population_label(configuration.people)
+        human = msgspec.structs.replace(metadata, people=name, impairment=configuration.impairment)
+        robot = human
+        if configuration.pairing is not None:
+            robot = msgspec.structs.replace(human, people=f"{name}, trained beside it")
+        policies = [ppo.export_policy(self._agents[0], log_std, robot)]
+        for agent in self._agents[1:]:
+            text = "" if self._people in NAMED_DISTRIBUTIONS else read_user_text(Path(self._people))
+            role = HumanRole(partner=policies[0].digest, people_file=text)
+            policies.append(ppo.export_policy(agent, log_std, msgspec.structs.replace(human, human=role)))
+        return policies
+
+    def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Stable-Baselines3 draws minibatches from NumPy's global random stream, which the state therefore contains."""
+        tensors = {
+            **ppo.agent_state(self._agents[0]),
+            "torch_random": torch.get_rng_state(),
+            "minibatches": json.dumps(np.random.get_state(legacy=False), default=np.ndarray.tolist),  # noqa: NPY002
+        }
+        if len(self._agents) > 1:
+            tensors["human"] = ppo.agent_state(self._agents[1])
+        return tensors, {"finished": self._latest, "hard": self._hard.stored}
+
+    def restore(self, tensors: dict[str, Any], values: dict[str, Any]) -> None:
+        states = [tensors, *([tensors["human"]] if len(self._agents) > 1 else [])]
+        for agent, state in zip(self._agents, states, strict=True):
+            ppo.restore_agent(agent, state)
+        torch.set_rng_state(tensors["torch_random"])
+        minibatches = json.loads(tensors["minibatches"])
+        minibatches["state"]["key"] = np.array(minibatches["state"]["key"], dtype=np.uint32)
+        np.random.set_state(minibatches)  # noqa: NPY002
+        self._latest = [(reward, success) for reward, success in values["finished"]]
+        self._hard.stored = values.get("hard", [])  # absent in early checkpoints
+        if self.steps < self._configuration.imitation_steps:
+            self._demonstrations.read(self.steps // self._configuration.update_steps)
+
+    def _imitate(self) -> Update:
+        configuration = self._configuration
+        number = self.steps // configuration.update_steps
+        random = random_streams.imitation(configuration.seed, number)
+        expert_drives = random.random(configuration.num_envs) < IMITATION.expert_share**number
+        rollouts = self._roll_out(self._own_policies(), expert_drives=expert_drives)
+        for agent, each in zip(self._agents, rollouts, strict=True):
+            agent.normaliser.update_observations(each)
+        rollout = rollouts[0]
+        arrays = (rollout.observations[:-1], rollout.actions)
+        self._demonstrations.append(Demonstration(*(each.reshape(-1, each.shape[-1]) for each in arrays)))
+        last = number == configuration.imitation_updates - 1
+        fit(self._agents[0], self._demonstrations, random, last=last)
+        self._count_update()
+        return self._results("imitation", rollout.episodes(~expert_drives))
+
+    def _improve(self) -> Update:
+        configuration, done, started = self._configuration, self.steps, time.monotonic()
+        self._open_log()
+        for model, _ in self._agents:
+            ppo.set_log_std(model, configuration)
+        rollouts = self._roll_out(self._own_policies(), (configuration.seed, done))
+        self._count_update()
+        rollout = rollouts[0]
+        if configuration.hard_share > 0.0:
+            self._hard.update(rollout.success.tolist(), rollout.episode_force_n.tolist())
+        results = self._results("PPO", rollout.episodes(slice(self._hard.repeated, None)))
+        self._log(results, rollout.nbytes, time.monotonic() - started)
+        for agent, each, learns in zip(self._agents, rollouts, configuration.learners_at(done), strict=False):
+            if learns:
+                ppo.freeze_actor(agent.model, configuration)
+                ppo.learn(agent, each, configuration.steps, self._policy_update)
+        return results
+
+    def _own_policies(self) -> list[Policy]:
+        return self.policies(PolicyMetadata(environment="", people="", steps=0, seed=0))
+
+    def _roll_out(
+        self,
+        policies: Sequence[Policy],
+        noise_seed: tuple[int, int] | None = None,
+        expert_drives: BoolArray | None = None,
+    ) -> list[Rollout]:
+        """An episode in every world, from each agent's view; experts drive on threads, whatever the engine."""
+        configuration, steps = self._configuration, self.steps
+        engine = configuration.engine if expert_drives is None else THREADS
+        episodes = np.array(self._hard.choose(steps))
+        requests = [
+            RolloutRequest(
+                settings=self._settings[engine],
+                first_world=int(worlds[0]),
+                episode_seeds=episodes[worlds],
+                noise_seed=noise_seed,
+                expert_drives=None if expert_drives is None else expert_drives[worlds],
+                force_weight_per_n=0.0 if noise_seed is None else configuration.force_weight_at(steps),
+                detour_weight_per_m=configuration.detour_weight_per_m,
+                shared_reward=configuration.pairing is None or configuration.pairing.shared_reward,
+            )
+            for worlds in self._parts
+        ]
+        parts = self._roll_out_parts(policies, requests)
+        return [Rollout.joined([*of_agent]) for of_agent in zip(*parts, strict=True)]
+
+    def _count_update(self) -> None:
+        steps = self.steps + self._configuration.update_steps
+        for model, _ in self._agents:
+            model.num_timesteps = steps
+
+    def _results(self, stage: str, episodes: list[tuple[float, bool]]) -> Update:
+        """Means over the latest episodes of the policy, twice as many as there are worlds."""
+        if not episodes:
+            return Update(stage, None, None)
+        self._latest = (self._latest + episodes)[-2 * self._configuration.num_envs :]
+        reward, success = (sum(column) / len(column) for column in zip(*self._latest, strict=True))
+        return Update(stage, reward, success)
+
+    def _open_log(self) -> None:
+        if not self._log_is_open:
+            for (model, _), name in zip(self._agents, LOG_NAMES, strict=False):
+                model.set_logger(configure_logger(0, model.tensorboard_log, name, reset_num_timesteps=False))
+        self._log_is_open = True
+
+    def _log(self, results: Update, rollout_bytes: int, seconds: float) -> None:
+        logger = self.model.logger
+        if results.reward_mean is not None:
+            logger.record("rollout/reward_mean", results.reward_mean)
+            logger.record("rollout/success_rate", results.success_rate)
+        logger.record("rollout/bytes", rollout_bytes)
+        logger.record("time/fps", int(self._configuration.update_steps / seconds))
+        logger.dump(self.steps)
+
+
+def _roll_out_here(policies: Sequence[Policy], requests: Sequence[RolloutRequest]) -> list[list[Rollout]]:
+    return [roll_out_all(policies, request) for request in requests]
+
+
+def _roll_out_on(cluster: "Cluster") -> RollOut:
+    def roll_out(policies: Sequence[Policy], requests: Sequence[RolloutRequest]) -> list[list[Rollout]]:
+        return cluster.run_all(roll_out_all, [(policies, request) for request in requests])
+
+    return roll_out
+
+
+def _agents(configuration: FeedforwardConfiguration, out: Path) -> list[ppo.Agent]:
+    environment = configuration.environment
+    sides: list[tuple[Scaled, int]] = [(observation_of(environment), sizes(environment)[1])]
+    if configuration.pairing is not None:
+        sides.append(human_view_of(environment))
+    return [ppo.make_agent(configuration, observation, actions, out) for observation, actions in sides]

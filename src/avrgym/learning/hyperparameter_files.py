@@ -1,0 +1,80 @@
+"""Files of hyperparameters: TOML with some fields of ``Hyperparameters``; the others are those of the task."""
+
+import json
+import tomllib
+from collections.abc import Mapping
+from math import isfinite
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import msgspec
+
+from avrgym.learning.configuration import NAMES_OF_0_2
+from avrgym.learning.hyperparameters import Hyperparameters, hyperparameters_of
+from avrgym.system.files import read_user_text
+from avrgym.system.type_guards import is_array
+
+
+def read_hyperparameters(path: Path, environment: str) -> Hyperparameters:
+    """Hyperparameters in an environment, with those of a file.
+
+    Raises:
+        ValueError: for invalid TOML, names or values, naming what is allowed.
+        OSError: when the file cannot be read.
+    """
+    return changed_hyperparameters(read_toml(path), environment, str(path))
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises:
+        ValueError: for invalid TOML.
+        OSError: when the file cannot be read.
+    """
+    try:
+        return tomllib.loads(read_user_text(path))
+    except ValueError as error:
+        raise ValueError(f"{path}: invalid TOML: {error}") from None
+
+
+def validation_error(error: msgspec.ValidationError, where: str) -> ValueError:
+    """An error that names the file, or its part, and the place of the wrong value in it."""
+    what, _, path = str(error).partition(" - at `$")
+    place = path.strip("`.")
+    return ValueError(f"{where}: {place}{': ' if place else ''}{what[:1].lower()}{what[1:]}")
+
+
+def changed_hyperparameters(changes: Mapping[str, Any], environment: str, where: str) -> Hyperparameters:
+    """Hyperparameters in an environment, with ``changes`` from the file, or its part, ``where``.
+
+    Raises:
+        ValueError: for an unknown name or a wrong value, naming what is allowed.
+    """
+    defaults = vars(hyperparameters_of(environment))
+    changes = {NAMES_OF_0_2.get(name, name): value for name, value in changes.items()}
+    unknown = ", ".join(changes.keys() - defaults.keys())
+    if unknown:
+        raise ValueError(f"{where}: unknown hyperparameter {unknown}; allowed: {', '.join(defaults)}")
+    for name, value in changes.items():
+        if not all(
+            isfinite(each) for each in (value if is_array(value) else [value]) if isinstance(each, float)
+        ):
+            raise ValueError(f"{where}: {name}: expected a finite number")
+    try:
+        return msgspec.convert({**defaults, **changes}, Hyperparameters)
+    except msgspec.ValidationError as error:
+        raise validation_error(error, where) from None
+
+
+def hyperparameters_text(environment: str) -> str:
+    """A file of all hyperparameters in an environment, with their descriptions."""
+    values = hyperparameters_of(environment)
+    lines = [
+        f"# Hyperparameters of {environment}. `avrgym train --config FILE` needs only those that you change."
+    ]
+    for name, annotated in get_type_hints(Hyperparameters, include_extras=True).items():
+        value = getattr(values, name)
+        description = annotated.__metadata__[-1].description
+        lines += ["", f"# {description}", f"{name} = {json.dumps(list(value) if is_array(value) else value)}"]
+    return "\n".join(lines)

@@ -1,0 +1,213 @@
+"""Hyperparameters of every recipe, named as in Stable-Baselines3.
+
+``Hyperparameters`` are those of feed-forward policies: imitation, then PPO. A user changes them with
+``avrgym train --config FILE``. ``OF_TASK`` lists the values of single tasks, ``PAPER`` those of ``--recipe paper``,
+``IMITATION`` and ``RECURRENT`` the fixed values of imitation and of ``--recipe adaptive``.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from msgspec import Meta
+
+from avrgym.tasks.registry import TASKS, find_environment
+
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hyperparameters:
+    """Imitation of the task's expert, then PPO, of a feed-forward policy.
+
+    Network and PPO are those of the paper (section V). The policy keeps the ``log_std`` of its last update.
+    """
+
+    num_envs: Annotated[
+        int, Meta(ge=1, description="worlds that are stepped together; each makes one episode per update")
+    ] = 32
+    batch_size: Annotated[int, Meta(ge=2, description="control steps in a minibatch of PPO")] = 320
+    n_epochs: Annotated[int, Meta(ge=1, description="passes of PPO over the steps of an update")] = 10
+    learning_rate: Annotated[
+        float, Meta(gt=0.0, description="of PPO at its start; falls linearly to a hundredth")
+    ] = 3e-4
+    gamma: Annotated[Share, Meta(description="discount factor per control step")] = 0.99
+    gae_lambda: Annotated[Share, Meta(description="of generalised advantage estimation")] = 0.95
+    clip_range: Annotated[
+        float, Meta(gt=0.0, description="limit of the change of an action's probability in PPO, as a share")
+    ] = 0.2
+    ent_coef: Annotated[float, Meta(ge=0.0, description="weight of the entropy in PPO's loss")] = 0.0
+    vf_coef: Annotated[float, Meta(ge=0.0, description="weight of the value function in PPO's loss")] = 0.5
+    max_grad_norm: Annotated[float, Meta(gt=0.0, description="limit of the norm of PPO's gradients")] = 0.5
+    log_std: Annotated[
+        tuple[float, float],
+        Meta(
+            description="exploration noise: natural logarithm of the standard deviation of actions (action_std) "
+            "at the start and the end of PPO"
+        ),
+    ] = (-1.5, -3.0)
+    net_arch: Annotated[
+        tuple[Annotated[int, Meta(ge=1)], ...],
+        Meta(min_length=1, description="units of the hidden layers of actor and critic"),
+    ] = (64, 64)
+    imitation_rounds: Annotated[
+        int, Meta(ge=0, description="updates at the start that imitate the expert instead of PPO")
+    ] = 8
+    imitation_share: Annotated[Share, Meta(description="upper limit of imitation's share of all steps")] = 0.5
+    critic_updates: Annotated[
+        int, Meta(ge=0, description="updates after imitation in which only the critic learns")
+    ] = 5
+    force_weight_per_n: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            description="reward penalty per newton on the person, in addition to the task's own; grows from 0 to "
+            "this value over the second third of PPO",
+        ),
+    ] = 0.03
+    detour_weight_per_m: Annotated[
+        float, Meta(ge=0.0, description="reward penalty per metre of detour of the tool around the arm")
+    ] = 0.0
+    hard_share: Annotated[
+        Share,
+        Meta(
+            description="upper limit of the share of worlds that repeat failed episodes in an update of PPO; "
+            "reported rewards leave these out"
+        ),
+    ] = 0.0
+
+
+OF_TASK: Mapping[str, Mapping[str, Any]] = {
+    "Feeding": {"imitation_rounds": 0, "log_std": (-0.7, -2.5)},
+    "Drinking": {
+        "imitation_rounds": 24,
+        "log_std": (-2.2, -3.0),
+        "critic_updates": 3,
+        "learning_rate": 1e-4,
+    },
+    "ScratchItch": {
+        "num_envs": 128,
+        "batch_size": 1280,
+        "imitation_rounds": 15,
+        "log_std": (-1.9, -2.5),
+        "force_weight_per_n": 0.05,
+        "detour_weight_per_m": 5.0,
+        "hard_share": 0.5,
+    },
+    "BedBathing": {
+        "imitation_rounds": 100,
+        "imitation_share": 1.0,
+        "log_std": (-3.0, -3.0),
+        "learning_rate": 1e-4,
+        "force_weight_per_n": 0.0,
+    },
+}
+"""Values that differ from the defaults. Tasks of other packages have theirs in ``Task.hyperparameters``."""
+
+PAPER = Hyperparameters(
+    num_envs=1024,
+    batch_size=5120,
+    imitation_rounds=0,
+    imitation_share=0.0,
+    critic_updates=0,
+    log_std=(-0.7, -2.5),
+    force_weight_per_n=0.0,
+    detour_weight_per_m=0.0,
+    hard_share=0.0,
+)
+"""The paper's recipe, the same for every task: PPO alone, on the tasks' own rewards.
+
+The paper states neither the exploration noise nor the episodes per update: ``log_std`` is that of feeding.
+"""
+PAPER_STEPS = 10_000_000
+"""Environment steps of each training in the paper (section VI)."""
+TRAINING_STEPS = 1_000_000
+"""Environment steps of a feed-forward training, by default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Imitation:
+    """Imitation by a feed-forward policy: Adam on the squared error of actions, after each round on all rounds."""
+
+    expert_share: float = 0.8
+    """The expert drives all worlds in the first round, and in later ones this share of those of the round before."""
+    batch_size: int = 1024
+    n_epochs: int = 10
+    last_n_epochs: int = 100
+    """Passes over all rounds after a round, and after the last round."""
+    learning_rate: float = 1e-3
+    lr_decay: float = 0.3
+    last_lr_decay: float = 0.01
+    """Factor of the learning rate at the end of a round, and of the last round."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recurrent:
+    """Imitation, then PPO, of a recurrent policy (``--recipe adaptive``).
+
+    A window is the horizon of backpropagation through time. PPO's learning rate after imitation is low: a higher one
+    loses the imitated behaviour.
+    """
+
+    window: int = 50
+    """Control steps that gradients go back through."""
+
+    imitation_share: float = 0.25
+    """Share of the updates that imitate, unless the training states another."""
+    expert_share: float = 0.7
+    """As in ``Imitation``."""
+    imitation_sequences: int = 32
+    """Episodes in a minibatch of imitation."""
+    gradient_steps: int = 40
+    last_gradient_steps: int = 1500
+    """Minibatches after a round of imitation, and after the last one."""
+    imitation_learning_rate: float = 1e-3
+    lr_decay: float = 0.3
+    last_lr_decay: float = 0.01
+    """As in ``Imitation``."""
+    imitation_max_grad_norm: float = 1.0
+
+    learning_rate: float = 3e-5
+    learning_rate_without_imitation: float = 1e-4
+    final_lr_share: float = 0.02
+    """PPO's learning rate falls linearly to this share."""
+    gamma: float = 0.99
+    gae_lambda: float = 0.95
+    clip_range: float = 0.2
+    n_epochs: int = 4
+    sequences: int = 16
+    max_minibatches: int = 8
+    """Episodes in a minibatch of PPO, and the largest number of minibatches in an epoch."""
+    target_kl: float = 0.03
+    """An update ends after an epoch with a larger mean Kullback-Leibler divergence."""
+    max_grad_norm: float = 0.5
+    critic_memory_size: int = 64
+    critic_net_arch: tuple[int, ...] = (64,)
+    critic_learning_rate: float = 1e-3
+    critic_updates: int = 4
+    """Updates after imitation in which only the critic learns."""
+    log_std: tuple[float, float] = (-2.3, -2.6)
+    """Natural logarithm of action_std at the start and the end of PPO."""
+    final_action_stds: tuple[float, ...] = (0.0, 0.05, 0.08)
+    """Candidates of the finished policy's action_std; it keeps the one with the highest success rate."""
+
+    force_weight_per_n: float = 0.02
+    """Reward penalty per newton on the person in PPO, in addition to the task's own."""
+    rewarded_force_n: float = 1.5
+    """Upper limit of the force that the task's reward pays for in PPO."""
+    overload_weight: float = 5.0
+    """Reward penalty in PPO where a body region bears its transient limit, see ``rollouts.RolloutRequest``."""
+
+
+IMITATION = Imitation()
+RECURRENT = Recurrent()
+
+
+def hyperparameters_of(environment: str) -> Hyperparameters:
+    """The hyperparameters of feed-forward policies in an environment.
+
+    Raises:
+        ValueError: for an unknown environment, naming the known ones.
+    """
+    task, _ = find_environment(environment)
+    return Hyperparameters(**{**OF_TASK.get(task, {}), **TASKS[task].hyperparameters})

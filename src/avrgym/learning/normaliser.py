@@ -1,0 +1,111 @@
+"""Running moments that scale observations and rewards, updated once per update of a training."""
+
+# Stable-Baselines3's attributes and PyTorch's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry.arrays import moved_to, namespace, to_numpy
+from avrgym.learning.rollouts import Rollout
+from avrgym.tasks.observation import Observation
+from avrgym.tasks.registry import task_and_scene
+
+OBSERVATION_CLIP, REWARD_CLIP = 5.0, 10.0
+
+
+class Scaled(Protocol):
+    """An observation of ``size`` numbers (O,) with their fixed scales, NaN where there is none."""
+
+    @property
+    def size(self) -> int: ...
+
+    @property
+    def scale(self) -> FloatArray: ...
+
+
+def observation_of(environment: str) -> Observation:
+    """The observation in an environment."""
+    task, scene = task_and_scene(environment)
+    return task.observation(scene)
+
+
+class ObservationMoments(RunningMeanStd):
+    """Running mean and variance of observations; where an observation has a fixed scale, mean 0 and that scale."""
+
+    def __init__(self, observation: Scaled) -> None:
+        super().__init__(shape=(observation.size,))
+        self._fixed = np.isfinite(observation.scale)
+        self._variance = observation.scale[self._fixed] ** 2
+        self._fix()
+
+    def update_from_moments(self, batch_mean: np.ndarray, batch_var: np.ndarray, batch_count: float) -> None:
+        super().update_from_moments(batch_mean, batch_var, batch_count)
+        self._fix()
+
+    def _fix(self) -> None:
+        self.mean[self._fixed], self.var[self._fixed] = 0.0, self._variance
+
+
+class Normaliser:
+    """Scales observations and rewards; its attributes are named as those of Stable-Baselines3's ``VecNormalize``."""
+
+    def __init__(self, observation: Scaled, gamma: float) -> None:
+        self.obs_rms = ObservationMoments(observation)
+        self.ret_rms = RunningMeanStd()
+        self.clip_obs, self.epsilon = OBSERVATION_CLIP, 1e-8
+        self._gamma = gamma
+
+    def normalize_obs(self, obs: Any) -> Any:
+        """Observations (…, O) in standard deviations from the mean, single precision."""
+        xp = namespace(obs)
+        deviation = np.sqrt(self.obs_rms.var + self.epsilon)
+        scaled = (obs - moved_to(self.obs_rms.mean, obs)) / moved_to(deviation, obs)
+        return xp.astype(xp.clip(scaled, -self.clip_obs, self.clip_obs), xp.float32)
+
+    def update_observations(self, rollout: Rollout) -> None:
+        """Update the moments of observations."""
+        observations, xp = rollout.observations, namespace(rollout.observations)
+        _update(self.obs_rms, xp.astype(observations.reshape(-1, observations.shape[-1]), xp.float64))
+
+    def normalize_rewards(self, rollout: Rollout) -> Any:
+        """Update the moments of discounted returns, and divide rewards (T, n) by their standard deviation."""
+        rewards, xp = rollout.rewards, namespace(rollout.rewards)
+        discounted = xp.zeros(rewards.shape[1], dtype=xp.float64, device=rewards.device)
+        returns: list[Any] = []
+        for reward in rewards:
+            discounted = discounted * self._gamma + reward
+            returns.append(discounted)
+        _update(self.ret_rms, xp.stack(returns).reshape(-1))
+        scaled = rewards / moved_to(np.sqrt(self.ret_rms.var + self.epsilon), rewards)
+        return xp.astype(xp.clip(scaled, -REWARD_CLIP, REWARD_CLIP), xp.float32)
+
+    def state(self) -> dict[str, Any]:
+        """The moments, for a checkpoint."""
+        return {"observations": _moments(self.obs_rms), "returns": _moments(self.ret_rms)}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Set the moments to those of a checkpoint."""
+        for moments, name in ((self.obs_rms, "observations"), (self.ret_rms, "returns")):
+            stored = state[name]
+            moments.mean, moments.var = stored["mean"].numpy(), stored["variance"].numpy()
+            moments.count = stored["count"]
+
+
+def _update(moments: RunningMeanStd, samples: Any) -> None:
+    """Update moments from samples (S, …); only the samples' moments leave a device."""
+    xp = namespace(samples)
+    mean, variance = (to_numpy(moment(samples, axis=0)) for moment in (xp.mean, xp.var))
+    moments.update_from_moments(mean, variance, len(samples))
+
+
+def _moments(moments: RunningMeanStd) -> dict[str, Any]:
+    return {
+        "mean": torch.as_tensor(np.asarray(moments.mean)),
+        "variance": torch.as_tensor(np.asarray(moments.var)),
+        "count": float(moments.count),
+    }

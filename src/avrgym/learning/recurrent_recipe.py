@@ -1,0 +1,281 @@
+"""Recipe of recurrent policies (``--recipe adaptive``): imitation, then PPO, the same for every environment.
+
+The imitated expert knows the person's state without tremor; the policy sees only observations, and has to remember the
+rest (Chen et al., "Learning by cheating", CoRL 2019). It imitates by dataset aggregation, with the error of the tool as
+loss, see ``tool_loss``. PPO follows, on the task's reward with penalties for force.
+
+The partners are the population ``zoo/train`` with every impairment, and Revised people who keep still: in imitation
+in turn, in PPO all in each update. A policy may replace the expert as teacher, or be trained further.
+"""
+
+# PyTorch's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.optim.lr_scheduler import ExponentialLR
+
+from avrgym.array_types import BoolArray, Float32Array
+from avrgym.learning.configuration import RecurrentConfiguration
+from avrgym.learning.hyperparameters import RECURRENT, hyperparameters_of
+from avrgym.learning.imitation import Demonstration, Demonstrations
+from avrgym.learning.normaliser import Normaliser, observation_of
+from avrgym.learning.recipe import Update
+from avrgym.learning.recurrent_network import RecurrentNetwork, fit
+from avrgym.learning.recurrent_ppo import RecurrentPPO
+from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
+from avrgym.learning.tool_loss import ToolMotion, tool_loss
+from avrgym.people.population_names import IMPAIRMENTS, REVISED
+from avrgym.policies import registry
+from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.system import random_streams
+from avrgym.system.transferred_files import TransferredFile
+from avrgym.tasks.registry import sizes, task_and_scene
+
+STILL_PARTNER = (REVISED, "none")
+"""People and impairment of the partner who keeps still."""
+TEACHER_FILE, INITIAL_FILE = "teacher.safetensors", "initial.safetensors"
+"""Copies of the teacher and of the initial policy in the folder of a training."""
+
+
+@dataclass(frozen=True)
+class ArmDemonstration(Demonstration):
+    """A demonstration (T, N, ...) with the angles of the arm's joints, (T, N, J)."""
+
+    arm_angles_rad: Float32Array
+
+
+def given_policies(configuration: RecurrentConfiguration) -> dict[str, Policy]:
+    """Teacher and initial policy, where they are named, by the name of their copy in the training's folder.
+
+    Raises:
+        ValueError: for an unknown or unsuitable policy, naming what is allowed.
+    """
+    policies = {TEACHER_FILE: _find_teacher(configuration), INITIAL_FILE: _find_initial(configuration)}
+    return {name: policy for name, policy in policies.items() if policy is not None}
+
+
+def _find_teacher(configuration: RecurrentConfiguration) -> Policy | None:
+    if configuration.teacher is None:
+        return None
+    teacher = registry.find(configuration.teacher, configuration.environment)
+    if not isinstance(teacher, Policy):
+        raise ValueError(
+            f"{configuration.teacher!r} cannot be a teacher; allowed: a trained policy, by its name or file"
+        )
+    return teacher
+
+
+def _find_initial(configuration: RecurrentConfiguration) -> Policy | None:
+    if configuration.initial is None:
+        return None
+    if configuration.teacher is not None and not configuration.imitation_updates:
+        raise ValueError(
+            "a training with an initial policy does not imitate: leave out the teacher, or set the imitation share"
+        )
+    initial = registry.find(configuration.initial, configuration.environment)
+    if not isinstance(initial, Policy) or initial.memory is None:
+        raise ValueError(
+            f"{configuration.initial!r} cannot be an initial policy; allowed: a recurrent policy, by its name or file"
+        )
+    return initial
+
+
+class RecurrentRecipe:
+    """See ``recipe.Recipe``."""
+
+    def __init__(self, configuration: RecurrentConfiguration, out: Path) -> None:
+        self._configuration = configuration
+        self._teacher = None if configuration.teacher is None else Policy.load(out / TEACHER_FILE)
+        self._initial = None if configuration.initial is None else Policy.load(out / INITIAL_FILE)
+        observation_size, action_size = sizes(configuration.environment)
+        _, scene = task_and_scene(configuration.environment)
+        self._tool_motion = ToolMotion(scene)
+        self._normaliser = Normaliser(observation_of(configuration.environment), RECURRENT.gamma)
+        torch.set_num_threads(1)  # more would change the order of sums
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(configuration.seed)
+            if self._initial is None:
+                self._network = RecurrentNetwork(
+                    observation_size, configuration.memory_size, configuration.net_arch, action_size
+                )
+            else:
+                self._network = RecurrentNetwork.of(self._initial)
+                self._normaliser.obs_rms.mean = self._initial.observation_mean.copy()
+                self._normaliser.obs_rms.var = self._initial.observation_variance.copy()
+            self._ppo = RecurrentPPO(self._network, observation_size)
+        self._demonstrations = Demonstrations(out, ArmDemonstration)
+        self._updates = 0
+
+    @property
+    def steps(self) -> int:
+        return self._updates * self._configuration.update_steps
+
+    @property
+    def final_action_stds(self) -> tuple[float, ...]:
+        return RECURRENT.final_action_stds
+
+    def update(self) -> Update:
+        imitates = self._updates < self._configuration.imitation_updates
+        update = self._imitate(self._updates) if imitates else self._improve(self._updates)
+        self._updates += 1
+        return update
+
+    def policies(self, metadata: PolicyMetadata) -> list[Policy]:
+        steps, seconds, curve = metadata.steps, metadata.seconds, metadata.curve
+        if self._initial is not None:
+            before = self._initial.metadata
+            curve = [*before.curve, *((before.steps + done, *results) for done, *results in curve)]
+            steps, seconds = before.steps + steps, round(before.seconds + seconds, 1)
+        metadata = msgspec.structs.replace(
+            metadata,
+            people=self._configuration.people,
+            impairment="each in turn",
+            steps=steps,
+            seconds=seconds,
+            curve=curve,
+        )
+        return [self._network.policy(self._normaliser, metadata)]
+
+    def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        tensors = {
+            "network": self._network.state_dict(),
+            "ppo": self._ppo.state(),
+            **self._normaliser.state(),
+        }
+        return tensors, {"rounds": self._updates}
+
+    def restore(self, tensors: dict[str, Any], values: dict[str, Any]) -> None:
+        self._network.load_state_dict(tensors["network"])
+        self._ppo.restore(tensors["ppo"])
+        self._normaliser.restore(tensors)
+        self._updates = values["rounds"]
+        if self._updates < self._configuration.imitation_updates:
+            self._demonstrations.read(self._updates)
+
+    def _imitate(self, number: int) -> Update:
+        configuration = self._configuration
+        random = random_streams.imitation(configuration.seed, number)
+        expert_drives = random.random(configuration.num_envs) < RECURRENT.expert_share**number
+        turn, still = divmod(number, 2)
+        partner = STILL_PARTNER if still else (configuration.people, IMPAIRMENTS[turn % len(IMPAIRMENTS)])
+        request = RolloutRequest(
+            self._settings(*partner),
+            0,
+            self._episode_seeds(number),
+            noise_seed=(configuration.seed, number),
+            expert_drives=expert_drives,
+            teacher=self._teacher,
+        )
+        rollout = roll_out(self._policy(0.0 if self._teacher is None else self._teacher.action_std), request)
+        if self._initial is None:
+            self._normaliser.update_observations(rollout)
+        assert rollout.arm_angles_rad is not None
+        self._demonstrations.append(
+            ArmDemonstration(rollout.observations[:-1], rollout.actions, rollout.arm_angles_rad)
+        )
+        self._fit(random, last=number == configuration.imitation_updates - 1)
+        return _results("imitation", rollout, ~expert_drives)
+
+    def _improve(self, number: int) -> Update:
+        configuration = self._configuration
+        progress = configuration.ppo_progress(number)
+        action_std = float(np.exp(np.interp(progress, (0.0, 1.0), RECURRENT.log_std)))
+        policy, seeds = self._policy(action_std), self._episode_seeds(number)
+        partners = [*((configuration.people, impairment) for impairment in IMPAIRMENTS), STILL_PARTNER]
+        parts = np.array_split(np.arange(configuration.num_envs), len(partners))
+        requests = [
+            RolloutRequest(
+                self._settings(*partner),
+                int(worlds[0]),
+                seeds[worlds],
+                noise_seed=(configuration.seed, number),
+                force_weight_per_n=RECURRENT.force_weight_per_n,
+                rewarded_force_n=RECURRENT.rewarded_force_n,
+                overload_weight=RECURRENT.overload_weight,
+                detour_weight_per_m=hyperparameters_of(configuration.environment).detour_weight_per_m,
+            )
+            for partner, worlds in zip(partners, parts, strict=True)
+            if len(worlds)
+        ]
+        rollout = Rollout.joined([roll_out(policy, request) for request in requests])
+        self._ppo.update(
+            torch.as_tensor(self._normaliser.normalize_obs(rollout.observations)),
+            torch.as_tensor(rollout.actions),
+            torch.as_tensor(self._normaliser.normalize_rewards(rollout)),
+            action_std,
+            random_streams.imitation(configuration.seed, number),
+            self._learning_rate(number, progress),
+        )
+        return _results("PPO", rollout, slice(None))
+
+    def _learning_rate(self, number: int, progress: float) -> float:
+        """PPO's learning rate in an update; 0 while only the critic learns."""
+        imitates = self._configuration.imitation_updates
+        if number < imitates + RECURRENT.critic_updates:
+            return 0.0
+        first = RECURRENT.learning_rate if imitates else RECURRENT.learning_rate_without_imitation
+        return first * max(RECURRENT.final_lr_share, 1.0 - progress)
+
+    def _settings(self, people: str, impairment: str) -> WorldSettings:
+        configuration = self._configuration
+        return WorldSettings(
+            configuration.environment,
+            TransferredFile.of(people),
+            impairment,
+            configuration.threads,
+            force_guard=configuration.force_guard,
+            withdraw_after_success=configuration.withdraw_after_success,
+        )
+
+    def _episode_seeds(self, number: int) -> NDArray[np.int64]:
+        random = random_streams.episode_seeds(self._configuration.seed, number)
+        return random.integers(2**31, size=self._configuration.num_envs)
+
+    def _policy(self, action_std: float) -> Policy:
+        metadata = PolicyMetadata(environment=self._configuration.environment, people="", steps=0, seed=0)
+        return self._network.policy(self._normaliser, metadata, action_std)
+
+    def _fit(self, random: np.random.Generator, *, last: bool) -> None:
+        """Lower the error of the tool in all demonstrations; longer in the last round."""
+        observed, actions, angles_rad = (
+            self._demonstrations.joined(name, axis=1)
+            for name in ("observations", "actions", "arm_angles_rad")
+        )
+        observations, actions = (
+            torch.as_tensor(each) for each in (self._normaliser.normalize_obs(observed), actions)
+        )
+        steps, decay = (
+            (RECURRENT.last_gradient_steps, RECURRENT.last_lr_decay)
+            if last
+            else (RECURRENT.gradient_steps, RECURRENT.lr_decay)
+        )
+        optimizer = torch.optim.Adam(self._network.parameters(), RECURRENT.imitation_learning_rate)
+        schedule = ExponentialLR(optimizer, decay ** (1.0 / steps))
+        for _ in range(steps):
+            columns = random.integers(actions.shape[1], size=RECURRENT.imitation_sequences)
+            targets = [actions[:, columns], self._tool_motion.per_action(angles_rad[:, columns])]
+            fit(
+                self._network,
+                optimizer,
+                observations[:, columns],
+                tool_loss,
+                targets,
+                RECURRENT.imitation_max_grad_norm,
+            )
+            schedule.step()
+
+
+def _results(stage: str, rollout: Rollout, own: slice | BoolArray) -> Update:
+    """Means over the episodes that the policy drove."""
+    episodes = rollout.episodes(own)
+    if not episodes:
+        return Update(stage, None, None)
+    reward, success = (sum(column) / len(column) for column in zip(*episodes, strict=True))
+    return Update(stage, reward, success)

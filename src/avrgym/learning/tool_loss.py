@@ -1,0 +1,57 @@
+"""Loss of imitation by recurrent policies: the motion error of the tool.
+
+An error of an action moves the tool by centimetres at the shoulder and by millimetres at the wrist, and the errors of
+several joints add up or cancel; least squares over actions ignore this. Errors count relative to the demonstrated
+motion, because slow motions near the skin need more precision.
+"""
+
+# PyTorch's methods: their types are known only in part.
+# pyright: reportUnknownMemberType=false
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from avrgym.array_types import Float32Array
+from avrgym.geometry.kinematics import jacobian
+from avrgym.models.scene import CONTROL_STEP_S, SceneConfig
+from avrgym.tasks.placement import arm_chain
+
+UNIT_M, UNIT_RAD = 0.02, 0.2
+"""Errors of position and rotation in a control step that count as 1; at a lever of 0.1 m they are equal."""
+SLOW_MOTION = 0.25
+"""A demonstrated motion of this length (5 mm, or 0.05 rad) halves the weight of its error, one ten times longer
+reduces it to a hundredth."""
+ACTIONS_WEIGHT = 0.1
+"""Weight of the actions' own error, for motions of the elbow that do not move the tool."""
+
+
+class ToolMotion:
+    """The motion of the tool per action of a scene's robot."""
+
+    def __init__(self, scene: SceneConfig) -> None:
+        self._chain = arm_chain(scene)
+        self._reach_rad = scene.arm.speed_limit_rad_s * CONTROL_STEP_S
+
+    def per_action(self, arm_angles_rad: Float32Array) -> Tensor:
+        """The tool's motion in a control step (..., 6, J) for action 1 of each joint of arms at angles (..., J).
+
+        Rows 0–2 are translations along x, y and z of the robot's base in ``UNIT_M``, rows 3–5 rotations in
+        ``UNIT_RAD``.
+        """
+        joints = arm_angles_rad.shape[-1]
+        _, _, per_rad = jacobian(self._chain, arm_angles_rad.reshape(-1, joints).astype(np.float64))
+        units = np.repeat([UNIT_M, UNIT_RAD], 3)[:, None]
+        per_action = (per_rad * self._reach_rad / units).astype(np.float32)
+        return torch.as_tensor(per_action.reshape(*arm_angles_rad.shape[:-1], 6, joints))
+
+
+def tool_loss(actions: Tensor, demonstrated: Tensor, per_action: Tensor) -> Tensor:
+    """Mean squared error of the tool's motion and of the actions, relative to the demonstrated motion.
+
+    Actions are (..., J), ``per_action`` (..., 6, J) is from ``ToolMotion``.
+    """
+    error = actions - demonstrated
+    motion, motion_error = ((per_action @ each[..., None])[..., 0] for each in (demonstrated, error))
+    squared = motion_error.square().mean(dim=-1) + ACTIONS_WEIGHT * error.square().mean(dim=-1)
+    return (squared / (1.0 + motion.square().sum(dim=-1) / SLOW_MOTION**2)).mean()
