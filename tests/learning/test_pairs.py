@@ -14,7 +14,6 @@ from typer.testing import CliRunner, Result
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 import torch
-from networks import network, saved
 
 import avrgym
 from avrgym.cli.main import app
@@ -31,6 +30,7 @@ from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, sizes
+from helpers.learning.random_networks import network, saved
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

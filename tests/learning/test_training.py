@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from pages import missing_rows
-from places import DATA
+
+from helpers.browser.documentation import missing_rows
+from helpers.system.places import DATA
 
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 

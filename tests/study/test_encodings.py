@@ -8,9 +8,6 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from avrgym.study.plan.origin import read_frozen
-from avrgym.texts.texts import read_texts
-from studies import make_study, run_participant, small_study, take_in
 from typer.testing import CliRunner
 
 from avrgym.analysis.output import write_analysis
@@ -24,8 +21,11 @@ from avrgym.study.design.design import DesignError, read_design
 from avrgym.study.export import export_study
 from avrgym.study.export.tables import write_csv
 from avrgym.study.plan.deviations import deviations
+from avrgym.study.plan.frozen_plan import read_frozen
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
+from avrgym.texts.interface_texts import read_texts
+from helpers.studies.small_studies import make_study, run_participant, small_study, take_in
 
 UMLAUTS = "Ärger über Füße, «naïve» 姓名"
 
@@ -56,7 +56,7 @@ READERS: dict[str, tuple[str, Callable[[Path], Any]]] = {
 
 
 def read_outcome(path: Path) -> str:
-    """What comes of a file of people, in which this one lacks much: not that it is no text or no TOML."""
+    """What comes of a file of people, in which this one lacks much: not that it is invalid text or TOML."""
     with pytest.raises(PeopleFileError) as refused:
         read_people(path, ["Feeding"])
     return str(refused.value)
