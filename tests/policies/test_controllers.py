@@ -246,7 +246,7 @@ def test_a_failure_ends_an_evaluation_in_one_line() -> None:
             "a WithoutReset without reset; a controller has reset(seed, environment)",
         ),
         ("helpers.learning.failing_controllers:unmakeable", "cannot be made (FileNotFoundError: weights.bin)"),
-        ("helpers.learning.failing_controllers:READY.chance.x", "has no attribute 'chance'"),
+        ("helpers.learning.failing_controllers:READY.rng.x", "has no attribute 'rng'"),
         ("operator", "nobody can drive the robot here"),
         ("nobody", "allowed: adaptive, original, revised, oracle, random, zero, "),
         ("nobody.onnx", "no policy 'nobody.onnx'"),

@@ -41,14 +41,14 @@ def test_nothing_overlaps_and_nothing_presses_at_any_of_100_000_starts(
     file = tmp_path / "fitted.toml"
     file.write_text(FITTED)
     looked, drawn_again = 0, 0
-    for whom, impairment in product([*DISTRIBUTIONS, str(file)], IMPAIRMENTS):
-        episodes = Episodes(environment, STARTS_OF_A_KIND, distribution=whom, impairment=impairment)
+    for people, impairment in product([*DISTRIBUTIONS, str(file)], IMPAIRMENTS):
+        episodes = Episodes(environment, STARTS_OF_A_KIND, distribution=people, impairment=impairment)
         generators = [np.random.default_rng([seed, looked]) for seed in range(STARTS_OF_A_KIND)]
         episodes.begin(np.arange(STARTS_OF_A_KIND), generators)
         looked += STARTS_OF_A_KIND
         drawn_again += int((episodes.draws > 1).sum())
-        assert deepest_overlap_m(episodes) == 0.0, (whom, impairment)
-        assert at_once(episodes).max() <= 10.0, (whom, impairment)
+        assert deepest_overlap_m(episodes) == 0.0, (people, impairment)
+        assert at_once(episodes).max() <= 10.0, (people, impairment)
     print(
         f"\n{environment}: {looked} starts, {100.0 * drawn_again / looked:.1f} % drawn again, none overlaps"
     )
@@ -87,10 +87,10 @@ def test_fixed_people_in_any_pose_have_room_or_are_refused(environment: str) -> 
 def test_no_robot_presses_harder_than_people_give_way(environment: str) -> None:
     """People who tremble strike the robot with muscles of their own, and are among them."""
     peaks = {
-        (whom, impairment, how): float(
-            pressed(environment, PRESSED_WORLDS, whom, impairment, how, steps=PRESSED_STEPS).max()
+        (people, impairment, how): float(
+            pressed(environment, PRESSED_WORLDS, people, impairment, how, steps=PRESSED_STEPS).max()
         )
-        for whom, impairment, how in product(DISTRIBUTIONS, IMPAIRMENTS, HOW)
+        for people, impairment, how in product(DISTRIBUTIONS, IMPAIRMENTS, HOW)
     }
     largest = max(peaks, key=lambda kind: peaks[kind])
     by_how = {how: round(max(peaks[kind] for kind in peaks if kind[2] == how)) for how in HOW}

@@ -275,7 +275,7 @@ def test_300_silent_handshakes_are_closed(tmp_path: Path, few_handles: None) -> 
 
 def fuzzed(seed: int) -> Iterator[bytes]:
     """Messages without end: sound ones with damaged bytes or fields, any MessagePack, any bytes."""
-    chance = random.Random(seed)
+    rng = random.Random(seed)
     person = SimulatedParticipant(draw_traits("woman", 2), 2)
     numbers = [
         0,
@@ -293,29 +293,29 @@ def fuzzed(seed: int) -> Iterator[bytes]:
         True,
     ]
     while True:
-        frame = msgspec.to_builtins(person.frame(chance.uniform(0.0, 100.0), moving=True))
+        frame = msgspec.to_builtins(person.frame(rng.uniform(0.0, 100.0), moving=True))
         kinds: list[dict] = [
             frame, {"type": "answer", "item": "L1", "value": 4, "response_time_s": 1.0}, {"type": "stop"},
             {"type": "choose_body", "sex": "man", "skin_tone": "light"}, {"type": "command", "name": "end"},
             {"type": "scene_loaded", "url": "scenes/0.glb"}, {"type": "correct_torso_height", "torso_height_m": 0.5},
             {"type": "hello", "protocol": messages.PROTOCOL, "token": "x", "device": "", "emulated": True},
         ]  # fmt: skip
-        message = chance.choice(kinds)
-        name = chance.choice(list(message))
-        way = chance.randrange(4)
+        message = rng.choice(kinds)
+        name = rng.choice(list(message))
+        way = rng.randrange(4)
         if way == 0 and isinstance(message[name], list):
             message[name] = [
-                [chance.choice(numbers) for _ in range(3)],
-                [chance.choice(numbers) for _ in range(4)],
+                [rng.choice(numbers) for _ in range(3)],
+                [rng.choice(numbers) for _ in range(4)],
             ]
         elif way == 1 and name != "type":
-            message[name] = chance.choice(numbers)
+            message[name] = rng.choice(numbers)
         data = bytearray(msgspec.msgpack.encode(message))
         if way == 2:
-            for _ in range(chance.randint(1, 4)):
-                data[chance.randrange(len(data))] = chance.randrange(256)
+            for _ in range(rng.randint(1, 4)):
+                data[rng.randrange(len(data))] = rng.randrange(256)
         elif way == 3:
-            data = bytearray(chance.randbytes(chance.randrange(200)))
+            data = bytearray(rng.randbytes(rng.randrange(200)))
         yield bytes(data)
 
 

@@ -110,9 +110,9 @@ def kill(folder: Path, after_s: float) -> list[Fact]:
 
 def test_kills_lose_nothing_raise_no_alarm_and_leave_no_name(kind: str, tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
-    chance, acknowledged, left = random.Random(3), 0, 0
+    rng, acknowledged, left = random.Random(3), 0, 0
     for done in range(1, KILLS + 1):
-        facts = kill(folder, chance.uniform(0.0, 0.3))
+        facts = kill(folder, rng.uniform(0.0, 0.3))
         acknowledged += len(facts)
         left += len(list((folder / "private").glob(".*")))
         assert set(facts) <= kept(folder)
@@ -142,10 +142,10 @@ def test_merges_that_are_killed_lose_nothing_and_the_next_completes_them(tmp_pat
     before = [tree(site) for site in sites]
     merge_studies(sites, tmp_path / "whole")
     whole = contents(tmp_path / "whole")
-    chance, done, rounds = random.Random(5), 0, 0
+    rng, done, rounds = random.Random(5), 0, 0
     while done < MERGE_KILLS:
         out, rounds = tmp_path / f"all-{rounds}", rounds + 1
-        while done < MERGE_KILLS and merge_killed(sites[: chance.randint(1, 3)], out, chance.randrange(600)):
+        while done < MERGE_KILLS and merge_killed(sites[: rng.randint(1, 3)], out, rng.randrange(600)):
             done += 1
             if out.exists():
                 assert all(found == whole[person] for person, found in contents(out).items())
@@ -160,11 +160,11 @@ def test_merges_that_are_killed_lose_nothing_and_the_next_completes_them(tmp_pat
 
 
 def test_each_bit_flipped_in_a_database_s_file_is_noticed(on_sqlite: Path, tmp_path: Path) -> None:
-    copy, chance = tmp_path / "copy", random.Random(11)
+    copy, rng = tmp_path / "copy", random.Random(11)
     assert not noticed(on_sqlite)
     found = 0
     for _ in range(FLIPS):
-        flip_bit(on_sqlite, copy, chance, "study.db")
+        flip_bit(on_sqlite, copy, rng, "study.db")
         found += noticed(copy)
     print(f"\n{found} of {FLIPS} bits flipped in study.db noticed")
     assert found == FLIPS
@@ -175,10 +175,10 @@ def test_each_bit_flipped_in_a_file_without_seal_is_noticed_or_changes_nothing(
 ) -> None:
     """A killed process leaves no checksum of the whole file; then rows and pages alone must tell."""
     (on_sqlite / "study.db.sha256").unlink()
-    copy, chance, outcomes = tmp_path / "copy", random.Random(12), Counter[str]()
+    copy, rng, outcomes = tmp_path / "copy", random.Random(12), Counter[str]()
     before = rows(on_sqlite)
     for _ in range(FLIPS):
-        bit = flip_bit(on_sqlite, copy, chance, "study.db")
+        bit = flip_bit(on_sqlite, copy, rng, "study.db")
         seen = noticed(copy)
         outcomes["noticed" if seen else "without effect"] += 1
         assert seen or rows(copy) == before, bit
@@ -186,11 +186,11 @@ def test_each_bit_flipped_in_a_file_without_seal_is_noticed_or_changes_nothing(
 
 
 def test_each_bit_flipped_in_recordings_is_noticed(on_sqlite: Path, tmp_path: Path) -> None:
-    copy, chance = tmp_path / "copy", random.Random(13)
+    copy, rng = tmp_path / "copy", random.Random(13)
     recordings = [str(path.relative_to(on_sqlite)) for path in sorted(on_sqlite.rglob("*.mcap"))]
     found = 0
     for _ in range(FLIPS):
-        flip_bit(on_sqlite, copy, chance, chance.choice(recordings))
+        flip_bit(on_sqlite, copy, rng, rng.choice(recordings))
         found += noticed(copy)
     print(f"\n{found} of {FLIPS} bits flipped in recordings noticed")
     assert found == FLIPS
@@ -207,13 +207,13 @@ def rows(folder: Path) -> dict[str, list]:
 
 def test_each_bit_flipped_in_a_value_is_noticed(kind: str, tmp_path: Path) -> None:
     """In any column of any row, by SQL, as a table's file of PostgreSQL would show it."""
-    chance, found = random.Random(17), 0
+    rng, found = random.Random(17), 0
     with Store(small_study(tmp_path / "study")) as store:
         run_participant(store, take_in(store))
         assert store.database.faults() == []
         while found < FLIPS:
             with store.database._engine.connect() as connection, connection.begin() as transaction:
-                if not flip_value(connection, chance):
+                if not flip_value(connection, rng):
                     continue
                 faults = list(hash_chain.faults(connection))
                 transaction.rollback()
@@ -222,32 +222,32 @@ def test_each_bit_flipped_in_a_value_is_noticed(kind: str, tmp_path: Path) -> No
     print(f"\n{kind}: {found} of {FLIPS} bits flipped in values noticed")
 
 
-def flip_value(connection: sa.Connection, chance: random.Random) -> bool:
+def flip_value(connection: sa.Connection, rng: random.Random) -> bool:
     """Flip a bit of a value; whether that could be stored."""
-    table = chance.choice(list(hash_chain.TABLES.values()))
+    table = rng.choice(list(hash_chain.TABLES.values()))
     found = connection.execute(sa.select(table)).all()
     if not found:
         return False
-    row = chance.choice(found)._mapping
-    column = chance.choice([each for each in table.columns if row[each.name] is not None])
+    row = rng.choice(found)._mapping
+    column = rng.choice([each for each in table.columns if row[each.name] is not None])
     own = hash_chain.key_of(table) == row[hash_chain.key_of(table).name]
     with suppress(SQLAlchemyError, UnicodeError), connection.begin_nested():
-        value = _flipped(row[column.name], chance)
+        value = _flipped(row[column.name], rng)
         return connection.execute(sa.update(table).where(own).values({column.name: value})).rowcount == 1
     return False
 
 
-def _flipped(value: object, chance: random.Random) -> object:
+def _flipped(value: object, rng: random.Random) -> object:
     match value:
         case bool():
             return not value
         case int():
-            return value ^ 1 << chance.randrange(31)
+            return value ^ 1 << rng.randrange(31)
         case float():
-            return value * (1 + 2.0 ** -chance.randrange(1, 52))
+            return value * (1 + 2.0 ** -rng.randrange(1, 52))
         case dict():
-            return value | {chance.choice(["steps", "reward", "tasks"]): chance.random()}
+            return value | {rng.choice(["steps", "reward", "tasks"]): rng.random()}
         case _:
             data = bytearray(str(value).encode() or b" ")
-            data[chance.randrange(len(data))] ^= 1 << chance.randrange(7)
+            data[rng.randrange(len(data))] ^= 1 << rng.randrange(7)
             return data.decode()

@@ -92,10 +92,10 @@ class Noisy(Steady):
     """Acts at random, from its seed alone."""
 
     def reset(self, seed: int, environment: str) -> None:
-        self.chance = np.random.default_rng(seed)
+        self.rng = np.random.default_rng(seed)
 
     def act(self, observation: np.ndarray) -> object:
-        return 3.0 * self.chance.normal(size=7)
+        return 3.0 * self.rng.normal(size=7)
 
 
 class WithoutReset:

@@ -15,13 +15,15 @@ derived in ``models.yielding``, how many there are is measured."""
 HOW = ("random", "constant", "at the person")
 
 
-def pressed(environment: str, worlds: int, whom: str, impairment: str, how: str, *, steps: int) -> FloatArray:
+def pressed(
+    environment: str, worlds: int, people: str, impairment: str, how: str, *, steps: int
+) -> FloatArray:
     """The largest force (N,) on each person in so many steps.
 
     ``how`` the robot moves: anew at ``random`` in each step; each joint one way all the time, ``constant``; or with
     every joint that brings the tool closer ``at the person``'s head, shoulder, elbow or wrist.
     """
-    episodes = begun(environment, worlds, whom, impairment)
+    episodes = begun(environment, worlds, people, impairment)
     random = np.random.default_rng(worlds)
     constant = random.choice([-1.0, 1.0], (worlds, 7))
     aim = random.integers(4, size=worlds)

@@ -16,7 +16,7 @@ HAND_AT_THE_ROBOT_RAD = joint_angles(right_shoulder_y=23.0, right_shoulder_x=-35
 def begun(
     environment: str,
     worlds: int,
-    whom: str = "revised",
+    people: str = "revised",
     impairment: str = "none",
     *,
     num_threads: int = 1,
@@ -30,7 +30,7 @@ def begun(
     episodes = Episodes(
         environment,
         worlds,
-        distribution=whom,
+        distribution=people,
         impairment=impairment,
         num_threads=num_threads,
         by_region=by_region,

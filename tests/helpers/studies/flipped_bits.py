@@ -9,12 +9,12 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 
 
-def flip_bit(study: Path, copy: Path, chance: random.Random, name: str) -> int:
+def flip_bit(study: Path, copy: Path, rng: random.Random, name: str) -> int:
     """Copy a study anew with one bit of one of its files flipped; which one."""
     shutil.rmtree(copy, ignore_errors=True)
     shutil.copytree(study, copy)
     data = bytearray((copy / name).read_bytes())
-    bit = chance.randrange(8 * len(data))
+    bit = rng.randrange(8 * len(data))
     data[bit // 8] ^= 1 << bit % 8
     (copy / name).write_bytes(data)
     return bit

@@ -143,14 +143,14 @@ def _first_session_s(folder: Path) -> float:
 
 def _kill(folder: Path, kills: int, longest_s: float, journal: Path) -> tuple[int, float]:
     """Kill one participant after another; how many there were, and the seconds that an open trial lost at most."""
-    chance, done, people, lost_s = random.Random(SEED), 0, 0, 0.0
+    rng, done, people, lost_s = random.Random(SEED), 0, 0, 0.0
     with Store(folder) as store:
         while done < kills:
             pseudonym = simulated_participant(store, people, Cast(SEED))
             people += 1
             while done < kills and store.participant(pseudonym).state != "completed":
                 before = outcome_of(store, pseudonym)
-                after_s = chance.uniform(0.0, longest_s)
+                after_s = rng.uniform(0.0, longest_s)
                 lost_s = max(lost_s, run_and_kill(folder, pseudonym, SEED, after_s, journal))
                 done += 1
                 assert outcome_of(store, pseudonym)[: len(before)] == before
