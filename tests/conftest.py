@@ -6,6 +6,7 @@ import os
 import resource
 import shutil
 import tempfile
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,8 +40,18 @@ LONG = (
 """The longest files come first, so that no process is left alone with one at the end."""
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put long files first."""
+    """Mark the cases that ``fast_cases`` leaves to ``make test-slow``, and put long files first."""
+    cases: dict[str, list[pytest.Item]] = defaultdict(list)
+    for item in items:
+        cases[item.nodeid.partition("[")[0]].append(item)
+    for group in cases.values():
+        if marker := group[0].get_closest_marker("fast_cases"):
+            fast = set(np.linspace(0, len(group) - 1, marker.args[0]).round().astype(int).tolist())
+            for number, item in enumerate(group):
+                if number not in fast:
+                    item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
 
 
