@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.recording.schema import Control
-from avrgym.safety.force_guard import ACTS
 from avrgym.vr.emulation.in_process_client import InProcessClient
+from avrgym.safety.force_guard import INTERVENTION_EVENT
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
@@ -70,7 +70,7 @@ def trial(recording: Recording) -> Trial:
     """What a recording holds; without success all of it is before."""
     steps: list[tuple[int, Control]] = recording.topics["/control"]
     success_ns = next((time_ns for time_ns, step in steps if step.success), None)
-    acts_ns = [time_ns for time_ns, event in recording.topics["/events"] if event.name == ACTS]
+    acts_ns = [time_ns for time_ns, event in recording.topics["/events"] if event.name == INTERVENTION_EVENT]
     if success_ns is None:
         return Trial(len(acts_ns), 0, [])
     after = [step.force_on_person_n for time_ns, step in steps if time_ns > success_ns]

@@ -10,8 +10,8 @@ from typer.main import get_command
 from avrgym.cli.main import app
 from avrgym.safety.approach_speed import effective_mass_kg
 from avrgym.safety.force_guard import GUARD_SHARE
-from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, blow_speed_m_s
 from avrgym.tasks.constants import environment_id
+from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, max_impact_speed_m_s
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from helpers.browser.documentation import DOCUMENTS, anchors, missing_rows, name_of
 from helpers.simulation.starts import begun
@@ -104,7 +104,7 @@ def test_the_page_of_the_zoo_says_who_lives_there(table):
 def test_the_page_of_the_policies_says_what_regions_bear():
     page = (ROOT / "docs" / "policies.md").read_text().splitlines()
     speeds = [
-        blow_speed_m_s(GUARD_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(begun(name, 1).simulation))
+        max_impact_speed_m_s(GUARD_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(begun(name, 1).simulation))
         for name in ("avrgym/FeedingJaco-v1", "avrgym/FeedingPR2-v1")
     ]
     for region, *fastest in zip(BODY_REGIONS, *speeds, strict=True):

@@ -23,8 +23,8 @@ from avrgym.models.scene import SUBSTEPS
 from avrgym.policies.actors import Actor
 from avrgym.policies.trained import Policy, PolicyMetadata, packaged_policies
 from avrgym.safety.limits import TRANSIENT_LIMIT_N
-from avrgym.safety.region_forces import RegionWatch
 from avrgym.system.transferred_files import TransferredFile
+from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, sizes
 
@@ -254,7 +254,7 @@ def test_an_overload_costs_by_the_highest_share_of_a_limit(monkeypatch):
     assert_allclose(free.rewards - thrice.rewards, 3.0 * cost, atol=1e-4)
 
     worlds = Episodes(environment, len(seeds), distribution="participants", by_region=True, num_threads=1)
-    watch, actor = RegionWatch(len(seeds)), Actor(policy, len(seeds))
+    watch, actor = RegionLoadRecorder(len(seeds)), Actor(policy, len(seeds))
     seen = worlds.begin(np.arange(len(seeds)), [np.random.default_rng(seed) for seed in seeds])
     for _ in range(steps):
         action = np.clip(actor.mean(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)

@@ -7,13 +7,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.array_types import FloatArray
-from avrgym.learning.evaluation import watched_step
 from avrgym.models.human import GEOMS
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.safety.approach_speed import NEAR_M, effective_mass_kg
 from avrgym.safety.force_guard import ForceGuard
-from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, REGION_OF_GEOM, blow_speed_m_s
-from avrgym.safety.region_forces import RegionWatch
+from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, REGION_OF_GEOM, max_impact_speed_m_s
+from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.simulation.state import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import Controller
@@ -30,12 +29,12 @@ Asked = Callable[[Episodes], Controller]
 def test_a_blow_at_that_speed_has_the_energy_of_the_spring_at_that_force():
     force_n = 0.5 * QUASI_STATIC_LIMIT_N
     for arm_kg in (0.5, 3.0, 20.0, np.inf):
-        speeds = blow_speed_m_s(force_n, arm_kg)
+        speeds = max_impact_speed_m_s(force_n, arm_kg)
         for region, force, speed in zip(BODY_REGIONS, force_n, speeds, strict=True):
             together_kg = 1.0 / (1.0 / region.mass_kg + 1.0 / arm_kg)
             stored_j = force**2 / (2.0 * 1000.0 * region.spring_n_mm)
             assert_allclose(0.5 * together_kg * speed**2, stored_j)
-    assert (blow_speed_m_s(force_n, 3.0) > blow_speed_m_s(force_n, 20.0)).all()
+    assert (max_impact_speed_m_s(force_n, 3.0) > max_impact_speed_m_s(force_n, 20.0)).all()
 
 
 @pytest.mark.parametrize(("robot", "least_kg", "most_kg"), [("Jaco", 2.0, 4.0), ("PR2", 15.0, 25.0)])
@@ -69,26 +68,26 @@ def test_it_acts_as_speeds_say_and_gives_else_what_was_asked():
     episodes = begun(FEEDING, WORLDS, "participants", by_region=True)
     simulation = episodes.simulation
     guard, before = ForceGuard(simulation), simulation.state()
-    allowed_m_s = blow_speed_m_s(0.5 * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation))
+    allowed_m_s = max_impact_speed_m_s(0.5 * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation))
     leads = episodes.task.feedback_expert(episodes)
     seen: list[tuple[bool, bool]] = []
     for _ in range(LEANING_STEPS):
         now, asked = simulation.state(), np.clip(leads(episodes.observe()), -1.0, 1.0)
-        given = guard.act(asked)
+        given = guard.begin_step(asked)
         for world in range(WORLDS):
             people, both = shares(before, now, world, allowed_m_s)
             if min(abs(people - 1.0), abs(both - 1.0)) < 1e-3 or guard._pressed[world]:
                 continue
             seen.append((people > 1.0, both > 1.0))
-            assert guard.yielding[world] == (people > 1.0)
+            assert guard.retracting[world] == (people > 1.0)
             assert guard.holding[world] == (both > 1.0 and people <= 1.0)
             if guard.holding[world]:
                 assert not given[world].any()
-            elif not guard.acting[world]:
+            elif not guard.overriding[world]:
                 assert_array_equal(given[world], asked[world])
-            if guard.acting[world]:
-                what = "comes" if guard.yielding[world] else "and tool come together"
-                assert f" {what} at " in guard.why(world)
+            if guard.overriding[world]:
+                what = "comes" if guard.retracting[world] else "and tool come together"
+                assert f" {what} at " in guard.describe_override(world)
         before = now
         episodes.step(given)
     by_person, together = np.array(seen).T
@@ -101,7 +100,7 @@ def test_who_rests_before_an_arm_that_rests_is_left_alone():
     guard = ForceGuard(episodes.simulation)
     asked = np.zeros((WORLDS, episodes.action_size))
     for _ in range(10):
-        episodes.step(guard.act(asked))
+        episodes.step(guard.begin_step(asked))
     assert not guard.interventions.any()
 
 
@@ -109,12 +108,11 @@ def largest_shares(environment: str, whom: str, asked: Asked) -> tuple[FloatArra
     """What people bear without a guard and with one, the largest share (N,) of a region's limit."""
     found: list[FloatArray] = []
     for guarded in (False, True):
-        episodes = begun(environment, WORLDS, whom, by_region=True)
-        guard, watch = ForceGuard(episodes.simulation) if guarded else None, RegionWatch(WORLDS)
-        ask = asked(episodes)
+        episodes = begun(environment, WORLDS, whom, by_region=True, force_guard=guarded)
+        recorder, ask = RegionLoadRecorder(WORLDS), asked(episodes)
         for _ in range(LEANING_STEPS):
-            watched_step(episodes, np.clip(ask(episodes.observe()), -1.0, 1.0), watch, guard)
-        found.append((watch.loads().peak_n / QUASI_STATIC_LIMIT_N).max(axis=-1))
+            episodes.step(np.clip(ask(episodes.observe()), -1.0, 1.0), recorder)
+        found.append((recorder.loads().peak_n / QUASI_STATIC_LIMIT_N).max(axis=-1))
     return found[0], found[1]
 
 

@@ -24,9 +24,9 @@ class Driven(NamedTuple):
 
     before: FloatArray
     after: FloatArray
-    yielding: BoolArray
+    retracting: BoolArray
     angles_rad: FloatArray
-    given: FloatArray
+    output: FloatArray
 
 
 def at_the_person(episodes: Episodes) -> FloatArray:
@@ -42,14 +42,14 @@ def drive(asked: Asked, *, guarded: bool, steps: int = 40, worlds: int = WORLDS)
         action = asked(episodes)
         for tick in range(SUBSTEPS):
             before = share(simulation.region_force_n())
-            changed = guard.amend(action if tick == 0 else None)
+            changed = guard.update(action if tick == 0 else None)
             if tick == 0:
-                episodes.command(guard.given if guarded else action)
+                episodes.command(guard.output if guarded else action)
             elif guarded:
-                simulation.amend_robot(guard.given, changed)
+                simulation.command_robot(guard.output, changed)
             simulation.step(1)
             after = share(simulation.region_force_n())
-            ticks.append((before, after, guard.yielding, simulation.arm_angles_rad(), guard.given))
+            ticks.append((before, after, guard.retracting, simulation.arm_angles_rad(), guard.output))
         episodes.evaluate_step(action)
     return Driven(*(np.stack(each) for each in zip(*ticks, strict=True)))
 
@@ -65,24 +65,24 @@ def pushed() -> tuple[Driven, Driven]:
 
 
 def test_it_never_acts_below_the_threshold_and_always_above(pushed):
-    before, yielding = pushed[1].before, pushed[1].yielding
-    begins = yielding & ~np.roll(yielding, 1, axis=0)
+    before, retracting = pushed[1].before, pushed[1].retracting
+    begins = retracting & ~np.roll(retracting, 1, axis=0)
     assert begins.sum() >= 3
     assert (before[begins] > GUARD_SHARE).all()
-    assert yielding[before > GUARD_SHARE].all()
+    assert retracting[before > GUARD_SHARE].all()
 
 
 def test_it_lets_go_only_where_little_is_left(pushed):
-    before, yielding = pushed[1].before[1:], pushed[1].yielding
-    ends = yielding[:-1] & ~yielding[1:]
+    before, retracting = pushed[1].before[1:], pushed[1].retracting
+    ends = retracting[:-1] & ~retracting[1:]
     assert ends.sum() >= 3
     assert (before[ends] < RELEASE_SHARE).all()
-    assert not (yielding[1:] & yielding[:-1] & (before < RELEASE_SHARE)).any()
+    assert not (retracting[1:] & retracting[:-1] & (before < RELEASE_SHARE)).any()
 
 
 def test_who_is_pressed_hard_is_pressed_less_and_shorter(pushed):
     without, guarded = pushed
-    acted = guarded.yielding.any(axis=0)
+    acted = guarded.retracting.any(axis=0)
     assert 3 <= acted.sum() < WORLDS
     assert (guarded.after.max(axis=0)[acted] < without.after.max(axis=0)[acted]).all()
     assert 2 * (guarded.after > GUARD_SHARE).sum() < (without.after > GUARD_SHARE).sum()
@@ -90,38 +90,38 @@ def test_who_is_pressed_hard_is_pressed_less_and_shorter(pushed):
 
 def test_where_nobody_is_pressed_it_changes_no_bit(pushed):
     without, guarded = pushed
-    spared = ~guarded.yielding.any(axis=0)
+    spared = ~guarded.retracting.any(axis=0)
     assert guarded.after[:, spared].any()
     assert guarded.angles_rad[:, spared].tobytes() == without.angles_rad[:, spared].tobytes()
 
 
 def test_each_arm_is_guarded_as_it_would_be_alone(pushed):
     alone = drive(at_the_person, guarded=True, worlds=1)
-    assert alone.yielding.any()
+    assert alone.retracting.any()
     assert alone.angles_rad[:, 0].tobytes() == pushed[1].angles_rad[:, 0].tobytes()
 
 
 def test_it_goes_back_along_the_way_that_the_arm_came(pushed):
     """Wherever an arm is that draws back, it was before: within what joints that press are off their way."""
     guarded = pushed[1]
-    for world in np.nonzero(guarded.yielding.any(axis=0))[0]:
-        ticks = np.nonzero(guarded.yielding[:, world])[0]
+    for world in np.nonzero(guarded.retracting.any(axis=0))[0]:
+        ticks = np.nonzero(guarded.retracting[:, world])[0]
         for tick in ticks:
             way = guarded.angles_rad[:tick, world]
             off = np.abs(way - guarded.angles_rad[tick, world]).max(axis=-1).min()
             assert off < 5 * WAYPOINT_RAD
-        assert (np.abs(guarded.given[ticks, world]) <= 1.0).all()
+        assert (np.abs(guarded.output[ticks, world]) <= 1.0).all()
 
 
 def test_an_arm_that_has_no_way_back_holds_still():
     episodes = begun(SCRATCHING, 1, by_region=True)
     simulation = episodes.simulation
     guard = ForceGuard(simulation)
-    guard.yielding[:] = True
+    guard.retracting[:] = True
     simulation.region_force_n = lambda: QUASI_STATIC_LIMIT_N[None]
     start = simulation.arm_angles_rad()
     for _ in range(30):
-        episodes.step(guard.act(np.ones((1, 7))))
+        episodes.step(guard.begin_step(np.ones((1, 7))))
     assert np.abs(simulation.arm_angles_rad() - start).max() < WAYPOINT_RAD
 
 
@@ -129,10 +129,10 @@ def test_a_new_episode_has_no_way_yet(pushed):
     episodes = begun(SCRATCHING, 1, by_region=True)
     guard = ForceGuard(episodes.simulation)
     for _ in range(5):
-        episodes.step(guard.act(np.ones((1, 7))))
+        episodes.step(guard.begin_step(np.ones((1, 7))))
     episodes.begin(np.array([0]), [np.random.default_rng(1)])
-    guard.begin()
-    assert not guard.yielding.any()
+    guard.reset(np.array([0]))
+    assert not guard.retracting.any()
     assert not guard.interventions.any()
     angles = episodes.simulation.arm_angles_rad()
-    assert (guard._way_rad == angles[:, None]).all()
+    assert (guard._path_rad == angles[:, None]).all()

@@ -14,7 +14,7 @@ from avrgym.safety.limits import (
     TRANSIENT_LIMIT_N,
     TRANSIENT_S,
 )
-from avrgym.safety.region_forces import GEOM_CONTACTS, RegionLoads, RegionWatch
+from avrgym.safety.region_forces import GEOM_CONTACTS, RegionLoadRecorder, RegionLoads
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.pressing_robots import towards
@@ -127,9 +127,9 @@ def by_contact(batch: mujoco.batch.Batch, world: int) -> tuple[np.ndarray, int]:
 
 def loads(force_n: np.ndarray) -> RegionLoads:
     """Of forces (T, R) on one person, step by step."""
-    watch = RegionWatch(1)
-    for now_n in force_n:
-        watch.add(now_n[None])
+    watch = RegionLoadRecorder(1)
+    for read_n in force_n:
+        watch.add(read_n[None])
     return watch.loads()
 
 

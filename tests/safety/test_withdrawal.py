@@ -11,7 +11,8 @@ from avrgym.array_types import BoolArray
 from avrgym.policies import registry
 from avrgym.safety.retreat import SPEED_M_S
 from avrgym.safety.withdrawal import FROM_MOUTH_M, SETTLED_STEPS
-from avrgym.tasks.episodes import Episodes, Step
+from avrgym.tasks.control_loop import Step
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
 
 SEEDS = (0, 3)
@@ -55,7 +56,7 @@ def course(environment: str, policy: str, *, withdraws: bool, steps: int = STEPS
     found = Course([], [])
     with registry.acting(registry.find(policy, environment), episodes, generators()) as act:
         for _ in range(steps):
-            found.driven.append(episodes.withdrawing)
+            found.driven.append(episodes.loop.withdrawing)
             found.steps.append(episodes.step(act(episodes.observe()).astype(float)))
     return found
 
@@ -116,7 +117,7 @@ def test_until_then_no_bit_differs() -> None:
 def test_a_copy_goes_on_withdrawing_to_the_same_bits() -> None:
     episodes = begun(FEEDING, withdraws=True)
     with registry.acting(registry.find("revised", FEEDING), episodes, generators()) as act:
-        while not episodes.withdrawing.all():
+        while not episodes.loop.withdrawing.all():
             episodes.step(act(episodes.observe()).astype(float))
         for _ in range(3):
             episodes.step(act(episodes.observe()).astype(float))
@@ -128,10 +129,10 @@ def test_a_copy_goes_on_withdrawing_to_the_same_bits() -> None:
 def test_a_new_episode_is_driven_by_its_policy() -> None:
     episodes = begun(FEEDING, withdraws=True)
     with registry.acting(registry.find("revised", FEEDING), episodes, generators()) as act:
-        while not episodes.withdrawing.all():
+        while not episodes.loop.withdrawing.all():
             episodes.step(act(episodes.observe()).astype(float))
     episodes.begin(np.array([1]), [np.random.default_rng(8)])
-    assert episodes.withdrawing.tolist() == [True, False]
+    assert episodes.loop.withdrawing.tolist() == [True, False]
 
 
 def test_other_engines_refuse_it() -> None:

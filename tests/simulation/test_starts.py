@@ -100,7 +100,7 @@ def test_no_live_world_begins_inside_the_participant():
     world = LiveWorld(FEEDING, Person("woman", 0.54, SEATED_RAD))
     world.joint_targets_rad = HAND_AT_THE_ROBOT_RAD
     with pytest.raises(NoRoomError):
-        world.begin(1)
+        world.reset(1)
 
 
 def test_arms_of_shrunken_ranges_leave_body_and_furniture_alone():

@@ -117,7 +117,7 @@ import avrgym
 from avrgym.models.human import Person
 from avrgym.vr.live_world.world import LiveWorld
 
-LiveWorld("{ENVIRONMENT}", Person()).begin(seed=1)
+LiveWorld("{ENVIRONMENT}", Person()).reset(seed=1)
 """
 
 

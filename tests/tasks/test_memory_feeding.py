@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from avrgym.learning.evaluation import watched_step
 from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
-from avrgym.safety.region_forces import RegionWatch
 from avrgym.tasks.experts.filtered import filtered
 from avrgym.tasks.feeding.memory_expert import KEPT_OFF_M, RESTING_M_S, MemoryExpert, kept_off_m
+from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.tasks.task import Expert
 from helpers.learning.experts import assert_acts_reactively
 from helpers.simulation.starts import begun
@@ -32,9 +31,9 @@ def test_who_rests_is_fed_reactively():
 def fed(expert: Expert) -> tuple[float, float]:
     """People who come to meet the spoon: the share of them that it feeds, and the mean force on them."""
     episodes = begun(FEEDING, WORLDS, "participants", by_region=True)
-    feeds, watch, force_n = filtered(expert)(episodes), RegionWatch(WORLDS), 0.0
+    feeds, watch, force_n = filtered(expert)(episodes), RegionLoadRecorder(WORLDS), 0.0
     for _ in range(100):
-        step = watched_step(episodes, np.clip(feeds(episodes.observe()), -1.0, 1.0), watch)
+        step = episodes.step(np.clip(feeds(episodes.observe()), -1.0, 1.0), watch)
         force_n += float(step.force_on_person_n.mean()) / 100
     largest = (watch.loads().peak_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
     assert step.success.all()

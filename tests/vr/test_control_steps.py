@@ -3,22 +3,35 @@
 import numpy as np
 from numpy.testing import assert_array_equal
 
+from avrgym.array_types import FloatArray
 from avrgym.models.scene import SUBSTEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.vr.live_world.world import ControlSteps
 
 ENVIRONMENT = "avrgym/ScratchItchJaco-v1"
 
 
-def persons_joints(*, amended: bool):
-    """Where the person's joints are after three control steps of a robot that rests, told so once or in every tick."""
+class RepeatedAction:
+    """A robot that rests; ``amended`` repeats its action at every tick."""
+
+    def __init__(self, action: FloatArray, *, amended: bool) -> None:
+        self._action, self._amended = action, amended
+
+    def act(self, observation: FloatArray) -> FloatArray:
+        return self._action
+
+    def amend(self) -> FloatArray | None:
+        return self._action if self._amended else None
+
+
+def persons_joints(*, amended: bool) -> FloatArray:
+    """Where the person's right arm is after three control steps of a robot that rests."""
     episodes = Episodes(ENVIRONMENT, 1, distribution="zoo/train", impairment="tremor", num_threads=1)
     episodes.begin(np.array([0]), [np.random.default_rng(3)])
-    rest, steps = np.zeros((1, episodes.action_size)), ControlSteps(episodes)
+    source = RepeatedAction(np.zeros((1, episodes.action_size)), amended=amended)
     for _ in range(3 * SUBSTEPS):
-        steps.tick(lambda observation: rest, (lambda: rest) if amended else lambda: None)
+        episodes.loop.tick(source)
     return episodes.state().right_arm_pos_w
 
 
-def test_people_live_one_control_step_however_often_the_robot_is_told_otherwise():
+def test_amended_actions_do_not_change_how_people_move() -> None:
     assert_array_equal(persons_joints(amended=True), persons_joints(amended=False))

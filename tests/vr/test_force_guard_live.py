@@ -14,7 +14,7 @@ from avrgym.cli.main import app
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.replay.region_loads import region_loads
 from avrgym.replay.verification import verify
-from avrgym.safety.force_guard import ACTS, GUARD_SHARE, RESTS
+from avrgym.safety.force_guard import GUARD_SHARE, INTERVENTION_EVENT, RELEASE_EVENT
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.protocol.messages import Status
@@ -60,7 +60,7 @@ def happened(trial: Trial) -> list[tuple[str, str]]:
     return [
         (event.name, event.detail)
         for _, event in trial.recording.topics["/events"]
-        if event.name in (ACTS, RESTS)
+        if event.name in (INTERVENTION_EVENT, RELEASE_EVENT)
     ]
 
 
@@ -73,12 +73,14 @@ def test_a_session_is_guarded_unless_it_says_otherwise(guarded: Trial, unguarded
 def test_every_intervention_is_an_event_with_region_and_force(guarded: Trial, unguarded: Trial) -> None:
     assert happened(unguarded) == []
     found = happened(guarded)
-    assert [name for name, _ in found] == [ACTS, RESTS] * (len(found) // 2) + [ACTS] * (len(found) % 2)
+    assert [name for name, _ in found] == [INTERVENTION_EVENT, RELEASE_EVENT] * (len(found) // 2) + [
+        INTERVENTION_EVENT
+    ] * (len(found) % 2)
     assert guard_interventions(unguarded.recording) is None
-    assert guard_interventions(guarded.recording) == [name for name, _ in found].count(ACTS) > 0
+    assert guard_interventions(guarded.recording) == [name for name, _ in found].count(INTERVENTION_EVENT) > 0
     limits = {region.name: region.quasi_static_limit_n for region in BODY_REGIONS}
     for name, detail in found:
-        if name == ACTS:
+        if name == INTERVENTION_EVENT:
             region, force, unit, *_, limit, _ = detail.split()
             assert unit == "N,"
             assert float(force) > GUARD_SHARE * limits[region]

@@ -9,12 +9,11 @@ from avrgym.policies.names import OPERATOR
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control
 from avrgym.replay.verification import verify
-from avrgym.safety.force_guard import ACTS
-from avrgym.safety.withdrawal import SETTLED_STEPS, WITHDRAWAL, WITHDRAWS
+from avrgym.safety.force_guard import INTERVENTION_EVENT
+from avrgym.safety.withdrawal import SETTLED_STEPS, WITHDRAWAL, WITHDRAWAL_EVENT
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.sessions.visit import plan_session
 from avrgym.study.storage.store import Store
-from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import Status
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.studies.known_results import take_part
@@ -59,8 +58,8 @@ def test_the_robot_withdraws_waits_and_replays(tmp_path: Path) -> None:
     assert set(drivers[:begins]) == {"revised"}
     assert set(drivers[begins:]) == {WITHDRAWAL}
     assert all(step.force_on_person_n == 0.0 for step in steps[begins + 20 :])
-    (began_s,) = times(recording, WITHDRAWS)
-    assert not [time_s for time_s in times(recording, ACTS) if time_s > began_s + 1.0]
+    (began_s,) = times(recording, WITHDRAWAL_EVENT)
+    assert not [time_s for time_s in times(recording, INTERVENTION_EVENT) if time_s > began_s + 1.0]
     assert recording.metadata["withdraw_after_success"] is True
     assert {status.withdrawing for status in statuses if status.success and status.phase == "trial"} == {
         False,
@@ -76,27 +75,18 @@ def test_without_it_the_policy_goes_on(tmp_path: Path) -> None:
     steps = steps_of(recording)
     assert {step.driver for step in steps} == {"revised"}
     assert any(step.success and step.force_on_person_n > 0.0 for step in steps[-40:])
-    assert not times(recording, WITHDRAWS)
+    assert not times(recording, WITHDRAWAL_EVENT)
     assert recording.metadata["withdraw_after_success"] is False
     assert not any(status.withdrawing for status in statuses)
 
 
-def test_an_operator_decides_alone(tmp_path: Path) -> None:
+def test_a_robot_that_an_operator_drives_does_not_withdraw(tmp_path: Path) -> None:
     session = replace(plan(), trials=[TrialPlan(ENVIRONMENT, OPERATOR, 3, practice=False)])
     visit = Visit(tmp_path, session, load_policies(session))
     visit.sit_down()
     visit.until("trial")
     assert session.withdraw_after_success
-    withdraws: list[bool] = []
-    tick = LiveWorld.tick
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            LiveWorld,
-            "tick",
-            lambda world, driver, **how: (withdraws.append(how["withdraws"]), tick(world, driver, **how))[1],
-        )
-        visit.tick(5)
-    assert withdraws == [False] * 5
+    assert visit.session.world._loop.withdrawal is None
 
 
 def test_new_studies_withdraw_and_those_that_do_not_say_go_on(tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ def test_a_policys_chance_comes_from_the_seed_of_the_trial() -> None:
     driver = driver_of(replace(drive(world.environment), action_std=0.1), beside=False)
 
     def actions(seed: int) -> list[np.ndarray]:
-        world.begin(seed)
+        world.reset(seed)
         world.prepare(driver)
         steps = (world.tick(driver) for _ in range(30))
         return [step.action for step in steps if step is not None]

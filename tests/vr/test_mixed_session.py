@@ -178,7 +178,7 @@ def test_a_world_that_cannot_be_made_is_named_and_tried_again(
 ) -> None:
     session = visit()
     with monkeypatch.context() as broken:
-        broken.setattr(LiveWorld, "begin", lambda self, seed: 1 / 0)
+        broken.setattr(LiveWorld, "reset", lambda self, seed: 1 / 0)
         session.sit_down()
         session.until("paused")
         assert "cannot be made" in session.problems[-1]

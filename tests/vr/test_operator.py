@@ -97,8 +97,8 @@ def test_who_lets_go_or_falls_silent_holds_the_robot_and_every_step_says_who_dro
         visit.tick(5)
     visit.tell(RELEASED)
     visit.tick(1)
-    assert visit.session.world.action_begun is not None, "the very next tick tells the robot"
-    assert not visit.session.world.action_begun.any()
+    assert visit.session.world.applied_action is not None, "the very next tick tells the robot"
+    assert not visit.session.world.applied_action.any()
     visit.tick(44)
     visit.tell(Drive(engaged=True, linear=UP, angular=STILL))
     visit.until("questionnaire")

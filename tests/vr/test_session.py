@@ -20,9 +20,9 @@ from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import Recording
 from avrgym.recording.writer import RecordingWriter
 from avrgym.safety.approach_speed import effective_mass_kg
-from avrgym.safety.brakes import HOLDING
-from avrgym.safety.force_guard import ACTS, GUARD_SHARE
-from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, blow_speed_m_s
+from avrgym.safety.brakes import HOLDING_FACTOR
+from avrgym.safety.force_guard import GUARD_SHARE, INTERVENTION_EVENT
+from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, max_impact_speed_m_s
 from avrgym.safety.retreat import LONGEST_S
 from avrgym.simulation.worlds import MAX_LEAD_RAD
 from avrgym.tasks.episodes import Episodes
@@ -85,7 +85,7 @@ class Replica:
             act=[self.model.actuator(name).actadr[0] for name in arm],
             ctrl=[self.model.actuator(name).id for name in arm],
             dof=[self.model.joint(name).dofadr[0] for name in arm],
-            brake_n_m=HOLDING * episodes.scene.arm.torque_limit_n_m,
+            brake_n_m=HOLDING_FACTOR * episodes.scene.arm.torque_limit_n_m,
         )
         self._person = [self.model.actuator(human.PREFIX + name).id for name in human.JOINTS]
         assert episodes.scene.tool.particles is not None
@@ -251,10 +251,12 @@ def test_every_recorded_state_follows_bit_for_bit_from_the_one_before(whole: Vis
 
 def test_whoever_comes_too_fast_is_an_event_with_region_and_speed(whole: Visit) -> None:
     simulation = begun(ENVIRONMENT, 1).simulation
-    fastest = blow_speed_m_s(GUARD_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation))
+    fastest = max_impact_speed_m_s(GUARD_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation))
     limits_m_s = {region.name: float(speed) for region, speed in zip(BODY_REGIONS, fastest, strict=True)}
     events = [event for recording in whole.recordings() for _, event in recording.topics["/events"]]
-    details = [event.detail for event in events if event.name == ACTS and event.detail.endswith("m/s")]
+    details = [
+        event.detail for event in events if event.name == INTERVENTION_EVENT and event.detail.endswith("m/s")
+    ]
     for detail in details:
         region, *_, speed, _, _, limit, _ = detail.split()
         assert float(limit) == round(limits_m_s[region], 2) <= float(speed)

@@ -183,10 +183,10 @@ def _tell_differences(found: "Verification") -> None:
 
 def _show_regions(recording: "Recording", json_file: Path | None) -> None:
     from avrgym.replay.region_loads import region_loads
-    from avrgym.safety.region_forces import summed_up
+    from avrgym.safety.region_forces import region_statistics
 
     with _progress(recording, "stepping again") as advance:
-        found = summed_up(region_loads(recording, advance))
+        found = region_statistics(region_loads(recording, advance))
     figures = {region: asdict(each) for region, each in found.items()}
     print_regions({"this trial": figures})
     write_json(json_file, figures)

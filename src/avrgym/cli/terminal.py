@@ -130,7 +130,7 @@ def print_table(rows: list[dict[str, Any]]) -> None:
 
 
 def print_regions(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None:
-    """Print forces by region of the body of whatever is named, where there were any; see ``RegionFigures``."""
+    """Print forces by region of the body of whatever is named, where there were any; see ``RegionStatistics``."""
     rows = [
         {"of": name, "region": region, **figures}
         for name, regions in forces.items()

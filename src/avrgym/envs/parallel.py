@@ -18,7 +18,9 @@ from avrgym.envs.single import METADATA, check_render_mode, info_of, spaces_of
 from avrgym.envs.vector_conventions import plain_seed
 from avrgym.models.human import Person, as_person
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.episodes import Episodes, Step, checked_actions
+from avrgym.tasks.actions import checked_actions
+from avrgym.tasks.control_loop import Step
+from avrgym.tasks.episodes import Episodes
 
 Action = Float32Array
 
@@ -42,10 +44,12 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, FloatArray, Action]):
         person: Person | Mapping[str, Any] | None = None,
         impairment: str = "none",
         shared_reward: bool = True,
+        force_guard: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        """See ``Episodes`` for people, person and impairment; people's own movements give way to the human's actions.
-        A person may be given as the mapping of their fields.
+        """See ``Episodes`` for people, person, impairment and force guard.
+
+        The human's actions replace people's own movements. A person may be given as the mapping of their fields.
 
         Without a shared reward each agent pays for its own effort: the human's reward has the human's squared action
         in the place of the robot's.
@@ -64,6 +68,7 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, FloatArray, Action]):
             impairment=impairment,
             steered=True,
             num_threads=1,
+            force_guard=force_guard,
         )
         self.joints = self.episodes.offered_joints
         """The joints that the human's action drives, in its order."""

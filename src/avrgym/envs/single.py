@@ -16,7 +16,9 @@ from avrgym.envs.vector_conventions import NO_END, check_length, plain_seed
 from avrgym.models.human import Person, as_person
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.episodes import Episodes, Step, checked_actions
+from avrgym.tasks.actions import checked_actions
+from avrgym.tasks.control_loop import Step
+from avrgym.tasks.episodes import Episodes
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_STEP_S)}
 
@@ -31,7 +33,12 @@ def spaces_of(episodes: Episodes) -> tuple[gym.Space[FloatArray], gym.Space[Floa
 class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     PlainSpec, Drawn, gym.Env[FloatArray, Float32Array]
 ):
-    """One world. ``info``: ``success`` (so far), ``reward_terms`` (unweighted), ``force_on_person`` (N)."""
+    """One world.
+
+    ``info``: ``success`` (so far), ``reward_terms`` (unweighted) and ``force_on_person`` (N). With the force guard also
+    ``guard_interventions``, their number in the episode. In steps in which the force guard or the withdrawal replaced
+    the action, ``executed_action`` (J,) is the action at the end of the step.
+    """
 
     metadata = METADATA
 
@@ -45,8 +52,9 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         render_mode: str | None = None,
         max_episode_steps: int = EPISODE_STEPS,
         withdraw_after_success: bool = False,
+        force_guard: bool = False,
     ) -> None:
-        """See ``Episodes`` for people, person, impairment and withdrawal.
+        """See ``Episodes`` for people, person, impairment, withdrawal and force guard.
 
         A person may be given as the mapping of their fields. Episodes of ``max_episode_steps`` -1 never end.
 
@@ -65,6 +73,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             impairment=impairment,
             num_threads=1,
             withdraw_after_success=withdraw_after_success,
+            force_guard=force_guard,
         )
         self.observation_space, self.action_space = spaces_of(self.episodes)
         self._steps_left = 0
@@ -123,15 +132,20 @@ single_entry = _SingleEntry()
 
 
 def info_of(step: Step) -> dict[str, Any]:
-    """What the first world tells.
+    """Returns the info of the first world.
 
     In plain values: Gymnasium's vector environments make arrays of Python's bools, but not of NumPy's.
     """
-    return {
+    info: dict[str, Any] = {
         "success": bool(step.success[0]),
         "reward_terms": {name: float(term[0]) for name, term in step.reward_terms.items()},
         "force_on_person": float(step.force_on_person_n[0]),
     }
+    if step.guard_interventions is not None:
+        info["guard_interventions"] = int(step.guard_interventions[0])
+    if step.overridden is not None and step.overridden[0]:
+        info["executed_action"] = step.executed_action[0].copy()
+    return info
 
 
 def check_render_mode(render_mode: str | None, environment_id: str) -> None:

@@ -20,16 +20,18 @@ from avrgym.envs.vector_conventions import (
     World,
     check_count,
     check_length,
-    chosen,
     final_infos,
     infos,
     reset_mask,
+    select_worlds,
 )
 from avrgym.models.human import Person, as_person
 from avrgym.system.engines import THREADS
 from avrgym.system.type_guards import is_array
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.episodes import Episodes, Step, checked_actions
+from avrgym.tasks.actions import checked_actions
+from avrgym.tasks.control_loop import Step
+from avrgym.tasks.episodes import Episodes
 
 
 class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -60,8 +62,9 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         engine: str = THREADS,
         withdraw_after_success: bool = False,
+        force_guard: bool = False,
     ) -> None:
-        """See ``Episodes`` for people, person, impairment, threads, engine and withdrawal.
+        """See ``Episodes`` for people, person, impairment, threads, engine, withdrawal and force guard.
 
         A person may be given as the mapping of their fields. Episodes of ``max_episode_steps`` -1 never end.
 
@@ -87,6 +90,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             num_threads=num_threads,
             engine=engine,
             withdraw_after_success=withdraw_after_success,
+            force_guard=force_guard,
         )
         self.single_observation_space, self.single_action_space = spaces_of(self.episodes)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -175,7 +179,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
                 self._cameras.pop(world).close()
         self.episodes.begin(ids, [self._random.generators[world] for world in ids])
         start = self.episodes.assess()
-        self._now = start if self._now is None else chosen(which, start, self._now)
+        self._now = start if self._now is None else select_worlds(which, start, self._now)
         return self._now
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:

@@ -10,7 +10,7 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from avrgym.array_types import BoolArray, NumpyArray
-from avrgym.tasks.episodes import Step
+from avrgym.tasks.control_loop import Step
 
 if TYPE_CHECKING:
     from avrgym.envs.vector import AssistiveVectorEnv
@@ -88,14 +88,15 @@ def reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
     return mask
 
 
-def chosen(which: BoolArray, some: Step, others: Step) -> Step:
-    """What two steps gave: of the worlds ``which`` (N,) the first, of the others the second."""
-    parts = {field.name: (getattr(some, field.name), getattr(others, field.name)) for field in fields(Step)}
-    terms = parts.pop("reward_terms")
-    return Step(
-        reward_terms={name: _where(which, terms[0][name], terms[1][name]) for name in terms[0]},
-        **{name: _where(which, *pair) for name, pair in parts.items()},
-    )
+def select_worlds(which: BoolArray, some: Step, others: Step) -> Step:
+    """Returns a step with the outcome of ``some`` in the worlds ``which`` (N,), and of ``others`` elsewhere."""
+    terms = {name: _where(which, term, others.reward_terms[name]) for name, term in some.reward_terms.items()}
+    parts: dict[str, Any] = {
+        field.name: _where(which, getattr(some, field.name), getattr(others, field.name))
+        for field in fields(Step)
+        if field.name != "reward_terms" and getattr(some, field.name) is not None
+    }
+    return Step(reward_terms=terms, **parts)
 
 
 def _where(which: BoolArray, some: NumpyArray, others: NumpyArray) -> NumpyArray:
@@ -103,14 +104,21 @@ def _where(which: BoolArray, some: NumpyArray, others: NumpyArray) -> NumpyArray
 
 
 def infos(step: Step, of: BoolArray) -> dict[str, Any]:
-    """What a step told of some worlds (N,), of the others zero: every key beside a mask of the worlds it is of."""
+    """Returns the infos of some worlds (N,), with zeros for the others, and for each key a mask of its worlds."""
     terms = {name: np.where(of, term, 0.0) for name, term in step.reward_terms.items()}
-    told = {
+    found: dict[str, Any] = {
         "success": step.success & of,
         "reward_terms": _masked(terms, of),
         "force_on_person": np.where(of, step.force_on_person_n, 0.0),
     }
-    return _masked(told, of)
+    if step.guard_interventions is not None:
+        found["guard_interventions"] = np.where(of, step.guard_interventions, 0)
+    masked = _masked(found, of)
+    overridden = of if step.overridden is None else of & step.overridden
+    if step.overridden is not None and overridden.any():
+        actions = np.where(overridden[:, None], step.executed_action, 0.0)
+        masked |= _masked({"executed_action": actions}, overridden)
+    return masked
 
 
 def final_infos(step: Step, ended: BoolArray) -> dict[str, Any]:

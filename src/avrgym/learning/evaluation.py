@@ -9,18 +9,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.models.scene import SUBSTEPS
 from avrgym.people.populations import transferred_people
 from avrgym.policies import registry
-from avrgym.safety.force_guard import ForceGuard
-from avrgym.safety.region_forces import RegionFigures, RegionLoads, RegionWatch, summed_up
+from avrgym.safety.region_forces import RegionLoadRecorder, RegionLoads, RegionStatistics, region_statistics
 from avrgym.simulation.engines.engine import check_engine
 from avrgym.system.engines import THREADS
 from avrgym.system.jobs import cores, report, run_all
 from avrgym.system.random_streams import TEST, Split, evaluation_episodes
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.episodes import Episodes, Step
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import find_environment
 
 if TYPE_CHECKING:
@@ -74,7 +72,7 @@ class Evaluation:
     guard_interventions: float | None
     engine: str
     device: str
-    force_regions: dict[str, RegionFigures]
+    force_regions: dict[str, RegionStatistics]
     plugin_differences: list[str]
     start_draws_mean: float
     start_draws_max: int
@@ -249,6 +247,7 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
         by_region=True,
         engine=batch.engine,
         withdraw_after_success=batch.withdraw_after_success,
+        force_guard=batch.force_guard,
     )
     generators = evaluation_episodes(batch.split, batch.seed, batch.episodes)
     return _run(world, batch, generators, progress)
@@ -277,7 +276,7 @@ def _sum_up(batch: _Batch, results: list[Results], changed: list[str]) -> Evalua
         guard_interventions=float(interventions.mean()) if batch.force_guard else None,
         engine=batch.engine.partition(":")[0],
         device=results[0].device,
-        force_regions=summed_up(loads),
+        force_regions=region_statistics(loads),
         plugin_differences=changed,
         start_draws_mean=float(draws.mean()),
         start_draws_max=int(draws.max()),
@@ -307,30 +306,15 @@ def _run(
     observation = world.begin(np.arange(count), generators)
     draws = world.draws.astype(np.intp)
     reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
-    watch, guard = RegionWatch(count), ForceGuard(world.simulation) if batch.force_guard else None
+    recorder = RegionLoadRecorder(count)
     with registry.acting(found, world, generators) as act:
         for _ in range(EPISODE_STEPS):
-            step = watched_step(world, act(observation).astype(float), watch, guard)
+            step = world.step(act(observation).astype(float), recorder)
             observation, success = step.observation, step.success
             reward += step.reward
             force += step.force_on_person_n / EPISODE_STEPS
             progress(count)
+    guard = world.loop.guard
     interventions = np.zeros(count, dtype=np.intp) if guard is None else guard.interventions
     device = world.simulation.engine.device
-    return Results(reward, success, force, watch.loads(), interventions, draws, device)
-
-
-def watched_step(
-    world: Episodes, asked: FloatArray, watch: RegionWatch, guard: ForceGuard | None = None
-) -> Step:
-    """One control step, watched in each physics step; what it was worth is judged by the last action, as live."""
-    simulation = world.simulation
-    asked = world.led(asked)
-    world.command(asked if guard is None else guard.act(asked))
-    for tick in range(SUBSTEPS):
-        if guard is not None and tick > 0:
-            changed = guard.amend()
-            simulation.amend_robot(guard.given, changed)
-        simulation.step(1)
-        watch.add(simulation.region_force_n())
-    return world.evaluate_step(asked if guard is None else guard.given)
+    return Results(reward, success, force, recorder.loads(), interventions, draws, device)

@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 
 from avrgym.array_types import BoolArray, Float32Array, FloatArray
 from avrgym.geometry.arrays import moved_to, namespace, to_numpy
-from avrgym.learning.evaluation import watched_step
 from avrgym.policies.actors import Actor, DeviceActor
 from avrgym.policies.trained import Policy
 from avrgym.safety.limits import TRANSIENT_LIMIT_N
-from avrgym.safety.region_forces import RegionWatch
+from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.system import random_streams
 from avrgym.system.engines import THREADS
 from avrgym.system.random_streams import NoiseStream
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.episodes import Episodes, Step
 from avrgym.tasks.experts.filtered import filtered
+from avrgym.tasks.control_loop import Step
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import Controller
 
 
@@ -157,7 +157,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
         action = robot.act(number)
         if expert is not None:
             arm_angles_rad.append(worlds.simulation.arm_angles_rad())
-            expert_action = worlds.led(np.clip(expert(worlds.observe()), -1.0, 1.0))
+            expert_action = worlds.loop.apply_withdrawal(np.clip(expert(worlds.observe()), -1.0, 1.0))
             robot.actions[-1] = expert_action.astype(np.float32)
             assert request.expert_drives is not None
             action = np.where(request.expert_drives[:, None], robot.actions[-1], action)
@@ -189,9 +189,9 @@ def _watched(worlds: Episodes, action: FloatArray) -> tuple[Step, FloatArray]:
 
     The overload is 0 up to half the transient limit and 1 at the limit.
     """
-    watch = RegionWatch(len(action))
-    step = watched_step(worlds, action, watch)
-    share = (watch.loads().peak_n / TRANSIENT_LIMIT_N).max(axis=-1)
+    recorder = RegionLoadRecorder(len(action))
+    step = worlds.step(action, recorder)
+    share = (recorder.loads().peak_n / TRANSIENT_LIMIT_N).max(axis=-1)
     return step, np.maximum(2.0 * share - 1.0, 0.0)
 
 

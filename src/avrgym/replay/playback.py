@@ -13,9 +13,9 @@ from avrgym.recording.schema import Control, Event, Physics
 from avrgym.replay.trial import ReplayError
 from avrgym.system.used_plugins import differences, stored
 from avrgym.tasks.constants import WORLD_VERSION
+from avrgym.tasks.control_loop import ControlStep
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
-from avrgym.vr.live_world.world import ControlStep, ControlSteps
 from avrgym.vr.session.attempt import control_record
 
 HALTS = (("phase", "retreat"), ("phase", "free_after"))
@@ -68,7 +68,7 @@ class Playback:
             _check_names(recording.metadata, self.episodes)
         except ReplayError as error:
             raise ReplayError("; ".join([str(error), *changed_plugins(recording)])) from error
-        self._control = ControlSteps(self.episodes)
+        self._loop = self.episodes.loop
         self._action: FloatArray | None = None
         self._told = self._brakes = False
         self._step: ControlStep | None = None
@@ -116,10 +116,9 @@ class Playback:
 
     def _tick(self) -> None:
         if self.phase == "retreat":
-            self._control.move(self._amend(), brakes=self._brakes)
+            self._loop.move(self.amend(), hold=self._brakes)
         else:
-            act = self._act if self.driven else None
-            self._step = self._control.tick(act, self._amend, brakes=self._brakes)
+            self._step = self._loop.tick(self if self.driven else None, hold=self._brakes)
 
     def _begin(self, state: FloatArray) -> None:
         size = len(self.episodes.simulation.integration_state())
@@ -138,15 +137,16 @@ class Playback:
             )
         return self._step
 
-    def _act(self, _observation: FloatArray | None) -> FloatArray:
+    def act(self, observation: FloatArray) -> FloatArray:
+        """Returns the recorded action (1, J)."""
         if self._action is None:
             raise ReplayError(f"it holds no commands to the robot: {made_with(self.recording)}")
         self._told = False
         return self._action
 
-    def _amend(self) -> FloatArray | None:
-        """A command that was given in the middle of a control step."""
-        return self._act(self._action) if self._told else None
+    def amend(self) -> FloatArray | None:
+        """Returns an action (1, J) that was recorded within a control step, if there is one."""
+        return self.act(np.zeros(0)) if self._told else None
 
     def _hear(self, event: Event) -> None:
         """A trial drives the robot; it halts around its retreat, or for good when the attempt is broken off."""
@@ -155,7 +155,7 @@ class Playback:
         self._held = self._held or event.name == "robot_holds"
         if self._held or (event.name, event.detail) in HALTS:
             self.episodes.simulation.halt_robot()
-            self._control.drop()
+            self._loop.abort_step()
 
 
 def made_with(recording: Recording) -> str:

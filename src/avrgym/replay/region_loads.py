@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from avrgym.recording.reader import Recording
 from avrgym.replay.playback import Playback, StateAgain
-from avrgym.safety.region_forces import RegionLoads, RegionWatch
+from avrgym.safety.region_forces import RegionLoadRecorder, RegionLoads
 
 
 def region_loads(recording: Recording, progress: Callable[[], None] = lambda: None) -> RegionLoads:
@@ -13,7 +13,7 @@ def region_loads(recording: Recording, progress: Callable[[], None] = lambda: No
     Raises:
         ReplayError: for a recording that cannot be stepped again.
     """
-    playback, watch = Playback(recording, by_region=True), RegionWatch(1)
+    playback, watch = Playback(recording, by_region=True), RegionLoadRecorder(1)
     for again in playback.run(follow=True):
         if isinstance(again, StateAgain):
             if playback.driven:

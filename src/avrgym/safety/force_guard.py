@@ -1,115 +1,140 @@
-"""A guard between whoever drives robots and their arms: one that presses a person too hard draws back.
+"""The force guard overrides actions that press a robot too hard against a person, or move it too fast near a person.
 
-A blow is over before anybody can react to its force, and a head that moves presses at once against the whole arm. So
-the guard keeps to speeds as well, see ``approach``: an arm draws back from who comes to its tool, and holds still where
-it comes too fast itself.
+An arm that presses too hard retracts. An impact ends before a controller can react to the measured force, so the guard
+also limits the approach speed: an arm retracts from a person who approaches its tool too fast, and stops where the tool
+itself is too fast. See ``approach_speed``.
 """
+
+from typing import Any
 
 import numpy as np
 
-from avrgym.array_types import BoolArray, FloatArray
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.models.scene import PHYSICS_STEP_S
-from avrgym.safety.approach_speed import Approach
+from avrgym.safety.approach_speed import ApproachSpeedMonitor
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
+from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
 
 GUARD_SHARE = 0.5
-"""Above this share of a region's quasi-static limit the arm draws back, and no blow may bring more."""
+"""The arm retracts above this share of a region's quasi-static limit. An impact may cause a force up to this share."""
 RELEASE_SHARE = 0.25
-"""Below this share on every region it is driven again. So far apart, that it does not chatter."""
+"""The arm stops retracting below this share in every region. The gap between both shares prevents chattering."""
 WAYPOINT_RAD = 0.01
-"""How far some joint moves from one remembered pose of the way to the next."""
+"""A new waypoint is stored when a joint has moved this far from the latest one."""
 WAYPOINTS = 150
-ACTS, RESTS = "force_guard_acts", "force_guard_rests"
-"""The events of a recording at which a guard begins to act, and an arm is driven again."""
+INTERVENTION_EVENT, RELEASE_EVENT = "force_guard_acts", "force_guard_rests"
+"""Events of a recording: the guard starts to override commands, and stops."""
 
 
-class ForceGuard:
-    """Lets the arms of N worlds draw back along the way that they came, where a region of a person bears too much.
+class ForceGuard(PerWorldState):
+    """Overrides the actions of N worlds in which a robot endangers a person; elsewhere it changes no bit.
 
-    So it does where a region comes to the tool faster than a blow may be; where the tool comes so fast, the arm holds
-    still. It sees the forces of each physics step before the next one, and speeds once a control step; all that it
-    does it does by actions, so that whoever records actions has its own among them. Where nobody is pressed or comes
-    too fast it changes no bit.
+    The guard reads the contact forces before each physics step, and the approach speeds before each control step.
 
-    ``given`` (N, A) is what the arms are told now. ``yielding`` (N,) says which draw back, ``holding`` (N,) which hold
-    still, and ``interventions`` (N,) is how often they began to do either.
+    ``output`` (N, A) are the actions that the arms execute. ``retracting`` (N,) marks arms that move back along their
+    path, ``holding`` (N,) arms that stand still. ``interventions`` (N,) counts how often either began in the episode.
     """
 
+    STATE = (
+        "output", "retracting", "holding", "interventions", "_pressed", "_commanded", "_force_n",
+        "_path_rad", "_path_end", "_path_start",
+    )  # fmt: skip
+
     def __init__(self, simulation: Simulation) -> None:
-        """Guard the arms of a simulation that measures forces by region, from where they stand now."""
+        """Guard the arms of a simulation that measures forces by region (``by_region``)."""
         self._simulation = simulation
         self._travel_rad = PHYSICS_STEP_S * simulation.scene.arm.speed_limit_rad_s
-        self.begin()
-
-    def begin(self) -> None:
-        """Guard the episodes that have begun in all worlds."""
-        self._approach = Approach(self._simulation, GUARD_SHARE * QUASI_STATIC_LIMIT_N)
-        angles = self._simulation.arm_angles_rad()
+        self._approach = ApproachSpeedMonitor(simulation, GUARD_SHARE * QUASI_STATIC_LIMIT_N)
+        angles = simulation.arm_angles_rad()
         worlds = len(angles)
-        self.given = np.zeros_like(angles)
-        self.yielding, self.holding, self._pressed = (np.zeros(worlds, dtype=bool) for _ in range(3))
+        self.output = np.zeros_like(angles)
+        self.retracting, self.holding, self._pressed = (np.zeros(worlds, dtype=bool) for _ in range(3))
         self.interventions = np.zeros(worlds, dtype=np.intp)
-        self._asked, self._force_n = self.given, np.zeros((worlds, len(BODY_REGIONS)))
-        self._way_rad = np.repeat(angles[:, None], WAYPOINTS, axis=1)
-        self._count, self._forgotten = np.ones(worlds, dtype=np.intp), np.zeros(worlds, dtype=np.intp)
+        self._commanded, self._force_n = self.output, np.zeros((worlds, len(BODY_REGIONS)))
+        self._path_rad = np.repeat(angles[:, None], WAYPOINTS, axis=1)
+        self._path_end, self._path_start = np.ones(worlds, dtype=np.intp), np.zeros(worlds, dtype=np.intp)
+
+    def reset(self, ids: IntArray) -> None:
+        """Start episodes in worlds ``ids`` (n,), from their present state."""
+        self._approach.reset(ids)
+        self._clear(ids)
+        self._path_rad[ids] = self._simulation.arm_angles_rad()[ids, None]
+        self._path_end[ids] = 1
 
     @property
-    def acting(self) -> BoolArray:
-        """In which worlds (N,) the arms do not what was asked for."""
-        return self.yielding | self.holding
+    def overriding(self) -> BoolArray:
+        """Boolean mask (N,): worlds in which the guard overrides the command."""
+        return self.retracting | self.holding
 
-    def act(self, asked: FloatArray) -> FloatArray:
-        """The actions (N, A) with which a control step begins, in place of those that were asked for."""
-        self._approach.look()
-        self._asked = asked
-        self.given = self._decide()
-        return self.given
+    def begin_step(self, commanded: FloatArray) -> FloatArray:
+        """Returns the actions (N, A) to execute from the start of a control step, given the commanded ones."""
+        self._approach.update()
+        self._commanded = commanded
+        self.output = self._decide()
+        return self.output
 
-    def amend(self, asked: FloatArray | None = None) -> BoolArray:
-        """In which worlds (N,) ``given`` is another one from the coming physics step on, maybe ``asked`` for."""
-        before, self._asked = self.given, self._asked if asked is None else asked
-        self.given = self._decide()
-        return (self.given != before).any(axis=-1)
+    def update(self, commanded: FloatArray | None = None) -> BoolArray:
+        """Updates ``output`` before each further physics step; returns the worlds (N,) in which it changes.
 
-    def why(self, world: int) -> str:
-        """Why it acts in a world, in words: what is borne most, or what comes too fast."""
+        ``commanded`` (N, A) are new commands, if there are any.
+        """
+        before = self.output
+        if commanded is not None:
+            self._commanded = commanded
+        self.output = self._decide()
+        return (self.output != before).any(axis=-1)
+
+    def describe_override(self, world: int) -> str:
+        """Describes why the guard overrides a world's command: the force and its limit, or the speed and its limit."""
         if not self._pressed[world]:
-            return self._approach.words(world)
+            return self._approach.describe(world)
         force_n = self._force_n[world]
         most = int((force_n / QUASI_STATIC_LIMIT_N).argmax())
         region = BODY_REGIONS[most]
         return f"{region.name} {force_n[most]:.1f} N, limit {region.quasi_static_limit_n:g} N"
 
+    def saved(self) -> dict[str, Any]:
+        """Returns everything that the next steps depend on."""
+        return super().saved() | {"approach": self._approach.saved()}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Continues from what ``saved`` returned."""
+        super().restore(saved)
+        self._approach.restore(saved["approach"])
+
     def _decide(self) -> FloatArray:
-        """What the arms are to do in the coming physics step; called once for each."""
-        yielded, acted = self.yielding, self.acting
+        """The actions for the coming physics step; called once for each step."""
+        was_retracting, was_overriding = self.retracting, self.overriding
         self._force_n = self._simulation.region_force_n()
         most = (self._force_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
         self._pressed = (most > GUARD_SHARE) | (self._pressed & (most >= RELEASE_SHARE))
-        self.yielding = self._pressed | self._approach.by_person
-        self.holding = self._approach.together & ~self.yielding
-        self.interventions = self.interventions + ((self.yielding & ~yielded) | (self.acting & ~acted))
-        self._remember()
+        self.retracting = self._pressed | self._approach.person_too_fast
+        self.holding = self._approach.closing_too_fast & ~self.retracting
+        begins = (self.retracting & ~was_retracting) | (self.overriding & ~was_overriding)
+        self.interventions = self.interventions + begins
+        self._store_waypoints()
         return np.where(
-            self.yielding[:, None], self._retreat(), np.where(self.holding[:, None], 0.0, self._asked)
+            self.retracting[:, None],
+            self._retract(),
+            np.where(self.holding[:, None], 0.0, self._commanded),
         )
 
-    def _remember(self) -> None:
-        """Note where the arms are that do not draw back, unless they are still where they were noted last."""
+    def _store_waypoints(self) -> None:
+        """Store the angles of arms that do not retract, unless they are near their latest waypoint."""
         angles = self._simulation.arm_angles_rad()
         rows = np.arange(len(angles))
-        latest = self._way_rad[rows, (self._count - 1) % WAYPOINTS]
-        moved = ~self.yielding & (np.abs(angles - latest).max(axis=-1) >= WAYPOINT_RAD)
-        self._way_rad[rows[moved], self._count[moved] % WAYPOINTS] = angles[moved]
-        self._count = self._count + moved
-        self._forgotten = np.maximum(self._forgotten, self._count - WAYPOINTS)
+        latest = self._path_rad[rows, (self._path_end - 1) % WAYPOINTS]
+        moved = ~self.retracting & (np.abs(angles - latest).max(axis=-1) >= WAYPOINT_RAD)
+        self._path_rad[rows[moved], self._path_end[moved] % WAYPOINTS] = angles[moved]
+        self._path_end = self._path_end + moved
+        self._path_start = np.maximum(self._path_start, self._path_end - WAYPOINTS)
 
-    def _retreat(self) -> FloatArray:
-        """Actions (N, A) back along the way, as fast as the joints go; a pose that is reached is forgotten."""
-        waypoint = self._way_rad[np.arange(len(self._count)), (self._count - 1) % WAYPOINTS]
+    def _retract(self) -> FloatArray:
+        """Actions (N, A) to the latest waypoint, as fast as the joints move; waypoints that are reached are deleted."""
+        waypoint = self._path_rad[np.arange(len(self._path_end)), (self._path_end - 1) % WAYPOINTS]
         steps = (waypoint - self._simulation.arm_targets_rad()) / self._travel_rad
         most = np.abs(steps).max(axis=-1)
-        reached = self.yielding & (most <= 1.0) & (self._count - 1 > self._forgotten)
-        self._count = self._count - reached
+        reached = self.retracting & (most <= 1.0) & (self._path_end - 1 > self._path_start)
+        self._path_end = self._path_end - reached
         return steps / np.maximum(most, 1.0)[:, None]

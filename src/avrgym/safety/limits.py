@@ -1,20 +1,20 @@
-"""How hard a robot may press on each region of the body: limits of ISO/TS 15066, folded onto our people.
+"""Limits of contact force and contact speed for each region of the body, after ISO/TS 15066.
 
-ISO/TS 15066:2016, table A.2, since 2025 part of ISO 10218-2, limits the force on each region of the body of healthy
-adults at work. The limits are where pain or a slight injury such as a bruise begins. They say nothing about comfort or
-care and are no goal: a spoon touches lips with 1 to 3 N. The standard's text is not free; these figures are those that
+Table A.2 of ISO/TS 15066:2016 (since 2025 part of ISO 10218-2) limits the force on each region of the body of healthy
+adults at work. The limits mark the onset of pain, or of a slight injury such as a bruise. They are not limits of
+comfort, and no target for care: a spoon touches lips with 1 to 3 N. The text of the standard is not free; these values
 are widely quoted from it.
 
-Its limits are of two kinds. Who is clamped bears the *quasi-static* limit. Who is struck and can draw back bears for
-``TRANSIENT_S`` the *transient* limit, ``transient_factor`` times as much. On skull and face the standard allows no such
-contact; here their transient limit is the quasi-static one.
+A clamped region must stay below the *quasi-static* limit. A region that can move away may be loaded for ``TRANSIENT_S``
+up to the *transient* limit, which is ``transient_factor`` times as high. The standard allows no transient contact with
+skull and face; here their transient limit equals the quasi-static one.
 
-How fast somebody may be struck follows from the force: body and arm are two masses with a spring between them, the
-region's *effective mass* and *spring constant* (table A.3), see ``blow_speed_m_s``. Contacts of our simulation give way
-otherwise, see ``yielding``.
+The maximum contact speed follows from the force: body and arm are two masses with a spring between them, with the
+region's *effective mass* and *spring constant* (table A.3), see ``max_impact_speed_m_s``. Simulated contacts have
+another compliance.
 
-Our bodies are capsules. Where one is of two regions, as a chest is of chest and back, the lower limit counts. The
-standard has no feet; they count as lower legs. The front of the cranium, with eyes and nose, has the forehead's limit.
+Bodies consist of capsules. A capsule that covers two regions, such as chest and back, has the lower limit. The standard
+has no feet; they count as lower legs. The front of the cranium, with eyes and nose, has the forehead's limit.
 """
 
 from collections.abc import Mapping
@@ -25,12 +25,12 @@ import numpy as np
 from avrgym.array_types import FloatArray
 
 TRANSIENT_S = 0.5
-"""A force that is longer above the quasi-static limit than this is no transient one."""
+"""A force above the quasi-static limit for longer than this is not transient."""
 
 
 @dataclass(frozen=True)
 class BodyRegion:
-    """A region of the body: its limits, its spring constant and effective mass, and which of ``human.GEOMS`` it is."""
+    """A region of the body: its limits, its spring constant and effective mass, and its ``human.GEOMS``."""
 
     name: str
     quasi_static_limit_n: float
@@ -41,7 +41,7 @@ class BodyRegion:
 
     @property
     def transient_limit_n(self) -> float:
-        """What no force may exceed at any time."""
+        """The limit of the force at any time."""
         return self.transient_factor * self.quasi_static_limit_n
 
 
@@ -63,20 +63,20 @@ BODY_REGIONS = (
     BodyRegion("thighs", 220.0, 2.0, 50.0, 75.0, _limbs("thigh")),
     BodyRegion("lower_legs", 130.0, 2.0, 60.0, 75.0, _limbs("shin", "foot")),
 )
-"""In the order of every array of forces by region, (N, R). Forces on both sides of the body are added up."""
+"""The order of all arrays of forces by region, (N, R). Forces on both sides of the body are added."""
 REGION_OF_GEOM: Mapping[str, int] = {
     geom: index for index, region in enumerate(BODY_REGIONS) for geom in region.geoms
 }
-"""The index of each geom's region, the geoms of a region next to each other."""
+"""The index of each geom's region; geoms of a region are adjacent."""
 QUASI_STATIC_LIMIT_N: FloatArray = np.array([region.quasi_static_limit_n for region in BODY_REGIONS])
 TRANSIENT_LIMIT_N: FloatArray = np.array([region.transient_limit_n for region in BODY_REGIONS])
 
 
-def blow_speed_m_s(force_n: FloatArray, arm_kg: float) -> FloatArray:
-    """At what speed (R,) a blow brings each region a force (R,): F / √(k μ), 1/μ = 1/m_body + 1/m_arm.
+def max_impact_speed_m_s(force_n: FloatArray, arm_kg: float) -> FloatArray:
+    """Returns the contact speed (R,) at which an impact causes a force (R,): F / √(k μ), 1/μ = 1/m_body + 1/m_arm.
 
-    ISO/TS 15066:2016, A.3.4: the energy of two masses that close becomes that of the spring between them. ``arm_kg`` is
-    the arm's effective mass.
+    ISO/TS 15066:2016, A.3.4: the kinetic energy of the two masses becomes that of the spring. ``arm_kg`` is the arm's
+    effective mass.
     """
     springs_n_m = np.array([1000.0 * region.spring_n_mm for region in BODY_REGIONS])
     masses_kg = np.array([region.mass_kg for region in BODY_REGIONS])

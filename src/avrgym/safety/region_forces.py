@@ -34,7 +34,7 @@ def _sensor(geom: str) -> str:
     return f"robot_contacts_with_{geom}"
 
 
-class RegionForces:
+class RegionForceSensors:
     """Reads the sensors of ``add_region_sensors`` from the live sensor data (N, S) of worlds."""
 
     def __init__(self, model: mujoco.MjModel, sensordata: FloatArray) -> None:
@@ -47,7 +47,7 @@ class RegionForces:
         ).reshape(-1, GEOM_CONTACTS, 3)
         self._first_of_region = np.searchsorted([*REGION_OF_GEOM.values()], np.arange(len(BODY_REGIONS)))
 
-    def now_n(self) -> FloatArray:
+    def read_n(self) -> FloatArray:
         """The lengths of the forces of single contacts added up by region, (N, R), in newtons."""
         on_geoms = norm(self._sensordata[:, self._columns]).cumsum(axis=-1)[..., -1]
         return np.add.reduceat(on_geoms, self._first_of_region, axis=-1)
@@ -88,7 +88,7 @@ class RegionLoads:
 
 
 @dataclass(frozen=True)
-class RegionFigures:
+class RegionStatistics:
     """What one region bore in a number of episodes, newtons.
 
     The mean over all time, the largest force, the share of time with any, and both limits. ``over_quasi_static`` and
@@ -105,10 +105,10 @@ class RegionFigures:
     exceedances: int
 
 
-def summed_up(loads: RegionLoads) -> dict[str, RegionFigures]:
+def region_statistics(loads: RegionLoads) -> dict[str, RegionStatistics]:
     """The figures of every region, by its name."""
     return {
-        region.name: RegionFigures(
+        region.name: RegionStatistics(
             mean_n=float(loads.mean_n[:, index].mean()),
             peak_n=float(loads.peak_n[:, index].max()),
             contact_share=float(loads.contact_share[:, index].mean()),
@@ -122,7 +122,7 @@ def summed_up(loads: RegionLoads) -> dict[str, RegionFigures]:
     }
 
 
-class RegionWatch:
+class RegionLoadRecorder:
     """Adds up the loads of N people, physics step by physics step."""
 
     def __init__(self, worlds: int) -> None:

@@ -1,8 +1,7 @@
 """Withdrawal after success: the arm moves its tool a little away from the person and waits.
 
-It begins once the task has succeeded and nothing more has reached the person for ``SETTLED_S``. The tool then leaves as
-in a ``Retreat``, but only as far as ``FROM_MOUTH_M`` and ``FROM_PERSON_M``. The arm then holds still until the episode
-ends.
+It begins when the task has succeeded and no event has followed for ``SETTLED_S``. The tool leaves as in a ``Retreat``,
+but only as far as ``FROM_MOUTH_M`` and ``FROM_PERSON_M``. The arm then stands still until the episode ends.
 """
 
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.safety.per_world_state import PerWorldState
 from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 
@@ -19,52 +19,50 @@ SETTLED_S = 0.5
 SETTLED_STEPS = round(SETTLED_S / CONTROL_STEP_S)
 FROM_MOUTH_M, FROM_PERSON_M = 0.15, 0.06
 """Distances at which the withdrawal ends: from the mouth to the tool, and from the person to tool and hand."""
-WITHDRAWAL, WITHDRAWS = "withdrawal", "robot_withdraws"
-"""The driver in recorded control steps, and the event at which it begins to drive."""
-_CHANGING = ("driving", "_settled_steps", "_moved_steps", "_away")
-"""What episodes change, an array (N,) each."""
+WITHDRAWAL, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
+"""In a recording: the driver of the withdrawal's control steps, and the event at its beginning."""
 
 
-class Withdrawal:
-    """Drives the arms of those of N worlds whose episodes are complete; ``driving`` (N,) marks them."""
+class Withdrawal(PerWorldState):
+    """Drives the arms in those of N worlds in which the task is complete; ``driving`` (N,) marks them."""
+
+    STATE = ("driving", "_settled_steps", "_moved_steps", "_away")
 
     def __init__(self, simulation: Simulation) -> None:
-        """Begin with running episodes in all worlds."""
         self._simulation = simulation
         count = simulation.num_worlds
         self._retreats: dict[int, Retreat] = {}
         self._settled_steps, self._moved_steps = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
         self.driving, self._away = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-        self._own: FloatArray | None = None
-        """Its actions (N, J) for the coming control step, once they are known."""
+        self._actions: FloatArray | None = None
+        """The withdrawal's actions (N, J) for the coming control step, once they are computed."""
 
-    def begin(self, ids: IntArray) -> None:
-        """Begin episodes in worlds ``ids`` (n,)."""
-        for name in _CHANGING:
-            getattr(self, name)[ids] = 0
-        self._own = None
+    def reset(self, ids: IntArray) -> None:
+        """Start episodes in worlds ``ids`` (n,)."""
+        self._clear(ids)
+        self._actions = None
         for world in ids.tolist():
             self._retreats.pop(world, None)
 
-    def see(self, success: BoolArray, events: IntArray) -> None:
-        """Take what a control step gave in each world, (N,) each."""
+    def update(self, success: BoolArray, events: IntArray) -> None:
+        """Take success and number of events (N,) of a control step."""
         settled = success & (events == 0)
         self._settled_steps = np.where(settled, self._settled_steps + 1, 0)
         self.driving = self.driving | (self._settled_steps >= SETTLED_STEPS)
-        self._own = None
+        self._actions = None
 
-    def led(self, asked: FloatArray) -> FloatArray:
-        """Actions (N, J) for the next control step: ``asked``, or its own where it drives."""
+    def override(self, commanded: FloatArray) -> FloatArray:
+        """Returns the actions (N, J) for the next control step: the withdrawal's where it drives, else the commands."""
         if not self.driving.any():
-            return asked
-        if self._own is None:
-            self._own = np.zeros_like(asked)
+            return commanded
+        if self._actions is None:
+            self._actions = np.zeros_like(commanded)
             for world in np.flatnonzero(self.driving & ~self._away).tolist():
-                self._own[world] = self._move(world)
-        return np.where(self.driving[:, None], self._own, asked)
+                self._actions[world] = self._action(world)
+        return np.where(self.driving[:, None], self._actions, commanded)
 
-    def _move(self, world: int) -> FloatArray | float:
-        """The action (J,) of a world's arm; zero when its tool is away."""
+    def _action(self, world: int) -> FloatArray | float:
+        """The action (J,) of a world's arm; zero when its tool is far enough away."""
         action = self._retreat(world).action()
         if action is None:
             self._away[world] = True
@@ -84,13 +82,8 @@ class Withdrawal:
             )
         return self._retreats[world]
 
-    def saved(self) -> dict[str, Any]:
-        """All that changes."""
-        return {name: getattr(self, name).copy() for name in _CHANGING}
-
-    def go_on_from(self, saved: dict[str, Any]) -> None:
-        """Go on from what ``saved`` gave."""
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Continues from what ``saved`` returned."""
+        super().restore(saved)
         self._retreats.clear()
-        self._own = None
-        for name, array in saved.items():
-            setattr(self, name, array.copy())
+        self._actions = None

@@ -25,7 +25,7 @@ from avrgym.models.scene import (
     build_spec,
 )
 from avrgym.safety.brakes import Brakes
-from avrgym.safety.region_forces import RegionForces, add_region_sensors
+from avrgym.safety.region_forces import RegionForceSensors, add_region_sensors
 from avrgym.simulation.engines.engine import Arrays, make_engine
 from avrgym.simulation.idle_parts import without_idle_parts
 from avrgym.simulation.names import Names
@@ -115,7 +115,7 @@ class Simulation:
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
         self._speed_limit = scene.arm.speed_limit_rad_s
         self._brakes = Brakes(self.batch, scene.arm) if self.engine.name == THREADS else None
-        self._region_forces = RegionForces(self.model, self._now.sensordata) if by_region else None
+        self._region_forces = RegionForceSensors(self.model, self._now.sensordata) if by_region else None
 
     @property
     def exemplar(self) -> Any:
@@ -174,29 +174,31 @@ class Simulation:
         pos = tool_pos[:, None] + transforms.rotate(tool_q[:, None], particles.start)
         host.qpos[ids[:, None, None], self._names.particle_qpos] = pos
 
-    def command_robot(self, action: FloatArray) -> None:
-        """Set the arm's speed for the coming steps: action (N, J) in −1..1 of each joint's speed limit."""
+    def command_robot(self, action: FloatArray, which: BoolArray | None = None) -> None:
+        """Set the arm's speed for the coming steps: action (N, J) in −1..1 of each joint's speed limit.
+
+        ``which`` (N,) limits the command to some worlds; not on a device.
+        """
         if self._brakes is not None:
             self._brakes.release()
         at = self._at
-        self._now.act[:, at.arm_act] = self.arm_targets_rad()
-        self._now.ctrl[:, at.arm_ctrl] = self._speed(action)
+        if which is None:
+            self._now.act[:, at.arm_act] = self.arm_targets_rad()
+            self._now.ctrl[:, at.arm_ctrl] = self._speed(action)
+        else:
+            rows = np.nonzero(which)[0][:, None]
+            self._now.act[rows, self._names.arm_act] = self.arm_targets_rad()[which]
+            self._now.ctrl[rows, self._names.arm_ctrl] = self._speed(action[which])
 
     def _speed(self, action: FloatArray) -> FloatArray:
-        """What actions (n, J) ask of the joints, rad/s."""
+        """The joint speeds of actions (n, J), rad/s."""
         return namespace(action).clip(action, -1.0, 1.0) * constant_like(self._speed_limit, action)
-
-    def amend_robot(self, action: FloatArray, which: BoolArray) -> None:
-        """Set it anew in some worlds (N,), whose robots have been commanded before. Not on a device."""
-        rows, names = np.nonzero(which)[0][:, None], self._names
-        self._now.act[rows, names.arm_act] = self.arm_targets_rad()[which]
-        self._now.ctrl[rows, names.arm_ctrl] = self._speed(action[which])
 
     def halt_robot(self) -> None:
         """Brake the arms: they stop at once and hold where they came to rest. Each servo aims at where its joint is."""
         at = self._at
         if self._brakes is not None:
-            self._brakes.put_on()
+            self._brakes.engage()
         self._now.act[:, at.arm_act] = self._now.qpos[:, at.arm_qpos]
         self._now.ctrl[:, at.arm_ctrl] = 0.0
 
@@ -278,7 +280,7 @@ class Simulation:
         """
         if self._region_forces is None:
             raise RuntimeError("forces by region are measured only in simulations made with by_region=True")
-        return self._region_forces.now_n()
+        return self._region_forces.read_n()
 
     def right_arm(self) -> RightArm:
         """The people's right arms, in arrays of their own."""

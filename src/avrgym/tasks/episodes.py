@@ -4,11 +4,10 @@ The Gymnasium environments and the live VR trial both run on this.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import transforms
@@ -22,11 +21,13 @@ from avrgym.people.population_names import Impairment
 from avrgym.people.populations import Population, TrainedHumans
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
-from avrgym.safety.withdrawal import Withdrawal
+from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.simulation.room import SWING_M, Conflict, NoRoomError, Room
 from avrgym.simulation.worlds import Simulation, Start, State
 from avrgym.system.engines import THREADS
+from avrgym.tasks.actions import DeviceActions, checked_actions
 from avrgym.tasks.company import find_company
+from avrgym.tasks.control_loop import ControlLoop, Step
 from avrgym.tasks.human_view import HumanView
 from avrgym.tasks.minds import Minds
 from avrgym.tasks.registry import TASKS, find_environment
@@ -41,50 +42,6 @@ _WHO, _CHANCE = 2, 3
 those that no mind of a trained human uses."""
 _CHANGING = ("people", "task_state", "draws", "_arm_start_rad")
 """What of ``Episodes`` its episodes change, beside the simulation and the people's minds."""
-
-
-@dataclass(frozen=True)
-class Step:
-    """What one control step gave, each with the world axis first; ``events`` as in ``StepResult``.
-
-    NumPy's arrays in double precision, or tensors in single precision of episodes that are on a device.
-    """
-
-    observation: FloatArray
-    reward: FloatArray
-    reward_terms: Mapping[str, FloatArray]
-    success: BoolArray
-    distance_m: FloatArray
-    force_on_person_n: FloatArray
-    tool_speed_m_s: FloatArray
-    events: IntArray
-
-
-def checked_actions(
-    actions: ArrayLike, shape: tuple[int, ...], ignored: BoolArray | None = None
-) -> FloatArray:
-    """Actions as numbers; rows that are ``ignored`` (N,) may be anything and become zero.
-
-    Raises:
-        ValueError: for another shape, or numbers that are not finite.
-    """
-    try:
-        found = np.array(actions, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"{type(actions).__name__} is no array of numbers; {_allowed_actions(shape)}"
-        ) from None
-    if found.shape != shape:
-        raise ValueError(f"actions of shape {found.shape}; {_allowed_actions(shape)}")
-    if ignored is not None:
-        found[ignored] = 0.0
-    for place in np.argwhere(~np.isfinite(found))[:1].tolist():
-        raise ValueError(f"actions{place} is {found[tuple(place)]}; {_allowed_actions(shape)}")
-    return found
-
-
-def _allowed_actions(shape: tuple[int, ...]) -> str:
-    return f"allowed: finite numbers of shape {shape}, -1 to 1 (what lies beyond is clipped)"
 
 
 class Episodes:
@@ -105,6 +62,7 @@ class Episodes:
         engine: str = THREADS,
         on_device: bool = False,
         withdraw_after_success: bool = False,
+        force_guard: bool = False,
     ) -> None:
         """Compile the scene.
 
@@ -126,6 +84,7 @@ class Episodes:
             withdraw_after_success: whether the robot withdraws its tool once a task that ``ends_with_success`` is
                 complete, see ``safety.withdrawal``. Steps that the withdrawal drives are not rewarded: their reward
                 and its terms are 0.
+            force_guard: whether a force guard overrides actions that endanger people, see ``safety.force_guard``.
 
         Raises:
             ValueError: for an unknown environment, distribution, impairment or engine, naming what there is,
@@ -134,6 +93,10 @@ class Episodes:
         """
         if withdraw_after_success and engine != THREADS:
             raise ValueError(f"withdraw_after_success needs the engine {THREADS}, not {engine}")
+        if force_guard and on_device:
+            raise ValueError(
+                f"force_guard reads forces on the host; allowed with {engine}: force_guard without on_device"
+            )
         task, robot = find_environment(environment_id)
         self._made_with = {
             "distribution": distribution,
@@ -146,6 +109,7 @@ class Episodes:
             "engine": engine,
             "on_device": on_device,
             "withdraw_after_success": withdraw_after_success,
+            "force_guard": force_guard,
         }
         self.environment_id = environment_id
         self.task = TASKS[task]
@@ -186,14 +150,13 @@ class Episodes:
             num_worlds,
             moving=moving or self._moved_by_themselves or self.task.strength_share is not None,
             num_threads=num_threads,
-            by_region=by_region,
+            by_region=by_region or force_guard,
             gliding=self._moved_by_themselves and (steered or partners_there),
             engine=engine,
             on_device=on_device,
         )
         self._room = self._room_of_scene(led=moving and person is not None)
         there = self.simulation.exemplar
-        self._on_device = on_device
         self._meet(distributions.repeat_person(person or Person(), num_worlds))
         self.task_state = moved_to(
             self.task.init_state(self.people, np.zeros((num_worlds, self.task.uniforms))), there
@@ -206,13 +169,12 @@ class Episodes:
             steered=steered,
             beside=there,
         )
-        withdraws = withdraw_after_success and self.task.ends_with_success
-        self._withdrawal = Withdrawal(self.simulation) if withdraws else None
-        self._unusable: Any = moved_to(np.zeros(num_worlds, dtype=bool), there)
-        """Where actions on the device have not been finite, (N,)."""
+        self._device_actions = DeviceActions(num_worlds, self.action_size, there) if on_device else None
         self._arm_start_rad = np.zeros((num_worlds, len(self.scene.arm.joints)))
         self.draws = np.zeros(num_worlds, dtype=int)
         """How often the starts of the present episodes were drawn, (N,)."""
+        self.loop = ControlLoop(self, force_guard=force_guard, withdraw_after_success=withdraw_after_success)
+        """Steps the worlds."""
 
     def __getstate__(self) -> dict[str, Any]:
         """How it was made, and where its episodes are: a copy goes on to the same bits.
@@ -226,7 +188,7 @@ class Episodes:
             "simulation": self.simulation.saved(),
             "minds": self._minds.saved(),
             "humans": None if self._humans is None else self._humans.saved(),
-            "withdrawal": None if self._withdrawal is None else self._withdrawal.saved(),
+            "loop": self.loop.saved(),
             "changing": {name: getattr(self, name) for name in _CHANGING},
         }
 
@@ -236,8 +198,7 @@ class Episodes:
         self._minds.go_on_from(state["minds"])
         if self._humans is not None:
             self._humans.go_on_from(state["humans"])
-        if self._withdrawal is not None:
-            self._withdrawal.go_on_from(state["withdrawal"])
+        self.loop.restore(state["loop"])
         for name, value in state["changing"].items():
             setattr(self, name, value)
         self._meet(self.people)
@@ -257,8 +218,6 @@ class Episodes:
             NoRoomError: a ``ValueError``, when ``MOST_DRAWS`` starts of a world all were such.
         """
         drawn_from = dict(zip(ids.tolist(), generators, strict=True))
-        if self._withdrawal is not None:
-            self._withdrawal.begin(ids)
         self.draws[ids] = 0
         crowded = ids
         while len(crowded):
@@ -272,6 +231,7 @@ class Episodes:
                     f"{self.environment_id}: none of {MOST_DRAWS} starts has room beside a {person.sex} with a torso "
                     f"of {person.torso_height_m:.2f} m: in the last one {conflicts[world]}"
                 )
+        self.loop.reset(ids)
         return self.observe()[ids]
 
     def start(self, world: int) -> dict[str, Any]:
@@ -357,86 +317,45 @@ class Episodes:
         conflicts = self._room.conflicts(self.simulation.geoms(ids), swing_m=swing_m)
         return {world: conflict for world, conflict in zip(ids.tolist(), conflicts, strict=True) if conflict}
 
-    def step(self, action: FloatArray) -> Step:
-        """One control step of 0.1 s with actions (N, J).
+    def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> Step:
+        """Take one control step of 0.1 s with actions (N, J), see ``ControlLoop.step``.
 
         Raises:
-            ValueError: for actions that ``checked_actions`` refuses; nothing has moved then. On a device actions must
-                be tensors there, of single precision, and whether they are finite is asked by ``check``.
+            ValueError: for actions that ``checked`` rejects; nothing has moved then.
         """
-        action = self.led(action)
-        self.command(action)
-        self.simulation.step()
-        return self.evaluate_step(action)
+        return self.loop.step(actions, recorder)
 
-    @property
-    def withdrawing(self) -> BoolArray:
-        """The worlds (N,) whose task is complete and whose robot withdraws, or waits withdrawn."""
-        if self._withdrawal is None:
-            return np.zeros(self.simulation.num_worlds, dtype=bool)
-        return self._withdrawal.driving
+    def checked(self, actions: FloatArray) -> FloatArray:
+        """Returns actions (N, J) that can be executed.
 
-    def led(self, action: FloatArray) -> FloatArray:
-        """The actions (N, J) of the coming control step: those of the withdrawal in the worlds that it drives.
+        On a device, actions must be tensors of its precision there; ``check`` reports numbers that are not finite.
 
         Raises:
-            ValueError: for actions that ``step`` refuses.
+            ValueError: for another shape, type or device, or numbers that are not finite.
         """
-        if self._withdrawal is None:
-            return action
-        return self._withdrawal.led(checked_actions(action, (self.simulation.num_worlds, self.action_size)))
+        if self._device_actions is not None:
+            return self._device_actions.checked(actions)
+        return checked_actions(actions, (self.simulation.num_worlds, self.action_size))
 
-    def command(self, action: FloatArray) -> None:
-        """Give the robots their actions (N, J), and people who move by themselves their targets.
-
-        Raises:
-            ValueError: for actions that ``step`` refuses.
-        """
-        self.command_robot(action)
+    def command(self, actions: FloatArray) -> None:
+        """Command the robots with checked actions (N, J), and people who move by themselves with their targets."""
+        self.simulation.command_robot(actions)
         if self._humans is not None:
             self.steer_people(self._humans.act(self.observe_as_human()))
         if self._moved_by_themselves:
             targets = self._minds.live(self.simulation.state, self._people, self._possible)
             self.simulation.command_person(targets)
 
-    def command_robot(self, action: FloatArray) -> None:
-        """Give the robots other actions (N, J) within a control step; people go on as they were.
-
-        Raises:
-            ValueError: for actions that ``step`` refuses.
-        """
-        shape = self.simulation.num_worlds, self.action_size
-        action = self._checked_there(action, shape) if self._on_device else checked_actions(action, shape)
-        self.simulation.command_robot(action)
-
-    def _checked_there(self, action: Any, shape: tuple[int, ...]) -> Any:
-        """Actions on the device, zero where they are not finite; ``check`` tells of those."""
-        there = self.simulation.exemplar
-        for part, wanted in {"shape": shape, "dtype": there.dtype, "device": there.device}.items():
-            found = getattr(action, part, None)
-            if found != wanted:
-                raise ValueError(
-                    f"actions of {part} {found}; allowed: tensors of shape {shape}, {there.dtype} on {there.device}"
-                )
-        xp = namespace(action)
-        finite = xp.isfinite(action)
-        self._unusable = self._unusable | ~xp.all(finite, axis=-1)
-        return xp.where(finite, action, 0.0)
-
     def check(self) -> None:
-        """Refuse to go on where the episodes so far are worth nothing; to be asked once an episode, on a device.
+        """Check the results so far on a device; call it once an episode.
 
         Raises:
             RuntimeError: see ``Engine.check``.
             ValueError: for actions that were not finite.
         """
         self.simulation.check()
-        count = int(self._unusable.sum())
-        if count:
-            self._unusable = self._unusable & False
-            raise ValueError(
-                f"actions in {count} worlds were not finite; {_allowed_actions((self.action_size,))}"
-            )
+        if self._device_actions is not None:
+            self._device_actions.raise_invalid()
 
     def steer_people(self, action: FloatArray) -> None:
         """Say where steered people go in the control step that is commanded next.
@@ -447,27 +366,30 @@ class Episodes:
         """
         self._minds.steer(self.offered_joints, action, self._possible)
 
-    def evaluate_step(self, action: FloatArray) -> Step:
-        """Reward the control step that ends now, and take out of play what has left the task."""
+    def evaluate_step(self, actions: FloatArray, unrewarded: BoolArray | None = None) -> Step:
+        """Evaluate the control step that ends now, executed with actions (N, J); remove particles that left the task.
+
+        Rewards and their terms become 0 in the worlds ``unrewarded`` (N,).
+        """
         state = self.simulation.state()
-        clipped = namespace(action).clip(action, -1.0, 1.0)
+        clipped = namespace(actions).clip(actions, -1.0, 1.0)
         result = self.task.evaluate_step(state, clipped, self.task_state)
         self.task_state = result.task_state
         self.simulation.park(result.gone)
-        if self._withdrawal is None:
-            return self._step(state, result)
-        unpaid = self._withdrawal.driving
-        self._withdrawal.see(result.success, result.events)
-        terms = {name: np.where(unpaid, 0.0, term) for name, term in result.terms.items()}
-        return self._step(state, replace(result, terms=terms))
+        if unrewarded is not None:
+            terms = {name: np.where(unrewarded, 0.0, term) for name, term in result.terms.items()}
+            result = replace(result, terms=terms)
+        return self._step(state, result, actions)
 
     def assess(self) -> Step:
-        """Evaluate the present state as if nothing had been asked of the robots; the tasks' states stay as they are."""
+        """Evaluate the present state as after a step of zero actions; the tasks' states do not change."""
         state = self.simulation.state()
         rest = moved_to(np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.exemplar)
-        return self._step(state, self.task.evaluate_step(state, rest, self.task_state))
+        return self.loop.annotate(
+            self._step(state, self.task.evaluate_step(state, rest, self.task_state), rest), rest
+        )
 
-    def _step(self, state: State, result: StepResult) -> Step:
+    def _step(self, state: State, result: StepResult, actions: FloatArray) -> Step:
         return Step(
             observation=self.observation.of(state, self.task_state),
             reward=self.task.reward(result.terms),
@@ -477,6 +399,7 @@ class Episodes:
             force_on_person_n=result.force_on_person_n,
             tool_speed_m_s=transforms.norm(state.tool_velocity_w),
             events=result.events,
+            executed_action=actions,
         )
 
     def state(self) -> State:

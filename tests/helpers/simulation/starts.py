@@ -21,6 +21,7 @@ def begun(
     *,
     num_threads: int = 1,
     by_region: bool = False,
+    force_guard: bool = False,
     checked: bool = True,
 ) -> Episodes:
     """Worlds whose starts are drawn from the seeds 0, 1, …; arguments as of ``Episodes``.
@@ -34,6 +35,7 @@ def begun(
         impairment=impairment,
         num_threads=num_threads,
         by_region=by_region,
+        force_guard=force_guard,
     )
     if not checked:
         episodes._conflicts = lambda ids: {}

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from avrgym.tasks.episodes import Episodes, Step
+from avrgym.tasks.control_loop import Step
+from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import Controller
 
 WARP = "warp:cpu"

@@ -25,7 +25,7 @@ from avrgym.recording.reader import Recording, RecordingError
 from avrgym.recording.schema import Latency
 from avrgym.recording.streams import stream_figures
 from avrgym.robots.registry import find_robot
-from avrgym.safety.force_guard import ACTS
+from avrgym.safety.force_guard import INTERVENTION_EVENT
 from avrgym.study.checking.plugin_checks import RecordedPlugin, plugin_findings, recorded_plugins
 from avrgym.study.checking.tracking_loss import held_share, too_much_held
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
@@ -279,7 +279,7 @@ def guard_interventions(recording: Recording) -> int | None:
     """How often a force guard acted; ``None`` where there was none."""
     if not recording.metadata.get("force_guard"):
         return None
-    return sum(event.name == ACTS for _, event in recording.topics["/events"])
+    return sum(event.name == INTERVENTION_EVENT for _, event in recording.topics["/events"])
 
 
 def _body_metrics(body: Body) -> dict[str, float]:

@@ -7,10 +7,10 @@ import numpy as np
 from avrgym.models.human import Person
 from avrgym.policies.registry import find_for_session
 from avrgym.tasks.constants import EPISODE_STEPS
+from avrgym.tasks.control_loop import ControlStep
 from avrgym.tasks.episodes import Episodes
 from avrgym.vr.live_world.drivers import Operator, driver_of
 from avrgym.vr.live_world.scene_message import most_pressed, poses, scene_message
-from avrgym.vr.live_world.world import ControlStep, ControlSteps
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, Received, Send
 from avrgym.vr.protocol.webxr import Registration
@@ -112,7 +112,6 @@ class EnvironmentViewer:
         self._episodes.begin(np.array([0]), [generator])
         self._driver.begin(self._episodes, [generator])
         self._failure = ""
-        self._control = ControlSteps(self._episodes)
         self._latest: ControlStep | None = None
         self._steps, self._reward = 0, 0.0
         self._success = False
@@ -132,7 +131,7 @@ class EnvironmentViewer:
             self._run() if self._phase == "loading" else self._begin()
 
     def _advance(self) -> None:
-        step = self._control.tick(self._driver.act, self._driver.amend)
+        step = self._episodes.loop.tick(self._driver)
         if step is not None:
             self._finish_step(step)
         if self._driver.failure != self._failure:

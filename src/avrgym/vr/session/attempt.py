@@ -19,8 +19,9 @@ from avrgym.recording.writer import RecordingWriter
 from avrgym.system.files import make_private_folder
 from avrgym.system.used_plugins import UsedPlugin, own_version
 from avrgym.tasks.constants import WORLD_VERSION
+from avrgym.tasks.control_loop import ControlStep
 from avrgym.vr.headset_check import HeadsetCheck
-from avrgym.vr.live_world.world import ControlStep, LiveWorld
+from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.tracking.tracking_state import Followed
@@ -134,8 +135,8 @@ class Attempt:
 
     def record_physics(self, world: LiveWorld, now_s: float) -> None:
         """Record the simulator's whole state, and before it the action that this tick began with."""
-        if world.action_begun is not None:
-            action = world.action_begun.tolist()
+        if world.applied_action is not None:
+            action = world.applied_action.tolist()
             self.record("/commands", schema.Command(self.steps + 1, action, world.braked), now_s)
         state = schema.Physics(self.steps, world.time_s, world.state_vector().tolist())
         self.record("/physics", state, now_s)

@@ -76,5 +76,5 @@ class Preparation:
 
 def _make(environment: str, person: Person, seed: int) -> LiveWorld:
     world = LiveWorld(environment, person)
-    world.begin(seed)
+    world.reset(seed)
     return world

@@ -2,11 +2,12 @@
 
 from avrgym.models.body_names import PARTS
 from avrgym.models.scene import SUBSTEPS
+from avrgym.tasks.control_loop import ControlStep
 from avrgym.vr.live_world.arm_touch import ArmTouch
 from avrgym.vr.live_world.drivers import Driver, Operator
 from avrgym.vr.live_world.obstruction import HeldBack
 from avrgym.vr.live_world.scene_message import most_pressed
-from avrgym.vr.live_world.world import ControlStep, LiveWorld
+from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, Send
 from avrgym.vr.session.attempt import Attempt
@@ -92,7 +93,7 @@ def status(
         force_on_person_n=float(latest.force_on_person_n[0]) if latest else 0.0,
         force_region=region,
         force_share=share,
-        retracting=phase.name == "trial" and bool(world.guard.yielding[0]),
+        retracting=phase.name == "trial" and world.guard is not None and bool(world.guard.retracting[0]),
         withdrawing=phase.name == "trial" and world.withdrawing,
         tracking_age_s=tracking.age_s(now_s),
         visibility=visibility,

@@ -15,7 +15,8 @@ from avrgym.models import human
 from avrgym.models.body_names import PARTS, Part
 from avrgym.models.human import Person
 from avrgym.questionnaires.stop_rules import Verdict
-from avrgym.vr.live_world.world import ControlStep, LiveWorld
+from avrgym.tasks.control_loop import ControlStep
+from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName, Received, Send
 from avrgym.vr.protocol.webxr import Registration
@@ -183,12 +184,7 @@ class Session:
             self._check_continuity(0.0 if before_s is None else now_s - before_s)
         self._follow()
         driver = self._phase.driver
-        step = self.world.tick(
-            driver,
-            guarded=state.plan.force_guard,
-            withdraws=driver is not None and state.withdraws,
-            held=bool(state.tracking.lost),
-        )
+        step = self.world.tick(driver, hold=bool(state.tracking.lost))
         if storage.attempt is not None:
             storage.attempt.record_physics(self.world, now_s)
         if driver is not None:

@@ -13,9 +13,9 @@ from avrgym.questionnaires.stop_rules import Verdict
 from avrgym.recording import schema
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
-from avrgym.safety.force_guard import ACTS, RESTS
-from avrgym.safety.withdrawal import WITHDRAWS
 from avrgym.texts.interface_texts import Text
+from avrgym.safety.force_guard import INTERVENTION_EVENT, RELEASE_EVENT
+from avrgym.safety.withdrawal import WITHDRAWAL_EVENT
 from avrgym.vr.headset_check import HeadsetCheck
 from avrgym.vr.latency import is_whole, percentiles_ms
 from avrgym.vr.live_world.drivers import Driver, Operator
@@ -281,7 +281,7 @@ class SessionState:
         self.tracking.take_arrived()
         attempt.record_physics(world, self.now_s)
         self.drivers.begin()
-        world.prepare(self.driver)
+        world.prepare(self.driver, force_guard=plan.force_guard, withdraw_after_success=self.withdraws)
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
 
     def watch_driver(self) -> None:
@@ -302,11 +302,13 @@ class SessionState:
     def watch_guard(self) -> None:
         """Record each intervention of the force guard, with why, and when the robot is driven again."""
         guard = self.world.guard
-        interventions, acts = int(guard.interventions[0]), bool(guard.acting[0])
+        if guard is None:
+            return
+        interventions, acts = int(guard.interventions[0]), bool(guard.overriding[0])
         if interventions > self._guard_interventions:
-            self.record_event(ACTS, guard.why(0))
+            self.record_event(INTERVENTION_EVENT, guard.describe_override(0))
         elif self._guard_acts and not acts:
-            self.record_event(RESTS, "")
+            self.record_event(RELEASE_EVENT, "")
         self._guard_interventions, self._guard_acts = interventions, acts
 
     @property
@@ -318,7 +320,7 @@ class SessionState:
         """Record when the robot begins to withdraw after success."""
         withdraws = self.world.withdrawing
         if withdraws and not self._withdrew:
-            self.record_event(WITHDRAWS, "")
+            self.record_event(WITHDRAWAL_EVENT, "")
         self._withdrew = withdraws
 
     def end_attempt(self, result: AttemptEnd) -> RecordingError | None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import ClassVar, Self
 
 from avrgym.texts.interface_texts import ENGLISH, Text
+from avrgym.tasks.control_loop import ControlStep
 from avrgym.vr.live_world.drivers import Driver
-from avrgym.vr.live_world.world import ControlStep
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName, StopWay
 from avrgym.vr.session import events

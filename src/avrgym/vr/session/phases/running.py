@@ -6,8 +6,8 @@ from typing import Self
 
 from avrgym.safety.withdrawal import WITHDRAWAL
 from avrgym.texts.interface_texts import Text
+from avrgym.tasks.control_loop import ControlStep
 from avrgym.vr.live_world.drivers import Driver, Operator
-from avrgym.vr.live_world.world import ControlStep
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption

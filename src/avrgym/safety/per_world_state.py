@@ -1,0 +1,27 @@
+"""Arrays that hold one row for each world: cleared at a reset, and stored with copies of an environment."""
+
+from typing import Any, ClassVar
+
+from avrgym.array_types import IntArray
+
+
+class PerWorldState:
+    """Base of safety layers; ``STATE`` names their arrays (N, …) that change from step to step."""
+
+    STATE: ClassVar[tuple[str, ...]]
+
+    def saved(self) -> dict[str, Any]:
+        """Returns everything that the next steps depend on."""
+        return {name: getattr(self, name).copy() for name in self.STATE}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Continues from what ``saved`` returned."""
+        for name in self.STATE:
+            setattr(self, name, saved[name].copy())
+
+    def _clear(self, ids: IntArray) -> None:
+        """Set the rows of worlds ``ids`` (n,) to zero, in new arrays."""
+        for name in self.STATE:
+            array = getattr(self, name).copy()
+            array[ids] = 0
+            setattr(self, name, array)

@@ -1,0 +1,73 @@
+"""Checks of actions before they are executed."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from avrgym.array_types import BoolArray, FloatArray
+from avrgym.geometry.arrays import brought, namespace
+
+
+def checked_actions(
+    actions: ArrayLike, shape: tuple[int, ...], ignored: BoolArray | None = None
+) -> FloatArray:
+    """Returns actions as an array of double precision; rows that are ``ignored`` (N,) become zero.
+
+    Raises:
+        ValueError: for another shape, or numbers that are not finite.
+    """
+    try:
+        found = np.array(actions, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"{type(actions).__name__} is no array of numbers; {_allowed_actions(shape)}"
+        ) from None
+    if found.shape != shape:
+        raise ValueError(f"actions of shape {found.shape}; {_allowed_actions(shape)}")
+    if ignored is not None:
+        found[ignored] = 0.0
+    for place in np.argwhere(~np.isfinite(found))[:1].tolist():
+        raise ValueError(f"actions{place} is {found[tuple(place)]}; {_allowed_actions(shape)}")
+    return found
+
+
+def _allowed_actions(shape: tuple[int, ...]) -> str:
+    return f"allowed: finite numbers of shape {shape}, -1 to 1 (values outside are clipped)"
+
+
+class DeviceActions:
+    """Checks actions on a device without copies to the host; ``raise_invalid`` reports later what was not finite."""
+
+    def __init__(self, num_worlds: int, action_size: int, exemplar: Any) -> None:
+        """Check actions (N, J) next to the array ``exemplar``."""
+        self._shape, self._exemplar = (num_worlds, action_size), exemplar
+        self._invalid: Any = brought(np.zeros(num_worlds, dtype=bool), exemplar)
+
+    def checked(self, action: Any) -> Any:
+        """Returns the actions, with zeros in place of numbers that are not finite.
+
+        Raises:
+            ValueError: for another shape, type or device.
+        """
+        there = self._exemplar
+        for part, wanted in {"shape": self._shape, "dtype": there.dtype, "device": there.device}.items():
+            found = getattr(action, part, None)
+            if found != wanted:
+                raise ValueError(
+                    f"actions of {part} {found}; allowed: tensors of shape {self._shape}, {there.dtype} on "
+                    f"{there.device}"
+                )
+        xp = namespace(action)
+        finite = xp.isfinite(action)
+        self._invalid = self._invalid | ~xp.all(finite, axis=-1)
+        return xp.where(finite, action, 0.0)
+
+    def raise_invalid(self) -> None:
+        """Raises ``ValueError`` if any action since the last call was not finite."""
+        count = int(self._invalid.sum())
+        if count:
+            self._invalid = self._invalid & False
+            raise ValueError(
+                f"actions in {count} worlds were not finite; {_allowed_actions(self._shape[1:])}"
+            )

@@ -1,0 +1,265 @@
+"""The control loop: one object steps N worlds for environments, training, evaluation, live sessions and replay."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from avrgym.array_types import BoolArray, FloatArray, IntArray
+from avrgym.models.scene import SUBSTEPS
+from avrgym.safety.force_guard import ForceGuard
+from avrgym.safety.region_forces import RegionLoadRecorder
+from avrgym.safety.withdrawal import Withdrawal
+
+if TYPE_CHECKING:
+    from avrgym.tasks.episodes import Episodes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """The outcome of one control step, world axis first; ``events`` as in ``StepResult``.
+
+    Arrays are NumPy arrays in double precision, or on a device tensors in single precision.
+
+    ``executed_action`` (N, J) is the action at the end of the step. ``overridden`` (N,) marks worlds in which the force
+    guard or the withdrawal replaced the commanded action; ``guard_interventions`` (N,) counts the guard's interventions
+    in the episode. Both are ``None`` without such a layer.
+    """
+
+    observation: FloatArray
+    reward: FloatArray
+    reward_terms: Mapping[str, FloatArray]
+    success: BoolArray
+    distance_m: FloatArray
+    force_on_person_n: FloatArray
+    tool_speed_m_s: FloatArray
+    events: IntArray
+    executed_action: FloatArray
+    overridden: BoolArray | None = None
+    guard_interventions: IntArray | None = None
+
+
+@dataclass(frozen=True)
+class ControlStep:
+    """A control step of the first world that was taken in ticks.
+
+    ``observation`` (O,) is from the start of the step, ``action`` (J,) from its end. ``withdrawing``: the withdrawal
+    drove the robot.
+    """
+
+    observation: FloatArray
+    action: FloatArray
+    outcome: Step
+    withdrawing: bool
+
+
+class ActionSource(Protocol):
+    """Commands the robots tick by tick: a policy, an operator or a recording."""
+
+    def act(self, observation: FloatArray) -> FloatArray:
+        """Returns the actions (N, J) at the start of a control step, given observations (N, O)."""
+        ...
+
+    def amend(self) -> FloatArray | None:
+        """Returns other actions (N, J) at a later tick of the control step, or ``None`` to continue."""
+        ...
+
+
+class ControlLoop:
+    """Steps N worlds by control steps of 0.1 s: whole with ``step``, or in ticks of 10 ms with ``tick``.
+
+    Two layers may replace commanded actions, in this order: ``withdrawal`` after success, then ``guard``. Without guard
+    and recorder, ``step`` runs all physics steps of a control step in one call.
+    """
+
+    def __init__(
+        self,
+        episodes: "Episodes",
+        *,
+        force_guard: bool = False,
+        withdraw_after_success: bool = False,
+        reward_withdrawal: bool = False,
+    ) -> None:
+        """Switch layers on.
+
+        Args:
+            episodes: the worlds.
+            force_guard: whether a force guard overrides actions; needs forces by region.
+            withdraw_after_success: whether robots withdraw after success, in tasks that end with success.
+            reward_withdrawal: whether steps that the withdrawal drives are rewarded.
+        """
+        self._episodes, self._simulation = episodes, episodes.simulation
+        withdraws = withdraw_after_success and episodes.task.ends_with_success
+        self.withdrawal = Withdrawal(self._simulation) if withdraws else None
+        self.guard = ForceGuard(self._simulation) if force_guard else None
+        self._reward_withdrawal = reward_withdrawal
+        self._zeros = np.zeros((self._simulation.num_worlds, episodes.action_size))
+        self._commanded: Any = self._zeros
+        self._executed: Any = self._zeros
+        self._substep, self._was_held = 0, False
+        self._observation: FloatArray | None = None
+        """Observations (N, O) of the present state, if a control step has just ended."""
+        self._first_observation = np.zeros((self._simulation.num_worlds, episodes.observation.size))
+        self.applied_action: FloatArray | None = None
+        """The action (J,) of the first world from the latest tick on, if it is a new one."""
+        self.braked = False
+        """Whether the latest action is zero and the brakes hold the robots."""
+
+    def reset(self, ids: IntArray) -> None:
+        """Reset the layers of worlds ``ids`` (n,), whose episodes start."""
+        for layer in (self.withdrawal, self.guard):
+            if layer is not None:
+                layer.reset(ids)
+        self.abort_step()
+
+    def saved(self) -> dict[str, Any]:
+        """Returns everything that the next control step depends on."""
+        layers = {"withdrawal": self.withdrawal, "guard": self.guard}
+        return {name: layer.saved() for name, layer in layers.items() if layer is not None}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Continues from what ``saved`` returned."""
+        if self.withdrawal is not None:
+            self.withdrawal.restore(saved["withdrawal"])
+        if self.guard is not None:
+            self.guard.restore(saved["guard"])
+
+    @property
+    def withdrawing(self) -> BoolArray:
+        """Boolean mask (N,): worlds whose robot withdraws after success, or waits withdrawn."""
+        if self.withdrawal is None:
+            return np.zeros(self._simulation.num_worlds, dtype=bool)
+        return self.withdrawal.driving
+
+    def apply_withdrawal(self, actions: FloatArray) -> FloatArray:
+        """Returns actions (N, J), with those of the withdrawal in the worlds that it drives."""
+        return actions if self.withdrawal is None else self.withdrawal.override(actions)
+
+    def annotate(self, outcome: Step, commanded: FloatArray) -> Step:
+        """Returns the outcome with what the layers report, given the commanded actions (N, J)."""
+        if self.withdrawal is None and self.guard is None:
+            return outcome
+        return replace(
+            outcome,
+            overridden=(outcome.executed_action != commanded).any(axis=-1),
+            guard_interventions=None if self.guard is None else self.guard.interventions,
+        )
+
+    def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> Step:
+        """Take one control step with actions (N, J); a recorder receives the forces of each physics step.
+
+        Raises:
+            ValueError: for actions that ``Episodes.checked`` rejects; nothing has moved then.
+        """
+        self._commanded = self._episodes.checked(actions)
+        self._execute(self.apply_withdrawal(self._commanded))
+        if self.guard is None and recorder is None:
+            self._simulation.step()
+            return self._finish()
+        for substep in range(SUBSTEPS):
+            if substep > 0:
+                self._change(None)
+            self._simulation.step(1)
+            if recorder is not None:
+                recorder.add(self._simulation.region_force_n())
+        return self._finish()
+
+    def _execute(self, actions: FloatArray) -> None:
+        """Start a control step."""
+        self._executed = actions if self.guard is None else self.guard.begin_step(actions)
+        self._episodes.command(self._executed)
+
+    def _change(self, actions: FloatArray | None) -> bool:
+        """Change actions within a control step, if others are given or the guard demands it; returns whether it did."""
+        if self.guard is not None:
+            changed = self.guard.update(actions)
+            if changed.any():
+                self._simulation.command_robot(self.guard.output, changed)
+            self._executed = self.guard.output
+            return bool(changed.any())
+        if actions is not None:
+            self._simulation.command_robot(actions)
+            self._executed = actions
+        return actions is not None
+
+    def _finish(self) -> Step:
+        """Evaluate the control step that ends now."""
+        unrewarded = None if self._reward_withdrawal or self.withdrawal is None else self.withdrawal.driving
+        outcome = self._episodes.evaluate_step(self._executed, unrewarded)
+        if self.withdrawal is not None:
+            self.withdrawal.update(outcome.success, outcome.events)
+        return self.annotate(outcome, self._commanded)
+
+    def tick(self, source: ActionSource | None, *, hold: bool = False) -> ControlStep | None:
+        """Advance by 10 ms; with a source, every tenth tick returns a finished control step.
+
+        With ``hold``, the brakes hold the robots instead of the commanded actions; a guard that overrides still moves
+        them. While the withdrawal drives all worlds, the source is not queried.
+        """
+        self.applied_action = None
+        if source is None:
+            self._advance()
+            return None
+        if self._substep == 0:
+            self._begin_ticks(source, hold)
+        else:
+            self._amend_ticks(source, hold)
+        self._was_held = hold
+        self._advance()
+        self._substep = (self._substep + 1) % SUBSTEPS
+        if self._substep:
+            return None
+        withdrawing, outcome = bool(self.withdrawing[0]), self._finish()
+        self._observation = outcome.observation
+        return ControlStep(self._first_observation[0], self._executed[0], outcome, withdrawing)
+
+    def move(self, actions: FloatArray | None, *, hold: bool = False) -> None:
+        """Advance by 10 ms outside of control steps; new actions (N, J) apply from now on."""
+        self.applied_action = None
+        if actions is not None:
+            self._executed = actions
+            self._episodes.command(actions)
+            self._note(hold)
+        self._advance()
+
+    @property
+    def moving(self) -> bool:
+        """Whether the latest action moves a robot."""
+        return bool(self._executed.any())
+
+    def abort_step(self) -> None:
+        """Drop a control step that has begun, and its action."""
+        self._substep, self._executed = 0, self._zeros
+        self.applied_action = self._observation = None
+
+    def _begin_ticks(self, source: ActionSource, hold: bool) -> None:
+        self._first_observation = self._episodes.observe() if self._observation is None else self._observation
+        if self.withdrawing.all():
+            requested = self._zeros
+        else:
+            requested = self._episodes.checked(source.act(self._first_observation))
+        self._commanded = self.apply_withdrawal(requested)
+        self._execute(self._zeros if hold else self._commanded)
+        self._note(hold)
+
+    def _amend_ticks(self, source: ActionSource, hold: bool) -> None:
+        requested = None if self.withdrawing.all() else source.amend()
+        if requested is not None:
+            self._commanded = self.apply_withdrawal(self._episodes.checked(requested))
+        if hold == self._was_held:
+            actions = None if hold or requested is None else self._commanded
+        else:
+            actions = self._zeros if hold else self._commanded
+        if self._change(actions):
+            self._note(hold)
+
+    def _note(self, hold: bool) -> None:
+        self.applied_action = self._executed[0]
+        self.braked = hold and not self._executed.any()
+        if self.braked:
+            self._simulation.halt_robot()
+
+    def _advance(self) -> None:
+        self._observation = None
+        self._simulation.step(1)
