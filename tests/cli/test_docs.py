@@ -10,8 +10,8 @@ from typer.main import get_command
 from avrgym.cli.main import app
 from avrgym.safety.approach_speed import effective_mass_kg
 from avrgym.safety.force_guard import GUARD_SHARE
-from avrgym.tasks.constants import environment_id
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, max_impact_speed_m_s
+from avrgym.tasks.constants import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from helpers.browser.documentation import DOCUMENTS, anchors, missing_rows, name_of
 from helpers.simulation.starts import begun

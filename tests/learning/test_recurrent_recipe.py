@@ -23,8 +23,8 @@ from avrgym.models.scene import SUBSTEPS
 from avrgym.policies.actors import Actor
 from avrgym.policies.trained import Policy, PolicyMetadata, packaged_policies
 from avrgym.safety.limits import TRANSIENT_LIMIT_N
-from avrgym.system.transferred_files import TransferredFile
 from avrgym.safety.region_forces import RegionLoadRecorder
+from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, sizes
 

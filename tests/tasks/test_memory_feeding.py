@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
+from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.tasks.experts.filtered import filtered
 from avrgym.tasks.feeding.memory_expert import KEPT_OFF_M, RESTING_M_S, MemoryExpert, kept_off_m
-from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.tasks.task import Expert
 from helpers.learning.experts import assert_acts_reactively
 from helpers.simulation.starts import begun

@@ -17,8 +17,8 @@ from avrgym.envs.rendering import Drawn
 from avrgym.envs.single import METADATA, check_render_mode, info_of, spaces_of
 from avrgym.envs.vector_conventions import plain_seed
 from avrgym.models.human import Person, as_person
-from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.actions import checked_actions
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
 

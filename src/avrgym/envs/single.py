@@ -15,8 +15,8 @@ from avrgym.envs.specs import PlainSpec
 from avrgym.envs.vector_conventions import NO_END, check_length, plain_seed
 from avrgym.models.human import Person, as_person
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.actions import checked_actions
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
 

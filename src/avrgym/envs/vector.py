@@ -28,8 +28,8 @@ from avrgym.envs.vector_conventions import (
 from avrgym.models.human import Person, as_person
 from avrgym.system.engines import THREADS
 from avrgym.system.type_guards import is_array
-from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.actions import checked_actions
+from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
 

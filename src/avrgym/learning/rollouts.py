@@ -23,9 +23,9 @@ from avrgym.system.engines import THREADS
 from avrgym.system.random_streams import NoiseStream
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.experts.filtered import filtered
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.experts.filtered import filtered
 from avrgym.tasks.task import Controller
 
 

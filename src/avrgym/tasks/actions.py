@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.geometry.arrays import brought, namespace
+from avrgym.geometry.arrays import moved_to, namespace
 
 
 def checked_actions(
@@ -42,7 +42,7 @@ class DeviceActions:
     def __init__(self, num_worlds: int, action_size: int, exemplar: Any) -> None:
         """Check actions (N, J) next to the array ``exemplar``."""
         self._shape, self._exemplar = (num_worlds, action_size), exemplar
-        self._invalid: Any = brought(np.zeros(num_worlds, dtype=bool), exemplar)
+        self._invalid: Any = moved_to(np.zeros(num_worlds, dtype=bool), exemplar)
 
     def checked(self, action: Any) -> Any:
         """Returns the actions, with zeros in place of numbers that are not finite.

@@ -3,9 +3,9 @@
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.tasks.placement_check import check_starts
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.placement_check import check_starts
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.tasks.task import Expert
 

@@ -13,9 +13,9 @@ from avrgym.questionnaires.stop_rules import Verdict
 from avrgym.recording import schema
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
-from avrgym.texts.interface_texts import Text
 from avrgym.safety.force_guard import INTERVENTION_EVENT, RELEASE_EVENT
 from avrgym.safety.withdrawal import WITHDRAWAL_EVENT
+from avrgym.texts.interface_texts import Text
 from avrgym.vr.headset_check import HeadsetCheck
 from avrgym.vr.latency import is_whole, percentiles_ms
 from avrgym.vr.live_world.drivers import Driver, Operator

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar, Self
 
-from avrgym.texts.interface_texts import ENGLISH, Text
 from avrgym.tasks.control_loop import ControlStep
+from avrgym.texts.interface_texts import ENGLISH, Text
 from avrgym.vr.live_world.drivers import Driver
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName, StopWay

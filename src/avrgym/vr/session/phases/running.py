@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Self
 
 from avrgym.safety.withdrawal import WITHDRAWAL
-from avrgym.texts.interface_texts import Text
 from avrgym.tasks.control_loop import ControlStep
+from avrgym.texts.interface_texts import Text
 from avrgym.vr.live_world.drivers import Driver, Operator
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
