@@ -1,7 +1,7 @@
 """What every column of the exported tables means."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 from avrgym.models.human import SEXES
@@ -13,20 +13,8 @@ from avrgym.study.design.functioning import LEVELS, QUESTIONS
 from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES
 from avrgym.study.storage.audit_log import KNOWN_BY
 from avrgym.study.storage.states import ATTEMPT, PARTICIPANT, TRIAL
+from avrgym.system.columns import NUMBER, TEXT, TIME, TRUTH, WHOLE, Column
 from avrgym.tasks.registry import TASKS
-
-TEXT, WHOLE, NUMBER, TRUTH, TIME = "text", "whole number", "number", "truth", "time"
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column: its meaning, unit, type and allowed values; an empty cell of it says ``empty``, if it may be."""
-
-    meaning: str
-    type: str
-    unit: str = ""
-    allowed: str = ""
-    empty: str = ""
 
 
 def _one_of(*values: str) -> str:

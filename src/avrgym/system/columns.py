@@ -1,0 +1,58 @@
+"""Descriptions of table columns, as annotations of the fields that hold them.
+
+A row is a dataclass with fields such as ``Annotated[float | None, Column("Reaction time.", unit="s", empty="none")]``.
+Codebooks are generated from these annotations.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from types import NoneType
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+TEXT, WHOLE, NUMBER, TRUTH, TIME = "text", "whole number", "number", "truth", "time"
+TYPES: Mapping[Any, str] = {str: TEXT, int: WHOLE, float: NUMBER, bool: TRUTH}
+
+
+@dataclass(frozen=True)
+class Column:
+    """The description of a column.
+
+    ``type`` follows from the annotation unless it is given. The unit of numbers without unit is ``1``. ``allowed``
+    describes the allowed values, ``empty`` the meaning of an empty cell; without it, no cell is empty.
+    """
+
+    meaning: str
+    type: str = ""
+    unit: str = ""
+    allowed: str = ""
+    empty: str = ""
+
+
+def columns_of(row: type) -> dict[str, Column]:
+    """Returns the columns of a dataclass by field; raises ``TypeError`` for a field without description."""
+    hints = get_type_hints(row, include_extras=True)
+    return {field.name: _described(row, field.name, hints[field.name]) for field in fields(row)}
+
+
+def _described(row: type, name: str, hint: Any) -> Column:
+    column = next((each for each in getattr(hint, "__metadata__", ()) if isinstance(each, Column)), None)
+    if column is None:
+        raise TypeError(f"{row.__name__}.{name} has no description; annotate it with a Column")
+    kind = column.type or _type_of(hint)
+    return replace(
+        column,
+        type=kind,
+        unit=column.unit or ("1" if kind == NUMBER else ""),
+        allowed=column.allowed or ("true, false" if kind == TRUTH else ""),
+    )
+
+
+def _type_of(hint: Any) -> str:
+    kinds = [each for each in _union_members(hint) if each is not NoneType]
+    return TYPES[kinds[0]]
+
+
+def _union_members(hint: Any) -> tuple[Any, ...]:
+    if get_origin(hint) is Annotated:
+        return _union_members(get_args(hint)[0])
+    return get_args(hint) or (hint,)
