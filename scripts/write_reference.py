@@ -33,7 +33,7 @@ STUDY_TABLES = {
     "`[[stop_rules]]`": StopRule,
     "`[furniture]`": RealFurniture,
     "`[reporting]`": design.Reporting,
-    "`[database]`": design.DatabaseChoice,
+    "`[database]`": design.DatabaseConfig,
 }
 NAMES: dict[type, str] = {kind: name for name, kind in STUDY_TABLES.items()} | {
     HumanRole: "what a human's says",

@@ -19,14 +19,14 @@ from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
 from avrgym.recording.schema import Answer
-from avrgym.study.design.comparison import shown
+from avrgym.study.design.comparison import value_text
 from avrgym.study.people import participants
 from avrgym.study.storage import database, sessions
 from avrgym.study.storage.answers import record_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
-from avrgym.study.storage.item_versions import Asked
+from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant, Trial
-from avrgym.study.storage.session_designs import designs_used
+from avrgym.study.storage.session_designs import session_designs
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
@@ -153,14 +153,14 @@ def test_check_report_and_deviations_name_each_edit(folder: Path, analysis: Anal
     assert checked.exit_code == 1
     assert analysis.plan is not None
     for field, value in fields.items():
-        words = f"it was {shown(value)} for sub-003 (trials 1 to 5), sub-004 (trials 1 to 5)"
+        words = f"it was {value_text(value)} for sub-003 (trials 1 to 5), sub-004 (trials 1 to 5)"
         (line,) = [each for each in checked.stdout.splitlines() if f"study.toml: {field} is " in each]
         assert line.startswith("wrong")
         assert words in line
         assert sum(field in each["what"] and words in each["what"] for each in results["differences"]) == 1
         assert page.index(field) < page.index("The plan was frozen")
         (told,) = [each.what for each in analysis.plan.deviations if each.what.startswith(f"{field} was ")]
-        assert f"and {shown(value)} for sub-003" in told
+        assert f"and {value_text(value)} for sub-003" in told
     assert len(results["differences"]) == len(fields)
     assert page.index("Differences between participants") < page.index("People")
 
@@ -204,7 +204,7 @@ def test_practice_has_the_items_of_its_session_where_only_recordings_report_them
     edit(folder)
     monkeypatch.setattr(Store, "designs", lambda _: [])
     with Store(folder) as store:
-        (use,) = designs_used(store)
+        (use,) = session_designs(store)
     assert use.positions == (1, 2, 3, 4, 5)
     assert use.design.items["L1"].text == "The robot successfully assisted me with the task."
 
@@ -261,7 +261,7 @@ def test_recordings_report_what_was_asked(
         take_part_with_items(store)
         analysis = analyse(store)
         found = {each.what.partition(" is ")[0] for each in analysis.differences if each.wrong}
-        names = [version.item.id for version in Asked(store).versions]
+        names = [version.item.id for version in AnsweredItems(store).versions]
     assert found == (
         {
             "force_guard",

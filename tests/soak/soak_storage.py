@@ -230,7 +230,7 @@ def flip_value(connection: sa.Connection, rng: random.Random) -> bool:
         return False
     row = rng.choice(found)._mapping
     column = rng.choice([each for each in table.columns if row[each.name] is not None])
-    own = hash_chain.key_of(table) == row[hash_chain.key_of(table).name]
+    own = hash_chain.primary_key(table) == row[hash_chain.primary_key(table).name]
     with suppress(SQLAlchemyError, UnicodeError), connection.begin_nested():
         value = _flipped(row[column.name], rng)
         return connection.execute(sa.update(table).where(own).values({column.name: value})).rowcount == 1

@@ -20,14 +20,14 @@ from avrgym.study.export.records import Extras
 from avrgym.study.people.adverse_events import (
     SCALES,
     Report,
-    followed,
+    group_by_event,
     record_adverse_event,
     safety_events,
 )
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, withdraw
 from avrgym.study.storage.attempts import begin_attempt, end_attempt
-from avrgym.study.storage.sessions import open_session, tell
+from avrgym.study.storage.sessions import open_session, record_session_event
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import run_participant, small_study, take_in
@@ -75,7 +75,7 @@ def test_a_follow_up_replaces_nothing(store: Store) -> None:
     assert store.adverse_events("sub-001")[:1] == before
     assert before[0].began_at == "2026-11-27T13:30:00+00:00"
     assert before[0].recorded_by == "kim"
-    dizzy, other = followed(store.adverse_events("sub-001"))
+    dizzy, other = group_by_event(store.adverse_events("sub-001"))
     assert [report.outcome for report in dizzy.reports] == ["recovering", "recovered", "recovered"]
     assert (dizzy.number, dizzy.latest.severity) == (number, "severe")
     assert (other.number, other.latest.trial) == (second, None)
@@ -141,8 +141,8 @@ def test_reports_go_with_their_participant_and_stay_with_who_withdraws(store: St
 def test_what_the_robot_reports_is_next_to_adverse_events_and_none_of_them(store: Store) -> None:
     session = open_session(store, "sub-002")
     attempt = begin_attempt(store, session.id, 1)
-    tell(store, session.id, "stopped", "by participant", attempt.id)
-    tell(store, session.id, "continued", "", attempt.id)
+    record_session_event(store, session.id, "stopped", "by participant", attempt.id)
+    record_session_event(store, session.id, "continued", "", attempt.id)
     end_attempt(store, attempt.id, "stopped")
     (stop,) = safety_events(store, "sub-002")
     assert (stop.trial, stop.name, stop.detail) == (1, "stopped", "by participant")
@@ -159,7 +159,7 @@ def told(store: Store) -> Store:
     number = record_adverse_event(store, "sub-001", DIZZY, recorded_by=SECRET)
     record_adverse_event(store, "sub-001", changed(action=f"{SECRET} rested"), follows=number)
     add_note(store, "sub-001", f"{SECRET} laughed")
-    tell(store, store.sessions("sub-001")[0].id, "connection lost")
+    record_session_event(store, store.sessions("sub-001")[0].id, "connection lost")
     withdraw(store, "sub-001", f"{SECRET} was tired")
     return store
 

@@ -7,7 +7,7 @@ import pytest
 
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item, Questionnaire
 from avrgym.study.design.design import Design, default_text, parse_design
-from avrgym.study.storage.item_versions import Catalogue, in_order
+from avrgym.study.storage.item_versions import ItemCatalogue, design_with_versions
 
 DESIGN = parse_design(default_text())
 TLX = parse_design(
@@ -36,7 +36,7 @@ def with_first_item(design: Design, item: Item) -> Design:
 
 def names(*asked: tuple[Design, str, Callable[[str], str]]) -> list[list[str]]:
     """The names of the items of each participant, who read a design in a language with a translation."""
-    catalogue = Catalogue()
+    catalogue = ItemCatalogue()
     forms = [catalogue.form(*each) for each in asked]
     return [[version.item.id for version in form.versions.values()] for form in forms]
 
@@ -76,10 +76,13 @@ def test_an_instrument_changes_as_a_whole() -> None:
     items = (msgspec.structs.replace(tlx.items[0], text="Another question?"), *tlx.items[1:])
     changed = msgspec.structs.replace(tlx, items=items)
     later = msgspec.structs.replace(TLX, questionnaires=(TLX.questionnaires[0], changed))
-    catalogue = Catalogue()
+    catalogue = ItemCatalogue()
     for design in (TLX, later):
         catalogue.form(design, "en", english)
-    found = {each.name: [item.id for item in each.items] for each in in_order(TLX, catalogue).questionnaires}
+    found = {
+        each.name: [item.id for item in each.items]
+        for each in design_with_versions(TLX, catalogue).questionnaires
+    }
     ids = [item.id for item in tlx.items]
     assert found == {
         "likert": ["L1", "L2", "L3", "L4"],
@@ -89,15 +92,15 @@ def test_an_instrument_changes_as_a_whole() -> None:
 
 
 def test_what_nobody_edited_is_the_design_itself() -> None:
-    catalogue = Catalogue()
+    catalogue = ItemCatalogue()
     for translate in (english, english):
         catalogue.form(TLX, "en", translate)
-    assert in_order(TLX, catalogue) == TLX
+    assert design_with_versions(TLX, catalogue) == TLX
 
 
 def test_items_that_nobody_answered_yet_are_those_of_the_design() -> None:
-    catalogue = Catalogue()
+    catalogue = ItemCatalogue()
     catalogue.form(DESIGN, "en", english)
     more = Questionnaire("more", "after_session", (msgspec.structs.replace(L1, id="M1"),))
     later = msgspec.structs.replace(DESIGN, questionnaires=(*DESIGN.questionnaires, more))
-    assert in_order(later, catalogue) == later
+    assert design_with_versions(later, catalogue) == later

@@ -28,12 +28,12 @@ from avrgym.study.people.participants import (
     confirm_participation,
     decline_consent,
     enrol,
+    participant_texts,
     record_consent,
     record_inclusion,
-    texts_of,
     withdraw,
 )
-from avrgym.study.sessions.simulation import Cast, simulated_participant
+from avrgym.study.sessions.simulation import DryRun, simulated_participant
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.sessions import open_session
@@ -121,7 +121,9 @@ def test_each_language_has_its_own_text(tmp_path: Path) -> None:
             record_consent(store, enrol(store, "man", language=language))
         texts = {kept.language: kept.text for kept in store.consent_texts()}
         for person in store.participants():
-            assert texts[str(person.language)] == texts_of(store, person).translate(store.design.consent.text)
+            assert texts[str(person.language)] == participant_texts(store, person).translate(
+                store.design.consent.text
+            )
         assert texts["de"] != texts["en"]
     assert about_consent(folder) == []
 
@@ -278,7 +280,7 @@ def test_the_command_shows_the_participants_language(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
     with Store(folder) as store:
         german = enrol(store, "man", language="de")
-        texts, design = texts_of(store, store.participant(german)), store.design
+        texts, design = participant_texts(store, store.participant(german)), store.design
     asked = study("consent", folder, german, answers="y\n" * (1 + len(design.inclusion)))
     assert texts.translate(design.consent.text).strip().splitlines()[0] in asked.stdout
     assert all(texts.translate(question.text) in asked.stdout for question in design.inclusion)
@@ -286,10 +288,10 @@ def test_the_command_shows_the_participants_language(tmp_path: Path) -> None:
 
 def test_a_dry_run_goes_on_under_another_version(folder: Path) -> None:
     with Store(folder) as store:
-        pseudonym = simulated_participant(store, 0, Cast(1))
+        pseudonym = simulated_participant(store, 0, DryRun(1))
     raise_version(folder)
     with Store(folder) as store:
-        assert simulated_participant(store, 0, Cast(1)) == pseudonym
+        assert simulated_participant(store, 0, DryRun(1)) == pseudonym
         assert decisions(store, pseudonym) == [(True, "1"), (True, "2")]
         open_session(store, pseudonym)
 

@@ -15,7 +15,7 @@ from playwright.sync_api import Page, expect, sync_playwright
 from avrgym.study.checking.summary import summarise_results
 from avrgym.study.dashboard.application import ACTIONS, MAX_BODY_BYTES, dashboard_app
 from avrgym.study.people.participants import withdraw
-from avrgym.study.storage.identity_file import Identity, read_key
+from avrgym.study.storage.identity_file import Identity, read_identities
 from avrgym.study.storage.store import Store
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.authentication import Caller, Tokens
@@ -215,7 +215,7 @@ def test_names_go_encrypted_into_the_identity_file_and_nowhere_else(
     assert "Zora" not in said
     assert contact not in said
     key = store.folder / "private" / "identities.json"
-    assert read_key(store.folder)[pseudonym] == Identity(later, contact)
+    assert read_identities(store.folder)[pseudonym] == Identity(later, contact)
     assert stat.S_IMODE(key.stat().st_mode) == 0o600
     held = {path.name for path in store.folder.rglob("*") if path.is_file() and b"Zora" in path.read_bytes()}
     assert held == set()

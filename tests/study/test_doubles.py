@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.study.checking.checks import check_study
-from avrgym.study.people.identities import PossibleDouble
+from avrgym.study.people.identities import PossibleDuplicate
 from avrgym.study.people.participants import enrol, set_identity, withdraw
-from avrgym.study.storage.identity_file import read_key
+from avrgym.study.storage.identity_file import read_identities
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import small_study
 
@@ -37,7 +37,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 
 def contents(store: Store) -> tuple[object, ...]:
-    return store.participants(), store.events(), read_key(store.folder)
+    return store.participants(), store.events(), read_identities(store.folder)
 
 
 def named(store: Store) -> list[str]:
@@ -49,7 +49,7 @@ def test_the_same_person_is_refused_by_code_and_nothing_is_stored(
     store: Store, name: str, contact: str
 ) -> None:
     before = contents(store)
-    with pytest.raises(PossibleDouble, match=r"sub-001.*--confirm-double") as refused:
+    with pytest.raises(PossibleDuplicate, match=r"sub-001.*--confirm-double") as refused:
         enrol(store, "woman", name=name, contact=contact)
     assert "stra" not in str(refused.value).lower()
     assert "zo" not in str(refused.value).lower()
@@ -73,7 +73,7 @@ def test_a_confirmed_double_is_enrolled_and_check_names_codes_alone(store: Store
 
 def test_whoever_withdrew_is_no_double_in_check_but_is_not_enrolled_again_unseen(store: Store) -> None:
     withdraw(store, "sub-001")
-    with pytest.raises(PossibleDouble, match="sub-001"):
+    with pytest.raises(PossibleDuplicate, match="sub-001"):
         enrol(store, "woman", name=NAME, contact=CONTACT)
     enrol(store, "woman", name=NAME, contact=CONTACT, confirm_double=True)
     assert named(store) == []
@@ -82,9 +82,9 @@ def test_whoever_withdrew_is_no_double_in_check_but_is_not_enrolled_again_unseen
 def test_a_corrected_name_is_compared_with_all_others(store: Store) -> None:
     set_identity(store, "sub-001", NAME.lower(), CONTACT)
     enrol(store, "man", name="Ada Example")
-    with pytest.raises(PossibleDouble, match="sub-001"):
+    with pytest.raises(PossibleDuplicate, match="sub-001"):
         set_identity(store, "sub-002", NAME, CONTACT)
-    assert read_key(store.folder)["sub-002"].name == "Ada Example"
+    assert read_identities(store.folder)["sub-002"].name == "Ada Example"
     set_identity(store, "sub-002", NAME, CONTACT, confirm_double=True)
     assert len(named(store)) == 1
 

@@ -17,7 +17,7 @@ from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.policy_files import check_policies_used
 from avrgym.study.design.design import Reporting
 from avrgym.study.plan.deviations import frozen_design
-from avrgym.study.plan.frozen_plan import read_frozen
+from avrgym.study.plan.frozen_plan import read_frozen_plan
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
@@ -202,7 +202,7 @@ def test_reporting_is_filled_in_without_any_finding(made: Path, tmp_path: Path) 
 
 def test_a_record_of_a_plan_writes_nowhere_else(made: Path, tmp_path: Path) -> None:
     with Store(made) as store:
-        frozen = read_frozen(store)
+        frozen = read_frozen_plan(store)
     assert frozen is not None
     assert frozen.record is not None
     record = msgspec.structs.replace(frozen.record, words={str(tmp_path / "elsewhere.toml"): "x = 1"})

@@ -21,7 +21,7 @@ from avrgym.study.design.design import DesignError, read_design
 from avrgym.study.export import export_study
 from avrgym.study.export.tables import write_csv
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.frozen_plan import read_frozen
+from avrgym.study.plan.frozen_plan import read_frozen_plan
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import read_texts
@@ -95,7 +95,7 @@ def test_a_frozen_plan_is_the_same_with_and_without_a_mark(tmp_path: Path) -> No
         path = folder / name
         path.write_bytes(codecs.BOM_UTF8 + path.read_bytes())
     with Store(folder) as store:
-        frozen = read_frozen(store)
+        frozen = read_frozen_plan(store)
         assert frozen is not None
         assert [
             each for each in deviations(store, frozen, {}) if each.where in ("study.toml", "plan.toml")

@@ -9,7 +9,7 @@ from avrgym.analysis.study import analyse
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control, Event, TrackingFrame
 from avrgym.study.checking.checks import check_study
-from avrgym.study.checking.tracking_loss import held_share
+from avrgym.study.checking.tracking_loss import tracking_loss_share
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.storage.store import Store
 from helpers.studies.known_results import STEPS, run_trials, take_part
@@ -40,15 +40,15 @@ def at_rate(held, begin_s: float = 4.0, end_s: float = 26.0, parts=lambda number
 
 @pytest.mark.parametrize("every", [1, 2, 4, 10, 20])
 def test_the_share_is_that_of_the_frames_that_are_held(every: int) -> None:
-    assert held_share(at_rate(lambda n: n % every == 0)) == pytest.approx(1.0 / every, abs=1e-6)
+    assert tracking_loss_share(at_rate(lambda n: n % every == 0)) == pytest.approx(1.0 / every, abs=1e-6)
     parts = at_rate(lambda n: False, parts=lambda n: ["left"] if n % every == 0 else [])
-    assert held_share(parts) == pytest.approx(1.0 / every, abs=1e-6)
+    assert tracking_loss_share(parts) == pytest.approx(1.0 / every, abs=1e-6)
 
 
 def test_nobody_is_held_who_is_tracked_and_all_are_who_are_not() -> None:
-    assert held_share(at_rate(lambda n: False)) == pytest.approx(0.0, abs=1e-9)
-    assert held_share(at_rate(lambda n: True)) == 1.0
-    assert held_share(recording()) == 1.0
+    assert tracking_loss_share(at_rate(lambda n: False)) == pytest.approx(0.0, abs=1e-9)
+    assert tracking_loss_share(at_rate(lambda n: True)) == 1.0
+    assert tracking_loss_share(recording()) == 1.0
 
 
 @pytest.mark.parametrize("silent_s", [0.1, 0.9, 5.0, 19.0])
@@ -56,13 +56,15 @@ def test_silence_counts_from_when_the_last_frame_is_stale(silent_s: float) -> No
     before = at_rate(lambda n: False, end_s=25.0 - silent_s).messages
     messages = [*before]
     expected = max(0.0, silent_s - 0.2 + 1.0 / RATE_HZ) / DRIVEN_S
-    assert held_share(Recording({}, None, messages, complete=True)) == pytest.approx(expected, abs=1e-6)
+    assert tracking_loss_share(Recording({}, None, messages, complete=True)) == pytest.approx(
+        expected, abs=1e-6
+    )
 
 
 def test_only_the_time_counts_in_which_the_robot_helped() -> None:
     frames = at_rate(lambda n: n < RATE_HZ or n >= 21 * RATE_HZ)
-    assert held_share(frames) == pytest.approx(0.0, abs=1e-9)
-    assert held_share(Recording({}, None, [], complete=True)) is None
+    assert tracking_loss_share(frames) == pytest.approx(0.0, abs=1e-9)
+    assert tracking_loss_share(Recording({}, None, [], complete=True)) is None
 
 
 # Studies -----------------------------------------------------------------------------------------------------

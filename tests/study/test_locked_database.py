@@ -130,7 +130,7 @@ def test_an_end_that_cannot_be_stored_is_said_and_the_next_session_ends_it(
 ) -> None:
     """The loop's end waits no longer than its patience."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
-    monkeypatch.setattr("avrgym.study.sessions.visit.PATIENCE_S", 0.5)
+    monkeypatch.setattr("avrgym.study.sessions.visit.STORE_TIMEOUT_S", 0.5)
     monkeypatch.setattr("avrgym.study.storage.sqlite.WAIT_S", 1)
     with Store(make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]', free_movement_s="0.1")) as store:
         with ThreadPoolExecutor(1) as storing:

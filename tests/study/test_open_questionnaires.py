@@ -15,7 +15,7 @@ from avrgym.study.checking.summary import summarise_study
 from avrgym.study.dashboard.views import participant_view
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage import database
-from avrgym.study.storage.answers import change_answer, open_attempts, reconcile_answers
+from avrgym.study.storage.answers import attempts_with_open_questionnaire, change_answer, reconcile_answers
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Back, Command, Disconnected, Entered, Ready
 from helpers.studies.server_days import GIVEN, Day, killed_in
@@ -77,7 +77,7 @@ def test_it_is_answered_the_next_day(left: Callable[[], tuple[Store, str]]) -> N
     (attempt,) = store.attempts(pseudonym)
     assert attempt.state == "completed"
     assert store.trials(pseudonym)[0].state == "completed"
-    assert [each.id for each in open_attempts(store, [attempt])] == [attempt.id]
+    assert [each.id for each in attempts_with_open_questionnaire(store, [attempt])] == [attempt.id]
     assert any("questionnaire is open: no answer to L3, L4" in each for each in words(store))
     assert not any(finding.wrong for finding in check_study(store) if "L3" in finding.what)
     assert summarise_study(store).participants[0].questionnaires_open == 1
@@ -121,7 +121,7 @@ def test_a_lost_database_is_rebuilt_with_late_answers(left: Callable[[], tuple[S
         assert late.keys() < GIVEN.keys()
         assert late.items() <= {each.item: each.answered_at for each in again.answers(pseudonym)}.items()
         assert again.trials(pseudonym)[0].state == "completed"
-        assert open_attempts(again, again.attempts(pseudonym)) == []
+        assert attempts_with_open_questionnaire(again, again.attempts(pseudonym)) == []
 
 
 def test_an_open_questionnaire_is_rebuilt_open(left: Callable[[], tuple[Store, str]]) -> None:
@@ -132,7 +132,7 @@ def test_an_open_questionnaire_is_rebuilt_open(left: Callable[[], tuple[Store, s
         path.unlink()
     rebuild_study(folder)
     with Store(folder) as again:
-        assert len(open_attempts(again, again.attempts(pseudonym))) == 1
+        assert len(attempts_with_open_questionnaire(again, again.attempts(pseudonym))) == 1
 
 
 def test_what_the_experimenter_skips_is_missing(left: Callable[[], tuple[Store, str]]) -> None:
@@ -142,7 +142,7 @@ def test_what_the_experimenter_skips_is_missing(left: Callable[[], tuple[Store, 
     day.tick()
     day.end()
     (attempt,) = store.attempts(pseudonym)
-    assert open_attempts(store, [attempt]) == []
+    assert attempts_with_open_questionnaire(store, [attempt]) == []
     assert attempt.state == "completed"
     assert any("questionnaire was left: no answer to L3, L4" in each for each in words(store))
 
@@ -246,7 +246,7 @@ def test_a_database_is_rebuilt_from_a_killed_recording(killed: Callable[..., tup
     rebuild_study(folder)
     with Store(folder) as again:
         assert again.trials(pseudonym)[0].state == "completed"
-        assert len(open_attempts(again, again.attempts(pseudonym))) == 1
+        assert len(attempts_with_open_questionnaire(again, again.attempts(pseudonym))) == 1
 
 
 def test_answers_agree_after_a_kill_whichever_is_behind(left: Callable[[], tuple[Store, str]]) -> None:

@@ -14,7 +14,7 @@ from avrgym.study.design.comparison import differences
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.plan.deviations import changed, deviations
-from avrgym.study.plan.frozen_plan import FROZEN, Frozen, read_frozen
+from avrgym.study.plan.frozen_plan import FROZEN, read_frozen_plan
 from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, parse_plan
 from avrgym.study.plan.plan_template import template
 from avrgym.study.storage import database
@@ -278,7 +278,7 @@ def test_every_deviation_is_listed(tmp_path: Path) -> None:
 def test_other_software_is_a_deviation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = _frozen(small_study(tmp_path / "study"))
     with Store(folder) as store:
-        frozen = read_frozen(store)
+        frozen = read_frozen_plan(store)
     assert frozen is not None
     assert frozen.record is not None
     before = frozen.record.versions["scipy"]
@@ -311,7 +311,7 @@ def test_other_words_for_participants_are_a_deviation(tmp_path: Path) -> None:
     assert "deviation  texts/en.toml: was added" in shown
     assert "deviations: 2" in shown
     with Store(folder) as store:
-        record = read_frozen(store)
+        record = read_frozen_plan(store)
         assert record is not None
         assert record.record is not None
         earlier = Frozen(msgspec.structs.replace(record.record, words=None))

@@ -14,8 +14,8 @@ from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
 from avrgym.study.checking.rebuilding import rebuild_study
 from avrgym.study.plan import timestamps
-from avrgym.study.plan.frozen_plan import FROZEN, Frozen, read_frozen, sha256
-from avrgym.study.plan.timestamps import REGISTRATION, STAMP, verified
+from avrgym.study.plan.frozen_plan import FROZEN, FrozenPlan, read_frozen_plan, sha256
+from avrgym.study.plan.timestamps import REGISTRATION, TIME_STAMP, verify_time_stamp
 from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -74,9 +74,9 @@ def lose_database(folder: Path) -> None:
     rebuild_study(folder)
 
 
-def frozen_plan(folder: Path) -> Frozen:
+def frozen_plan(folder: Path) -> FrozenPlan:
     with Store(folder) as store:
-        frozen = read_frozen(store)
+        frozen = read_frozen_plan(store)
     assert frozen is not None
     return frozen
 
@@ -188,7 +188,7 @@ def test_a_registration_is_a_claim_and_proves_nothing(folder: Path) -> None:
 @needs_openssl
 @pytest.mark.parametrize("digest", ["sha256", "sha512"])
 def test_a_time_stamp_is_verified_without_a_network(authority: Authority, digest: str) -> None:
-    stamp = verified(authority.stamp(b"record", digest), b"record")
+    stamp = verify_time_stamp(authority.stamp(b"record", digest), b"record")
     assert abs(stamp.at - datetime.now(UTC)) < timedelta(minutes=5)
     assert (stamp.authority, stamp.is_trusted) == ("CN=Test Authority", False)
 
@@ -199,10 +199,10 @@ def test_a_time_stamp_of_a_known_root_is_trusted(
 ) -> None:
     alone = authority.stamp(b"record", with_root=False)
     with pytest.raises(StudyError, match="end at no root"):
-        verified(alone, b"record")
+        verify_time_stamp(alone, b"record")
     trust(authority, monkeypatch)
     for stamp in (alone, authority.stamp(b"record")):
-        assert verified(stamp, b"record").is_trusted
+        assert verify_time_stamp(stamp, b"record").is_trusted
 
 
 @needs_openssl
@@ -221,7 +221,7 @@ def test_what_is_no_time_stamp_of_this_plan_is_refused_and_not_stored(
         refused = study("freeze", folder, "--timestamp", file)
         assert refused.exit_code == 1, number
         assert "time stamp" in refused.output
-        assert not (folder / STAMP).exists()
+        assert not (folder / TIME_STAMP).exists()
 
 
 @needs_openssl
@@ -250,7 +250,7 @@ def test_a_trusted_time_stamp_from_before_the_first_recording_proves_a_plan(
     forged = (folder / FROZEN).read_bytes().replace(b"higher", b"lower")
     (folder / FROZEN).write_bytes(forged)
     assert "proves nothing" in " ".join(frozen_plan(folder).faults)
-    (folder / STAMP).write_bytes(authority.stamp(forged))
+    (folder / TIME_STAMP).write_bytes(authority.stamp(forged))
     monkeypatch.setattr(
         "avrgym.study.plan.frozen_plan.read_beginning", lambda path: datetime(2026, 1, 1, tzinfo=UTC)
     )

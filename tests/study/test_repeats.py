@@ -25,9 +25,9 @@ from avrgym.study.checking.repeats import (
     PARTICIPANT,
     TECHNICAL,
     UNKNOWN,
+    AttemptedTrial,
     Repeat,
-    TriedTrial,
-    tried_trials,
+    attempted_trials,
 )
 from avrgym.study.design.design import Design, default_text, parse_design
 from avrgym.study.sessions.visit import StudyVisit
@@ -103,9 +103,9 @@ def test_a_policy_that_was_repeated_until_it_succeeded_is_named_everywhere(folde
         return [("repeated", False)] * (1 + trial.position % 2) if trial.policy == "original" else []
 
     with Store(folder) as store:
-        while sum(len(each.repeats) for each in tried_trials(store)) < 24:
+        while sum(len(each.repeats) for each in attempted_trials(store)) < 24:
             run(store, take_in(store), until_success)
-        extra = sum(len(each.repeats) for each in tried_trials(store))
+        extra = sum(len(each.repeats) for each in attempted_trials(store))
         analysis = analyse(store)
     named = f"depend on the policy: original {extra} extra attempts in "
     listed = of_repeats(study("check", folder))
@@ -265,7 +265,7 @@ def repeat_after(store: Store) -> list[str]:
     """Reason, cause and person of the first attempt, once another one has begun."""
     session = open_session(store, "sub-001", take_over=True)
     begin_attempt(store, session.id, store.remaining_trials("sub-001")[0].position)
-    repeat = tried_trials(store)[0].repeats[0]
+    repeat = attempted_trials(store)[0].repeats[0]
     return [repeat.reason, repeat.cause, repeat.by]
 
 
@@ -328,9 +328,9 @@ def test_repeats_of_failures_alone_are_found() -> None:
 
 def imagined(
     design: Design, generator: np.random.Generator, after_failure: float, after_success: float
-) -> list[TriedTrial]:
+) -> list[AttemptedTrial]:
     """The trials of eight people, repeated once with these probabilities after a first attempt."""
-    tried: list[TriedTrial] = []
+    tried: list[AttemptedTrial] = []
     conditions = list(product(design.tasks, design.robots, design.policies))
     for number in range(1, 9):
         person = cast(Participant, SimpleNamespace(number=number, simulated=False))
@@ -344,5 +344,5 @@ def imagined(
             again = generator.random() < (after_success if success else after_failure)
             repeats = [Repeat(person, trial, first, EXPERIMENTER, "repeated", "ada")] if again else []
             last = replace(first, number=2, state="completed", metrics=with_values(metrics, success=True))
-            tried.append(TriedTrial(person, trial, [first, last] if again else [first], repeats))
+            tried.append(AttemptedTrial(person, trial, [first, last] if again else [first], repeats))
     return tried

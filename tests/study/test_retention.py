@@ -101,7 +101,7 @@ def test_each_kind_of_data_is_due_on_its_day_and_not_before(store: Store) -> Non
 def test_names_go_and_the_rest_stays(store: Store) -> None:
     before = files(store.folder / "recordings")
     assert list(delete_due(store, date(2127, 1, 1))) == [("identities", "sub-001")]
-    assert identity_file.read_key(store.folder) == {}
+    assert identity_file.read_identities(store.folder) == {}
     assert files(store.folder / "recordings") == before
     assert [event.name for event in store.events()][-1] == "identity deleted by schedule"
     assert list(delete_due(store, date(2127, 1, 1))) == []
@@ -160,7 +160,7 @@ def test_only_the_command_deletes(store: Store, monkeypatch: pytest.MonkeyPatch)
     assert any(words in warning for warning in overview(store, None, store.design.furniture).warnings)
     assert words in run("retention", store.folder)
     assert files(store.folder) == before
-    assert identity_file.read_key(store.folder) != {}
+    assert identity_file.read_identities(store.folder) != {}
     assert "deleted   names and contacts of sub-001" in run("retention", store.folder, "--delete")
-    assert identity_file.read_key(store.folder) == {}
+    assert identity_file.read_identities(store.folder) == {}
     assert list(check_due(store)) == []

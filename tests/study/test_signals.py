@@ -20,7 +20,7 @@ from helpers.studies.small_studies import make_study, take_in
 from helpers.system.processes import AVRGYM, die_with_parent, served
 from helpers.vr.time_limits import with_limits
 
-IMPATIENT = ("avrgym.study.storage.sqlite:WAIT_S=4", "avrgym.study.sessions.visit:PATIENCE_S=2")
+IMPATIENT = ("avrgym.study.storage.sqlite:WAIT_S=4", "avrgym.study.sessions.visit:STORE_TIMEOUT_S=2")
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 PATIENCE_S = 60.0
 

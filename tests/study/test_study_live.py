@@ -257,7 +257,7 @@ def test_withdrawal_elsewhere_stops_robot_and_recording_in_mid_trial(store: Stor
 def test_nothing_is_stored_of_who_withdrew_elsewhere_even_before_that_is_known_here(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("avrgym.study.sessions.threads.LOOK_EVERY_S", 3600.0)
+    monkeypatch.setattr("avrgym.study.sessions.threads.CHECK_EVERY_S", 3600.0)
     pseudonym = take_in(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)

@@ -36,8 +36,8 @@ from avrgym.study.people.experimenters import (
     revoke_experimenter,
 )
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.frozen_plan import read_frozen
-from avrgym.study.sessions.threads import StoringThread
+from avrgym.study.plan.frozen_plan import read_frozen_plan
+from avrgym.study.sessions.threads import StorageThread
 from avrgym.study.storage import database, hash_chain, schema
 from avrgym.study.storage.audit_log import (
     ACCOUNT,
@@ -46,7 +46,7 @@ from avrgym.study.storage.audit_log import (
     REFUSED,
     SHARED_TOKEN,
     Actor,
-    account,
+    account_actor,
     add_entry,
 )
 from avrgym.study.storage.rows import LogEntry
@@ -83,9 +83,9 @@ def served(
     store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[tuple[LiveServer[Session], str]]:
     """A server of the study, and the token of the experimenter ada."""
-    monkeypatch.setattr(experimenters, "LOOK_EVERY_S", 0.05)
+    monkeypatch.setattr(experimenters, "REFRESH_S", 0.05)
     token = add_experimenter(store, "ada")
-    with StoringThread() as storing, Experimenters(store) as known:
+    with StorageThread() as storing, Experimenters(store) as known:
         log = LiveLog(store, storing, pytest.fail)
         with LiveServer(
             lambda send: Session(plan(), driving(plan()), tmp_path / "free", send, "test"),
@@ -226,7 +226,7 @@ def test_only_the_checksum_of_a_token_is_stored(store: Store) -> None:
 
 
 def test_the_command_line_logs_by_account(tmp_path: Path) -> None:
-    folder, who = small_study(tmp_path / "study"), account()
+    folder, who = small_study(tmp_path / "study"), account_actor()
     assert who.known_by == ACCOUNT
     assert command("study", "enrol", folder, "--body", "woman", "--name", NAME).exit_code == 0
     assert command("study", "withdraw", folder, "sub-001", "--reason", REASON).exit_code == 0
@@ -361,7 +361,9 @@ def test_results_that_are_viewed_too_early_are_a_deviation(planned: Path) -> Non
     )
     assert command("analyze", planned).exit_code == 0
     shown = command("study", "check", planned).stdout
-    expected = f"were viewed 2 times after 1 of 2 participants by the account {account().name}, first at "
+    expected = (
+        f"were viewed 2 times after 1 of 2 participants by the account {account_actor().name}, first at "
+    )
     assert f"deviates from the plan: {expected}" in shown
     assert command("analyze", planned).exit_code == 0
     page = " ".join(Page(out / "report" / "index.html").text.split())
@@ -409,7 +411,7 @@ def test_people_alone_count_where_there_are_some(store: Store) -> None:
 
 
 def interim(store: Store) -> list[str]:
-    frozen = read_frozen(store)
+    frozen = read_frozen_plan(store)
     if frozen is not None:
         listed = [each.what for each in deviations(store, frozen, {}) if "viewed" in each.what]
         assert listed == [each.what for each in check_study(store) if "viewed" in each.what]

@@ -15,7 +15,7 @@ from avrgym.study.people import deletion
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.frozen_plan import adopt, freeze, read_frozen
+from avrgym.study.plan.frozen_plan import adopt_plan, read_frozen_plan
 from avrgym.study.plan.plan_template import write_template
 from avrgym.study.storage import database
 from avrgym.study.storage.attempts import begin_attempt, end_attempt
@@ -458,10 +458,10 @@ def test_sites_share_a_frozen_plan(out: Path, tmp_path: Path) -> None:
     for name in ("plan.toml", "plan-frozen.json"):
         shutil.copy(a / name, b)
     with Store(b) as store:
-        adopt(store)
+        adopt_plan(store)
     merge_studies([b, a], out)
     with Store(out) as store:
-        frozen = read_frozen(store)
+        frozen = read_frozen_plan(store)
         assert frozen is not None
         assert frozen.faults == ()
         assert frozen.confirms

@@ -19,7 +19,7 @@ from avrgym.study.people.identities import encrypt_names
 from avrgym.study.people.participants import enrol, set_identity
 from avrgym.study.storage import database, identity_file, identity_keys
 from avrgym.study.storage.identity_file import Identity
-from avrgym.study.storage.identity_keys import KEY_FILE, PASSPHRASE, Locked
+from avrgym.study.storage.identity_keys import KEY_FILE, PASSPHRASE, KeyUnavailable
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import user_data_folder
@@ -33,7 +33,7 @@ NAME, CONTACT, SECRET = "Zora Unmistakable", "zora@example.org", "a long passphr
 def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     for variable in (database.URL_VARIABLE, PASSPHRASE, KEY_FILE):
         monkeypatch.delenv(variable, raising=False)
-    monkeypatch.setattr(identity_keys, "COST", 4)
+    monkeypatch.setattr(identity_keys, "SCRYPT_COST", 4)
     yield
     identity_keys._given.clear()
 
@@ -79,7 +79,7 @@ def notes(folder: Path) -> str:
 
 def test_a_new_study_encrypts_with_a_key_file_elsewhere(folder: Path) -> None:
     said = avrgym("enrol", folder, "--body", "woman", "--name", NAME, "--contact", CONTACT)
-    lock = identity_file.lock_of(folder)
+    lock = identity_file.key_source(folder)
     assert lock is not None
     key = identity_keys.key_path(lock)
     assert str(key) in said.stdout
@@ -97,7 +97,7 @@ def test_a_new_study_encrypts_with_a_key_file_elsewhere(folder: Path) -> None:
 def test_without_the_key_file_a_study_goes_on_and_keeps_its_names(folder: Path) -> None:
     with Store(folder) as store:
         enrol(store, "woman", name=NAME)
-        lock = identity_file.lock_of(folder)
+        lock = identity_file.key_source(folder)
         assert lock is not None
         key = identity_keys.key_path(lock)
         lost = key.rename(key.with_suffix(".elsewhere"))
@@ -105,19 +105,19 @@ def test_without_the_key_file_a_study_goes_on_and_keeps_its_names(folder: Path) 
         for act in (
             lambda: enrol(store, "woman", name="Ada"),
             lambda: set_identity(store, "sub-001", "Ada", ""),
-            lambda: identity_file.read_key(folder),
+            lambda: identity_file.read_identities(folder),
             lambda: encrypt_names(store),
         ):
-            with pytest.raises(Locked, match="no other data"):
+            with pytest.raises(KeyUnavailable, match="no other data"):
                 act()
         assert contents(folder) == before
         assert len(store.participants()) == 1
         assert enrol(store, "man") == "sub-002"
         key.write_text("ab" * 32)
-        with pytest.raises(Locked, match="is wrong; nothing was changed"):
-            identity_file.read_key(folder)
+        with pytest.raises(KeyUnavailable, match="is wrong; nothing was changed"):
+            identity_file.read_identities(folder)
         lost.replace(key)
-        assert identity_file.read_key(folder)["sub-001"].name == NAME
+        assert identity_file.read_identities(folder)["sub-001"].name == NAME
 
 
 def test_a_key_file_may_be_named_and_is_never_in_the_study(
@@ -130,10 +130,10 @@ def test_a_key_file_may_be_named_and_is_never_in_the_study(
         assert store.participants() == []
         monkeypatch.setenv(KEY_FILE, str(tmp_path / "names.key"))
         enrol(store, "woman", name=NAME)
-        assert identity_file.read_key(folder)["sub-001"] == Identity(NAME, "")
+        assert identity_file.read_identities(folder)["sub-001"] == Identity(NAME, "")
         monkeypatch.delenv(KEY_FILE)
-        with pytest.raises(Locked):
-            identity_file.read_key(folder)
+        with pytest.raises(KeyUnavailable):
+            identity_file.read_identities(folder)
 
 
 # A passphrase
@@ -168,9 +168,9 @@ def test_a_deletion_needs_no_passphrase(locked: Path, monkeypatch: pytest.Monkey
     with Store(locked) as store:
         enrol(store, "man")
         delete_participant(store, "sub-001")
-    assert identity_file.pseudonyms(locked) == set()
+    assert identity_file.named_pseudonyms(locked) == set()
     monkeypatch.setenv(PASSPHRASE, SECRET)
-    assert identity_file.read_key(locked) == {}
+    assert identity_file.read_identities(locked) == {}
 
 
 def test_a_changed_or_exchanged_entry_is_refused(locked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -181,7 +181,7 @@ def test_a_changed_or_exchanged_entry_is_refused(locked: Path, monkeypatch: pyte
     text = path.read_text().replace("sub-001", "x").replace("sub-002", "sub-001").replace("x", "sub-002")
     path.write_text(text)
     with pytest.raises(StudyError, match="is damaged or was changed"):
-        identity_file.read_key(locked)
+        identity_file.read_identities(locked)
 
 
 def test_a_short_passphrase_is_refused_and_nobody_is_enrolled(
@@ -231,11 +231,11 @@ def test_an_older_study_is_named_and_encrypted_on_request(old: Path) -> None:
     with Store(old) as store:
         set_identity(store, "sub-001", "First Person", "")
     assert (old / "private" / "key.json").exists()
-    before = identity_file.read_key(old)
+    before = identity_file.read_identities(old)
     said = avrgym("encrypt-names", old).stdout
     assert "may retain it" in said
     assert not (old / "private" / "key.json").exists()
-    assert identity_file.read_key(old) == before
+    assert identity_file.read_identities(old) == before
     assert b"Example Person" not in b"".join(contents(old).values())
     assert "not encrypted" not in notes(old)
 
@@ -245,11 +245,11 @@ def test_the_plain_file_stays_until_the_encrypted_one_was_read_back(
 ) -> None:
     before = (old / "private" / "key.json").read_bytes()
     with Store(old) as store, monkeypatch.context() as damage:
-        damage.setattr(identity_file, "decrypted", lambda *_: {})
+        damage.setattr(identity_file, "decrypt", lambda *_: {})
         with pytest.raises(StudyError, match="could not be read back"):
             encrypt_names(store)
     assert (old / "private" / "key.json").read_bytes() == before
-    assert identity_file.lock_of(old) is None
+    assert identity_file.key_source(old) is None
 
 
 def test_a_plain_copy_next_to_the_encrypted_file_is_named_and_removed(old: Path) -> None:
@@ -273,10 +273,10 @@ def test_a_key_can_be_exchanged_for_a_passphrase(folder: Path, monkeypatch: pyte
     monkeypatch.setenv(PASSPHRASE, SECRET)
     assert "a passphrase" in avrgym("encrypt-names", folder, "--passphrase").stdout
     identity_keys._given.clear()
-    assert identity_file.read_key(folder)["sub-001"].name == NAME
+    assert identity_file.read_identities(folder)["sub-001"].name == NAME
     monkeypatch.delenv(PASSPHRASE)
-    with pytest.raises(Locked):
-        identity_file.read_key(folder)
+    with pytest.raises(KeyUnavailable):
+        identity_file.read_identities(folder)
 
 
 def test_what_a_broken_off_exchange_of_keys_left_goes_with_the_deleted(folder: Path) -> None:
@@ -301,7 +301,7 @@ def test_a_damaged_lock_is_named(
     path.write_text(json.dumps(file))
     monkeypatch.setenv(PASSPHRASE, SECRET)
     with pytest.raises(StudyError, match="the lock of the identity file is damaged"):
-        identity_file.read_key(locked)
+        identity_file.read_identities(locked)
 
 
 @pytest.mark.parametrize("name", ["identities.json", "key.json"])
@@ -310,18 +310,18 @@ def test_bytes_that_are_no_text_are_named_as_damage(folder: Path, name: str) -> 
     path.parent.mkdir(mode=0o700)
     path.write_bytes(b'{"format": "\xff"}')
     with pytest.raises(StudyError, match=r"not (an identity|a key) file"):
-        identity_file.pseudonyms(folder)
+        identity_file.named_pseudonyms(folder)
 
 
 @pytest.mark.parametrize(
     ("locks", "opens"), [("gr\udcfcn is long", "gr\udcfcn is long"), ("grün is long", "gru\u0308n is long")]
 )
 def test_a_passphrase_is_the_same_however_it_is_encoded(folder: Path, locks: str, opens: str) -> None:
-    identity_keys.give_passphrase(folder, locks)
+    identity_keys.set_passphrase(folder, locks)
     with Store(folder) as store:
         enrol(store, "woman", name=NAME)
-    identity_keys.give_passphrase(folder, opens)
-    assert identity_file.read_key(folder)["sub-001"].name == NAME
+    identity_keys.set_passphrase(folder, opens)
+    assert identity_file.read_identities(folder)["sub-001"].name == NAME
 
 
 def test_a_key_file_is_on_disk_before_names_need_it(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -335,7 +335,7 @@ def test_a_key_file_is_on_disk_before_names_need_it(folder: Path, monkeypatch: p
     monkeypatch.setattr(os, "fsync", noted)
     with Store(folder) as store:
         enrol(store, "woman", name=NAME)
-    lock = identity_file.lock_of(folder)
+    lock = identity_file.key_source(folder)
     assert lock is not None
     names = [each for each in synced if each.endswith(".key") or "identities" in each]
     assert names[0] == identity_keys.key_path(lock).name

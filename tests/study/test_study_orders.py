@@ -10,11 +10,11 @@ import pytest
 
 from avrgym.study.design.allocation import (
     PlannedTrial,
+    cell_fill_order,
     cell_orders,
     least_filled_cell,
-    order_of_cells,
     plan_trials,
-    practice_robots_of,
+    practice_robots,
 )
 from avrgym.study.design.counterbalancing import Block, balanced_orders, williams_square
 from avrgym.study.design.design import Design, default_text, parse_design
@@ -142,7 +142,7 @@ def test_practice_robots_are_balanced_over_participants_and_over_tasks():
 
 def test_practice_robots_are_drawn_by_chance():
     """No participant's robot for a task is fixed by the design."""
-    drawn = [practice_robots_of(msgspec.structs.replace(PAPER, seed=seed), 3) for seed in range(400)]
+    drawn = [practice_robots(msgspec.structs.replace(PAPER, seed=seed), 3) for seed in range(400)]
     for robots in zip(*drawn, strict=True):
         assert 150 < robots.count("PR2") < 250
 
@@ -189,7 +189,7 @@ def test_completed_cells_differ_by_at_most_one_with_thirty_percent_dropout(cells
 def test_each_site_is_a_block_and_all_of_them_together_are_balanced(sites):
     """Whoever comes next, at whichever site that shares a database: no cell is ever one ahead of two others."""
     rng = np.random.default_rng(sites)
-    orders = {f"site-{site}": order_of_cells(PAPER, f"site-{site}") for site in range(sites)}
+    orders = {f"site-{site}": cell_fill_order(PAPER, f"site-{site}") for site in range(sites)}
     cells = len(orders["site-0"])
     taken: dict[str, list[int]] = {site: [] for site in orders}
     for _ in range(20 * cells):
@@ -207,12 +207,12 @@ def test_each_site_is_a_block_and_all_of_them_together_are_balanced(sites):
 
 @pytest.mark.slow
 def test_sites_with_databases_of_their_own_do_not_all_begin_with_the_same_cells():
-    firsts = Counter(order_of_cells(PAPER, f"site-{number}")[0] for number in range(400))
+    firsts = Counter(cell_fill_order(PAPER, f"site-{number}")[0] for number in range(400))
     assert all(60 < firsts[cell] < 140 for cell in range(4))
 
 
 def test_without_a_site_everything_is_as_it_was():
-    assert order_of_cells(PAPER, None) == list(range(4))
+    assert cell_fill_order(PAPER, None) == list(range(4))
     assert plan_trials(PAPER, 1, 3, None) == plan_trials(PAPER, 1, 3, "") == plan_trials(PAPER, 1, 3)
 
 

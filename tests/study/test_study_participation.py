@@ -16,7 +16,7 @@ from avrgym.study.checking import rebuilding
 from avrgym.study.checking.checks import check_strays
 from avrgym.study.checking.database_checks import check_database
 from avrgym.study.checking.participation_checks import check_participation
-from avrgym.study.checking.rebuilding import Rebuilt, rebuild_study
+from avrgym.study.checking.rebuilding import RebuildSummary, rebuild_study
 from avrgym.study.export import export_study
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people.deletion import delete_participant
@@ -28,7 +28,7 @@ from avrgym.study.people.participants import (
     withdraw,
 )
 from avrgym.study.storage import database, reconciliation, signing
-from avrgym.study.storage.data_loss import loss_words
+from avrgym.study.storage.data_loss import describe_data_loss
 from avrgym.study.storage.participation import FILE, ParticipationList
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -77,7 +77,7 @@ def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return copy
 
 
-def lose(folder: Path, *files: str) -> Rebuilt:
+def lose(folder: Path, *files: str) -> RebuildSummary:
     for name in (*DATABASE_FILES, *files):
         (folder / name).unlink(missing_ok=True)
     return rebuild_study(folder)
@@ -96,7 +96,7 @@ def wrong(folder: Path) -> dict[str, str]:
 
 def losses(folder: Path) -> str:
     with Store(folder) as store:
-        return " ".join(loss_words(store))
+        return " ".join(describe_data_loss(store))
 
 
 def lines(folder: Path) -> list[str]:
@@ -330,14 +330,14 @@ def test_where_nothing_can_be_signed_a_study_goes_on_and_its_list_proves_nothing
 
 def _withdraw_and_die(folder: Path) -> None:
     """Withdraw somebody, and be killed between the list and the database."""
-    following = reconciliation.follow
+    following = reconciliation.append_transaction
 
     def follow_and_die(*arguments: object) -> None:
         following(*arguments)  # pyright: ignore[reportArgumentType]
         os.kill(os.getpid(), signal.SIGKILL)
 
     with Store(folder) as store:
-        database.follow = follow_and_die
+        database.append_transaction = follow_and_die
         withdraw(store, "sub-005")
 
 
@@ -391,13 +391,13 @@ def test_the_list_outlasts_a_rebuilding_that_a_kill_broke_off(folder: Path) -> N
 def test_a_kill_in_the_first_enrolment_keeps_no_study_from_opening(tmp_path: Path, written: bool) -> None:
     folder = small_study(tmp_path / "new")
     with Store(folder) as store, pytest.MonkeyPatch.context() as patch:
-        follow = reconciliation.follow
+        follow = reconciliation.append_transaction
 
         def fail(*arguments: object) -> None:
             follow(*arguments)  # pyright: ignore[reportArgumentType]
             raise StudyError("as a kill before the commit")
 
-        patch.setattr(database, "follow", fail)
+        patch.setattr(database, "append_transaction", fail)
         with pytest.raises(StudyError, match="as a kill"):
             enrol(store, "man")
     if not written:

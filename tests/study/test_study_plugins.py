@@ -15,7 +15,7 @@ from avrgym.cli.main import app
 from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.plugin_checks import check_plugins
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.frozen_plan import Record, freeze, read_frozen
+from avrgym.study.plan.frozen_plan import PlanRecord, freeze_plan, read_frozen_plan
 from avrgym.study.plan.plan_template import write_template
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage.store import Store
@@ -115,11 +115,11 @@ def freeze_plan(store: Store) -> None:
 
     offered = available_tests(store.design)
     write_template(store.folder, store.design, offered, suggested_hypotheses(store.design))
-    freeze(store, offered)
+    freeze_plan(store, offered)
 
 
-def deviating(store: Store, change: Callable[[Record], Record] = lambda record: record) -> list[str]:
-    frozen = read_frozen(store)
+def deviating(store: Store, change: Callable[[PlanRecord], PlanRecord] = lambda record: record) -> list[str]:
+    frozen = read_frozen_plan(store)
     assert frozen is not None
     assert frozen.record is not None
     changed = replace(frozen, record=change(frozen.record))
@@ -128,7 +128,7 @@ def deviating(store: Store, change: Callable[[Record], Record] = lambda record: 
 
 def test_a_plan_stores_them_and_a_change_is_a_deviation(robot: Path, folder: Path) -> None:
     with Store(folder) as store:
-        freeze_plan(store)
+        freeze_with_template(store)
         assert deviating(store) == []
         before = plugins_of(ENVIRONMENT)[0]
         change(robot)
@@ -136,13 +136,13 @@ def test_a_plan_stores_them_and_a_change_is_a_deviation(robot: Path, folder: Pat
 
 
 def test_a_plan_of_an_earlier_version_opens_and_says_that_it_stores_none(robot: Path, folder: Path) -> None:
-    def earlier(record: Record) -> Record:
+    def earlier(record: PlanRecord) -> PlanRecord:
         values = msgspec.to_builtins(record)
         del values["plugins"]
-        return msgspec.convert(values, Record)
+        return msgspec.convert(values, PlanRecord)
 
     with Store(folder) as store:
-        freeze_plan(store)
+        freeze_with_template(store)
         assert deviating(store, earlier) == [f"robot Jaco was not stored, is {plugins_of(ENVIRONMENT)[0]}"]
 
 

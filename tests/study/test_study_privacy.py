@@ -14,7 +14,7 @@ from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, set_identity
 from avrgym.study.storage import database, identity_file, schema, sqlite
 from avrgym.study.storage.database import Database
-from avrgym.study.storage.sessions import close_session, open_session, tell
+from avrgym.study.storage.sessions import close_session, open_session, record_session_event
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import exposed
@@ -50,7 +50,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
             run_participant(opened, pseudonym, trials=2, simulated=False)
         add_note(opened, "sub-002", "she-laughed-at-the-spoon")
         session = open_session(opened, "sub-002")
-        tell(opened, session.id, "reconnected", "ses-01-trace")
+        record_session_event(opened, session.id, "reconnected", "ses-01-trace")
         close_session(opened, session.id)
         yield opened
 
@@ -85,7 +85,7 @@ def test_names_are_nowhere_in_plain_text_and_only_their_owner_may_read_their_fil
     private = store.folder / "private"
     holders = [name for name, data in files(store.folder).items() if b"Unverwechselbar" in data]
     assert holders == []
-    assert identity_file.read_key(store.folder)["sub-002"] == identity_file.Identity(NAME, CONTACT)
+    assert identity_file.read_identities(store.folder)["sub-002"] == identity_file.Identity(NAME, CONTACT)
     assert stat.S_IMODE(private.stat().st_mode) == 0o700
     assert stat.S_IMODE((private / "identities.json").stat().st_mode) == 0o600
     assert list(exposed(private)) == []

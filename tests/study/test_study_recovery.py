@@ -101,7 +101,7 @@ def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None
         ]
         assert enrol(again, "man") == "sub-003"
         delete_participant(again, "sub-002")
-    assert identity_file.read_key(old) == {}
+    assert identity_file.read_identities(old) == {}
     assert b"Example Person" not in b"".join(contents(old).values())
 
 

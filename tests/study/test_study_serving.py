@@ -290,7 +290,7 @@ def test_the_loop_never_waits_for_a_new_link(
 def test_a_link_ends_with_a_session_that_is_ended_elsewhere(
     store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(threads, "LOOK_EVERY_S", 0.01)
+    monkeypatch.setattr(threads, "CHECK_EVERY_S", 0.01)
     loop.ask(loop.sessions.begin, take_in(store))
     withdraw(store, "sub-001", "at another station")
     while loop.sessions.participant is not None:

@@ -17,11 +17,11 @@ from avrgym.study.checking.summary import summarise_study
 from avrgym.study.people.participants import withdraw
 from avrgym.study.sessions import simulation
 from avrgym.study.sessions.simulation import (
-    Cast,
-    cast_of,
+    DryRun,
+    draw_participant_traits,
+    find_dry_run,
     simulate_study,
     simulated_participant,
-    traits_of,
 )
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
@@ -116,7 +116,9 @@ def test_a_dry_run_is_a_whole_study_and_a_second_one_goes_on(folder: Path) -> No
             "after_session",
         ]
         assert len(answers) == 10
-        heights = {traits_of(person, Cast(SEED)).torso_height_m for person in store.participants()}
+        heights = {
+            draw_participant_traits(person, DryRun(SEED)).torso_height_m for person in store.participants()
+        }
         assert len(heights) == 2
 
 
@@ -125,15 +127,15 @@ def test_who_is_withdrawn_during_a_dry_run_is_no_failure(
 ) -> None:
     run_trial = simulation._run_trial  # pyright: ignore[reportPrivateUsage]
 
-    def run_and_withdraw(visit: StudyVisit, cast: Cast) -> None:
+    def run_and_withdraw(visit: StudyVisit, cast: DryRun) -> None:
         run_trial(visit, cast)
         if visit.store.participant(visit.pseudonym).state == "allocated":
             withdraw(visit.store, visit.pseudonym, "felt sick")
 
     monkeypatch.setattr(simulation, "_run_trial", run_and_withdraw)
     with Store(folder) as store:
-        simulated_participant(store, 0, Cast(SEED))
-        simulation.simulate_participant(folder, "sub-001", Cast(SEED))
+        simulated_participant(store, 0, DryRun(SEED))
+        simulation.simulate_participant(folder, "sub-001", DryRun(SEED))
         assert store.participant("sub-001").state == "withdrawn"
         assert [trial.state for trial in store.trials("sub-001")] == ["completed", "planned", "planned"]
         assert [finding for finding in check_study(store) if finding.wrong] == []
@@ -141,24 +143,24 @@ def test_who_is_withdrawn_during_a_dry_run_is_no_failure(
 
 def test_another_seed_does_not_go_on_with_earlier_people(folder: Path) -> None:
     with Store(folder) as store:
-        simulated_participant(store, 0, Cast(SEED))
+        simulated_participant(store, 0, DryRun(SEED))
     with (
         Store(folder) as store,
         pytest.raises(StudyError, match="'simulated with seed 5'; a run with another"),
     ):
-        simulated_participant(store, 0, Cast(SEED + 1))
+        simulated_participant(store, 0, DryRun(SEED + 1))
     with Store(folder) as store:
         take_in(store, simulated=False)
-        assert simulated_participant(store, 1, Cast(SEED)) == "sub-003"
+        assert simulated_participant(store, 1, DryRun(SEED)) == "sub-003"
 
 
 def test_other_people_do_not_go_on_with_them_either(folder: Path) -> None:
-    zoo = cast_of(SEED, "zoo/unseen", "tremor")
+    zoo = find_dry_run(SEED, "zoo/unseen", "tremor")
     assert str(zoo) == f"simulated with seed {SEED}, people zoo/unseen, impairment tremor"
     with Store(folder) as store:
         simulated_participant(store, 0, zoo)
         with pytest.raises(StudyError, match="other people does not go on"):
-            simulated_participant(store, 0, Cast(SEED))
+            simulated_participant(store, 0, DryRun(SEED))
 
 
 @pytest.mark.slow
@@ -171,7 +173,7 @@ def test_partners_of_the_zoo_take_part(tmp_path: Path) -> None:
     with Store(folder) as store:
         assert [finding for finding in check_study(store) if finding.wrong] == []
         (person,) = store.participants()
-        traits = traits_of(person, cast_of(SEED, "zoo/unseen", "limits"))
+        traits = draw_participant_traits(person, find_dry_run(SEED, "zoo/unseen", "limits"))
         assert traits.partner is not None
         assert PARTNERS[traits.partner].zoo == "zoo/unseen"
         assert 0.25 <= traits.range_share < 1.0
@@ -249,7 +251,7 @@ def test_a_trained_human_takes_part_and_only_in_their_own_environment(tmp_path: 
     with Store(folder) as store:
         (person,) = store.participants()
         assert person.simulated
-        traits = traits_of(person, cast_of(SEED, str(tmp_path / "humans"), "none"))
+        traits = draw_participant_traits(person, find_dry_run(SEED, str(tmp_path / "humans"), "none"))
         assert traits.trained is not None
         assert traits.trained.digest in {each.digest for each in humans}
         assert (traits.tremor_rad > 0.0).any(), "the impairment that the human was trained with"

@@ -24,9 +24,9 @@ from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.storage import database, hash_chain, schema
 from avrgym.study.storage.answers import record_answer, record_session_answer
-from avrgym.study.storage.attempts import BROKEN_OFF, begin_attempt, complete_attempt, end_attempt
+from avrgym.study.storage.attempts import INCOMPLETE_ENDS, begin_attempt, complete_attempt, end_attempt
 from avrgym.study.storage.rows import Trial
-from avrgym.study.storage.sessions import close_session, open_session, skip_trial, tell
+from avrgym.study.storage.sessions import close_session, open_session, record_session_event, skip_trial
 from avrgym.study.storage.states import TRANSITIONS, StudyError, check_transition
 from avrgym.study.storage.store import Store
 from avrgym.system.processes import is_running
@@ -95,7 +95,7 @@ def test_a_participant_goes_from_enrolment_to_the_last_answer(store: Store) -> N
     for trial in planned:
         run_trial(store, session, trial)
     add_note(store, pseudonym, "laughed at the spoon", session.id)
-    tell(store, session.id, "reconnected", "after 0.4 s")
+    record_session_event(store, session.id, "reconnected", "after 0.4 s")
     close_session(store, session.id)
 
     participant = store.participant(pseudonym)
@@ -135,15 +135,15 @@ def test_a_broken_off_attempt_is_repeated_and_a_skipped_trial_comes_last(store: 
     session = open_session(store, pseudonym)
     practice, first, *_ = store.remaining_trials(pseudonym)
     run_trial(store, session, practice)
-    for number, state in enumerate(BROKEN_OFF, start=1):
+    for number, state in enumerate(INCOMPLETE_ENDS, start=1):
         attempt = begin_attempt(store, session.id, first.position)
         assert attempt.number == number
         record(store, attempt, first)
         end_attempt(store, attempt.id, state, Metrics(steps=1))
     skip_trial(store, session.id, first.position)
     assert [trial.position for trial in store.remaining_trials(pseudonym)] == [3, 4, 5, 2]
-    assert run_trial(store, session, first).number == len(BROKEN_OFF) + 1
-    assert [a.state for a in store.attempts(pseudonym)] == ["completed", *BROKEN_OFF, "completed"]
+    assert run_trial(store, session, first).number == len(INCOMPLETE_ENDS) + 1
+    assert [a.state for a in store.attempts(pseudonym)] == ["completed", *INCOMPLETE_ENDS, "completed"]
     assert all(attempt.sha256 for attempt in store.attempts(pseudonym))
 
 
@@ -249,7 +249,9 @@ def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
     refused(store, lambda: begin_attempt(store, session.id, 9), "there is no trial 9")
     refused(store, lambda: begin_attempt(store, 99, 1), "there is no session 99")
     refused(store, lambda: add_note(store, other, "x", session.id), "is not one of sub-002")
-    refused(store, lambda: tell(store, session.id, "x", attempt_id=1), "there is no attempt 1")
+    refused(
+        store, lambda: record_session_event(store, session.id, "x", attempt_id=1), "there is no attempt 1"
+    )
     practice, first, *_ = store.remaining_trials(pseudonym)
     run_trial(store, session, practice)
     refused(store, lambda: begin_attempt(store, session.id, 1), "trial 1 of sub-001 is completed and cannot")

@@ -8,18 +8,18 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.study.people.participants import add_note, enrol, set_identity, withdraw
-from avrgym.study.storage.free_text import MOST_IN_LINE, MOST_IN_NOTE
+from avrgym.study.storage.free_text import MAX_LINE_LENGTH, MAX_NOTE_LENGTH
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import make_study
 
 ENTRANCES: dict[str, tuple[int, Callable[[Store, str], object]]] = {
-    "name": (MOST_IN_LINE, lambda store, text: enrol(store, "man", name=text)),
-    "contact": (MOST_IN_LINE, lambda store, text: enrol(store, "man", contact=text)),
-    "corrected name": (MOST_IN_LINE, lambda store, text: set_identity(store, "sub-001", text, "")),
-    "corrected contact": (MOST_IN_LINE, lambda store, text: set_identity(store, "sub-001", "", text)),
-    "note": (MOST_IN_NOTE, lambda store, text: add_note(store, "sub-001", text)),
-    "reason": (MOST_IN_LINE, lambda store, text: withdraw(store, "sub-001", text)),
+    "name": (MAX_LINE_LENGTH, lambda store, text: enrol(store, "man", name=text)),
+    "contact": (MAX_LINE_LENGTH, lambda store, text: enrol(store, "man", contact=text)),
+    "corrected name": (MAX_LINE_LENGTH, lambda store, text: set_identity(store, "sub-001", text, "")),
+    "corrected contact": (MAX_LINE_LENGTH, lambda store, text: set_identity(store, "sub-001", "", text)),
+    "note": (MAX_NOTE_LENGTH, lambda store, text: add_note(store, "sub-001", text)),
+    "reason": (MAX_LINE_LENGTH, lambda store, text: withdraw(store, "sub-001", text)),
 }
 NO_TEXT = ("\x00", "a\x00b", "\x1b[2J", "\x7f", "\x9b", "\ud800", "\udcff")
 

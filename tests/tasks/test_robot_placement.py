@@ -18,7 +18,7 @@ from avrgym.robots import registry as robots
 from avrgym.robots.jaco.robot import JACO
 from avrgym.study.checking.preflight import check_starts as check_study_starts
 from avrgym.study.people.participants import enrol
-from avrgym.study.sessions.simulation import cast_of, simulate_participant, simulated_participant
+from avrgym.study.sessions.simulation import find_dry_run, simulate_participant, simulated_participant
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks import episodes, placement_check, registry, task_check
@@ -164,7 +164,7 @@ def test_a_study_of_ours_has_room(folder: Path) -> None:
 def test_a_dry_run_without_room_names_environment_body_and_what_is_in_the_way(
     refused: None, folder: Path
 ) -> None:
-    cast = cast_of(0, "participants", "none")
+    cast = find_dry_run(0, "participants", "none")
     with Store(folder) as store:
         pseudonym = simulated_participant(store, 0, cast)
         assert enrol(store, "woman") != pseudonym

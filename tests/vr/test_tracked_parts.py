@@ -14,7 +14,7 @@ from avrgym.models.human import SEATED_RAD
 from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.people.population_names import IMPAIRMENTS, Impairment
 from avrgym.recording.reader import Recording
-from avrgym.study.checking.tracking_loss import held_share, too_much_held
+from avrgym.study.checking.tracking_loss import describe_excess_loss, tracking_loss_share
 from avrgym.study.design.design import default_text, parse_design
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
@@ -117,7 +117,7 @@ def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
     assert ("tracking_lost", part) in told(recording)
     last = [frame for _, frame in recording.topics["/tracking"]][-1]
     assert last.held or (part in last.held_parts and part in last.untracked_parts)
-    assert (held_share(recording) or 0.0) > 0.7
+    assert (tracking_loss_share(recording) or 0.0) > 0.7
 
     visit.tell(Ready())
     visit.tick(100)
@@ -149,7 +149,7 @@ def test_a_part_that_the_task_does_not_need_ends_nothing(
     visit.answer(4, 4, 4, 4)
     (recording,) = visit.recordings()
     assert ended(recording) == "completed"
-    assert held_share(recording) == pytest.approx(0.0, abs=1e-9)
+    assert tracking_loss_share(recording) == pytest.approx(0.0, abs=1e-9)
     frames = [frame for _, frame in recording.topics["/tracking"] if frame.applied]
     assert all(frame.untracked_parts == [part] for frame in frames)
     assert not visit.happened(session_events.TrackingLost)
@@ -195,9 +195,9 @@ def test_a_hand_that_is_lost_for_a_while_counts_as_held_by_its_part(tmp_path: Pa
     visit.answer(4, 4, 4, 4)
     (recording,) = visit.recordings()
     assert ended(recording) == "completed"
-    assert held_share(recording) == pytest.approx((0.8 - STALE_S) / 4.0, abs=0.03)
-    assert held_share(recording, "left") == pytest.approx(0.0, abs=1e-9)
-    why = too_much_held(recording, parse_design(default_text()))
+    assert tracking_loss_share(recording) == pytest.approx((0.8 - STALE_S) / 4.0, abs=0.03)
+    assert tracking_loss_share(recording, "left") == pytest.approx(0.0, abs=1e-9)
+    why = describe_excess_loss(recording, parse_design(default_text()))
     print(f"\n{why}")
     assert why is not None
     assert "left hand 0.0 %, right hand 1" in why
@@ -223,7 +223,7 @@ def test_whoever_takes_part_with_a_mouse_and_keeps_still_is_tracked(tmp_path: Pa
     visit.go_to("questionnaire")
     visit.answer(4, 4, 4, 4)
     (recording,) = visit.recordings()
-    assert (ended(recording), held_share(recording)) == ("completed", pytest.approx(0.0, abs=1e-9))
+    assert (ended(recording), tracking_loss_share(recording)) == ("completed", pytest.approx(0.0, abs=1e-9))
 
 
 # Parts -------------------------------------------------------------------------------------------------------

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from avrgym.analysis.page.elements import Markup, bullet_list, table, tag, warning_box
 from avrgym.study.checking.finding import Finding
 from avrgym.study.design.design import Design
-from avrgym.study.storage.item_versions import Asked, first_name
-from avrgym.study.storage.session_designs import Use, listed
+from avrgym.study.storage.item_versions import AnsweredItems, base_name
+from avrgym.study.storage.session_designs import SessionDesign, describe_trials
 from avrgym.study.storage.store import Store
 
 
@@ -32,7 +32,7 @@ class ItemRow:
     answers: int
 
 
-def item_rows(store: Store, asked: Asked) -> list[ItemRow]:
+def item_rows(store: Store, asked: AnsweredItems) -> list[ItemRow]:
     """A row for each version of an item and group of participants, ordered by item."""
     simulated = {each.pseudonym: each.simulated for each in store.participants()}
     scales = {item.id: own.scale_of(item) for own in asked.design.questionnaires for item in own.items}
@@ -84,8 +84,8 @@ def differences_section(differences: Sequence[Finding], items: Sequence[ItemRow]
 
 
 def _versions(items: Sequence[ItemRow]) -> list[Markup]:
-    changed = {first_name(row.item) for row in items if row.version > 1}
-    shown = [row for row in items if first_name(row.item) in changed]
+    changed = {base_name(row.item) for row in items if row.version > 1}
+    shown = [row for row in items if base_name(row.item) in changed]
     if not shown:
         return []
     heads = ("Item", "Words", "From", "To", "Participants", "Answers")
@@ -99,14 +99,14 @@ def _versions(items: Sequence[ItemRow]) -> list[Markup]:
     return [table("Items that were changed; each version is analysed separately", heads, body, numbers=(5,))]
 
 
-def describe_by_design(uses: Iterable[Use], design: Design, words: Callable[[Design], str]) -> str:
+def describe_by_design(uses: Iterable[SessionDesign], design: Design, words: Callable[[Design], str]) -> str:
     """Texts of ``words`` about the designs of ``uses``, or about ``design`` if nobody took part yet."""
-    groups: dict[str, list[Use]] = {}
+    groups: dict[str, list[SessionDesign]] = {}
     for use in uses:
         groups.setdefault(words(use.design), []).append(use)
     if len(groups) < 2:
         return next(iter(groups), None) or words(design)
-    return " ".join(f"For {listed(own)}: {_sentence(text)}" for text, own in groups.items())
+    return " ".join(f"For {describe_trials(own)}: {_sentence(text)}" for text, own in groups.items())
 
 
 def _sentence(text: str) -> str:

@@ -22,7 +22,7 @@ from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
 from avrgym.people.people_file import PeopleFile, Range, Source, TorsoHeights
 from avrgym.recording.reader import Recording
-from avrgym.study.checking.tracking_loss import too_much_held
+from avrgym.study.checking.tracking_loss import describe_excess_loss
 from avrgym.study.export.trials import ExportedAttempt, completed_attempts
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -153,7 +153,7 @@ def _see_all(
 def _see(attempt: ExportedAttempt) -> TrialPose:
     """What a recording shows; ``StudyError``, beginning with its name, for one that is not used."""
     recording = attempt.read_whole()
-    held = too_much_held(recording, attempt.store.design)
+    held = describe_excess_loss(recording, attempt.store.design)
     if held is not None:
         raise StudyError(f"{attempt.attempt.recording}: {held}")
     try:

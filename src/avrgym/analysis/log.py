@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from avrgym.analysis.page.elements import Markup, bullet_list, count_text, tag
 from avrgym.study.checking.interim_looks import check_interim_looks, is_interim
-from avrgym.study.storage.audit_log import person_words, site_names
+from avrgym.study.storage.audit_log import describe_person, site_names
 from avrgym.study.storage.store import Store
 
 
@@ -29,7 +29,7 @@ def study_log(store: Store) -> StudyLog:
     own = [entry for entry in store.log() if entry.completed is None or is_interim(entry)]
     return StudyLog(
         entries=len(own),
-        people=list(dict.fromkeys(person_words(entry, sites) for entry in own)),
+        people=list(dict.fromkeys(describe_person(entry, sites) for entry in own)),
         first_at=min((entry.at for entry in own), default=None),
         last_at=max((entry.at for entry in own), default=None),
         interim_looks=[f"{each.where} {each.what}" for each in check_interim_looks(store)],

@@ -10,7 +10,7 @@ from avrgym.analysis.publication.writing import FOLDER as PACK
 from avrgym.analysis.publication.writing import write_publication_files
 from avrgym.analysis.report import write_report
 from avrgym.analysis.study import Analysis
-from avrgym.study.storage.analysis_files import RESULTS, UNFINISHED, made_before, remove_files
+from avrgym.study.storage.analysis_files import RESULTS, UNFINISHED_PREFIX, previous_files, remove_files
 from avrgym.study.storage.states import StudyError
 from avrgym.system.files import make_private, make_private_folder
 
@@ -23,7 +23,7 @@ FOLDERS = ("report", "tables", "figures", PACK)
 def check_output_folder(out: Path) -> None:
     """Raise ``StudyError`` where an analysis would overwrite what no analysis made."""
     present = [name for name in (*FOLDERS, RESULTS) if (out / name).exists()]
-    if present and made_before(out) is None:
+    if present and previous_files(out) is None:
         raise StudyError(f"{out / present[0]} is not of an earlier analysis; choose another folder")
 
 
@@ -39,7 +39,7 @@ def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
     """
     check_output_folder(out)
     make_private_folder(out)
-    with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=out) as temporary:
+    with tempfile.TemporaryDirectory(prefix=UNFINISHED_PREFIX, dir=out) as temporary:
         made = Path(temporary)
         _write_all(analysis, made, os.path.relpath(study, out / "report"))
         files = sorted(path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file())
@@ -65,7 +65,7 @@ def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
 
 def _replace(made: Path, out: Path, files: list[str]) -> None:
     """Move new files to their places, the results last, and remove those that an earlier analysis made in addition."""
-    remove_files(out, set(made_before(out) or ()) - set(files))
+    remove_files(out, set(previous_files(out) or ()) - set(files))
     for folder in FOLDERS:
         make_private_folder(out / folder)
     for name in [*files, RESULTS]:

@@ -25,10 +25,10 @@ from avrgym.analysis.page.elements import Markup, bullet_list, join, tag
 from avrgym.analysis.reading.study_data import StudyData
 from avrgym.analysis.statistics.comparisons import PARTICIPANT, TRIAL, ComparisonRow, Family, Question
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
-from avrgym.study.checking.finding import Finding, left_out
+from avrgym.study.checking.finding import Finding, excluded_trial
 from avrgym.study.design.design import Design
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.frozen_plan import read_frozen
+from avrgym.study.plan.frozen_plan import read_frozen_plan
 from avrgym.study.plan.plan import EXPLORATORY, NOT_PLANNED, Hypothesis, Plan
 from avrgym.study.plan.plan import FILE as PLAN_FILE
 from avrgym.study.storage.store import Store
@@ -139,11 +139,11 @@ class FrozenPlan:
 
 
 def read_frozen_plan(store: Store, design: Design, observed: StudyData) -> FrozenPlan | None:
-    frozen = read_frozen(store)
+    frozen = read_frozen_plan(store)
     if frozen is None:
         return None
     exclusions = [
-        left_out(row.participant, row.position, row.left_out) for row in observed.trials if row.left_out
+        excluded_trial(row.participant, row.position, row.left_out) for row in observed.trials if row.left_out
     ]
     found = deviations(store, frozen, required_tests(design), exclusions, optional_tests(design))
     record = frozen.record

@@ -5,7 +5,7 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 
 from avrgym.analysis.page.elements import Markup, bullet_list, group_caption, table, tag
-from avrgym.study.checking.repeats import Repeat, TriedTrial
+from avrgym.study.checking.repeats import AttemptedTrial, Repeat
 from avrgym.study.design.design import Design
 
 
@@ -30,16 +30,16 @@ class RepeatRow:
     success_unknown: int
 
 
-def repeat_rows(tried: Iterable[TriedTrial]) -> list[RepeatRow]:
+def repeat_rows(tried: Iterable[AttemptedTrial]) -> list[RepeatRow]:
     """The rows of all conditions in which something was repeated."""
-    conditions = defaultdict[tuple[bool, str, str, str], list[TriedTrial]](list)
+    conditions = defaultdict[tuple[bool, str, str, str], list[AttemptedTrial]](list)
     for each in tried:
         condition = (each.participant.simulated, each.task, each.robot, each.trial.policy)
         conditions[condition].append(each)
     return [row for condition, own in sorted(conditions.items()) for row in _rows(condition, own)]
 
 
-def _rows(condition: tuple[bool, str, str, str], own: list[TriedTrial]) -> Iterable[RepeatRow]:
+def _rows(condition: tuple[bool, str, str, str], own: list[AttemptedTrial]) -> Iterable[RepeatRow]:
     simulated, task, robot, policy = condition
     groups = defaultdict[Hashable, list[Repeat]](list)
     for repeat in (repeat for each in own for repeat in each.repeats):

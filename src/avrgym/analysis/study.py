@@ -64,16 +64,15 @@ from avrgym.analysis.tables import Table, control_steps
 from avrgym.study.checking.design_checks import check_design, check_stored_designs
 from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.repeat_checks import check_repeats, is_simulated
-from avrgym.study.checking.repeats import tried_trials
+from avrgym.study.checking.repeats import attempted_trials
 from avrgym.study.design.design import Design
 from avrgym.study.export.codebook import TABLES
 from avrgym.study.export.functioning import functioning_rows
 from avrgym.study.export.records import WITHOUT, adverse_event_rows
 from avrgym.study.export.scores import uses_instruments
 from avrgym.study.storage.analysis_files import FORMAT_NAME
-from avrgym.study.storage.data_loss import loss_words
-from avrgym.study.storage.item_versions import Asked
-from avrgym.study.storage.session_designs import Use, designs_recorded
+from avrgym.study.storage.data_loss import describe_data_loss
+from avrgym.study.storage.session_designs import SessionDesign, recorded_designs
 from avrgym.study.storage.store import Store
 from avrgym.vr.session.attempt import versions
 
@@ -106,7 +105,7 @@ class Analysis:
     design: Design
     plan: FrozenPlan | None
     differences: list[Finding]
-    uses: list[Use]
+    uses: list[SessionDesign]
     items: list[ItemRow]
     observed: StudyData
     flows: list[ParticipantFlow]
@@ -233,7 +232,7 @@ def analyse(
         design=design,
         plan=plan,
         differences=differences,
-        uses=designs_recorded(store),
+        uses=recorded_designs(store),
         items=item_rows(store, asked),
         observed=observed,
         flows=participant_flows(store, observed),
@@ -256,8 +255,8 @@ def analyse(
         log=study_log(store),
         adverse_events=list(adverse_event_rows(store, store.participants(), WITHOUT)),
         functioning=list(functioning_rows(store)) if store.design.ask_functioning else [],
-        losses=loss_words(store),
-        repeats=repeat_rows(tried_trials(store)),
+        losses=describe_data_loss(store),
+        repeats=repeat_rows(attempted_trials(store)),
         repeat_findings=[f"{each.where}: {each.what}" for each in check_repeats(store)],
         repeats_about=is_simulated(store),
     )

@@ -19,12 +19,12 @@ def log(
     shows_results: bool = False,
 ) -> None:
     """Add an entry for a command; print a warning if the study can only be read."""
-    from avrgym.study.storage.audit_log import account, add_entry
+    from avrgym.study.storage.audit_log import account_actor, add_entry
 
     if store.database.read_only:
         warn(f"{store.folder} cannot be written: its log does not contain this command")
     else:
-        add_entry(store, account(), name, participant, detail, shows_results=shows_results)
+        add_entry(store, account_actor(), name, participant, detail, shows_results=shows_results)
 
 
 @contextmanager

@@ -21,7 +21,7 @@ def names(folder: Folder) -> None:
 
     with plain_errors(), Store(folder) as store:
         unlock(folder)
-        known = identity_file.read_key(store.folder)
+        known = identity_file.read_identities(store.folder)
         log(store, "read names")
     if not known:
         say("no names are stored")
@@ -64,20 +64,20 @@ def unlock(folder: Path) -> None:
     """Ask for the passphrase of the names on a terminal, where one is needed and none was given."""
     from avrgym.study.storage import identity_file, identity_keys
 
-    lock = identity_file.lock_of(folder)
+    lock = identity_file.key_source(folder)
     is_needed = lock is not None and lock.kind == "passphrase"
-    if is_needed and identity_keys.given_passphrase(folder) is None and sys.stdin.isatty():
+    if is_needed and identity_keys.known_passphrase(folder) is None and sys.stdin.isatty():
         question = "Passphrase of the names (Enter leaves them locked)"
         if passphrase := typer.prompt(question, default="", show_default=False, hide_input=True):
-            identity_keys.give_passphrase(folder, passphrase)
-            identity_file.read_key(folder)
+            identity_keys.set_passphrase(folder, passphrase)
+            identity_file.read_identities(folder)
 
 
 def print_key(folder: Path) -> None:
     """Say what the names are encrypted with, and what is lost without it."""
     from avrgym.study.storage import identity_file, identity_keys
 
-    lock = identity_file.lock_of(folder)
+    lock = identity_file.key_source(folder)
     if lock is None:
         return
     what = "a passphrase" if lock.kind == "passphrase" else f"the key file {identity_keys.key_path(lock)}"
@@ -88,7 +88,7 @@ def _new_passphrase(folder: Path) -> str:
     """A new passphrase, from the environment unless that contains the present one, else from the terminal."""
     from avrgym.study.storage import identity_file, identity_keys
 
-    lock = identity_file.lock_of(folder)
+    lock = identity_file.key_source(folder)
     if (lock is None or lock.kind == "file") and (given := os.environ.get(identity_keys.PASSPHRASE)):
         return given
     if not sys.stdin.isatty():

@@ -21,7 +21,7 @@ from avrgym.cli.terminal import (
 )
 
 if TYPE_CHECKING:
-    from avrgym.study.checking.finding import Finding, LeftOut
+    from avrgym.study.checking.finding import ExcludedTrial, Finding
     from avrgym.study.storage.store import Store
 
 Folder = Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")]
@@ -60,8 +60,8 @@ def freeze(
     Without a plan, write one to fill in. A plan that another station froze is adopted.
     """
     from avrgym.analysis.plan import available_tests
-    from avrgym.study.plan.frozen_plan import FROZEN, adopt, may_adopt
-    from avrgym.study.plan.frozen_plan import freeze as freeze_plan
+    from avrgym.study.plan.frozen_plan import FROZEN, adopt_plan, may_adopt
+    from avrgym.study.plan.frozen_plan import freeze_plan as freeze_plan
     from avrgym.study.plan.plan import FILE
     from avrgym.study.plan.preregistration import write_preregistration
     from avrgym.study.storage.store import Store
@@ -73,7 +73,7 @@ def freeze(
             _store_evidence(store, timestamp, registered, registered_on)
             log(store, "store evidence of plan")
         elif may_adopt(store) and not template:
-            say(f"adopted   {store.folder / FROZEN}, frozen at {adopt(store).frozen_at} elsewhere")
+            say(f"adopted   {store.folder / FROZEN}, frozen at {adopt_plan(store).frozen_at} elsewhere")
             log(store, "adopt plan")
         elif template or not (store.folder / FILE).exists():
             say(f"plan      {_write_template(store)}: change what you like, then freeze it")
@@ -121,10 +121,10 @@ def _store_evidence(
 
 def _write_template(store: "Store") -> Path:
     from avrgym.analysis.plan import available_tests, suggested_hypotheses
-    from avrgym.study.plan.frozen_plan import check_untouched
+    from avrgym.study.plan.frozen_plan import check_can_freeze
     from avrgym.study.plan.plan_template import write_template
 
-    check_untouched(store)
+    check_can_freeze(store)
     return write_template(
         store.folder, store.design, available_tests(store.design), suggested_hypotheses(store.design)
     )
@@ -184,16 +184,15 @@ def power(
         say(sentence)
 
 
-def plan_of(store: "Store", left_out: "Sequence[LeftOut]" = ()) -> "tuple[str | None, list[Finding]]":
+def plan_of(store: "Store", left_out: "Sequence[ExcludedTrial]" = ()) -> "tuple[str | None, list[Finding]]":
     """When a study's plan was frozen, if it was, and in what the study deviates from it."""
-    from avrgym.study.plan.frozen_plan import read_frozen
+    from avrgym.study.plan.frozen_plan import read_frozen_plan
 
-    frozen = read_frozen(store)
+    frozen = read_frozen_plan(store)
     if frozen is None:
         return None, []
     from avrgym.analysis.plan import optional_tests, required_tests
     from avrgym.study.plan.deviations import deviations
-    from avrgym.study.storage.item_versions import Asked
 
     design = Asked(store).design
     return frozen.at, deviations(store, frozen, required_tests(design), left_out, optional_tests(design))
@@ -202,10 +201,10 @@ def plan_of(store: "Store", left_out: "Sequence[LeftOut]" = ()) -> "tuple[str | 
 def checked(store: "Store") -> "list[Finding]":
     """All that a check of a study finds, and in what it deviates from its plan, each once."""
     from avrgym.study.checking.checks import check_study
-    from avrgym.study.checking.finding import LeftOut
+    from avrgym.study.checking.finding import ExcludedTrial
 
     found = check_study(store)
-    _, deviating = plan_of(store, [each for each in found if isinstance(each, LeftOut)])
+    _, deviating = plan_of(store, [each for each in found if isinstance(each, ExcludedTrial)])
     return [
         *(each for each in found if each not in deviating),
         *(replace(each, what=f"deviates from the plan: {each.what}") for each in deviating),

@@ -59,7 +59,7 @@ def record_adverse_event(
     A follow-up is stored after the reports before it and replaces none; it states only what has changed.
     """
     from avrgym.study.people import adverse_events
-    from avrgym.study.storage.audit_log import account
+    from avrgym.study.storage.audit_log import account_actor
     from avrgym.study.storage.store import Store
 
     stated = {
@@ -76,7 +76,7 @@ def record_adverse_event(
     with plain_errors(), Store(folder) as store:
         report = adverse_events.Report(**_as_known(store, participant, follow_up) | given)
         number = adverse_events.record_adverse_event(
-            store, participant, report, follows=follow_up, recorded_by=by or account().name
+            store, participant, report, follows=follow_up, recorded_by=by or account_actor().name
         )
         log(store, "record adverse event", participant)
     if follow_up is None:
@@ -87,13 +87,14 @@ def record_adverse_event(
 
 def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, Any]:
     """Fields that a new report copies from the latest one; a new event begins now and must state all others."""
-    from avrgym.study.people.adverse_events import followed
+    from avrgym.study.people.adverse_events import group_by_event
     from avrgym.study.storage.schema import now
 
     if event is None:
         return {"began_at": now(), **dict.fromkeys(REQUIRED_FIELDS, "")}
     latest = next(
-        (each.latest for each in followed(store.adverse_events(participant)) if each.number == event), None
+        (each.latest for each in group_by_event(store.adverse_events(participant)) if each.number == event),
+        None,
     )
     if latest is None:
         raise ValueError(
@@ -160,7 +161,7 @@ def retention(
 
     Run it daily by cron or systemd with --delete. Each deletion is logged.
     """
-    from avrgym.study.people.retention import DATA_NAMES, delete_due, due_words, schedule, today
+    from avrgym.study.people.retention import DATA_NAMES, delete_due, describe_due, schedule, today
     from avrgym.study.storage.store import Store
 
     with plain_errors():
@@ -182,7 +183,7 @@ def retention(
             else:
                 say("No data are due on any day: set periods and ended_on in [retention] of study.toml.")
             if not delete:
-                for words in due_words(store, day):
+                for words in describe_due(store, day):
                     say(f"due       {words}")
                 return
             for what, pseudonym in delete_due(store, day):
@@ -200,14 +201,14 @@ def participant_data(
     It is for the participant who asks for their data, with an index, recordings, notes and name.
     """
     from avrgym.study.export.one_person import write_participant_data
-    from avrgym.study.storage.identity_file import pseudonyms
+    from avrgym.study.storage.identity_file import named_pseudonyms
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
         unlock(folder)
         number = write_participant_data(store, participant, out)
         log(store, "export", participant, detail="data of the participant")
-        is_named, sites = participant in pseudonyms(store.folder), store.sites()
+        is_named, sites = participant in named_pseudonyms(store.folder), store.sites()
     if is_named:
         say(f"{number} files in {out}, with name, contact and free text.")
     else:
@@ -244,11 +245,11 @@ def functioning(folder: Folder, participant: Pseudonym) -> None:
         QUESTIONS,
     )
     from avrgym.study.people.functioning import Functioning, record_functioning
-    from avrgym.study.people.participants import texts_of
+    from avrgym.study.people.participants import participant_texts
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
-        texts = texts_of(store, store.participant(participant))
+        texts = participant_texts(store, store.participant(participant))
         levels: dict[str, str] = {}
         for question, text in QUESTIONS.items():
             say(texts.translate(text))

@@ -186,7 +186,7 @@ def _serve_study(
     from avrgym.study.people.experimenters import Experimenters
     from avrgym.study.sessions.links import session_links
     from avrgym.study.sessions.serving import StudySessions
-    from avrgym.study.sessions.threads import StoringThread
+    from avrgym.study.sessions.threads import StorageThread
     from avrgym.study.storage.identity_file import FOLDER as PRIVATE
     from avrgym.study.storage.store import Store
     from avrgym.vr.server.live_server import LiveServer
@@ -196,7 +196,7 @@ def _serve_study(
         Store(folder) as store,
         nullcontext(session_links(store)) as links,
         logged(store, "start server", "stop server"),
-        StoringThread() as storing,
+        StorageThread() as storing,
         Experimenters(store) as experimenters,
         _streams(store.design.streams) as streams,
         LiveServer(

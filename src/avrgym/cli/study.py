@@ -141,7 +141,7 @@ def enrol(
     with plain_errors(), Store(folder) as store:
         if body not in SEXES:
             raise ValueError(f"unknown body model {body!r}; allowed: {', '.join(SEXES)}")
-        first = not identity_file.path_of(folder).exists()
+        first = not identity_file.identity_path(folder).exists()
         if name or contact:
             unlock(folder)
         pseudonym = take_in(
@@ -218,9 +218,9 @@ def _agrees(store: "Store", person: "Participant") -> bool:
 
 
 def _ask_for_inclusion(store: "Store", person: "Participant") -> None:
-    from avrgym.study.people.participants import record_inclusion, texts_of
+    from avrgym.study.people.participants import participant_texts, record_inclusion
 
-    participant, texts = person.pseudonym, texts_of(store, person)
+    participant, texts = person.pseudonym, participant_texts(store, person)
     answers = {question.id: confirm(texts.translate(question.text)) for question in store.design.inclusion}
     fits = record_inclusion(store, participant, answers)
     log(store, "inclusion", participant)

@@ -11,7 +11,7 @@ from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.recording.reader import read_recording
 from avrgym.study.checking.checks import check_study
 from avrgym.study.sessions.serving import StudySessions
-from avrgym.study.storage.answers import open_attempts
+from avrgym.study.storage.answers import attempts_with_open_questionnaire
 from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS, find_environment
@@ -289,7 +289,7 @@ class FaultyStudy:
     def _faults_of_trials(self, pseudonym: str) -> list[str]:
         found: list[str] = []
         attempts, answers = self.store.attempts(pseudonym), self.store.answers(pseudonym)
-        if open_attempts(self.store, attempts):
+        if attempts_with_open_questionnaire(self.store, attempts):
             found.append(f"{pseudonym}: a questionnaire is open")
         for trial in self.store.trials(pseudonym):
             own = [each for each in attempts if each.trial == trial.id and each.state == "completed"]

@@ -93,7 +93,7 @@ def _merge(folders: Sequence[Path], out: Path, steps: int | None) -> None:
         left = iter(range(steps))
         os.replace = _killing(os.replace, left)
         hash_chain.insert = _killing(hash_chain.insert, left)
-        hash_chain.close_entries = _killing(hash_chain.close_entries, left)
+        hash_chain.append_entries = _killing(hash_chain.append_entries, left)
     merge_studies(folders, out)
 
 

@@ -20,7 +20,7 @@ from avrgym.recording.writer import RecordingWriter
 from avrgym.study.checking.checks import check_study
 from avrgym.study.export import export_study
 from avrgym.study.sessions import visit
-from avrgym.study.sessions.simulation import Cast, simulate_participant, simulated_participant
+from avrgym.study.sessions.simulation import DryRun, simulate_participant, simulated_participant
 from avrgym.study.storage.rows import Trial
 from avrgym.study.storage.store import Store
 from avrgym.vr.emulation import in_process_client
@@ -44,7 +44,7 @@ def take_part(folder: Path, pseudonym: str, seed: int, journal: Path) -> None:
     """A quick participant, whose records are noted as they are queued; ends by leaving the process."""
     make_quick()
     _note_records(journal)
-    simulate_participant(folder, pseudonym, Cast(seed))
+    simulate_participant(folder, pseudonym, DryRun(seed))
 
 
 def _note_records(journal: Path) -> None:
@@ -146,7 +146,7 @@ def _kill(folder: Path, kills: int, longest_s: float, journal: Path) -> tuple[in
     rng, done, people, lost_s = random.Random(SEED), 0, 0, 0.0
     with Store(folder) as store:
         while done < kills:
-            pseudonym = simulated_participant(store, people, Cast(SEED))
+            pseudonym = simulated_participant(store, people, DryRun(SEED))
             people += 1
             while done < kills and store.participant(pseudonym).state != "completed":
                 before = outcome_of(store, pseudonym)
@@ -161,7 +161,7 @@ def _kill(folder: Path, kills: int, longest_s: float, journal: Path) -> tuple[in
 def _take_part_undisturbed(folder: Path, participants: int, journal: Path) -> int:
     """How many trials so many participants had."""
     with Store(folder) as store:
-        people = [simulated_participant(store, index, Cast(SEED)) for index in range(participants)]
+        people = [simulated_participant(store, index, DryRun(SEED)) for index in range(participants)]
         _finish_all(folder, store, journal)
         return sum(len(store.trials(pseudonym)) for pseudonym in people)
 

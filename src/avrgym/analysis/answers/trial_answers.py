@@ -20,7 +20,6 @@ from avrgym.analysis.statistics.comparisons import (
 from avrgym.analysis.statistics.tests import signed_rank, summary_statistics
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
-from avrgym.study.storage.item_versions import first_name
 
 
 @dataclass(frozen=True, kw_only=True)

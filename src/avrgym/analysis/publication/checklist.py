@@ -12,7 +12,6 @@ from avrgym.analysis.flow import ParticipantFlow
 from avrgym.analysis.publication.methods import days_of, inclusion_answers, uses_of
 from avrgym.analysis.study import Analysis
 from avrgym.policies.names import OPERATOR
-from avrgym.study.design.description import blinding, conditions, randomization
 
 
 @dataclass(frozen=True)

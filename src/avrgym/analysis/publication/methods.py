@@ -17,10 +17,8 @@ from avrgym.analysis.sites import site_of
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS
 from avrgym.analysis.study import Analysis
 from avrgym.questionnaires.questionnaire import Questionnaire
-from avrgym.study.design.description import blinding, conditions, description, randomization
 from avrgym.study.design.design import Design
-from avrgym.study.storage.item_versions import first_name
-from avrgym.study.storage.session_designs import Use
+from avrgym.study.storage.item_versions import base_name
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.session.attempt import versions
 
@@ -283,12 +281,12 @@ def _questionnaire(asked: Questionnaire) -> str:
 
 def _versions(analysis: Analysis) -> Iterator[str]:
     """Each version of a changed item with the participants who answered it."""
-    changed = {first_name(row.item) for row in analysis.items if row.version > 1}
+    changed = {base_name(row.item) for row in analysis.items if row.version > 1}
     asked = [
         f"{row.item} (“{row.text}”, from {row.least}, {row.low}, to {row.most}, {row.high}) was answered by "
         f"{row.asked_of}"
         for row in analysis.items
-        if first_name(row.item) in changed
+        if base_name(row.item) in changed
     ]
     if asked:
         yield f"Items were changed during the study: {'; '.join(asked)}. Versions are analysed separately."

@@ -7,9 +7,9 @@ from avrgym.analysis.reading.rows import AnswerRow, ProblemRow, ScoreRow
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS
 from avrgym.study.export.scores import scores_of
 from avrgym.study.export.trials import ExportedAnswer, ExportedAttempt, answers_of
-from avrgym.study.storage.item_versions import Asked
+from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant
-from avrgym.study.storage.states import TAKES_PART
+from avrgym.study.storage.states import PARTICIPATING
 from avrgym.study.storage.store import Store
 
 ANSWER_COLUMNS = {column.name for column in fields(AnswerRow)}
@@ -27,11 +27,11 @@ class ParticipantAnswers:
         participant: Participant,
         attempts: Sequence[ExportedAttempt],
         counted_positions: set[int],
-        asked: Asked,
+        asked: AnsweredItems,
     ) -> None:
         self._store, self._participant, self._asked = store, participant, asked
         self._answers = answers_of(store, participant, attempts, asked)
-        takes_part = participant.state in TAKES_PART
+        takes_part = participant.state in PARTICIPATING
         self._compared = _compared(self._answers) if takes_part else set[int]()
         of_trials = {each.given.id for each in self._answers if _is_of_trial(each, counted_positions)}
         self._counted = of_trials | self._compared
@@ -51,7 +51,7 @@ class ParticipantAnswers:
 
     def problems(self) -> Iterator[ProblemRow]:
         """Which items about sessions were answered more than once."""
-        if self._participant.state not in TAKES_PART:
+        if self._participant.state not in PARTICIPATING:
             return
         for moment in SESSION_MOMENTS:
             given = [answer for answer in self._answers if answer.moment == moment]

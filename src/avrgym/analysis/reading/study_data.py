@@ -27,13 +27,12 @@ from avrgym.recording.streams import stream_figures
 from avrgym.robots.registry import find_robot
 from avrgym.safety.force_guard import INTERVENTION_EVENT
 from avrgym.study.checking.plugin_checks import RecordedPlugin, plugin_findings, recorded_plugins
-from avrgym.study.checking.tracking_loss import held_share, too_much_held
+from avrgym.study.checking.tracking_loss import describe_excess_loss, tracking_loss_share
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
-from avrgym.study.storage.attempts import CHANGED
-from avrgym.study.storage.item_versions import Asked
+from avrgym.study.storage.attempts import CHECKSUM_DIFFERS
 from avrgym.study.storage.rows import Participant, Trial
-from avrgym.study.storage.sites import DIFFERS
-from avrgym.study.storage.states import TAKES_PART, StudyError
+from avrgym.study.storage.sites import SITE_DIFFERS
+from avrgym.study.storage.states import PARTICIPATING, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS, find_environment
 
@@ -128,7 +127,7 @@ def read_study(
 def _site_problems(store: Store) -> Iterator[ProblemRow]:
     """In what the sites differ that a study was merged from."""
     for event in store.events():
-        if event.name == DIFFERS:
+        if event.name == SITE_DIFFERS:
             what = f"were merged though {event.detail}"
             yield ProblemRow(simulated=None, where="sites", what=what, consequence="they are taken together")
 
@@ -146,13 +145,13 @@ def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[ProblemRow]:
 
 
 def _refusal(changed: Sequence[ExportedAttempt]) -> str:
-    faults = "; ".join(f"{each.attempt.recording} {CHANGED}" for each in changed)
+    faults = "; ".join(f"{each.attempt.recording} {CHECKSUM_DIFFERS}" for each in changed)
     return f"nothing was analysed: {faults}; --skip-damaged uses nothing of what is damaged"
 
 
 def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAttempt]) -> TrialRow:
     task, robot = find_environment(trial.environment)
-    takes_part = participant.state in TAKES_PART
+    takes_part = participant.state in PARTICIPATING
     return TrialRow(
         participant=participant.pseudonym,
         site=participant.site,
@@ -195,7 +194,7 @@ def _observe_recording(
         )
 
     if changed:
-        tell(CHANGED, WITHOUT_ALL)
+        tell(CHECKSUM_DIFFERS, WITHOUT_ALL)
         return replace(row, recorded="changed")
     try:
         recording = exported.read()
@@ -211,8 +210,8 @@ def _observe_recording(
     found.plugins.extend(
         recorded_plugins(recording.metadata, row.participant, row.position, simulated=row.simulated)
     )
-    row = replace(row, held_share=held_share(recording))
-    left_out = too_much_held(recording, exported.store.design) if row.counted else None
+    row = replace(row, held_share=tracking_loss_share(recording))
+    left_out = describe_excess_loss(recording, exported.store.design) if row.counted else None
     if left_out is not None:
         tell(f"is left out: {left_out}", "the trial is not counted")
         row = replace(row, counted=False, left_out=left_out)

@@ -13,18 +13,18 @@ from avrgym.recording.streams import SampleTimes, described_streams, times_of
 from avrgym.study.checking.consent_checks import check_consents
 from avrgym.study.checking.database_checks import check_database, check_private
 from avrgym.study.checking.design_checks import check_design, check_stored_designs
-from avrgym.study.checking.finding import Finding, left_out
+from avrgym.study.checking.finding import Finding, excluded_trial
 from avrgym.study.checking.interim_looks import check_interim_looks
 from avrgym.study.checking.participation_checks import check_participation
 from avrgym.study.checking.plugin_checks import check_plugins
 from avrgym.study.checking.policy_files import check_policies_used
 from avrgym.study.checking.preflight import check_starts, policy_faults
 from avrgym.study.checking.repeat_checks import check_repeats
-from avrgym.study.checking.tracking_loss import too_much_held
+from avrgym.study.checking.tracking_loss import describe_excess_loss
 from avrgym.study.design.design import Design
-from avrgym.study.people.retention import due_words, recordings_deleted, today
-from avrgym.study.storage.answers import answered_in_visit, is_open, was_opened
-from avrgym.study.storage.attempts import CHANGED, sha256_of
+from avrgym.study.people.retention import describe_due, recordings_deleted, today
+from avrgym.study.storage.answers import answered_in_visit, has_open_questionnaire, was_left_open
+from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, sha256_of
 from avrgym.study.storage.rows import (
     RECORDINGS,
     GivenAnswer,
@@ -35,9 +35,9 @@ from avrgym.study.storage.rows import (
     TrialAttempt,
     pseudonym_of,
 )
-from avrgym.study.storage.session_designs import designs_used
-from avrgym.study.storage.sites import LEFT_OUT
-from avrgym.study.storage.states import TAKES_PART, UNKNOWN, StudyError
+from avrgym.study.storage.session_designs import session_designs
+from avrgym.study.storage.sites import RECORDING_LEFT_OUT
+from avrgym.study.storage.states import PARTICIPATING, UNKNOWN, StudyError
 from avrgym.study.storage.store import Store, find_all
 
 _NAMED = 3
@@ -96,7 +96,7 @@ def _is_completed(path: Path) -> bool:
 
 def check_due(store: Store) -> Iterator[Finding]:
     """Data whose retention period is over."""
-    return (Finding("retention", words, wrong=False) for words in due_words(store, today()))
+    return (Finding("retention", words, wrong=False) for words in describe_due(store, today()))
 
 
 def check_policies(store: Store) -> Iterator[Finding]:
@@ -114,7 +114,7 @@ def _check_participant(
     trials = store.trials(pseudonym)
     by_id = {trial.id: trial for trial in trials}
     answers = store.answers(pseudonym)
-    asked = {use.session.id: use.design for use in designs_used(store, [participant])}
+    asked = {use.session.id: use.design for use in session_designs(store, [participant])}
     for attempt in attempts:
         if attempt.trial not in by_id:
             yield Finding(str(attempt), f"belongs to no trial of {pseudonym}")
@@ -189,7 +189,10 @@ def _check_attempt(
 def _not_answered(store: Store, attempt: TrialAttempt, missing: list[str]) -> Finding:
     """Answers to a completed trial are missing: its participant left, or something is wrong."""
     with store.database.read() as connection:
-        opened, still_open = was_opened(connection, attempt), is_open(store, connection, attempt)
+        opened, still_open = (
+            was_left_open(connection, attempt),
+            has_open_questionnaire(store, connection, attempt),
+        )
     items = ", ".join(missing)
     if not opened:
         return Finding(attempt.recording, f"completed without answers to {items}")
@@ -201,7 +204,7 @@ def _not_merged(store: Store, attempt: TrialAttempt) -> str:
     """Why a recording was left out of a merged study, if it was."""
     with store.database.read() as connection:
         told = find_all(connection, StudyEvent, attempt=attempt.id)
-    return next((event.detail for event in told if event.name == LEFT_OUT), "")
+    return next((event.detail for event in told if event.name == RECORDING_LEFT_OUT), "")
 
 
 def _check_recording(
@@ -214,7 +217,7 @@ def _check_recording(
 ) -> Iterator[Finding]:
     sealed = attempt.state == "completed" or attempt.sha256 is not None
     if sealed and sha256_of(store, attempt.recording) != attempt.sha256:
-        yield Finding(attempt.recording, CHANGED)
+        yield Finding(attempt.recording, CHECKSUM_DIFFERS)
     try:
         recording = read_recording(path)
     except (OSError, RecordingError) as error:
@@ -224,10 +227,10 @@ def _check_recording(
         yield Finding(attempt.recording, "is not complete though its trial is")
     if attempt.state == "completed" and _gave(recording.metrics) != _gave(attempt.metrics):
         yield Finding(attempt.recording, "tells of other metrics than the database")
-    if attempt.state == "completed" and not trial.practice and participant.state in TAKES_PART:
-        held = too_much_held(recording, store.design)
+    if attempt.state == "completed" and not trial.practice and participant.state in PARTICIPATING:
+        held = describe_excess_loss(recording, store.design)
         if held is not None:
-            yield left_out(participant.pseudonym, trial.position, held)
+            yield excluded_trial(participant.pseudonym, trial.position, held)
     for name, times in _clocks(recording):
         if times.resets:
             yield Finding(attempt.recording, _jumped(name, times), wrong=False)

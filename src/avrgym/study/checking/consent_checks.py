@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from avrgym.study.checking.finding import Finding
 from avrgym.study.design.design import FILE
-from avrgym.study.people.consents import named, present_text, to_other_texts
+from avrgym.study.people.consents import consenting_participants, consents_to_other_texts, current_text
 from avrgym.study.storage.rows import Consent, ConsentText
 from avrgym.study.storage.sites import site_of
 from avrgym.study.storage.store import Store, find_all
@@ -27,7 +27,9 @@ def check_consents(store: Store) -> Iterator[Finding]:
     archived = {kept.sha256 for kept in archive}
     without = [each for each in consents if each.sha256 not in archived]
     if without:
-        yield Finding("consent", f"text not archived: that of {named(without)}", wrong=False)
+        yield Finding(
+            "consent", f"text not archived: that of {consenting_participants(without)}", wrong=False
+        )
 
 
 def _check_present_texts(
@@ -36,12 +38,12 @@ def _check_present_texts(
     """The design's text in each language, compared with what was read under its version."""
     first = store.design.languages[0]
     for language in sorted({each.language or first for each in consents}):
-        shown = present_text(store, language)
-        others = to_other_texts(shown, consents, archive, first) if shown else []
+        shown = current_text(store, language)
+        others = consents_to_other_texts(shown, consents, archive, first) if shown else []
         if others:
             yield Finding(
                 FILE,
-                f"[consent] in {language} is not the text that {named(others)} read as version "
+                f"[consent] in {language} is not the text that {consenting_participants(others)} read as version "
                 f"{store.design.consent.version}; raise version, or restore their text",
             )
 
@@ -56,5 +58,5 @@ def _check_sites(consents: list[Consent], archive: list[ConsentText]) -> Iterato
             read[use][words[each.sha256]].append(each)
     for (_, version, _), texts in read.items():
         if len(texts) > 1:
-            who = " and ".join(named(each) for each in texts.values())
+            who = " and ".join(consenting_participants(each) for each in texts.values())
             yield Finding("consent", f"{who} read different texts as version {version}")

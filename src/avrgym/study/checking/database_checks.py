@@ -3,18 +3,18 @@
 from collections.abc import Iterator
 
 from avrgym.study.checking.finding import Finding
-from avrgym.study.people.identities import possible_doubles
+from avrgym.study.people.identities import possible_duplicates
 from avrgym.study.storage import identity_file
 from avrgym.study.storage.analysis_files import FOLDER as ANALYSIS
 from avrgym.study.storage.analysis_files import unfinished_analyses
 from avrgym.study.storage.database import BACKUPS
 from avrgym.study.storage.database import FILE as DATABASE
-from avrgym.study.storage.identity_keys import Locked
+from avrgym.study.storage.identity_keys import KeyUnavailable
 from avrgym.study.storage.integrity_files import CHECKSUM, HEAD
 from avrgym.study.storage.participation import FILE as PARTICIPATION
 from avrgym.study.storage.participation import REBUILT
 from avrgym.study.storage.rows import RECORDINGS
-from avrgym.study.storage.sites import DIFFERS
+from avrgym.study.storage.sites import SITE_DIFFERS
 from avrgym.study.storage.states import UNKNOWN, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import exposed, make_private, unfinished
@@ -33,7 +33,7 @@ def check_database(store: Store) -> Iterator[Finding]:
             yield Finding(
                 "database", f"was rebuilt from the recordings at {event.at}; {event.detail}", wrong=False
             )
-        elif event.name == DIFFERS:
+        elif event.name == SITE_DIFFERS:
             yield Finding("sites", f"were merged though {event.detail}", wrong=False)
 
 
@@ -48,7 +48,7 @@ def check_private(store: Store) -> Iterator[Finding]:
             yield Finding(name, what, wrong=False)
     analysis = store.folder / ANALYSIS
     for path in [
-        *identity_file.unfinished(store.folder),
+        *identity_file.unfinished_files(store.folder),
         *unfinished(analysis),
         *unfinished_analyses(analysis),
     ]:
@@ -58,9 +58,9 @@ def check_private(store: Store) -> Iterator[Finding]:
 
 def _check_names(store: Store) -> Iterator[Finding]:
     states = {participant.pseudonym: participant.state for participant in store.participants()}
-    where = str(identity_file.path_of(store.folder).relative_to(store.folder))
+    where = str(identity_file.identity_path(store.folder).relative_to(store.folder))
     try:
-        named = identity_file.pseudonyms(store.folder)
+        named = identity_file.named_pseudonyms(store.folder)
     except StudyError as error:
         yield Finding(where, str(error))
         return
@@ -68,14 +68,14 @@ def _check_names(store: Store) -> Iterator[Finding]:
         yield Finding(where, f"names {pseudonym}, who is not in this study: delete-participant removes that")
     yield from _check_encryption(store)
     try:
-        key = identity_file.read_key(store.folder)
-    except Locked as error:
+        key = identity_file.read_identities(store.folder)
+    except KeyUnavailable as error:
         yield Finding(where, f"was not searched for people who take part twice: {error}", wrong=False)
         return
     except StudyError as error:
         yield Finding(where, str(error))
         return
-    for first, second in possible_doubles(
+    for first, second in possible_duplicates(
         key, (name for name, state in states.items() if state not in _GONE)
     ):
         yield Finding(
@@ -90,7 +90,7 @@ def _check_encryption(store: Store) -> Iterator[Finding]:
         return
     where = str(plain.relative_to(store.folder))
     command = f"`avrgym study encrypt-names {store.folder}`"
-    if identity_file.lock_of(store.folder) is None:
+    if identity_file.key_source(store.folder) is None:
         yield Finding(where, f"contains names that are not encrypted; {command} encrypts them", wrong=False)
     else:
         yield Finding(where, f"is a copy of names that is not encrypted; {command} removes it")

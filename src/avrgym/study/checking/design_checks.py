@@ -7,17 +7,23 @@ from typing import Any
 import msgspec
 
 from avrgym.study.checking.finding import Finding
-from avrgym.study.design.comparison import Wordings, differences, fixed_values, named, read_wordings, shown
+from avrgym.study.design.comparison import (
+    Wordings,
+    comparable_values,
+    differences,
+    place_text,
+    read_wordings,
+    value_text,
+)
 from avrgym.study.design.design import FILE, Design
-from avrgym.study.design.languages import sentences
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.session_designs import (
-    Use,
-    design_of,
-    designs_recorded,
-    designs_used,
-    is_of_sites,
-    listed,
+    SessionDesign,
+    describe_trials,
+    design_from_row,
+    is_accepted_site_difference,
+    recorded_designs,
+    session_designs,
 )
 from avrgym.study.storage.store import Store
 from avrgym.system.toml_lines import Place
@@ -40,30 +46,35 @@ class Difference:
     place: Place
     here: Any
     there: Any
-    uses: list[Use]
+    uses: list[SessionDesign]
 
 
 def check_design(store: Store) -> Iterator[Finding]:
     """Differences between the designs that participants took part with and the one in the study's folder."""
-    uses = designs_used(store)
+    uses = session_designs(store)
     for each in differences_of(store.design, _present_wordings(store), uses):
-        wrong = each.place[0] not in NOT_FOR_PARTICIPANTS and not is_of_sites(store, each.uses, uses)
-        what = f"{named(each.place)} is {shown(each.here)}; it was {shown(each.there)} for"
-        yield Finding(each.file, f"{what} {listed(each.uses, uses)}", wrong=wrong)
+        wrong = each.place[0] not in NOT_FOR_PARTICIPANTS and not is_accepted_site_difference(
+            store, each.uses, uses
+        )
+        what = f"{place_text(each.place)} is {value_text(each.here)}; it was {value_text(each.there)} for"
+        yield Finding(each.file, f"{what} {describe_trials(each.uses, uses)}", wrong=wrong)
     yield from _check_inclusion(store)
     yield from _check_recordings(store, uses)
 
 
 def check_stored_designs(store: Store) -> Iterator[Finding]:
     """Sessions whose design the database does not contain, such as those of an earlier version."""
-    uses = designs_used(store)
+    uses = session_designs(store)
     unknown = [use for use in uses if use.wordings is None]
     if unknown:
-        what = f"does not contain the design of {listed(unknown, uses)}: only their recordings report it, in part"
+        trials = describe_trials(unknown, uses)
+        what = f"does not contain the design of {trials}: only their recordings contain a part of it"
         yield Finding("database", what, wrong=False)
 
 
-def differences_of(design: Design, wordings: Wordings | None, uses: Sequence[Use]) -> list[Difference]:
+def differences_of(
+    design: Design, wordings: Wordings | None, uses: Sequence[SessionDesign]
+) -> list[Difference]:
     """Each difference between a design and those that people took part with."""
     found: dict[str, Difference] = {}
     known: dict[bytes, list[Difference]] = {}
@@ -77,7 +88,7 @@ def differences_of(design: Design, wordings: Wordings | None, uses: Sequence[Use
     return list(found.values())
 
 
-def _differences(design: Design, wordings: Wordings | None, use: Use) -> Iterator[Difference]:
+def _differences(design: Design, wordings: Wordings | None, use: SessionDesign) -> Iterator[Difference]:
     for place, here, there in differences(_of_sessions(design), _of_sessions(use.design)):
         yield Difference(FILE, place, here, there, [])
     if wordings is None or use.wordings is None:
@@ -91,7 +102,7 @@ def _differences(design: Design, wordings: Wordings | None, use: Use) -> Iterato
 def _of_sessions(design: Design) -> dict[str, Any]:
     """The fields of a design that apply from the first session on."""
     before = (*AT_ADMISSION, CONSENT)
-    return {name: value for name, value in fixed_values(design).items() if name not in before}
+    return {name: value for name, value in comparable_values(design).items() if name not in before}
 
 
 def _both(a: Design, b: Design) -> set[str]:
@@ -110,7 +121,7 @@ def _present_wordings(store: Store) -> Wordings | None:
 def _check_inclusion(store: Store) -> Iterator[Finding]:
     """Inclusion questions that participants answered in other words, or that were not asked."""
     for (place, here, there), people in admission_differences(store, store.design, AT_ADMISSION):
-        what = f"{named(place)} is {shown(here)}; it was {shown(there)} for"
+        what = f"{place_text(place)} is {value_text(here)}; it was {value_text(there)} for"
         yield Finding(FILE, f"{what} {', '.join(people)}")
 
 
@@ -119,29 +130,29 @@ def admission_differences(
 ) -> list[tuple[tuple[Place, Any, Any], list[str]]]:
     """Each difference between fields of a design and those that participants were taken in with, and who they are."""
     found: dict[str, tuple[tuple[Place, Any, Any], list[str]]] = {}
-    expected = {name: fixed_values(design)[name] for name in fields}
+    expected = {name: comparable_values(design)[name] for name in fields}
     for row in store.designs():
         if row.session is None:
-            asked = fixed_values(design_of(row))
+            asked = comparable_values(design_from_row(row))
             for change in differences(expected, {name: asked[name] for name in fields}):
                 found.setdefault(repr(change), (change, []))[1].append(pseudonym_of(row.participant))
     return list(found.values())
 
 
-def _check_recordings(store: Store, uses: Sequence[Use]) -> Iterator[Finding]:
+def _check_recordings(store: Store, uses: Sequence[SessionDesign]) -> Iterator[Finding]:
     """Differences between recordings and the design of their session.
 
     The real seat may differ in a session; every other difference is an error.
     """
     stored = {use.session.id: use for use in uses if use.wordings is not None}
-    for use in designs_recorded(store):
+    for use in recorded_designs(store):
         own = stored.get(use.session.id)
         if own is None:
             continue
         for place, before, then in differences(_of_sessions(own.design), _of_sessions(use.design)):
             yield Finding(
                 str(use.session),
-                f"was recorded with another {named(place)} than its design has: {shown(then)} instead of "
-                f"{shown(before)}, for {listed([use])}",
+                f"was recorded with another {place_text(place)} than its design has: {value_text(then)} instead of "
+                f"{value_text(before)}, for {describe_trials([use])}",
                 wrong=place[0] != "furniture",
             )

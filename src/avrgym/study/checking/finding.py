@@ -12,10 +12,12 @@ class Finding:
     wrong: bool = True
 
 
-class LeftOut(Finding):
+class ExcludedTrial(Finding):
     """That the exclusion rule keeps a trial out of the analysis."""
 
 
-def left_out(participant: str, position: int, why: str) -> LeftOut:
+def excluded_trial(participant: str, position: int, why: str) -> ExcludedTrial:
     """The finding about a participant's trial."""
-    return LeftOut(f"{participant}, trial {position}", f"is left out of the analysis: {why}", wrong=False)
+    return ExcludedTrial(
+        f"{participant}, trial {position}", f"is left out of the analysis: {why}", wrong=False
+    )

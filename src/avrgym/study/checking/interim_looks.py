@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from avrgym.study.checking.finding import Finding
-from avrgym.study.storage.audit_log import person_words, site_names
+from avrgym.study.storage.audit_log import describe_person, site_names
 from avrgym.study.storage.rows import LogEntry
 from avrgym.study.storage.store import Store
 
@@ -23,7 +23,7 @@ def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
     for entry in store.log():
         if is_interim(entry, planned):
             most = max(planned, entry.planned or 0)
-            looks[person_words(entry, sites), entry.completed or 0, most].append(entry)
+            looks[describe_person(entry, sites), entry.completed or 0, most].append(entry)
     for (who, completed, most), entries in looks.items():
         times = f" {len(entries)} times" if len(entries) > 1 else ""
         first = ", first" if len(entries) > 1 else ""

@@ -5,9 +5,9 @@ from datetime import datetime, timedelta
 
 from avrgym.study.checking.finding import Finding
 from avrgym.study.storage import signing
-from avrgym.study.storage.data_loss import CONFIRMED
+from avrgym.study.storage.data_loss import PARTICIPATION_CONFIRMED
 from avrgym.study.storage.participation import DELETED, FILE, Content, Participation
-from avrgym.study.storage.reconciliation import RESTORED, SET_BACK
+from avrgym.study.storage.reconciliation import STATE_RESTORED, STUDY_SET_BACK
 from avrgym.study.storage.rows import RECORDINGS, pseudonym_of
 from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
@@ -66,11 +66,11 @@ def _check_events(store: Store) -> Iterator[Finding]:
     """Events of the list, and states that were restored or confirmed."""
     for event in store.events():
         where = pseudonym_of(event.participant) if event.participant else "study"
-        if event.name == RESTORED:
+        if event.name == STATE_RESTORED:
             yield Finding(where, f"was {event.detail}; the database did not contain it", wrong=False)
-        elif event.name == SET_BACK:
+        elif event.name == STUDY_SET_BACK:
             yield Finding(where, f"was set back: at {event.at} {event.detail}", wrong=False)
-        elif event.name == CONFIRMED:
+        elif event.name == PARTICIPATION_CONFIRMED:
             what = f"participation was confirmed at {event.at} by the experimenter: {event.detail}"
             yield Finding(where, what, wrong=False)
 
@@ -104,7 +104,7 @@ def recordings_came_back(deleted_at: str) -> str:
 
 
 def _faults(store: Store, listed: Participation, beginnings: Mapping[int, datetime]) -> Iterator[str]:
-    end = signing.known_end(store.folder) or signing.moved_end(listed.list_digest)
+    end = signing.last_entry(store.folder) or signing.last_entry_of_moved_study(listed.list_digest)
     if end is not None and end.list_digest != listed.list_digest:
         yield "is of another study than the earlier list in this folder"
     elif end is not None and not listed.has(end.digest):

@@ -12,12 +12,17 @@ from avrgym.policies.trained import PolicyError, packaged_policies
 from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.preflight import policies_needed
 from avrgym.study.storage.rows import StudyEvent
-from avrgym.study.storage.session_designs import Use, designs_used, is_of_sites, listed
+from avrgym.study.storage.session_designs import (
+    SessionDesign,
+    describe_trials,
+    is_accepted_site_difference,
+    session_designs,
+)
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system import plugins
 
-USED = "policies used"
+POLICIES_USED = "policies used"
 """The event of a session whose detail is the policy files of its design."""
 
 
@@ -35,7 +40,7 @@ class UsedPolicy:
     """The file of a policy, and the sessions that used it."""
 
     file: PolicyFile
-    uses: list[Use]
+    uses: list[SessionDesign]
 
 
 def policy_files(store: Store) -> tuple[PolicyFile, ...]:
@@ -68,9 +73,9 @@ def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | No
 
 def policies_used(store: Store) -> dict[tuple[str, str], list[UsedPolicy]]:
     """By environment and policy the files of all sessions, in the order they were used."""
-    files = {event.session: _decoded(event) for event in store.events() if event.name == USED}
+    files = {event.session: _decoded(event) for event in store.events() if event.name == POLICIES_USED}
     found: dict[tuple[str, str], list[UsedPolicy]] = {}
-    for use in designs_used(store):
+    for use in session_designs(store):
         for file in files.get(use.session.id, []):
             known = found.setdefault((file.environment, file.policy), [])
             same = [each for each in known if each.file == file]
@@ -94,16 +99,18 @@ def check_policies_used(store: Store) -> Iterator[Finding]:
     for key, files in used.items():
         where = f"policy {key[1]}"
         if len(files) > 1:
-            parts = [f"{called(each.file)} for {listed(each.uses)}" for each in files]
+            parts = [f"{policy_file_text(each.file)} for {describe_trials(each.uses)}" for each in files]
             uses = [use for each in files for use in each.uses]
-            wrong = not all(is_of_sites(store, each.uses, uses) for each in files)
+            wrong = not all(is_accepted_site_difference(store, each.uses, uses) for each in files)
             what = f"of {key[0]} was not the same in all sessions: {'; '.join(parts)}"
             yield Finding(where, what, wrong=wrong)
         now = present.get(key)
         if now is not None and now not in [each.file for each in files]:
-            yield Finding(where, f"of {key[0]} is {called(now)}, which no session used", wrong=False)
+            yield Finding(
+                where, f"of {key[0]} is {policy_file_text(now)}, which no session used", wrong=False
+            )
 
 
-def called(file: PolicyFile) -> str:
+def policy_file_text(file: PolicyFile) -> str:
     """A policy's file in a sentence."""
     return file.source if file.sha256 is None else f"{file.source} (SHA-256 {file.sha256[:12]}…)"

@@ -19,17 +19,17 @@ from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import read_design
 from avrgym.study.people.consents import restore_consents
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.answers import OPEN
-from avrgym.study.storage.attempts import BROKEN_OFF, sha256_of
+from avrgym.study.storage.answers import QUESTIONNAIRE_OPEN
+from avrgym.study.storage.attempts import INCOMPLETE_ENDS, sha256_of
 from avrgym.study.storage.database import FILE, database_url
-from avrgym.study.storage.integrity_files import Seal
+from avrgym.study.storage.integrity_files import IntegrityFiles
 from avrgym.study.storage.participation import DELETED, REBUILT, Content
 from avrgym.study.storage.reconciliation import participant_values
 from avrgym.study.storage.rows import RECORDINGS, pseudonym_of
 from avrgym.study.storage.schema import now
-from avrgym.study.storage.states import TAKES_PART, UNKNOWN, StudyError
+from avrgym.study.storage.states import PARTICIPATING, UNKNOWN, StudyError
 from avrgym.study.storage.store import Store, record_event
-from avrgym.study.storage.study_folder import known_numbers
+from avrgym.study.storage.study_folder import used_numbers
 
 Plan = tuple[PlannedTrial, ...]
 LOST = (
@@ -46,7 +46,7 @@ LOST_WITH_LIST = (
 
 
 @dataclass(frozen=True)
-class Rebuilt:
+class RebuildSummary:
     """Counts of the rows of a new database, and the data that could not be rebuilt, in words.
 
     ``unknown`` counts participants whose consent or withdrawal is unknown.
@@ -76,7 +76,7 @@ class _Kept:
         )
 
 
-def rebuild_study(folder: Path) -> Rebuilt:
+def rebuild_study(folder: Path) -> RebuildSummary:
     """Rebuild a study's lost database; identity file and recordings stay as they are.
 
     Only a recording that was cut off after the robot had finished is completed.
@@ -88,7 +88,7 @@ def rebuild_study(folder: Path) -> Rebuilt:
         StudyError: when the database is there.
     """
     _refuse_if_present(folder)
-    Seal(folder, FILE).remove()
+    IntegrityFiles(folder, FILE).remove()
     with Store(folder, anew=True) as store:
         rebuilding = _Rebuilding(store)
         with store.database.write() as connection:
@@ -113,13 +113,13 @@ class _Rebuilding:
         self._store = store
         self._left_out: list[str] = []
         self._participants = self._unknown = self._attempts = self._answers = 0
-        numbers = known_numbers(store.folder)
+        numbers = used_numbers(store.folder)
         self._visits = {number: self._load_visits(number) for number in sorted(numbers)}
         self._listed = store.participation()
         self._fault = list_fault(store, self._listed, self._beginnings())
 
-    def done(self) -> Rebuilt:
-        return Rebuilt(
+    def done(self) -> RebuildSummary:
+        return RebuildSummary(
             self._participants,
             self._unknown,
             self._attempts,
@@ -236,7 +236,7 @@ class _Rebuilding:
         for trial in completed:
             hash_chain.update(connection, schema.TRIAL, trial, state="completed")
         all_answered = bool(trials) and completed == set(trials.values()) and not self._opened
-        if self._known_state(content) in TAKES_PART:
+        if self._known_state(content) in PARTICIPATING:
             state = "completed" if all_answered else "allocated"
             hash_chain.update(connection, schema.PARTICIPANT, number, state=state)
 
@@ -262,7 +262,7 @@ class _Rebuilding:
         elif content and not values:
             values = {name: content[name] for name in ("simulated", "sex", "enrolled_at")}
         state = self._known_state(content)
-        if state in TAKES_PART and not plan:
+        if state in PARTICIPATING and not plan:
             state = UNKNOWN
         row = values | {"number": number, "state": state, "cell": cell}
         hash_chain.insert(connection, schema.PARTICIPANT, **row)
@@ -304,7 +304,7 @@ class _Rebuilding:
         asked = {item["id"] for item in kept.recording.metadata.get("items", [])}
         missing = sorted(asked - {answer.item for _, answer in answers})
         completed = end == "completed" and kept.recording.complete and not again
-        broken_off = end if end in BROKEN_OFF else "interrupted"
+        broken_off = end if end in INCOMPLETE_ENDS else "interrupted"
         attempt = hash_chain.insert(
             connection,
             schema.ATTEMPT,
@@ -322,7 +322,7 @@ class _Rebuilding:
         self._attempts += 1
         if completed and missing:
             event = {"session": session, "attempt": attempt}
-            record_event(connection, OPEN, ", ".join(missing), event)
+            record_event(connection, QUESTIONNAIRE_OPEN, ", ".join(missing), event)
             self._opened = True
         latest = {answer.item: (time_ns, answer) for time_ns, answer in answers}
         late = answers_file.answer_times(self._store.folder / kept.name)

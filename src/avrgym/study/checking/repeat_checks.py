@@ -12,7 +12,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.study.checking.finding import Finding
-from avrgym.study.checking.repeats import TriedTrial, tried_trials
+from avrgym.study.checking.repeats import AttemptedTrial, attempted_trials
 from avrgym.study.design.design import Design
 from avrgym.study.storage.store import Store
 
@@ -56,7 +56,7 @@ def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
     yield from repeat_findings(tested_trials(store), store.design, limit)
 
 
-def repeat_findings(trials: Sequence[TriedTrial], design: Design, limit: int | None) -> Iterator[Finding]:
+def repeat_findings(trials: Sequence[AttemptedTrial], design: Design, limit: int | None) -> Iterator[Finding]:
     """Findings about the trials of a design."""
     if limit is not None:
         yield from _too_many(trials, limit)
@@ -64,10 +64,10 @@ def repeat_findings(trials: Sequence[TriedTrial], design: Design, limit: int | N
     yield from _by_outcome(trials, design.trial_steps)
 
 
-def tested_trials(store: Store) -> list[TriedTrial]:
+def tested_trials(store: Store) -> list[AttemptedTrial]:
     """Trials of people; trials of simulated participants if the study has no people."""
     simulated = is_simulated(store)
-    return [each for each in tried_trials(store) if each.participant.simulated is simulated]
+    return [each for each in attempted_trials(store) if each.participant.simulated is simulated]
 
 
 def is_simulated(store: Store) -> bool:
@@ -75,7 +75,7 @@ def is_simulated(store: Store) -> bool:
     return all(each.simulated for each in [*store.participants(), *store.tombstones()])
 
 
-def _too_many(trials: Sequence[TriedTrial], limit: int) -> Iterator[Finding]:
+def _too_many(trials: Sequence[AttemptedTrial], limit: int) -> Iterator[Finding]:
     over = [each for each in trials if each.ordered > limit]
     if not over:
         return
@@ -87,10 +87,10 @@ def _too_many(trials: Sequence[TriedTrial], limit: int) -> Iterator[Finding]:
     )
 
 
-def _by_condition(trials: Sequence[TriedTrial], design: Design) -> Iterator[Finding]:
+def _by_condition(trials: Sequence[AttemptedTrial], design: Design) -> Iterator[Finding]:
     """Findings about policies, else about robots with policies, that were repeated more or less often than others."""
 
-    def policy(each: TriedTrial) -> str:
+    def policy(each: AttemptedTrial) -> str:
         return design.shown_policy(each.trial.policy, practice=False)
 
     found = list(_unequal("policy", trials, policy, POLICY_ALPHA))
@@ -102,7 +102,7 @@ def _by_condition(trials: Sequence[TriedTrial], design: Design) -> Iterator[Find
 
 
 def _unequal(
-    what: str, trials: Sequence[TriedTrial], group_of: Callable[[TriedTrial], str], alpha: float
+    what: str, trials: Sequence[AttemptedTrial], group_of: Callable[[AttemptedTrial], str], alpha: float
 ) -> Iterator[Finding]:
     groups = sorted({group_of(each) for each in trials})
     tests = 1 if len(groups) == 2 else len(groups)
@@ -115,14 +115,14 @@ def _unequal(
     yield _finding(f"ordered by experimenters depend on the {what}: {counts} (exact test, p = {min(p):.1g})")
 
 
-def _count(group: str, own: Sequence[TriedTrial]) -> str:
+def _count(group: str, own: Sequence[AttemptedTrial]) -> str:
     extra, repeated = sum(each.ordered for each in own), sum(map(_ordered, own))
     succeeded = sum(bool(repeat.success) for each in own for repeat in each.repeats if repeat.ordered)
     outcomes = f" ({succeeded} of the replaced attempts had succeeded)" if extra else ""
     return f"{group} {extra} extra attempts in {repeated} of {len(own)} trials{outcomes}"
 
 
-def _by_outcome(trials: Sequence[TriedTrial], steps: int) -> Iterator[Finding]:
+def _by_outcome(trials: Sequence[AttemptedTrial], steps: int) -> Iterator[Finding]:
     """Findings about repeats that depend on the outcome of first attempts in which the robot had finished."""
     finished = [each for each in trials if (each.attempts[0].metrics.steps or 0) >= steps]
     p = _p(finished, _failed, _first_ordered)
@@ -138,31 +138,31 @@ def _by_outcome(trials: Sequence[TriedTrial], steps: int) -> Iterator[Finding]:
 
 
 def _p(
-    trials: Sequence[TriedTrial],
-    in_group: Callable[[TriedTrial], bool],
-    drawn: Callable[[TriedTrial], bool],
+    trials: Sequence[AttemptedTrial],
+    in_group: Callable[[AttemptedTrial], bool],
+    drawn: Callable[[AttemptedTrial], bool],
 ) -> float:
     """p of the exact test for this number of repeated trials of a group, within each participant and task."""
-    blocks: Mapping[Hashable, list[TriedTrial]] = defaultdict(list)
+    blocks: Mapping[Hashable, list[AttemptedTrial]] = defaultdict(list)
     for each in trials:
         blocks[each.participant.number, each.task].append(each)
     sizes = [(len(own), sum(map(in_group, own)), sum(map(drawn, own))) for own in blocks.values()]
     return draws_p(sizes, sum(in_group(each) and drawn(each) for each in trials))
 
 
-def _in(group_of: Callable[[TriedTrial], str], group: str) -> Callable[[TriedTrial], bool]:
+def _in(group_of: Callable[[AttemptedTrial], str], group: str) -> Callable[[AttemptedTrial], bool]:
     return lambda each: group_of(each) == group
 
 
-def _ordered(each: TriedTrial) -> bool:
+def _ordered(each: AttemptedTrial) -> bool:
     return each.ordered > 0
 
 
-def _failed(each: TriedTrial) -> bool:
+def _failed(each: AttemptedTrial) -> bool:
     return not each.attempts[0].metrics.success
 
 
-def _first_ordered(each: TriedTrial) -> bool:
+def _first_ordered(each: AttemptedTrial) -> bool:
     return bool(each.repeats) and each.repeats[0].ordered
 
 

@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from avrgym.study.storage.audit_log import person_words, site_names
+from avrgym.study.storage.audit_log import describe_person, site_names
 from avrgym.study.storage.rows import LogEntry, Participant, StudyEvent, Trial, TrialAttempt
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import find_environment
@@ -67,7 +67,7 @@ class Repeat:
 
 
 @dataclass(frozen=True)
-class TriedTrial:
+class AttemptedTrial:
     """A trial that was begun, practice left out, with its attempts and its repeats in order."""
 
     participant: Participant
@@ -89,11 +89,11 @@ class TriedTrial:
         return sum(repeat.ordered for repeat in self.repeats)
 
 
-def tried_trials(store: Store) -> list[TriedTrial]:
+def attempted_trials(store: Store) -> list[AttemptedTrial]:
     """Every trial that was begun, practice left out, in the order of participants and positions."""
     causes = _Causes(store)
     return [
-        TriedTrial(person, trial, own, [causes.repeat(person, trial, attempt) for attempt in own[:-1]])
+        AttemptedTrial(person, trial, own, [causes.repeat(person, trial, attempt) for attempt in own[:-1]])
         for person in store.participants()
         for trial, own in _attempts(store, person)
     ]
@@ -133,7 +133,7 @@ class _Causes:
     def repeat(self, person: Participant, trial: Trial, attempt: TrialAttempt) -> Repeat:
         entry = self._command(person, attempt)
         reason, cause = self._cause(attempt, entry)
-        by = person_words(entry, self._sites) if entry is not None else NOT_LOGGED
+        by = describe_person(entry, self._sites) if entry is not None else NOT_LOGGED
         return Repeat(person, trial, attempt, reason, cause, by if reason == EXPERIMENTER else "")
 
     def _command(self, person: Participant, attempt: TrialAttempt) -> LogEntry | None:

@@ -8,10 +8,10 @@ from statistics import fmean
 import sqlalchemy as sa
 
 from avrgym.study.design.allocation import cell_orders
-from avrgym.study.storage.answers import is_open
-from avrgym.study.storage.item_versions import Asked
+from avrgym.study.storage.answers import has_open_questionnaire
+from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Tombstone, Trial, TrialAttempt
-from avrgym.study.storage.states import TAKES_PART, UNKNOWN
+from avrgym.study.storage.states import PARTICIPATING, UNKNOWN
 from avrgym.study.storage.store import Store, find_all
 from avrgym.tasks.registry import find_environment
 
@@ -75,10 +75,10 @@ def summarise_study(store: Store) -> StudySummary:
         excluded=states["excluded"],
         unknown=states[UNKNOWN],
         deleted=deleted,
-        filled=_per_cell(store, participants, TAKES_PART),
+        filled=_per_cell(store, participants, PARTICIPATING),
         completed_cells=_per_cell(store, participants, ("completed",)),
         filled_by_site={
-            site: _per_cell(store, [each for each in participants if each.site == site], TAKES_PART)
+            site: _per_cell(store, [each for each in participants if each.site == site], PARTICIPATING)
             for site in sorted({each.site for each in participants if each.site})
         },
         participants=tuple(_summarise(participant, counts) for participant in participants),
@@ -97,7 +97,7 @@ def _count(store: Store, connection: sa.Connection) -> dict[str, Counter[int]]:
     completed = find_all(connection, TrialAttempt, state="completed")
     return {
         "questionnaires_open": Counter(
-            of_session[each.session] for each in completed if is_open(store, connection, each)
+            of_session[each.session] for each in completed if has_open_questionnaire(store, connection, each)
         ),
         "sessions": Counter(of_session.values()),
         "trials": Counter(trial.participant for trial in trials),
@@ -143,12 +143,12 @@ class ConditionResults:
     answer_means: dict[str, float]
 
 
-def summarise_results(store: Store, asked: Asked | None = None) -> tuple[ConditionResults, ...]:
+def summarise_results(store: Store, asked: AnsweredItems | None = None) -> tuple[ConditionResults, ...]:
     """The results so far of participants who take part or have finished; those who withdrew are left out.
 
     ``asked`` are the items that they answered, if these were read already.
     """
-    asked = asked or Asked(store)
+    asked = asked or AnsweredItems(store)
     with store.database.read() as connection:
         completed = _completed_attempts(store, connection)
         answers = _answers_by_attempt(connection)
@@ -167,7 +167,7 @@ def _completed_attempts(store: Store, connection: sa.Connection) -> dict[Conditi
     for attempt in find_all(connection, TrialAttempt, state="completed"):
         trial = trials[attempt.trial]
         participant = participants[trial.participant]
-        if not trial.practice and participant.state in TAKES_PART:
+        if not trial.practice and participant.state in PARTICIPATING:
             found[_condition(store, trial, participant)].append(attempt)
     return found
 
@@ -185,7 +185,10 @@ def _answers_by_attempt(connection: sa.Connection) -> dict[int | None, list[Give
 
 
 def _summarise_condition(
-    asked: Asked, condition: Condition, attempts: Sequence[TrialAttempt], answers: Sequence[GivenAnswer]
+    asked: AnsweredItems,
+    condition: Condition,
+    attempts: Sequence[TrialAttempt],
+    answers: Sequence[GivenAnswer],
 ) -> ConditionResults:
     values = defaultdict[str, list[int]](list)
     for answer in filter(asked.contains, answers):

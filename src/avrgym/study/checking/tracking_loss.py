@@ -7,7 +7,7 @@ from avrgym.study.design.design import Design
 from avrgym.vr.tracking.frames import STALE_S
 
 
-def held_share(recording: Recording, part: Part | None = None) -> float | None:
+def tracking_loss_share(recording: Recording, part: Part | None = None) -> float | None:
     """The share, 0 to 1, of the time in which the robot helped that the person was held; ``None`` where it never did.
 
     Each frame stands for the time until the next one: it was followed, until it was stale, unless it was held as a
@@ -26,12 +26,12 @@ def held_share(recording: Recording, part: Part | None = None) -> float | None:
     return min(max(1.0 - followed_s / (span[1] - span[0]), 0.0), 1.0)
 
 
-def too_much_held(recording: Recording, design: Design) -> str | None:
+def describe_excess_loss(recording: Recording, design: Design) -> str | None:
     """Why a trial whose person was held for a large share does not count, by parts; ``None`` if it does."""
-    share = held_share(recording)
+    share = tracking_loss_share(recording)
     if share is None or share <= design.max_held_share:
         return None
-    parts = {PART_LABELS[part]: held_share(recording, part) or 0.0 for part in PARTS}
+    parts = {PART_LABELS[part]: tracking_loss_share(recording, part) or 0.0 for part in PARTS}
     by_part = ", ".join(f"{words} {100 * part:.1f} %" for words, part in parts.items())
     return (
         f"its person was held for {100 * share:.1f} % of the time in which the robot helped ({by_part}); "

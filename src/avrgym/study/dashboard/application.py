@@ -17,7 +17,7 @@ from avrgym.policies.trained import PolicyError
 from avrgym.study.dashboard.request_log import VIEW_RESULTS, DashboardLog
 from avrgym.study.dashboard.views import link_view, overview, participant_view, results_view
 from avrgym.study.people.adverse_events import Report, record_adverse_event
-from avrgym.study.people.identities import PossibleDouble
+from avrgym.study.people.identities import PossibleDuplicate
 from avrgym.study.people.participants import (
     add_note,
     decline_consent,
@@ -28,7 +28,7 @@ from avrgym.study.people.participants import (
     set_identity,
     withdraw,
 )
-from avrgym.study.storage.free_text import MOST_IN_LINE, MOST_IN_NOTE
+from avrgym.study.storage.free_text import MAX_LINE_LENGTH, MAX_NOTE_LENGTH
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.server.authentication import Caller, Tokens
@@ -37,8 +37,8 @@ from avrgym.vr.server.session_links import SessionLinks
 
 MAX_BODY_BYTES = 1 << 16
 
-Line = Annotated[str, msgspec.Meta(max_length=MOST_IN_LINE)]
-Text = Annotated[str, msgspec.Meta(min_length=1, max_length=MOST_IN_NOTE)]
+Line = Annotated[str, msgspec.Meta(max_length=MAX_LINE_LENGTH)]
+Text = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NOTE_LENGTH)]
 
 
 class LiveSessions(Protocol):
@@ -281,7 +281,7 @@ def dashboard_app(
     board, log = Dashboard(store, live), DashboardLog(store)
     app = FastAPI(openapi_url=None, dependencies=[Depends(experimenter_only)])
     app.add_exception_handler(StudyError, _refuse(409))
-    app.add_exception_handler(PossibleDouble, _refuse(409, confirm="double"))
+    app.add_exception_handler(PossibleDuplicate, _refuse(409, confirm="double"))
     app.add_exception_handler(PolicyError, _refuse(409))
     app.add_exception_handler(OSError, _refuse(507))
 

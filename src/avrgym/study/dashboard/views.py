@@ -17,14 +17,14 @@ from avrgym.study.people.adverse_events import (
     SOURCES,
     Report,
     SafetyEvent,
-    followed,
+    group_by_event,
     safety_events,
 )
-from avrgym.study.people.participants import consent_text, texts_of
-from avrgym.study.people.retention import due_words, today
-from avrgym.study.storage.answers import open_attempts
-from avrgym.study.storage.identity_file import pseudonyms
-from avrgym.study.storage.item_versions import Asked
+from avrgym.study.people.participants import consent_text, participant_texts
+from avrgym.study.people.retention import describe_due, today
+from avrgym.study.storage.answers import attempts_with_open_questionnaire
+from avrgym.study.storage.identity_file import named_pseudonyms
+from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Note, Participant, Trial, TrialAttempt
 from avrgym.study.storage.states import PARTICIPANT
 from avrgym.study.storage.store import Store
@@ -37,17 +37,17 @@ SHORT_BYTES = 2_000_000_000
 
 
 @dataclass(frozen=True)
-class LinkView:
+class SessionLink:
     """The way into the session that runs: ``addresses`` with its link, and the ``code`` that leads to it."""
 
     addresses: tuple[str, ...]
     code: str
 
 
-def link_view(links: SessionLinks, addresses: Callable[[str], Sequence[str]]) -> LinkView | None:
+def link_view(links: SessionLinks, addresses: Callable[[str], Sequence[str]]) -> SessionLink | None:
     """The link of the session that runs, if one does; ``addresses`` makes those of a link."""
     link, code = links.link, links.code()
-    return None if link is None or code is None else LinkView(tuple(addresses(link)), code)
+    return None if link is None or code is None else SessionLink(tuple(addresses(link)), code)
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Overview:
     experimenter: str
     scales: Mapping[str, tuple[str, ...]]
     scales_words: str
-    link: LinkView | None
+    link: SessionLink | None
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def overview(
     live: str | None,
     furniture: RealFurniture,
     experimenter: str = "",
-    link: LinkView | None = None,
+    link: SessionLink | None = None,
 ) -> Overview:
     """How the study stands, while the session of ``live`` runs; the next one is on this ``furniture``."""
     design = store.design
@@ -175,7 +175,7 @@ def overview(
 
 def results_view(store: Store) -> Results:
     """The results of the trials completed so far."""
-    asked = Asked(store)
+    asked = AnsweredItems(store)
     return Results(
         blinded=store.design.blind_experimenter,
         items={name: item.text for name, item in asked.design.items.items()},
@@ -186,11 +186,11 @@ def results_view(store: Store) -> Results:
 def participant_view(store: Store, pseudonym: str) -> ParticipantView:
     """One participant; ``StudyError`` when there is none of this pseudonym."""
     participant, design = store.participant(pseudonym), store.design
-    texts = texts_of(store, participant)
+    texts = participant_texts(store, participant)
     attempts = defaultdict[int, list[TrialAttempt]](list)
     for attempt in store.attempts(pseudonym):
         attempts[attempt.trial].append(attempt)
-    left = {attempt.trial for attempt in open_attempts(store, store.attempts(pseudonym))}
+    left = {attempt.trial for attempt in attempts_with_open_questionnaire(store, store.attempts(pseudonym))}
     return ParticipantView(
         participant=pseudonym,
         state=participant.state,
@@ -198,7 +198,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
         simulated=participant.simulated,
         sex=participant.sex,
         age_years=participant.age_years,
-        identified=pseudonym in pseudonyms(store.folder),
+        identified=pseudonym in named_pseudonyms(store.folder),
         language=texts.language,
         direction=texts.direction,
         consent=consent_text(store, participant).text,
@@ -226,13 +226,13 @@ def _short(store: Store) -> Iterator[str]:
 
 def _due(store: Store) -> Iterator[str]:
     """Data whose retention period is over, as sentences."""
-    return (f"Retention: {words}." for words in due_words(store, today()))
+    return (f"Retention: {words}." for words in describe_due(store, today()))
 
 
 def _scores(store: Store, participant: Participant) -> Iterator[ScoreView]:
     if not uses_instruments(store.design):
         return
-    attempts, asked = list(attempts_of(store, participant)), Asked(store, [participant])
+    attempts, asked = list(attempts_of(store, participant)), AnsweredItems(store, [participant])
     for score in scores_of(store, participant, answers_of(store, participant, attempts, asked), asked):
         row = score.columns()
         yield ScoreView(**{name: row[name] for name in ScoreView.__dataclass_fields__})
@@ -240,7 +240,7 @@ def _scores(store: Store, participant: Participant) -> Iterator[ScoreView]:
 
 def _adverse_events(store: Store, pseudonym: str) -> Iterator[AdverseEventView]:
     positions = {trial.id: trial.position for trial in store.trials(pseudonym)}
-    for event in followed(store.adverse_events(pseudonym)):
+    for event in group_by_event(store.adverse_events(pseudonym)):
         latest = event.latest
         known: dict[str, Any] = {name: getattr(latest, name) for name in Report.__struct_fields__}
         known["trial"] = positions.get(latest.trial or 0)

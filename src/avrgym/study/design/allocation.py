@@ -45,7 +45,7 @@ def least_filled_cell(order: Sequence[int], taken: Iterable[int], elsewhere: Ite
     return min(order, key=lambda cell: (here[cell], others[cell]))
 
 
-def order_of_cells(design: Design, site: str | None) -> list[int]:
+def cell_fill_order(design: Design, site: str | None) -> list[int]:
     """The order in which a site fills the cells of a design.
 
     Each site has another, so that where several do not fill all cells these are not the same ones.
@@ -65,17 +65,17 @@ def plan_trials(
     Robots for practice and the trials' seeds differ between participants; the design's seed decides on both.
     """
     rng = np.random.default_rng([design.seed, participant, *(site or "").encode()])
-    practice_robots = practice_robots_of(design, participant)
+    robots_of_tasks = practice_robots(design, participant)
     trials: list[PlannedTrial] = []
     for block in cell_orders(design)[cell]:
-        for robot, policy, practice in _conditions(design, block, practice_robots[block.task]):
+        for robot, policy, practice in _conditions(design, block, robots_of_tasks[block.task]):
             environment = environment_id(design.tasks[block.task], robot)
             seed = int(rng.integers(1 << 31))
             trials.append(PlannedTrial(len(trials) + 1, environment, policy, seed, practice))
     return tuple(trials)
 
 
-def practice_robots_of(design: Design, participant: int) -> tuple[str, ...]:
+def practice_robots(design: Design, participant: int) -> tuple[str, ...]:
     """The robot that a participant, by number from 1, practises each task of the design with.
 
     Drawn by chance, but for balance: in each group of as many participants as there are robots every one meets another

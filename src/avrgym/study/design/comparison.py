@@ -8,28 +8,26 @@ from typing import Any
 
 import msgspec
 
-from avrgym.study.design.design import LOCAL, Design
-from avrgym.study.design.languages import sentences
+from avrgym.study.design.design import SITE_FIELDS, Design
 from avrgym.system.toml_lines import Place
 from avrgym.system.type_guards import is_array, is_table
 from avrgym.tasks.registry import TASKS
 from avrgym.texts.interface_texts import Texts, included_languages, normalize_whitespace, read_texts
 
-NOT_FIXED = (*LOCAL, "reporting")
+NOT_COMPARED = (*SITE_FIELDS, "reporting")
 """Fields of each site, and fields for publications; they are not compared."""
 
 Wordings = Mapping[str, Mapping[str, Mapping[str, str]]]
-"""By language ``sentences`` with their translations, and the texts of ``session`` and ``page`` that the study has
-changed."""
+"""Texts by language: translated ``participant_sentences``, and the changed texts of ``session`` and ``page``."""
 
 
-def as_stored(design: Design) -> dict[str, Any]:
+def design_to_dict(design: Design) -> dict[str, Any]:
     """A design as plain values, as a database stores them."""
     plain = msgspec.json.decode(msgspec.json.encode(design))
-    return {name: value for name, value in plain.items() if name not in NOT_FIXED}
+    return {name: value for name, value in plain.items() if name not in NOT_COMPARED}
 
 
-def from_stored(values: Mapping[str, Any]) -> Design:
+def design_from_dict(values: Mapping[str, Any]) -> Design:
     """The design of stored values, without fields that this version does not have."""
     return msgspec.convert(
         {name: values[name] for name in values if name in Design.__struct_fields__}, Design
@@ -57,9 +55,9 @@ def _changed(texts: Mapping[str, str], brought: Mapping[str, str]) -> dict[str, 
     return {key: text for key, text in texts.items() if brought.get(key) != text}
 
 
-def fixed_values(design: Design) -> dict[str, Any]:
+def comparable_values(design: Design) -> dict[str, Any]:
     """The values of a design by name: questionnaires, items and questions by their ids, with their orders."""
-    values = as_stored(design)
+    values = design_to_dict(design)
     values["goals"] = {task: design.goals.get(task) or TASKS[task].goal for task in design.tasks}
     values["stop_rules"] = _stop_rules(values["stop_rules"])
     _name(values, "inclusion", "id")
@@ -89,36 +87,36 @@ def _stop_rules(rules: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     return named
 
 
-LONGEST = 80
+MAX_TEXT_LENGTH = 80
 """Longer values are told by their beginning."""
-NOTHING = object()
+MISSING = object()
 """Stands for a value that is not there."""
 
 
 def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any, Any]]:
-    """The place of each difference, and the values there, of which one may be ``NOTHING``."""
+    """The place of each difference, and the values there, of which one may be ``MISSING``."""
     if is_table(a) and is_table(b):
         for name in dict.fromkeys([*a, *b]):
-            yield from differences(a.get(name, NOTHING), b.get(name, NOTHING), (*place, name))
+            yield from differences(a.get(name, MISSING), b.get(name, MISSING), (*place, name))
     elif _holds_tables(a) and _holds_tables(b):
-        for index, pair in enumerate(zip_longest(a, b, fillvalue=NOTHING)):
+        for index, pair in enumerate(zip_longest(a, b, fillvalue=MISSING)):
             yield from differences(*pair, (*place, index))
     elif a != b:
         yield place, a, b
 
 
-def named(place: Place) -> str:
+def place_text(place: Place) -> str:
     """A place in a sentence; what stands in an array is counted from 1."""
     words = (f" {each + 1}" if isinstance(each, int) else f".{each}" for each in place)
     return "".join(words).removeprefix(".")
 
 
-def shown(value: Any) -> str:
+def value_text(value: Any) -> str:
     """A value in a sentence."""
-    if value is NOTHING:
+    if value is MISSING:
         return "missing"
     text = json.dumps(value, ensure_ascii=False, default=str)
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+    return text if len(text) <= MAX_TEXT_LENGTH else f"{text[: MAX_TEXT_LENGTH - 1]}…"
 
 
 def _holds_tables(value: Any) -> bool:

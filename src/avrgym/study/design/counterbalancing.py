@@ -21,7 +21,7 @@ class Block:
     conditions: tuple[int, ...]
 
 
-TRIES = 200
+CANDIDATES = 200
 """How many arrangements are drawn, to take the one that varies most within participants."""
 
 Order = tuple[Block, ...]
@@ -45,7 +45,7 @@ def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tu
     condition_rows = _shuffled_square(conditions, rng)
     cells = lcm(len(task_rows), len(condition_rows))
     task_of = np.tile(task_rows, (cells // len(task_rows), 1))
-    spreads = [_spread(rng.permutation(tasks)[task_of], len(condition_rows)) for _ in range(TRIES)]
+    spreads = [_spread(rng.permutation(tasks)[task_of], len(condition_rows)) for _ in range(CANDIDATES)]
     row_of = max(spreads, key=_variety)
     return tuple(
         tuple(

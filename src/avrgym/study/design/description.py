@@ -5,7 +5,7 @@ from avrgym.study.design.design import Design
 from avrgym.tasks.registry import TASKS
 
 
-def description(design: Design) -> str:
+def describe_procedure(design: Design) -> str:
     """What happens in a trial."""
     told = " ".join(design.goals.get(task) or TASKS[task].goal for task in design.tasks)
     return (
@@ -14,7 +14,7 @@ def description(design: Design) -> str:
     )
 
 
-def blinding(design: Design) -> str:
+def describe_blinding(design: Design) -> str:
     """Who knows which policy is met."""
     led = (
         "Neither does the experimenter, who sees a letter for each policy."
@@ -24,7 +24,7 @@ def blinding(design: Design) -> str:
     return f"Participants do not know which policy they meet. {led}"
 
 
-def conditions(design: Design) -> str:
+def describe_conditions(design: Design) -> str:
     """What is compared, within whom."""
     practice = f" Before each task: one practice trial with the policy {design.practice_policy}."
     return (
@@ -34,7 +34,7 @@ def conditions(design: Design) -> str:
     )
 
 
-def randomization(design: Design) -> str:
+def describe_randomization(design: Design) -> str:
     """How orders come about."""
     return (
         "Tasks, and conditions within each task, follow Williams squares, randomised by the design's seed: "

@@ -21,12 +21,12 @@ from avrgym.study.design.retention import Retention, check_retention
 from avrgym.study.design.validation import DesignError as DesignError
 from avrgym.study.design.validation import (
     Tables,
-    Wrong,
+    ValidationError,
     check_id,
     check_known,
     check_pattern,
     check_unique,
-    parse,
+    parse_toml,
     read_text,
 )
 from avrgym.system.toml_lines import Place
@@ -37,7 +37,7 @@ from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault
 FILE = "study.toml"
 PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps")
 """What must stay as it is once a participant has been given an order."""
-LOCAL = ("site", "database", "retention")
+SITE_FIELDS = ("site", "database", "retention")
 """What each site of a study says for itself."""
 
 Sentence = Annotated[str, msgspec.Meta(min_length=1, max_length=160)]
@@ -60,7 +60,7 @@ class InclusionQuestion(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     required: bool
 
 
-class DatabaseChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class DatabaseConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where the study's rows are kept; without a URL in ``study.db`` beside the design."""
 
     url: str = ""
@@ -126,7 +126,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     streams: StreamChoice = StreamChoice()
     reporting: Reporting = Reporting()
     retention: Retention = Retention()
-    database: DatabaseChoice = DatabaseChoice()
+    database: DatabaseConfig = DatabaseConfig()
 
     @property
     def conditions(self) -> tuple[tuple[str, str], ...]:
@@ -188,7 +188,7 @@ def parse_design(text: str, name: str = FILE, folder: Path = Path()) -> Design:
 
     ``folder`` is the study's, which holds the words of instruments that AVR Gym may not bring, and translations.
     """
-    return parse(
+    return parse_toml(
         text,
         name,
         Design,
@@ -199,7 +199,7 @@ def parse_design(text: str, name: str = FILE, folder: Path = Path()) -> Design:
 
 
 def _check(design: Design, folder: Path) -> None:
-    """Raise ``Wrong`` for the first value that no type forbids but that cannot be."""
+    """Raise ``ValidationError`` for the first value that no type forbids but that cannot be."""
     if design.site:
         check_id(("site",), design.site, ())
     _check_names(("tasks",), design.tasks, TASKS)
@@ -207,7 +207,7 @@ def _check(design: Design, folder: Path) -> None:
     for index, robot in enumerate(design.robots):
         for task in design.tasks:
             if environment_id(task, robot) not in ENVIRONMENTS:
-                raise Wrong(
+                raise ValidationError(
                     ("robots", index), f"{robot} cannot do {task}; `avrgym envs` lists who can do what"
                 )
     for task in design.goals:
@@ -248,12 +248,14 @@ def _check_streams(streams: StreamChoice) -> None:
     for name, query in streams.receive.items():
         fault = stream_fault(name, query)
         if fault:
-            raise Wrong(("streams", "receive", name), fault)
+            raise ValidationError(("streams", "receive", name), fault)
 
 
 def _check_database(url: str) -> None:
     if url and not url.startswith("postgresql://"):
-        raise Wrong(("database", "url"), 'not a database; allowed: "" or postgresql://user@host/name')
+        raise ValidationError(
+            ("database", "url"), 'not a database; allowed: "" or postgresql://user@host/name'
+        )
 
 
 _TABLES: Tables = {
@@ -262,7 +264,7 @@ _TABLES: Tables = {
     ("questionnaires",): Questionnaire,
     ("questionnaires", "items"): Item,
     ("stop_rules",): StopRule,
-    ("database",): DatabaseChoice,
+    ("database",): DatabaseConfig,
     ("furniture",): RealFurniture,
     ("streams",): StreamChoice,
     ("reporting",): Reporting,

@@ -14,7 +14,7 @@ import msgspec
 from avrgym.questionnaires.instrument import Instrument, InstrumentItem, check_weights
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.questionnaires.registry import INSTRUMENTS
-from avrgym.study.design.validation import Wrong, check_fields, check_known
+from avrgym.study.design.validation import ValidationError, check_fields, check_known
 from avrgym.system.files import read_user_text
 from avrgym.system.toml_lines import Place
 from avrgym.system.type_guards import is_array, is_table
@@ -60,19 +60,19 @@ def _with_items(index: int, table: Any, folder: Path) -> Any:
 
 
 def check_use(place: Place, questionnaire: Questionnaire) -> None:
-    """Raise ``Wrong`` for weights that its instrument does not have, or that do not add up."""
+    """Raise ``ValidationError`` for weights that its instrument does not have, or that do not add up."""
     if questionnaire.weights is msgspec.UNSET:
         return
     instrument = questionnaire.instrument
     if instrument is None or instrument.weighting is None:
         weighted = ", ".join(name for name, each in INSTRUMENTS.items() if each.weighting is not None)
-        raise Wrong(
+        raise ValidationError(
             (*place, "weights"), f"nothing here is weighted; allowed: weights beside use of {weighted}"
         )
     try:
         check_weights(instrument.weighting, questionnaire.weights)
     except ValueError as error:
-        raise Wrong((*place, "weights"), str(error)) from None
+        raise ValidationError((*place, "weights"), str(error)) from None
 
 
 def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
@@ -88,24 +88,24 @@ def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
 
 
 def _own_words(place: Place, instrument: Instrument, folder: Path) -> Mapping[str, Words]:
-    """What the study's file says of every item; ``Wrong`` where it is not whole."""
+    """What the study's file says of every item; ``ValidationError`` where it is not whole."""
     name = f"{FOLDER}/{instrument.name}.toml"
     wanted = f"the words of {', '.join(item.id for item in instrument.items)}, from {instrument.texts}"
     try:
         text = read_user_text(folder / name)
         words = {key: _words(value) for key, value in tomllib.loads(text).items()}
     except FileNotFoundError:
-        raise Wrong(
+        raise ValidationError(
             place, f"{name} is missing in the study's folder; allowed: a file with {wanted}"
         ) from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
         raise Wrong(place, f"{name} cannot be read: {error}; allowed: {wanted}") from None
     for key in words:
         if key not in (ids := [item.id for item in instrument.items]):
-            raise Wrong(place, f"{name} has an unknown item {key!r}; allowed: {', '.join(ids)}")
+            raise ValidationError(place, f"{name} has an unknown item {key!r}; allowed: {', '.join(ids)}")
     missing = [item.id for item in instrument.items if not _is_whole(item, words.get(item.id))]
     if missing:
-        raise Wrong(place, f"{name} lacks {_lacking(instrument, missing)}")
+        raise ValidationError(place, f"{name} lacks {_lacking(instrument, missing)}")
     return words
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design import functioning
 from avrgym.study.design.instruments import FOLDER as INSTRUMENTS
-from avrgym.study.design.validation import Wrong, check_unique
+from avrgym.study.design.validation import ValidationError, check_unique
 from avrgym.tasks.registry import TASKS
 from avrgym.texts.interface_texts import FOLDER, TextsError, read_texts
 from avrgym.texts.interface_texts import FOLDER as TEXTS
@@ -25,7 +25,7 @@ NAMED = 3
 
 
 def check_languages(design: Design, folder: Path) -> None:
-    """Raise ``Wrong`` for the first language that has not all that participants of a design read.
+    """Raise ``ValidationError`` for the first language that has not all that participants of a design read.
 
     ``folder`` is the study's. The first language is that of the design itself; its sentences need translations into
     each of the others, and those that AVR Gym brings into each but English.
@@ -35,7 +35,7 @@ def check_languages(design: Design, folder: Path) -> None:
         try:
             texts = read_texts(language, folder)
         except TextsError as error:
-            raise Wrong(("languages", index), str(error)) from None
+            raise ValidationError(("languages", index), str(error)) from None
         own = _own(design) if index > 0 else ()
         brought = _brought(design) if language != ENGLISH else ()
         untranslated = texts.untranslated([*own, *brought])
@@ -43,13 +43,13 @@ def check_languages(design: Design, folder: Path) -> None:
             named = ", ".join(f'"{sentence}"' for sentence in untranslated[:NAMED])
             more = f" and {len(untranslated) - NAMED} more" if len(untranslated) > NAMED else ""
             allowed = f"a line for each under [sentences] of {FOLDER}/{language}.toml in the study's folder"
-            raise Wrong(
+            raise ValidationError(
                 ("languages", index),
                 f"no translation into {language} of {named}{more}; allowed: {allowed}",
             )
 
 
-def sentences(design: Design) -> list[str]:
+def participant_sentences(design: Design) -> list[str]:
     """All sentences of a design that participants read, in the language that they are written in."""
     return [*_own(design), *_brought(design)]
 
@@ -84,7 +84,7 @@ def _words(questionnaire: Questionnaire) -> Iterator[str]:
         yield from (item.text, item.low, item.high, *item.labels)
 
 
-def word_files(design: Design, folder: Path) -> list[str]:
+def text_files(design: Design, folder: Path) -> list[str]:
     """Translations, and words of instruments that AVR Gym may not bring, as far as a design takes them from a folder.
 
     Names are relative to the folder, with ``/``.

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire
 from avrgym.questionnaires.stop_rules import THEN, StopRules
 from avrgym.study.design.instruments import check_use
-from avrgym.study.design.validation import Wrong, check_choice, check_id, check_known, check_unique
+from avrgym.study.design.validation import ValidationError, check_choice, check_id, check_known, check_unique
 from avrgym.system.toml_lines import Place
 
 
 def check_questionnaires(questionnaires: Sequence[Questionnaire]) -> None:
-    """Raise ``Wrong`` for the first value that no type forbids but that cannot be."""
+    """Raise ``ValidationError`` for the first value that no type forbids but that cannot be."""
     names: set[str] = set()
     ids: set[str] = set()
     for index, questionnaire in enumerate(questionnaires):
@@ -36,13 +36,13 @@ def _check_moments(place: Place, questionnaire: Questionnaire) -> None:
 def _check_item(place: Place, item: Item, known: set[str]) -> None:
     check_id(place if place[-1] == "use" else (*place, "id"), item.id, known)
     if item.labels and len(item.labels) != item.points:
-        raise Wrong(
+        raise ValidationError(
             (*place, "labels"), f"{len(item.labels)} labels for {item.points} points; allowed: one for each"
         )
 
 
 def check_stop_rules(rules: StopRules) -> None:
-    """Raise ``Wrong`` for the first rule that no answer can meet, or that says what cannot be done."""
+    """Raise ``ValidationError`` for the first rule that no answer can meet, or that says what cannot be done."""
     items = [item.id for questionnaire in rules.questionnaires for item in questionnaire.items]
     for index, rule in enumerate(rules.rules):
         place = ("stop_rules", index)
@@ -50,7 +50,7 @@ def check_stop_rules(rules: StopRules) -> None:
         check_choice((*place, "then"), rule.then, THEN)
         least, most = rules.ends_of(rule.item)
         if not least < rule.at_least <= most:
-            raise Wrong(
+            raise ValidationError(
                 (*place, "at_least"),
                 f"{rule.at_least:g} tells no answers to {rule.item} apart; allowed: above {least:g}, at most {most:g}",
             )

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import msgspec
 
-from avrgym.study.design.validation import Wrong
+from avrgym.study.design.validation import ValidationError
 
 Period = Annotated[int, msgspec.Meta(ge=0, le=1200)]
 IDENTITIES, RECORDINGS, DATA = "identities", "recordings", "data"
@@ -47,11 +47,11 @@ class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def check_retention(retention: Retention) -> None:
-    """Raise ``Wrong`` for a day that is none."""
+    """Raise ``ValidationError`` for a day that is none."""
     try:
         _ = retention.end
     except ValueError:
-        raise Wrong(
+        raise ValidationError(
             ("retention", "ended_on"), f"{retention.ended_on!r} is no day; allowed: one such as 2027-06-30"
         ) from None
 

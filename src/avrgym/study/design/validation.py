@@ -14,7 +14,7 @@ from avrgym.system.toml_lines import Place, line_of
 NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
-class Wrong(Exception):
+class ValidationError(Exception):
     """A value that no type forbids but that cannot be; ``place`` is where it stands."""
 
     def __init__(self, place: Place, message: str) -> None:
@@ -23,39 +23,39 @@ class Wrong(Exception):
 
 
 def check_known(place: Place, name: str, allowed: Iterable[str]) -> None:
-    """Raise ``Wrong`` for a name that is none of those allowed."""
+    """Raise ``ValidationError`` for a name that is none of those allowed."""
     if name not in (names := list(allowed)):
-        raise Wrong(place, f"unknown name {name!r}; allowed: {', '.join(names)}")
+        raise ValidationError(place, f"unknown name {name!r}; allowed: {', '.join(names)}")
 
 
 def check_choice(place: Place, value: str, allowed: tuple[str, ...]) -> None:
-    """Raise ``Wrong`` for a value that is no choice."""
+    """Raise ``ValidationError`` for a value that is no choice."""
     if value not in allowed:
-        raise Wrong(place, f"{value!r} is not known; allowed: {', '.join(allowed)}")
+        raise ValidationError(place, f"{value!r} is not known; allowed: {', '.join(allowed)}")
 
 
 def check_unique(place: Place, names: tuple[str, ...]) -> None:
-    """Raise ``Wrong`` for a name that stands twice in an array."""
+    """Raise ``ValidationError`` for a name that stands twice in an array."""
     for index, name in enumerate(names):
         if name in names[:index]:
-            raise Wrong((*place, index), f"{name!r} stands here twice; allowed: once")
+            raise ValidationError((*place, index), f"{name!r} stands here twice; allowed: once")
 
 
 def check_pattern(place: Place, name: str, pattern: re.Pattern[str], what: str) -> None:
-    """Raise ``Wrong`` for a name of other characters."""
+    """Raise ``ValidationError`` for a name of other characters."""
     if not pattern.fullmatch(name):
-        raise Wrong(place, f"{name!r} is no name; allowed: {what}, in letters, digits, - and _")
+        raise ValidationError(place, f"{name!r} is no name; allowed: {what}, in letters, digits, - and _")
 
 
 def check_id(place: Place, name: str, known: Container[str]) -> None:
-    """Raise ``Wrong`` for a name that is none, or that another has."""
+    """Raise ``ValidationError`` for a name that is none, or that another has."""
     check_pattern(place, name, NAME, "at most 40 characters")
     if name in known:
-        raise Wrong(place, f"{name!r} stands twice; allowed: a name that no other has")
+        raise ValidationError(place, f"{name!r} stands twice; allowed: a name that no other has")
 
 
 def check_fields(place: Place, table: dict[str, Any], allowed: tuple[str, ...]) -> None:
-    """Raise ``Wrong`` for a key of a table that it may not have."""
+    """Raise ``ValidationError`` for a key of a table that it may not have."""
     for key in table:
         check_known((*place, key), key, allowed)
 
@@ -79,7 +79,7 @@ def read_text(path: Path) -> str:
         ) from None
 
 
-def parse(
+def parse_toml(
     text: str,
     name: str,
     kind: type[Kind],
@@ -94,8 +94,8 @@ def parse(
         name: of the file, for errors.
         kind: what the whole file is.
         tables: what its tables are.
-        check: raises ``Wrong`` for the first value that no type forbids but that cannot be.
-        complete: adds what the values stand for, and raises ``Wrong`` too.
+        check: raises ``ValidationError`` for the first value that no type forbids but that cannot be.
+        complete: adds what the values stand for, and raises ``ValidationError`` too.
 
     Raises:
         DesignError: for anything else than such a structure.
@@ -112,7 +112,7 @@ def parse(
     except msgspec.ValidationError as error:
         place, message = _explain(error, {(): kind, **tables})
         raise DesignError(f"{name}:{line_of(text, place)}: {message}") from None
-    except Wrong as error:
+    except ValidationError as error:
         raise DesignError(f"{name}:{line_of(text, error.place)}: {error}") from None
     return found
 

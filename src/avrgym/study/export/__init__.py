@@ -7,7 +7,7 @@ from pathlib import Path
 
 from avrgym.study.export.records import WITHOUT, Extras
 from avrgym.study.export.trials import ExportedAttempt, LeftOut, completed_attempts, verified
-from avrgym.study.storage.data_loss import loss_words
+from avrgym.study.storage.data_loss import describe_data_loss
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import write_folder_whole
@@ -101,7 +101,7 @@ def _write(
 
 def _add_losses(store: Store, folder: Path) -> None:
     """Append the consequences of a lost database to the README files."""
-    words = loss_words(store)
+    words = describe_data_loss(store)
     for path in folder.rglob("README*") if words else ():
         with path.open("a", encoding="utf-8") as file:
             file.write("".join(f"\n{each}\n" for each in words))

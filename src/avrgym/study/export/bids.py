@@ -19,7 +19,7 @@ from avrgym.study.export.records import WITHOUT, Extras, records_of, write_table
 from avrgym.study.export.separated import cell, write_json, write_rows
 from avrgym.study.export.trials import ExportedAttempt
 from avrgym.study.storage.answers import answer_moments
-from avrgym.study.storage.item_versions import Asked
+from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.store import Store
 
 VERSION = "1.11.1"
@@ -241,7 +241,7 @@ def _is_followed(frame: TrackingFrame, field: str) -> bool:
 
 def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Path) -> None:
     folder.mkdir()
-    asked_of = Asked(store)
+    asked_of = AnsweredItems(store)
     for questionnaire in asked_of.design.questionnaires:
         items = {item.id: item for item in questionnaire.items}
         rows, asked = _rows_of_answers(store, attempts, questionnaire, asked_of)
@@ -272,7 +272,7 @@ def _label(name: str) -> str:
 
 
 def _rows_of_answers(
-    store: Store, attempts: Sequence[ExportedAttempt], questionnaire: Questionnaire, asked_of: Asked
+    store: Store, attempts: Sequence[ExportedAttempt], questionnaire: Questionnaire, asked_of: AnsweredItems
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
     """A row for each participant with answers to a questionnaire, a column for each condition or session and item.
 

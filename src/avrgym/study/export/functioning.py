@@ -6,7 +6,7 @@ from typing import Any
 from avrgym.study.design.functioning import DECLINED, DEVICES, LEVELS, QUESTIONS
 from avrgym.study.people.functioning import Functioning
 from avrgym.study.storage.rows import Participant
-from avrgym.study.storage.states import TAKES_PART
+from avrgym.study.storage.states import PARTICIPATING
 from avrgym.study.storage.store import Store
 
 LEAST = 5
@@ -65,7 +65,7 @@ def _is_analysed(store: Store, person: Participant) -> bool:
     """Whether a person has a trial that may enter the analysis."""
     return (
         not person.simulated
-        and person.state in TAKES_PART
+        and person.state in PARTICIPATING
         and any(each.state == "completed" and not each.practice for each in store.trials(person.pseudonym))
     )
 

@@ -17,7 +17,7 @@ from avrgym.study.export.scores import scales, uses_instruments
 from avrgym.study.export.tables import items_of, tables_of_people, write_csv
 from avrgym.study.export.trials import attempts_of
 from avrgym.study.storage import identity_file
-from avrgym.study.storage.item_versions import Asked
+from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import RECORDINGS, Participant
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -80,8 +80,8 @@ def _write(store: Store, person: Participant, folder: Path) -> None:
         write_csv(folder / f"{name}.csv", rows, TABLES[name])
     write_csv(folder / "codebook.csv", codebook(list(tables), store.design))
     write_consent_texts(store, folder)
-    named = person.pseudonym in identity_file.pseudonyms(store.folder)
-    identity = identity_file.read_key(store.folder)[person.pseudonym] if named else None
+    named = person.pseudonym in identity_file.named_pseudonyms(store.folder)
+    identity = identity_file.read_identities(store.folder)[person.pseudonym] if named else None
     said: dict[str, Any] = {
         "identity": identity and msgspec.to_builtins(identity),
         "inclusion": person.inclusion,
@@ -96,7 +96,7 @@ def _write(store: Store, person: Participant, folder: Path) -> None:
 def _tables(store: Store, person: Participant) -> dict[str, Iterable[Mapping[str, Any]]]:
     attempts = list(attempts_of(store, person))
     completed = [each for each in attempts if each.attempt.state == "completed"]
-    asked = Asked(store)
+    asked = AnsweredItems(store)
     heights = {each.attempt.id: each.attempt.torso_height_m for each in attempts}
     tables: dict[str, Iterable[Mapping[str, Any]]] = {
         name: _own(rows, person)

@@ -11,7 +11,7 @@ from typing import Any
 from avrgym.study.export.codebook import TABLES, Column
 from avrgym.study.export.functioning import functioning_rows, individual_rows
 from avrgym.study.export.separated import write_json, write_rows
-from avrgym.study.people.adverse_events import followed
+from avrgym.study.people.adverse_events import group_by_event
 from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -81,7 +81,7 @@ def adverse_event_rows(
     """Every report of every adverse event of these participants."""
     for person in people:
         trials = {trial.id: trial for trial in store.trials(person.pseudonym)}
-        for event in followed(store.adverse_events(person.pseudonym)):
+        for event in group_by_event(store.adverse_events(person.pseudonym)):
             for number, report in enumerate(event.reports, start=1):
                 yield {
                     **_whose(person),

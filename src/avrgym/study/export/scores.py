@@ -10,8 +10,8 @@ from avrgym.questionnaires.instrument import Instrument, Scale
 from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.study.export.trials import ExportedAnswer
-from avrgym.study.storage.answers import visit_of
-from avrgym.study.storage.item_versions import Asked
+from avrgym.study.storage.answers import sessions_of_visit
+from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
 
@@ -52,7 +52,7 @@ class Score:
 
 
 def scores_of(
-    store: Store, participant: Participant, answers: Sequence[ExportedAnswer], asked_of: Asked
+    store: Store, participant: Participant, answers: Sequence[ExportedAnswer], asked_of: AnsweredItems
 ) -> list[Score]:
     """Every score of a participant, in the order of their answers.
 
@@ -122,7 +122,7 @@ def _is_of_instrument(answer: ExportedAnswer) -> bool:
 def _asked(answer: ExportedAnswer, sessions: Sequence[StudySession]) -> When:
     if answer.given.attempt is not None:
         return answer.given.attempt, answer.given.session, answer.moment
-    return 0, visit_of(sessions, answer.given.session)[0], answer.moment
+    return 0, sessions_of_visit(sessions, answer.given.session)[0], answer.moment
 
 
 def _scores(

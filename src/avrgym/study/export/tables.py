@@ -17,7 +17,7 @@ from avrgym.study.export.records import WITHOUT, Extras, records_of
 from avrgym.study.export.scores import scales, scores_of, uses_instruments
 from avrgym.study.export.separated import neutral
 from avrgym.study.export.trials import ExportedAttempt, all_attempts, answers_of
-from avrgym.study.storage.item_versions import Asked
+from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import new_table
@@ -28,7 +28,7 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extr
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     attempts = list(all_attempts(store))
     heights = {exported.attempt.id: exported.torso_height_m() for exported in completed}
-    asked = Asked(store)
+    asked = AnsweredItems(store)
     for name, rows in tables_of_people(store, attempts, completed, heights, asked).items():
         write_csv(folder / f"{name}.csv", rows)
     write_consent_texts(store, folder)
@@ -55,7 +55,7 @@ def tables_of_people(
     attempts: list[ExportedAttempt],
     completed: Sequence[ExportedAttempt],
     heights: Mapping[int, float | None],
-    asked: Asked,
+    asked: AnsweredItems,
 ) -> dict[str, Iterable[Mapping[str, Any]]]:
     """The tables whose rows are each about one participant, by name."""
     tables: dict[str, Iterable[Mapping[str, Any]]] = {
@@ -166,13 +166,13 @@ def _attempt(exported: ExportedAttempt, heights: Mapping[int, float | None]) -> 
     }
 
 
-def _answers(store: Store, attempts: list[ExportedAttempt], asked: Asked) -> Iterator[dict[str, Any]]:
+def _answers(store: Store, attempts: list[ExportedAttempt], asked: AnsweredItems) -> Iterator[dict[str, Any]]:
     """Every answer; those about a whole session have no trial."""
     for participant in store.participants():
         yield from (answer.columns() for answer in answers_of(store, participant, attempts, asked))
 
 
-def _scores(store: Store, attempts: list[ExportedAttempt], asked: Asked) -> Iterator[dict[str, Any]]:
+def _scores(store: Store, attempts: list[ExportedAttempt], asked: AnsweredItems) -> Iterator[dict[str, Any]]:
     for participant in store.participants():
         answers = answers_of(store, participant, attempts, asked)
         yield from (score.columns() for score in scores_of(store, participant, answers, asked))

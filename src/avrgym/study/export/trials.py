@@ -14,8 +14,8 @@ from avrgym.recording.reader import (
 )
 from avrgym.recording.schema import Control
 from avrgym.study.storage.answers import answer_moments
-from avrgym.study.storage.attempts import CHANGED, sha256_of
-from avrgym.study.storage.item_versions import Asked
+from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, sha256_of
+from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -60,7 +60,7 @@ class ExportedAttempt:
         if not self.store.path(name).is_file():
             raise StudyError(f"{name} {self._absence}")
         if self.is_changed():
-            raise StudyError(f"{name} {CHANGED}")
+            raise StudyError(f"{name} {CHECKSUM_DIFFERS}")
         try:
             recording = self.read()
         except (OSError, RecordingError) as error:
@@ -170,7 +170,7 @@ class ExportedAnswer:
 
 
 def answers_of(
-    store: Store, participant: Participant, attempts: Iterable[ExportedAttempt], asked: Asked
+    store: Store, participant: Participant, attempts: Iterable[ExportedAttempt], asked: AnsweredItems
 ) -> list[ExportedAnswer]:
     """All answers of a participant, in the order they were given; ``attempts`` are at least theirs."""
     by_id = {exported.attempt.id: exported for exported in attempts}

@@ -7,11 +7,11 @@ from typing import Any
 import msgspec
 
 from avrgym.study.checking.policy_files import policy_files
-from avrgym.study.design.comparison import differences, named, shown
+from avrgym.study.design.comparison import differences, place_text, value_text
 from avrgym.study.design.design import FILE as DESIGN
-from avrgym.study.design.design import LOCAL
+from avrgym.study.design.design import SITE_FIELDS
 from avrgym.study.design.validation import read_text
-from avrgym.study.plan.frozen_plan import FROZEN, read_frozen
+from avrgym.study.plan.frozen_plan import FROZEN, read_frozen_plan
 from avrgym.study.plan.plan import FILE as PLAN
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -20,11 +20,11 @@ from avrgym.texts.interface_texts import read_texts
 
 MUST_AGREE = ("tasks", "robots", "policies", "practice_policy")
 """Without these there is nothing to be taken together."""
-Named = tuple[str, Store]
+NamedStudy = tuple[str, Store]
 """A study with its site's name."""
 
 
-def disagreements(a: Named, b: Named, *, accepted: bool) -> list[str]:
+def find_differences(a: NamedStudy, b: NamedStudy, *, accepted: bool) -> list[str]:
     """In what two studies differ, in words.
 
     Raises:
@@ -48,21 +48,21 @@ def disagreements(a: Named, b: Named, *, accepted: bool) -> list[str]:
 
 def _beside_designs(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
     for place, here, there in differences(_texts(a), _texts(b)):
-        yield f"texts in {named(place)}", here, there
+        yield f"texts in {place_text(place)}", here, there
     for place, here, there in differences(_policies(a), _policies(b)):
-        yield f"the checksum of {named(place)}", here, there
+        yield f"the checksum of {place_text(place)}", here, there
     if _plan(a) != _plan(b):
         yield f"the frozen plan's checksum ({FROZEN})", _plan(a), _plan(b)
 
 
-def _of_designs(a: Named, b: Named, place: Place, here: Any, there: Any) -> str:
+def _of_designs(a: NamedStudy, b: NamedStudy, place: Place, here: Any, there: Any) -> str:
     """A difference of designs, with the lines where their files say so."""
     at = [f"{name}{_line(store, place)}" for name, store in (a, b)]
-    return _told(f"{DESIGN}: {named(place)}", here, there, *at)
+    return _told(f"{DESIGN}: {place_text(place)}", here, there, *at)
 
 
 def _told(where: str, here: Any, there: Any, a: str, b: str) -> str:
-    return f"{where} is {shown(here)} at {a}, {shown(there)} at {b}"
+    return f"{where} is {value_text(here)} at {a}, {value_text(there)} at {b}"
 
 
 def _line(store: Store, place: Place) -> str:
@@ -79,7 +79,7 @@ def _line(store: Store, place: Place) -> str:
 def _design(store: Store) -> dict[str, Any]:
     """What a design says for all sites, with the words of instruments."""
     values = msgspec.json.decode(msgspec.json.encode(store.design))
-    return {name: value for name, value in values.items() if name not in LOCAL}
+    return {name: value for name, value in values.items() if name not in SITE_FIELDS}
 
 
 def _texts(store: Store) -> dict[str, Any]:
@@ -92,7 +92,7 @@ def _policies(store: Store) -> dict[str, str | None]:
 
 
 def _plan(store: Store) -> str:
-    frozen = read_frozen(store)
+    frozen = read_frozen_plan(store)
     if frozen is None:
         return "none"
     return (

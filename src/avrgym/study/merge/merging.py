@@ -18,23 +18,23 @@ import tomlkit
 
 from avrgym.study.checking.preflight import policies_needed
 from avrgym.study.design.design import FILE as DESIGN
-from avrgym.study.design.design import LOCAL
-from avrgym.study.design.languages import word_files
+from avrgym.study.design.design import SITE_FIELDS
+from avrgym.study.design.languages import text_files
 from avrgym.study.design.validation import read_text
-from avrgym.study.merge.agreement import disagreements
-from avrgym.study.merge.source_studies import Source, check_continues, check_told_apart, read_source
+from avrgym.study.merge.agreement import find_differences
+from avrgym.study.merge.source_studies import SiteStudy, check_continuation, check_distinct, read_site_study
 from avrgym.study.merge.transfer import Recording, Rows, recordings_of, rows_by_participant, store_rows
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.plan.frozen_plan import FROZEN
 from avrgym.study.plan.plan import FILE as PLAN
-from avrgym.study.plan.timestamps import REGISTRATION, STAMP
+from avrgym.study.plan.timestamps import REGISTRATION, TIME_STAMP
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.database import FILE as DATABASE
 from avrgym.study.storage.database import URL_VARIABLE
 from avrgym.study.storage.rows import RECORDINGS, Site, Tombstone, pseudonym_of
 from avrgym.study.storage.sites import (
-    DIFFERS,
-    LEFT_OUT,
+    RECORDING_LEFT_OUT,
+    SITE_DIFFERS,
     merged_id,
     merged_number,
     record_once,
@@ -62,9 +62,9 @@ def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
 def _without_local(design: str) -> str:
     """The text of a design without what a site says for itself alone; all else stays as it is, byte by byte."""
     document: Any = tomlkit.parse(design)
-    if not any(document.get(name) for name in LOCAL):
+    if not any(document.get(name) for name in SITE_FIELDS):
         return design
-    for name in LOCAL:
+    for name in SITE_FIELDS:
         document.pop(name, None)
     return tomlkit.dumps(document)
 
@@ -73,7 +73,7 @@ def _own_files(store: Store) -> Iterator[Path]:
     """The files of a study, relative to its folder, that its design and plan need."""
     own = [
         store.folder / name
-        for name in (PLAN, FROZEN, STAMP, REGISTRATION, *word_files(store.design, store.folder))
+        for name in (PLAN, FROZEN, TIME_STAMP, REGISTRATION, *text_files(store.design, store.folder))
     ]
     own += [Path(store.policy_source(*needed)) for needed in policies_needed(store)]
     for path in dict.fromkeys(own):
@@ -99,7 +99,7 @@ class _Merging:
     """A site on its way into the merged study."""
 
     number: int
-    source: Source
+    source: SiteStudy
     differing: Sequence[str]
     recordings: Mapping[int, Sequence[Recording]]
     faults: dict[int, str] = field(default_factory=dict[int, str])
@@ -134,8 +134,8 @@ def merge_studies(
     """
     _check_places(folders, out)
     with ExitStack() as stack:
-        sources = [read_source(stack.enter_context(Store(folder))) for folder in folders]
-        check_told_apart(sources)
+        sources = [read_site_study(stack.enter_context(Store(folder))) for folder in folders]
+        check_distinct(sources)
         merged = _open_merged(out, stack)
         sites = _number(sources, merged, out, accepted=accept_differences)
         _verify(sites, progress)
@@ -176,7 +176,9 @@ def _open_merged(out: Path, stack: ExitStack) -> Store | None:
     )
 
 
-def _number(sources: Sequence[Source], merged: Store | None, out: Path, *, accepted: bool) -> list[_Merging]:
+def _number(
+    sources: Sequence[SiteStudy], merged: Store | None, out: Path, *, accepted: bool
+) -> list[_Merging]:
     """The sites with their numbers and all that is to be copied of them; ``StudyError`` where they do not fit."""
     known = merged.sites() if merged else []
     people = merged.participants() if merged else []
@@ -185,9 +187,9 @@ def _number(sources: Sequence[Source], merged: Store | None, out: Path, *, accep
     numbers = {site.name: site.number for site in known}
     sites: list[_Merging] = []
     for source in sources:
-        check_continues(source, known, people)
+        check_continuation(source, known, people)
         number = numbers.setdefault(source.name, len(numbers) + 1)
-        differing = disagreements(like, (source.name, source.store), accepted=accepted)
+        differing = find_differences(like, (source.name, source.store), accepted=accepted)
         recordings: dict[int, list[Recording]] = {
             person: [] for person in source.people if merged_number(number, person) not in gone
         }
@@ -269,7 +271,11 @@ def _merge_participant(
             if each.attempt in site.faults:
                 attempt = merged_id(site.number, each.attempt)
                 record_once(
-                    connection, LEFT_OUT, site.faults[each.attempt], participant=number, attempt=attempt
+                    connection,
+                    RECORDING_LEFT_OUT,
+                    site.faults[each.attempt],
+                    participant=number,
+                    attempt=attempt,
                 )
 
 
@@ -291,7 +297,7 @@ def _merge_rest(connection: sa.Connection, site: _Merging) -> None:
         if not find_all(connection, Tombstone, number=number):
             hash_chain.insert(connection, schema.TOMBSTONE, **{**row, "number": number})
     for words in site.differing:
-        record_once(connection, DIFFERS, words)
+        record_once(connection, SITE_DIFFERS, words)
     head = site.source.head
     (before,) = find_all(connection, Site, number=site.number)
     if (before.entries, before.digest) != (head.number, head.digest):

@@ -24,7 +24,7 @@ MERGED_TABLES = tuple(
 
 
 @dataclass(frozen=True)
-class Source:
+class SiteStudy:
     """A site's study: its rows by table as of one moment, and the end of its ledger then."""
 
     name: str
@@ -43,7 +43,7 @@ class Source:
         return {self.name, *(row["site"] for row in self.rows["participant"] if row["site"])}
 
 
-def read_source(store: Store) -> Source:
+def read_site_study(store: Store) -> SiteStudy:
     """A study as a site of a merged one.
 
     Raises:
@@ -63,7 +63,7 @@ def read_source(store: Store) -> Source:
         )
     with store.database.read() as connection:
         rows = {table.name: _rows(connection, table) for table in MERGED_TABLES}
-        source = Source(name, store, rows, hash_chain.head(connection))
+        source = SiteStudy(name, store, rows, hash_chain.head(connection))
     most = max((row["number"] for table in ("participant", "tombstone") for row in rows[table]), default=0)
     if most >= PEOPLE_PER_SITE:
         raise StudyError(
@@ -75,12 +75,12 @@ def read_source(store: Store) -> Source:
 def _rows(connection: sa.Connection, table: sa.Table) -> list[dict[str, Any]]:
     """A table's rows by the columns' keys, without salts: these are drawn anew."""
     names = [column.key for column in table.columns]
-    found = connection.execute(sa.select(table).order_by(hash_chain.key_of(table)))
+    found = connection.execute(sa.select(table).order_by(hash_chain.primary_key(table)))
     rows = [dict(zip(names, row, strict=True)) for row in found]
     return [{name: value for name, value in row.items() if name != "salt"} for row in rows]
 
 
-def check_told_apart(sources: Sequence[Source]) -> None:
+def check_distinct(sources: Sequence[SiteStudy]) -> None:
     """Raise ``StudyError`` where two studies are the same, or have sites of the same name."""
     for a, b in combinations(sources, 2):
         both = f"{a.store.folder} and {b.store.folder}"
@@ -93,7 +93,7 @@ def check_told_apart(sources: Sequence[Source]) -> None:
             )
 
 
-def check_continues(source: Source, known: Sequence[Site], people: Sequence[Participant]) -> None:
+def check_continuation(source: SiteStudy, known: Sequence[Site], people: Sequence[Participant]) -> None:
     """Raise ``StudyError`` unless a site is new to a merged study, or goes on where it was merged before.
 
     Args:
@@ -119,9 +119,9 @@ def check_continues(source: Source, known: Sequence[Site], people: Sequence[Part
         _check_not_set_back(source, before)
 
 
-def _check_not_set_back(source: Source, before: Site) -> None:
+def _check_not_set_back(source: SiteStudy, before: Site) -> None:
     with source.store.database.read() as connection:
-        if hash_chain.lost(connection, [hash_chain.Head(before.entries, before.digest)]):
+        if hash_chain.missing_heads(connection, [hash_chain.Head(before.entries, before.digest)]):
             raise StudyError(
                 f"{source.store.folder}: the site {source.name!r} is another study than was merged before, or was set "
                 "back since: put back its latest copy, or merge into a new folder"

@@ -10,10 +10,10 @@ from typing import Any
 import sqlalchemy as sa
 
 from avrgym.recording import answers_file
-from avrgym.study.merge.source_studies import MERGED_TABLES, Row, Source
+from avrgym.study.merge.source_studies import MERGED_TABLES, Row, SiteStudy
 from avrgym.study.plan.frozen_plan import sha256
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.attempts import CHANGED
+from avrgym.study.storage.attempts import CHECKSUM_DIFFERS
 from avrgym.study.storage.rows import RECORDINGS, participant_number, pseudonym_of
 from avrgym.study.storage.sites import merged_id, merged_number
 from avrgym.study.storage.states import StudyError
@@ -54,7 +54,7 @@ class Recording:
             return None
         if not self.source.is_file():
             return f"{self.name} is missing"
-        return None if _checksum(self.source) == self.sha256 else f"{self.name} {CHANGED}"
+        return None if _checksum(self.source) == self.sha256 else f"{self.name} {CHECKSUM_DIFFERS}"
 
     def copy(self) -> bool:
         """Copy it, so that it appears whole or not at all; whether that changed anything.
@@ -66,7 +66,7 @@ class Recording:
             return False
         data = self.source.read_bytes()
         if self.sha256 not in (None, sha256(data)):
-            raise StudyError(f"{self.name} {CHANGED} while it was copied")
+            raise StudyError(f"{self.name} {CHECKSUM_DIFFERS} while it was copied")
         make_private_folder(self.target.parent)
         late = answers_file.answers_path(self.source)
         if late.is_file():
@@ -77,7 +77,7 @@ class Recording:
         return True
 
 
-def recordings_of(source: Source, site: int, folder: Path) -> Iterator[Recording]:
+def recordings_of(source: SiteStudy, site: int, folder: Path) -> Iterator[Recording]:
     """Every recording of a site, on its way into the merged study in ``folder``."""
     participants = {row["id"]: row["participant"] for row in source.rows["session"]}
     for row in source.rows["attempt"]:
@@ -93,7 +93,7 @@ def _vouched(row: Row) -> str | None:
     return row["sha256"] or ("none" if row["state"] == "completed" else None)
 
 
-def _path(source: Source, name: str) -> Path | None:
+def _path(source: SiteStudy, name: str) -> Path | None:
     if not _IN_RECORDINGS.match(name) or ".." in name.split("/"):
         return None
     try:
@@ -112,7 +112,7 @@ _BY_NUMBER = (schema.PARTICIPANT, schema.TOMBSTONE)
 _NAMING_RECORDINGS = {"attempt": "recording", "event": "detail"}
 
 
-def rows_by_participant(source: Source, site: int) -> Mapping[int | None, Rows]:
+def rows_by_participant(source: SiteStudy, site: int) -> Mapping[int | None, Rows]:
     """The rows of a site as they are in the merged study, by the number there of whom they are about, if anybody.
 
     Tombstones are not among them. The log is of the whole site: it outlasts its participants.
@@ -123,7 +123,7 @@ def rows_by_participant(source: Source, site: int) -> Mapping[int | None, Rows]:
         for row in source.rows[table.name] if table is not schema.TOMBSTONE else ():
             moved = _moved(table, row, source, site)
             whose = None if table is schema.LOG else _whose(row, sessions)
-            found[whose][table.name][moved[hash_chain.key_of(table).key]] = moved
+            found[whose][table.name][moved[hash_chain.primary_key(table).key]] = moved
     return found
 
 
@@ -137,7 +137,7 @@ def _whose(row: Row, sessions: Mapping[int, int]) -> int | None:
     return None if session is None else sessions[session]
 
 
-def _moved(table: sa.Table, row: Row, source: Source, site: int) -> Row:
+def _moved(table: sa.Table, row: Row, source: SiteStudy, site: int) -> Row:
     """A row with the keys that it has in the merged study."""
     moved = {column.key: _moved_key(column, row[column.key], site) for column in _columns(table)}
     if table is schema.PARTICIPANT:
@@ -178,6 +178,6 @@ def store_rows(connection: sa.Connection, rows: Rows) -> int:
 
 def _present(connection: sa.Connection, table: sa.Table, keys: list[int]) -> dict[int, Row]:
     columns = list(_columns(table))
-    found = connection.execute(sa.select(*columns).where(hash_chain.key_of(table).in_(keys)))
+    found = connection.execute(sa.select(*columns).where(hash_chain.primary_key(table).in_(keys)))
     rows = [dict(zip([column.key for column in columns], row, strict=True)) for row in found]
-    return {row[hash_chain.key_of(table).key]: row for row in rows}
+    return {row[hash_chain.primary_key(table).key]: row for row in rows}

@@ -61,7 +61,7 @@ class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True)
-class Followed:
+class AdverseEventHistory:
     """An adverse event with all its reports in order; the latest is its present state."""
 
     reports: tuple[AdverseEvent, ...]
@@ -133,12 +133,12 @@ def record_adverse_event(
     return row
 
 
-def followed(reports: Iterable[AdverseEvent]) -> list[Followed]:
+def group_by_event(reports: Iterable[AdverseEvent]) -> list[AdverseEventHistory]:
     """Reports by the event that they are about, in the order in which events were recorded."""
     events: dict[int, list[AdverseEvent]] = {}
     for report in reports:
         events.setdefault(report.follows or report.id, []).append(report)
-    return [Followed(tuple(own)) for own in events.values()]
+    return [AdverseEventHistory(tuple(own)) for own in events.values()]
 
 
 def safety_events(store: Store, pseudonym: str) -> Iterator[SafetyEvent]:

@@ -31,7 +31,7 @@ class ShownText:
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 
-def to_other_texts(
+def consents_to_other_texts(
     shown: ShownText, consents: Iterable[Consent], archive: Iterable[ConsentText], first_language: str
 ) -> list[Consent]:
     """The consents to the same version in the same language whose text has other words; line breaks do not count.
@@ -63,11 +63,11 @@ def store_consent(
         StudyError: when somebody agreed to other words under the same version.
     """
     archive = find_all(connection, ConsentText)
-    others = to_other_texts(shown, find_all(connection, Consent), archive, first_language)
+    others = consents_to_other_texts(shown, find_all(connection, Consent), archive, first_language)
     if others:
         raise StudyError(
-            f"{named(others)} read another consent text under version {shown.version} ({shown.language}): raise "
-            "version under [consent] in study.toml, or restore their text"
+            f"{consenting_participants(others)} read another consent text under version {shown.version} "
+            f"({shown.language}): raise version under [consent] in study.toml, or restore their text"
         )
     at, sha256 = now(), _archived(connection, shown, archive)
     row = {"at": at, "agreed": agreed, "version": shown.version, "language": shown.language, "sha256": sha256}
@@ -97,12 +97,12 @@ def restore_consents(
         hash_chain.insert(connection, schema.CONSENT, participant=number, agreed=True, **values)
         stored = {f"consent_{name}": each.get(name) for name in ("version", "sha256")}
         hash_chain.update(connection, schema.PARTICIPANT, number, consented_at=each["at"], **stored)
-        shown = present_text(store, each.get("language", ""))
+        shown = current_text(store, each.get("language", ""))
         if shown and (shown.version, shown.sha256) == (each.get("version"), each.get("sha256")):
             _archived(connection, shown, find_all(connection, ConsentText))
 
 
-def present_text(store: Store, language: str) -> ShownText | None:
+def current_text(store: Store, language: str) -> ShownText | None:
     """The design's text in a language; ``None`` for one without texts."""
     consent = store.design.consent
     try:
@@ -112,7 +112,7 @@ def present_text(store: Store, language: str) -> ShownText | None:
     return ShownText(consent.version, language, text)
 
 
-def named(consents: Iterable[Consent]) -> str:
+def consenting_participants(consents: Iterable[Consent]) -> str:
     """The participants of these consents, each once."""
     return ", ".join(pseudonym_of(number) for number in sorted({each.participant for each in consents}))
 

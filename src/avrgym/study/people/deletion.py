@@ -9,10 +9,10 @@ from avrgym.study.storage.analysis_files import FOLDER, remove_analysis
 from avrgym.study.storage.database import BACKUPS
 from avrgym.study.storage.rows import RECORDINGS, Participant, StudySession, Tombstone, participant_number
 from avrgym.study.storage.schema import now
-from avrgym.study.storage.sessions import may_run
+from avrgym.study.storage.sessions import may_be_running
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all, find_participant
-from avrgym.study.storage.study_folder import known_numbers
+from avrgym.study.storage.study_folder import used_numbers
 
 
 def delete_participant(store: Store, pseudonym: str) -> None:
@@ -41,7 +41,7 @@ def delete_participant(store: Store, pseudonym: str) -> None:
 
 def _is_row(store: Store, connection: sa.Connection, number: int) -> bool:
     """Whether there are rows to delete, as there must be unless identity file or recordings outlived them."""
-    return bool(find_all(connection, Participant, number=number)) or number not in known_numbers(store.folder)
+    return bool(find_all(connection, Participant, number=number)) or number not in used_numbers(store.folder)
 
 
 def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> bool:
@@ -49,7 +49,7 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> boo
     participant = find_participant(connection, pseudonym)
     sessions = find_all(connection, StudySession, participant=participant.number)
     for session in sessions:
-        if session.state == "open" and may_run(store, session):
+        if session.state == "open" and may_be_running(store, session):
             raise StudyError(f"{session} is open at {session.station}; close it there before deleting")
     number = participant.number
     own = schema.SESSION.c.participant == number

@@ -15,7 +15,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all
 
 TOKEN_BYTES = 16
-LOOK_EVERY_S = 1.0
+REFRESH_S = 1.0
 """Interval at which a server reads the tokens; a revoked token opens nothing after this time."""
 
 
@@ -84,7 +84,7 @@ class Experimenters:
         self._thread.join()
 
     def _run(self) -> None:
-        while not self._closed.wait(LOOK_EVERY_S):
+        while not self._closed.wait(REFRESH_S):
             with suppress(StudyError):  # a database that cannot be read shows when something is to be stored
                 self.look()
 

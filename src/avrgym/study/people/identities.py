@@ -6,16 +6,16 @@ from itertools import combinations
 from pathlib import Path
 
 from avrgym.study.storage import identity_file, identity_keys
-from avrgym.study.storage.identity_file import Identity, read_key
+from avrgym.study.storage.identity_file import Identity, read_identities
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 
 
-class PossibleDouble(StudyError):
+class PossibleDuplicate(StudyError):
     """Someone who may take part already; the message contains pseudonyms and no names."""
 
 
-def confirmed_doubles(folder: Path, identity: Identity, *, confirmed: bool, pseudonym: str = "") -> str:
+def check_duplicate(folder: Path, identity: Identity, *, confirmed: bool, pseudonym: str = "") -> str:
     """The detail of an enrolment event: the participants who look like the same person, or an empty text.
 
     Args:
@@ -32,18 +32,18 @@ def confirmed_doubles(folder: Path, identity: Identity, *, confirmed: bool, pseu
         return ""
     doubles = " and ".join(
         other
-        for other, known in read_key(folder).items()
+        for other, known in read_identities(folder).items()
         if other != pseudonym and may_be_same_person(known, identity)
     )
     if doubles and not confirmed:
-        raise PossibleDouble(
+        raise PossibleDuplicate(
             f"this may be {doubles}, with the same name or contact; nothing was stored. Each person is enrolled once; "
             "if this is another person, confirm that by --confirm-double or on the dashboard"
         )
     return doubles and f"confirmed as another person than {doubles}"
 
 
-def possible_doubles(key: Mapping[str, Identity], pseudonyms: Iterable[str]) -> Iterator[tuple[str, str]]:
+def possible_duplicates(key: Mapping[str, Identity], pseudonyms: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Pairs of these participants that may be one person."""
     for first, second in combinations(sorted(set(pseudonyms) & set(key)), 2):
         if may_be_same_person(key[first], key[second]):
@@ -82,15 +82,15 @@ def encrypt_names(store: Store, new_passphrase: Callable[[], str] | None = None)
         Locked: when the names are encrypted, and their present key is not at hand.
         StudyError: for a passphrase that is too short, or when reading back fails. Nothing is changed then.
     """
-    identity_file.read_key(store.folder)
+    identity_file.read_identities(store.folder)
     passphrase = new_passphrase() if new_passphrase is not None else None
     if passphrase is not None:
         identity_keys.check_passphrase(passphrase)
     with store.write():  # one writer at a time, for the identity file as well
-        present = identity_file.read_key(store.folder)
+        present = identity_file.read_identities(store.folder)
         was_plain = identity_file.plain_path(store.folder) is not None
         if passphrase is not None:
-            identity_keys.give_passphrase(store.folder, passphrase)
-        lock = identity_keys.new_lock(passphrase=passphrase is not None)
+            identity_keys.set_passphrase(store.folder, passphrase)
+        lock = identity_keys.new_key_source(passphrase=passphrase is not None)
         identity_file.encrypt_names(store.folder, lock, present)
     return was_plain

@@ -6,18 +6,18 @@ from dataclasses import asdict
 import sqlalchemy as sa
 
 from avrgym.models.human import SEXES, Sex
-from avrgym.study.design.allocation import least_filled_cell, order_of_cells, plan_trials
+from avrgym.study.design.allocation import cell_fill_order, least_filled_cell, plan_trials
 from avrgym.study.design.design import Design
 from avrgym.study.design.validation import NAME
 from avrgym.study.people.consents import ShownText, restore_consents, store_consent
-from avrgym.study.people.identities import confirmed_doubles
+from avrgym.study.people.identities import check_duplicate
 from avrgym.study.storage import hash_chain, identity_file, schema
-from avrgym.study.storage.data_loss import CONFIRMED
+from avrgym.study.storage.data_loss import PARTICIPATION_CONFIRMED
 from avrgym.study.storage.free_text import check_line, check_note
 from avrgym.study.storage.rows import Consent, Note, Participant, StudySession, pseudonym_of
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.sessions import check_consent, end_open_sessions, has_finished
-from avrgym.study.storage.states import TAKES_PART, UNKNOWN, StudyError, check_transition
+from avrgym.study.storage.states import PARTICIPATING, UNKNOWN, StudyError, check_transition
 from avrgym.study.storage.store import (
     Store,
     change_state,
@@ -26,7 +26,7 @@ from avrgym.study.storage.store import (
     record_event,
     store_design,
 )
-from avrgym.study.storage.study_folder import known_numbers
+from avrgym.study.storage.study_folder import used_numbers
 from avrgym.texts.interface_texts import Texts, TextsError, read_texts
 
 CONSENTED_AGAIN = "participant consented again"
@@ -71,9 +71,9 @@ def enrol(
         raise StudyError(f"{site!r} is no site; allowed: at most 40 letters, digits, - and _")
     identity = identity_file.Identity(name, contact)
     with store.write() as connection:
-        told_apart = confirmed_doubles(store.folder, identity, confirmed=confirm_double)
+        told_apart = check_duplicate(store.folder, identity, confirmed=confirm_double)
         if name or contact:
-            identity_file.prepare(store.folder)
+            identity_file.create_if_missing(store.folder)
         number = _next_number(store, connection)
         pseudonym = pseudonym_of(number)
         hash_chain.insert(
@@ -109,13 +109,13 @@ def set_identity(
     identity = identity_file.Identity(name, contact)
     with store.write() as connection:  # one writer at a time, for the identity file as well
         number = find_participant(connection, pseudonym).number
-        told_apart = confirmed_doubles(store.folder, identity, confirmed=confirm_double, pseudonym=pseudonym)
+        told_apart = check_duplicate(store.folder, identity, confirmed=confirm_double, pseudonym=pseudonym)
         if told_apart:
             record_event(connection, "identity corrected", told_apart, {"participant": number})
         identity_file.write_entry(store.folder, pseudonym, identity)
 
 
-def texts_of(store: Store, participant: Participant) -> Texts:
+def participant_texts(store: Store, participant: Participant) -> Texts:
     """What a participant reads; ``StudyError`` where their language has no texts any more."""
     try:
         return read_texts(participant.language or store.design.languages[0], store.folder)
@@ -125,7 +125,7 @@ def texts_of(store: Store, participant: Participant) -> Texts:
 
 def consent_text(store: Store, participant: Participant) -> ShownText:
     """The consent text of the study's design in a participant's language."""
-    texts, consent = texts_of(store, participant), store.design.consent
+    texts, consent = participant_texts(store, participant), store.design.consent
     return ShownText(consent.version, texts.language, texts.translate(consent.text))
 
 
@@ -242,7 +242,7 @@ def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
         change_state(connection, participant, after, about)
         if participant.consented_at is None:
             restore_consents(store, connection, participant.number, [{"at": participant.enrolled_at}])
-        record_event(connection, CONFIRMED, evidence, about)
+        record_event(connection, PARTICIPATION_CONFIRMED, evidence, about)
     return after
 
 
@@ -283,7 +283,7 @@ def _check_identity(name: str, contact: str) -> None:
 
 def _next_number(store: Store, connection: sa.Connection) -> int:
     """The first number that nobody has or had, also by identity file, list and recordings."""
-    taken = known_numbers(store.folder)
+    taken = used_numbers(store.folder)
     for table in (schema.PARTICIPANT, schema.TOMBSTONE):
         taken.add(connection.execute(sa.select(sa.func.max(table.c.number))).scalar() or 0)
     return max(taken) + 1
@@ -293,9 +293,9 @@ def _free_cell(connection: sa.Connection, design: Design, participant: Participa
     """The cell of a participant; simulated ones never take the place of people."""
     taken: dict[bool, list[int]] = {True: [], False: []}
     for other in find_all(connection, Participant, simulated=participant.simulated):
-        if other.state in TAKES_PART and other.cell is not None:
+        if other.state in PARTICIPATING and other.cell is not None:
             taken[other.site == participant.site].append(other.cell)
-    return least_filled_cell(order_of_cells(design, participant.site), taken[True], taken[False])
+    return least_filled_cell(cell_fill_order(design, participant.site), taken[True], taken[False])
 
 
 def _plan(connection: sa.Connection, design: Design, cell: int, participant: Participant) -> None:

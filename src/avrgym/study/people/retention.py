@@ -19,7 +19,7 @@ DATA_NAMES = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", DATA: 
 
 
 @dataclass(frozen=True)
-class Scheduled:
+class ScheduledDeletion:
     """A kind of data, the first day on which it is due, and the participants with such data."""
 
     what: str
@@ -36,24 +36,26 @@ def today() -> date:
     return datetime.now(UTC).date()
 
 
-def schedule(store: Store) -> list[Scheduled]:
+def schedule(store: Store) -> list[ScheduledDeletion]:
     """Each kind of data of people with the day on which it is due."""
     people = [each.pseudonym for each in store.participants() if not each.simulated]
-    known = identity_file.pseudonyms(store.folder)
+    known = identity_file.named_pseudonyms(store.folder)
     held = {
         IDENTITIES: [name for name in people if name in known],
         RECORDINGS: [name for name in people if (store.folder / FOLDER / name).exists()],
         DATA: people,
     }
-    return [Scheduled(what, day, tuple(held[what])) for what, day in store.design.retention.due_on.items()]
+    return [
+        ScheduledDeletion(what, day, tuple(held[what])) for what, day in store.design.retention.due_on.items()
+    ]
 
 
-def due(store: Store, day: date) -> list[Scheduled]:
+def due(store: Store, day: date) -> list[ScheduledDeletion]:
     """Kinds of data that are due on a day."""
     return [each for each in schedule(store) if each.is_due(day)]
 
 
-def due_words(store: Store, day: date) -> Iterator[str]:
+def describe_due(store: Store, day: date) -> Iterator[str]:
     """Sentences about data that are due, and about fields that the schedule needs."""
     retention = store.design.retention
     for each in due(store, day):

@@ -7,7 +7,7 @@ files are drafts: the controller completes and judges them.
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from avrgym.study.design.description import description
+from avrgym.study.design.description import describe_procedure
 from avrgym.study.design.design import Design
 from avrgym.study.plan.preregistration import as_markdown, write_draft
 from avrgym.study.storage.store import Store
@@ -63,7 +63,7 @@ def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
             ),
         },
         "Description of the processing (Article 35(7)(a))": {
-            "What happens": f"{description(design)} {design.participants} participants are planned.",
+            "What happens": f"{describe_procedure(design)} {design.participants} participants are planned.",
             "Purposes": _fill_in("the research question, and the interest pursued"),
             "Legal basis": _fill_in(
                 "for example consent, Article 6(1)(a); for data on health Article 9(2)(a) or (j)"

@@ -14,28 +14,28 @@ from avrgym.study.checking.design_checks import (
     admission_differences,
     differences_of,
 )
-from avrgym.study.checking.finding import Finding, LeftOut
+from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.interim_looks import check_interim_looks
-from avrgym.study.checking.policy_files import PolicyFile, called, policies_used, policy_files
+from avrgym.study.checking.policy_files import PolicyFile, policies_used, policy_file_text, policy_files
 from avrgym.study.checking.preflight import plugins_needed
 from avrgym.study.checking.repeat_checks import check_repeats
 from avrgym.study.design.comparison import (
-    NOT_FIXED,
-    NOTHING,
+    MISSING,
+    NOT_COMPARED,
     Wordings,
+    comparable_values,
     differences,
-    fixed_values,
-    named,
+    place_text,
     read_wordings,
-    shown,
+    value_text,
 )
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design, DesignError, parse_design
-from avrgym.study.design.languages import word_files
-from avrgym.study.plan.frozen_plan import FROZEN, Frozen, Record, sha256, software
+from avrgym.study.design.languages import text_files
+from avrgym.study.plan.frozen_plan import FROZEN, FrozenPlan, PlanRecord, sha256, software_versions
 from avrgym.study.plan.plan import FILE, NOT_PLANNED, OfferedPart
 from avrgym.study.storage.rows import pseudonym_of
-from avrgym.study.storage.session_designs import designs_used, listed
+from avrgym.study.storage.session_designs import describe_trials, session_designs
 from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
 from avrgym.system.files import both_forms
@@ -44,10 +44,10 @@ from avrgym.system.used_plugins import differences as plugin_differences
 from avrgym.texts.interface_texts import TextsError
 
 Change = tuple[Place, Any, Any]
-"""A place, and the values there before and after, of which one may be ``NOTHING``."""
+"""A place, and the values there before and after, of which one may be ``MISSING``."""
 
 
-def design_deviations(store: Store, record: Record) -> Iterator[Finding]:
+def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
     """Each difference of the design, and of the texts for participants, from the frozen plan.
 
     Differences in sessions are listed even if the files are as planned again.
@@ -59,11 +59,11 @@ def design_deviations(store: Store, record: Record) -> Iterator[Finding]:
         if fault:
             yield deviation(name, fault)
         for change in changes:
-            _, who = had.pop((name, change[0], shown(change[2])), (None, ""))
+            _, who = had.pop((name, change[0], value_text(change[2])), (None, ""))
             yield deviation(name, changed(*change) + (f", for {who}" if who else ""))
     for (name, place, value), (before, who) in had.items():
-        yield deviation(name, f"{named(place)} was {before} in the plan and {value} for {who}")
-    for name in word_files(store.design, store.folder):
+        yield deviation(name, f"{place_text(place)} was {before} in the plan and {value} for {who}")
+    for name in text_files(store.design, store.folder):
         if record.words is not None and name not in record.words:
             yield deviation(name, "was added")
 
@@ -72,19 +72,22 @@ def _had(
     store: Store, design: Design, wordings: Wordings | None
 ) -> dict[tuple[str, Place, str], tuple[str, str]]:
     """The frozen value and the participants, by file, place and the other value that they had."""
-    uses = designs_used(store)
+    uses = session_designs(store)
     found = {
-        (each.file, each.place, shown(each.there)): (shown(each.here), listed(each.uses, uses))
+        (each.file, each.place, value_text(each.there)): (
+            value_text(each.here),
+            describe_trials(each.uses, uses),
+        )
         for each in differences_of(design, wordings, uses)
     }
     admitted = admission_differences(store, design, (CONSENT, *AT_ADMISSION))
     return found | {
-        (DESIGN, place, shown(there)): (shown(here), ", ".join(people))
+        (DESIGN, place, value_text(there)): (value_text(here), ", ".join(people))
         for (place, here, there), people in admitted
     }
 
 
-def changed_file(store: Store, record: Record, name: str, before: str) -> Iterator[Finding]:
+def changed_file(store: Store, record: PlanRecord, name: str, before: str) -> Iterator[Finding]:
     """Each difference of any other file from the frozen one."""
     fault, changes = _compared(store, record, name, before, None)
     if fault:
@@ -92,7 +95,7 @@ def changed_file(store: Store, record: Record, name: str, before: str) -> Iterat
     yield from (deviation(name, changed(*change)) for change in changes)
 
 
-def frozen_design(record: Record) -> tuple[Design, Wordings | None] | None:
+def frozen_design(record: PlanRecord) -> tuple[Design, Wordings | None] | None:
     """The design and the wordings of a frozen plan; ``None`` where this version cannot read them."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -109,7 +112,7 @@ def frozen_design(record: Record) -> tuple[Design, Wordings | None] | None:
 
 
 def _compared(
-    store: Store, record: Record, name: str, before: str, frozen: Design | None
+    store: Store, record: PlanRecord, name: str, before: str, frozen: Design | None
 ) -> tuple[str, list[Change]]:
     """The fault of a file as a whole, and its differences from the frozen text."""
     path = store.folder / name
@@ -126,22 +129,22 @@ def _compared(
     if values == after:
         return "was changed in comments or layout alone", []
     if name == DESIGN and frozen is not None:
-        return "", list(differences(fixed_values(frozen), fixed_values(store.design)))
+        return "", list(differences(comparable_values(frozen), comparable_values(store.design)))
     return "", list(differences(_shared(values), _shared(after)))
 
 
 def _shared(values: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of a file that apply to all sites."""
-    return {name: value for name, value in values.items() if name not in NOT_FIXED}
+    return {name: value for name, value in values.items() if name not in NOT_COMPARED}
 
 
 def changed(place: Place, before: Any, after: Any) -> str:
-    """A difference in words; either value may be ``NOTHING``."""
-    if before is NOTHING:
-        return f"{named(place)} was added: {shown(after)}"
-    if after is NOTHING:
-        return f"{named(place)} is gone; it was {shown(before)}"
-    return f"{named(place)} was {shown(before)}, is {shown(after)}"
+    """A difference in words; either value may be ``MISSING``."""
+    if before is MISSING:
+        return f"{place_text(place)} was added: {value_text(after)}"
+    if after is MISSING:
+        return f"{place_text(place)} is gone; it was {value_text(before)}"
+    return f"{place_text(place)} was {value_text(before)}, is {value_text(after)}"
 
 
 def deviation(where: str, what: str) -> Finding:
@@ -151,7 +154,7 @@ def deviation(where: str, what: str) -> Finding:
 
 def deviations(
     store: Store,
-    frozen: Frozen,
+    frozen: FrozenPlan,
     offered: OfferedPart,
     left_out: Sequence[LeftOut] = (),
     besides: OfferedPart = MappingProxyType({}),
@@ -186,20 +189,20 @@ def deviations(
 # Software and policies
 
 
-def _software(record: Record) -> Iterator[Finding]:
-    present = software()
+def _software(record: PlanRecord) -> Iterator[Finding]:
+    present = software_versions()
     for name, before in record.versions.items():
         if present.get(name) != before:
             yield deviation("software", f"{name} was {before}, is {present.get(name, 'no longer used')}")
 
 
-def _plugins(store: Store, record: Record) -> Iterator[Finding]:
+def _plugins(store: Store, record: PlanRecord) -> Iterator[Finding]:
     """Plug-ins that are not what they were, or that a record of an earlier version does not store."""
     for difference in plugin_differences(record.plugins or (), plugins_needed(store)):
         yield deviation("plug-ins", difference)
 
 
-def _policies(store: Store, record: Record) -> Iterator[Finding]:
+def _policies(store: Store, record: PlanRecord) -> Iterator[Finding]:
     present = {(each.environment, each.policy): each for each in policy_files(store)}
     used = policies_used(store)
     for before in record.policies:
@@ -209,7 +212,7 @@ def _policies(store: Store, record: Record) -> Iterator[Finding]:
             yield deviation(f"policy {before.policy}", f"of {before.environment} {_replaced(before, after)}")
         for other in used.get(key, []):
             if other.file != before:
-                what = f"of {before.environment} was {called(other.file)} for {listed(other.uses)}"
+                what = f"of {before.environment} was {policy_file_text(other.file)} for {describe_trials(other.uses)}"
                 yield deviation(f"policy {before.policy}", what)
 
 
@@ -222,7 +225,7 @@ def _replaced(before: PolicyFile, after: PolicyFile) -> str:
 # People and tests
 
 
-def _people(store: Store, record: Record) -> Iterator[Finding]:
+def _people(store: Store, record: PlanRecord) -> Iterator[Finding]:
     """Who was excluded, withdrew or was deleted, and how many have completed the study.
 
     These are people, or simulated participants where a study has no others.
@@ -250,7 +253,7 @@ def _people(store: Store, record: Record) -> Iterator[Finding]:
         yield deviation("participants", f"{completed} {have} completed the study, {planned} were planned")
 
 
-def _tests(record: Record, offered: OfferedPart, besides: OfferedPart) -> Iterator[Finding]:
+def _tests(record: PlanRecord, offered: OfferedPart, besides: OfferedPart) -> Iterator[Finding]:
     """Tests that the report has and the plan does not name, and the other way round."""
     plan = record.parsed()
     for test, measures in offered.items():

@@ -18,7 +18,7 @@ from avrgym.recording.reader import RecordingError, read_beginning
 from avrgym.study.checking.policy_files import PolicyFile, policy_files
 from avrgym.study.checking.preflight import plugins_needed, policy_faults
 from avrgym.study.design.design import FILE as DESIGN
-from avrgym.study.design.languages import word_files
+from avrgym.study.design.languages import text_files
 from avrgym.study.design.validation import read_text
 from avrgym.study.plan.plan import FILE, OfferedPart, Plan, parse_frozen_plan, read_plan
 from avrgym.study.plan.timestamps import (
@@ -37,13 +37,13 @@ from avrgym.system.used_plugins import UsedPlugin
 from avrgym.vr.session.attempt import versions
 
 FROZEN = "plan-frozen.json"
-EVENT = "plan frozen"
-ADOPTED = "plan adopted"
+PLAN_FROZEN = "plan frozen"
+PLAN_ADOPTED = "plan adopted"
 """Their detail is the SHA-256 of the record; a plan is adopted that another station froze."""
 FORMAT = "avrgym frozen plan 1"
 
 
-class Record(msgspec.Struct, frozen=True):
+class PlanRecord(msgspec.Struct, frozen=True):
     """What a study was when its plan was frozen.
 
     ``plan`` and ``design`` are the texts of the files, ``words`` those of the files in which the study has words of its
@@ -65,7 +65,7 @@ class Record(msgspec.Struct, frozen=True):
         return parse_frozen_plan(self.plan, FROZEN)
 
 
-def freeze(store: Store, offered: OfferedPart) -> Record:
+def freeze_plan(store: Store, offered: OfferedPart) -> PlanRecord:
     """Freeze the plan in a study's folder.
 
     Args:
@@ -85,7 +85,7 @@ def freeze(store: Store, offered: OfferedPart) -> Record:
     path = store.folder / FROZEN
     with store.write() as connection:
         _check_untouched(store, connection)
-        record_event(connection, EVENT, sha256(data), {})
+        record_event(connection, PLAN_FROZEN, sha256(data), {})
         write_whole(path, data, PRIVATE_FILE)
     return record
 
@@ -95,7 +95,7 @@ def may_adopt(store: Store) -> bool:
     return (store.folder / FROZEN).exists() and not _noted(store)
 
 
-def adopt(store: Store) -> Record:
+def adopt_plan(store: Store) -> PlanRecord:
     """Store the checksum of a frozen plan that was copied from another station.
 
     Raises:
@@ -103,28 +103,28 @@ def adopt(store: Store) -> Record:
     """
     data = (store.folder / FROZEN).read_bytes()
     try:
-        record = msgspec.json.decode(data, type=Record)
+        record = msgspec.json.decode(data, type=PlanRecord)
     except ValueError as error:
         raise StudyError(f"{store.folder / FROZEN} is damaged: {error}; put a copy back") from None
     with store.write() as connection:
         _check_nobody_took_part(connection)
-        record_event(connection, ADOPTED, sha256(data), {})
+        record_event(connection, PLAN_ADOPTED, sha256(data), {})
     return record
 
 
 def _noted(store: Store) -> bool:
     with store.database.read() as connection:
-        return any(find_all(connection, StudyEvent, name=name) for name in (EVENT, ADOPTED))
+        return any(find_all(connection, StudyEvent, name=name) for name in (PLAN_FROZEN, PLAN_ADOPTED))
 
 
-def check_untouched(store: Store) -> None:
+def check_can_freeze(store: Store) -> None:
     """Raise ``StudyError`` unless a plan can still be frozen: none is, and nobody has taken part."""
     with store.database.read() as connection:
         _check_untouched(store, connection)
 
 
 def _check_untouched(store: Store, connection: sa.Connection) -> None:
-    if (store.folder / FROZEN).exists() or find_all(connection, StudyEvent, name=EVENT):
+    if (store.folder / FROZEN).exists() or find_all(connection, StudyEvent, name=PLAN_FROZEN):
         raise StudyError(
             f"the plan of {store.folder} is frozen already; `avrgym study status` lists deviations"
         )
@@ -146,13 +146,13 @@ def _check_nobody_took_part(connection: sa.Connection) -> None:
         )
 
 
-def _record(store: Store, plan: str) -> Record:
-    words = word_files(store.design, store.folder)
-    return Record(
+def _record(store: Store, plan: str) -> PlanRecord:
+    words = text_files(store.design, store.folder)
+    return PlanRecord(
         format=FORMAT,
         frozen_at=now(),
         sha256={name: sha256((store.folder / name).read_bytes()) for name in (FILE, DESIGN, *words)},
-        versions=software(),
+        versions=software_versions(),
         policies=policy_files(store),
         plan=plan,
         design=read_text(store.folder / DESIGN),
@@ -166,7 +166,7 @@ def sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def software() -> dict[str, str]:
+def software_versions() -> dict[str, str]:
     """The versions of what simulates and of what computes the analysis."""
     return versions() | {name: version(name) for name in ("numpy", "scipy")}
 
@@ -179,7 +179,7 @@ UNKNOWN_ORIGIN = (
 
 
 @dataclass(frozen=True)
-class Frozen:
+class FrozenPlan:
     """A frozen plan. Without a ``record`` nothing states what was planned; ``faults`` are what is wrong.
 
     ``known_since`` is when the database stored its checksum, before the first participant; nothing where that is
@@ -187,7 +187,7 @@ class Frozen:
     ``is_proven``: a trusted time stamp is older than all recordings.
     """
 
-    record: Record | None
+    record: PlanRecord | None
     faults: tuple[str, ...] = ()
     known_since: str | None = None
     is_adopted: bool = False
@@ -240,40 +240,44 @@ class Frozen:
             yield f"The researchers claim a registration of {claim.on} at {claim.url}; this is not verified."
 
 
-def read_frozen(store: Store) -> Frozen | None:
+def read_frozen_plan(store: Store) -> FrozenPlan | None:
     """The study's frozen plan; ``None`` where none was frozen."""
     path = store.folder / FROZEN
     with store.database.read() as connection:
-        noted = [each for name in (EVENT, ADOPTED) for each in find_all(connection, StudyEvent, name=name)]
+        noted = [
+            each
+            for name in (PLAN_FROZEN, PLAN_ADOPTED)
+            for each in find_all(connection, StudyEvent, name=name)
+        ]
         sites = len(find_all(connection, Site))
     if not path.exists():
         fault = "is missing; put a copy back"
-        return Frozen(None, (fault,)) if noted else None
+        return FrozenPlan(None, (fault,)) if noted else None
     data = path.read_bytes()
     own = [each for each in noted if each.detail == sha256(data)]
     if noted and not own:
         fault = "was modified after freezing; put a copy back"
-        return Frozen(None, (fault,))
+        return FrozenPlan(None, (fault,))
     try:
-        record = msgspec.json.decode(data, type=Record)
+        record = msgspec.json.decode(data, type=PlanRecord)
     except ValueError as error:
-        return Frozen(None, (f"is damaged: {error}",))
+        return FrozenPlan(None, (f"is damaged: {error}",))
     rebuilt_at = store.rebuilt_at()
     is_known = len(own) >= max(sites, 1) and rebuilt_at is None
     return _with_evidence(
         store,
         data,
-        Frozen(
+        FrozenPlan(
             record,
             known_since=max(each.at for each in own) if is_known else None,
-            is_adopted=all(each.name == ADOPTED for each in own),
+            is_adopted=all(each.name == PLAN_ADOPTED for each in own),
             rebuilt_at=rebuilt_at,
             sha256=sha256(data),
         ),
     )
 
 
-def _with_evidence(store: Store, data: bytes, frozen: Frozen) -> Frozen:
+def _with_evidence(store: Store, data: bytes, frozen: FrozenPlan) -> FrozenPlan:
     """A frozen plan with the evidence from outside, and with what is wrong."""
     faults: list[str] = []
     stamp, registration = None, None

@@ -8,7 +8,7 @@ import msgspec
 
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design
-from avrgym.study.design.validation import Tables, Wrong, parse, read_text
+from avrgym.study.design.validation import Tables, ValidationError, parse_toml, read_text
 from avrgym.study.storage.states import StudyError
 from avrgym.system.toml_lines import Place
 
@@ -81,12 +81,12 @@ def read_plan(folder: Path, design: Design, offered: OfferedPart) -> tuple[Plan,
 
 def parse_plan(text: str, name: str, design: Design, offered: OfferedPart) -> Plan:
     """The plan that a text holds, with ``read_plan``'s errors, in which ``name`` stands."""
-    return parse(text, name, Plan, _TABLES, lambda plan: _check(plan, design, offered))
+    return parse_toml(text, name, Plan, _TABLES, lambda plan: _check(plan, design, offered))
 
 
 def parse_frozen_plan(text: str, name: str) -> Plan:
     """The same of a plan that was checked when it was frozen; design and tests may have changed since."""
-    return parse(text, name, Plan, _TABLES, lambda plan: None)
+    return parse_toml(text, name, Plan, _TABLES, lambda plan: None)
 
 
 def _check(plan: Plan, design: Design, offered: OfferedPart) -> None:
@@ -98,14 +98,16 @@ def _check(plan: Plan, design: Design, offered: OfferedPart) -> None:
     known: set[str] = set()
     for index, hypothesis in enumerate(plan.hypotheses):
         if hypothesis.id in known:
-            raise Wrong(("hypotheses", index, "id"), f"{hypothesis.id!r} stands twice; allowed: once")
+            raise ValidationError(
+                ("hypotheses", index, "id"), f"{hypothesis.id!r} stands twice; allowed: once"
+            )
         known.add(hypothesis.id)
         _check_hypothesis(("hypotheses", index), hypothesis, offered)
 
 
 def _check_equal(place: Place, planned: float, designed: float) -> None:
     if planned != designed:
-        raise Wrong(place, f"{place[-1]} is {planned:g}; allowed: {designed:g}, as {DESIGN} says")
+        raise ValidationError(place, f"{place[-1]} is {planned:g}; allowed: {designed:g}, as {DESIGN} says")
 
 
 def _check_hypothesis(place: Place, hypothesis: Hypothesis, offered: OfferedPart) -> None:
@@ -119,16 +121,16 @@ def _check_hypothesis(place: Place, hypothesis: Hypothesis, offered: OfferedPart
         if measure not in taken:
             fitting = [test for test, measures in offered.items() if measure in measures]
             what = f"no test of {hypothesis.id} takes {measure!r}; those that do: {_listed(fitting)}"
-            raise Wrong((*place, "measures", index), what)
+            raise ValidationError((*place, "measures", index), what)
     for index, test in enumerate(hypothesis.tests):
         if not set(offered[test]) & set(hypothesis.measures):
             what = f"{test!r} takes no measure of {hypothesis.id}; it takes {_listed(offered[test])}"
-            raise Wrong((*place, "tests", index), what)
+            raise ValidationError((*place, "tests", index), what)
 
 
 def _check_known(place: Place, what: str, name: str, allowed: Iterable[str]) -> None:
     if name not in allowed:
-        raise Wrong(place, f"unknown {what} {name!r}; allowed: {_listed(allowed)}")
+        raise ValidationError(place, f"unknown {what} {name!r}; allowed: {_listed(allowed)}")
 
 
 def _listed(names: Iterable[str]) -> str:

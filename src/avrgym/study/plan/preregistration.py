@@ -7,9 +7,14 @@ The fields are those of OSF's standard form (Bowman et al. 2016, doi 10.31222/os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from avrgym.study.design.description import blinding, conditions, description, randomization
+from avrgym.study.design.description import (
+    describe_blinding,
+    describe_conditions,
+    describe_procedure,
+    describe_randomization,
+)
 from avrgym.study.design.design import Design
-from avrgym.study.plan.frozen_plan import FROZEN, check_untouched, read_frozen
+from avrgym.study.plan.frozen_plan import FROZEN, check_can_freeze, read_frozen_plan
 from avrgym.study.plan.plan import OfferedPart, Plan, read_plan
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -33,9 +38,9 @@ def write_preregistration(store: Store, offered: OfferedPart, form: str) -> Path
     if form not in FORMS:
         raise StudyError(f"unknown form {form!r}; allowed: {', '.join(FORMS)}")
     title, fields = FORMS[form]
-    frozen = read_frozen(store)
+    frozen = read_frozen_plan(store)
     if frozen is None:
-        check_untouched(store)
+        check_can_freeze(store)
         plan, state = read_plan(store.folder, store.design, offered)[0], "Not frozen yet."
     elif frozen.record is None or not frozen.confirms:
         raise StudyError(f"{FROZEN} {'; '.join(frozen.faults)}")
@@ -71,14 +76,14 @@ def _osf(design: Design, plan: Plan, offered: OfferedPart) -> Fields:
     return {
         "Study information": {
             "Title": design.title,
-            "Description": description(design),
+            "Description": describe_procedure(design),
             "Hypotheses": _hypotheses(plan),
         },
         "Design plan": {
             "Study type": "Experiment",
-            "Blinding": blinding(design),
-            "Study design": conditions(design),
-            "Randomization": randomization(design),
+            "Blinding": describe_blinding(design),
+            "Study design": describe_conditions(design),
+            "Randomization": describe_randomization(design),
         },
         "Sampling plan": {
             "Existing data": "Registration prior to creation of data",
@@ -110,7 +115,7 @@ def _aspredicted(design: Design, plan: Plan, offered: OfferedPart) -> Fields:
         "Data collected already": BEFOREHAND,
         "Question or hypothesis": _hypotheses(plan),
         "Dependent variables": _measures(design, plan),
-        "Conditions": f"{conditions(design)} {randomization(design)}",
+        "Conditions": f"{describe_conditions(design)} {describe_randomization(design)}",
         "Analyses": f"{_tests(plan, offered)}\n\n{_inference()}",
         "Outliers and exclusions": _exclusion(design, plan),
         "Number of observations": _paragraphs(

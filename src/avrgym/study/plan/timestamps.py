@@ -57,7 +57,7 @@ def _elements(data: bytes, start: int, end: int) -> Iterator[tuple[int, int, int
         start = content + length
 
 
-STAMP = "plan-frozen.tsr"
+TIME_STAMP = "plan-frozen.tsr"
 REGISTRATION = "plan-registration.json"
 
 
@@ -88,9 +88,9 @@ def store_time_stamp(folder: Path, data: bytes, record: bytes) -> TimeStamp:
     Raises:
         StudyError: when it is no valid time stamp of this record, or another is stored. Nothing is stored then.
     """
-    stamp = verified(data, record)
-    _refuse_other(folder / STAMP, data)
-    write_whole(folder / STAMP, data, PRIVATE_FILE)
+    stamp = verify_time_stamp(data, record)
+    _refuse_other(folder / TIME_STAMP, data)
+    write_whole(folder / TIME_STAMP, data, PRIVATE_FILE)
     return stamp
 
 
@@ -110,8 +110,8 @@ def _refuse_other(path: Path, data: bytes) -> None:
 
 def read_time_stamp(folder: Path, record: bytes) -> TimeStamp | None:
     """The stored time stamp, if there is one; ``StudyError`` where it is not one of this record."""
-    path = folder / STAMP
-    return verified(path.read_bytes(), record) if path.exists() else None
+    path = folder / TIME_STAMP
+    return verify_time_stamp(path.read_bytes(), record) if path.exists() else None
 
 
 def read_registration(folder: Path) -> Registration | None:
@@ -123,7 +123,7 @@ def read_registration(folder: Path) -> Registration | None:
         raise StudyError(f"{REGISTRATION} is damaged: {error}") from None
 
 
-def verified(data: bytes, record: bytes) -> TimeStamp:
+def verify_time_stamp(data: bytes, record: bytes) -> TimeStamp:
     """The time stamp in an authority's response; ``StudyError`` unless it is a valid one of this record."""
     from rfc3161_client import VerificationError, VerifierBuilder, decode_timestamp_response
 

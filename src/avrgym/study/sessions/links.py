@@ -1,6 +1,6 @@
 """Links of participants: a random one for each session. The study stores only its checksum."""
 
-from avrgym.study.people.participants import texts_of
+from avrgym.study.people.participants import participant_texts
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.rows import Participant, ParticipantLink, StudySession
 from avrgym.study.storage.schema import now
@@ -38,7 +38,7 @@ def session_links(store: Store) -> SessionLinks:
 def _language(store: Store, participant: Participant) -> Language:
     """The participant's; English where the study no longer has texts in it."""
     try:
-        return language_message(texts_of(store, participant))
+        return language_message(participant_texts(store, participant))
     except StudyError:
         return language_message(ENGLISH)
 

@@ -9,7 +9,7 @@ from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person
 from avrgym.study.sessions.links import make_link
 from avrgym.study.sessions.session_questions import SessionQuestions
-from avrgym.study.sessions.visit import StudyVisit, has_more
+from avrgym.study.sessions.visit import StudyVisit, has_remaining
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import Text, Texts, read_texts
@@ -28,9 +28,9 @@ from avrgym.vr.server.session_links import SessionLinks
 from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
 
-CLIENTS = 64
+MAX_CLIENTS = 64
 """How many connections are remembered, to be told of the next session."""
-PATIENCE_S = 60.0
+ACTION_TIMEOUT_S = 60.0
 
 RETRY_S = 5.0
 """How long until the end of a session is stored again that could not be."""
@@ -74,7 +74,7 @@ class StudySessions:
         self._questions: SessionQuestions | None = None
         self._session: Session | None = None
         self._scenes: list[tuple[str, Person]] = []
-        self._clients: deque[tuple[Send, Role]] = deque(maxlen=CLIENTS)
+        self._clients: deque[tuple[Send, Role]] = deque(maxlen=MAX_CLIENTS)
         self._asked: SimpleQueue[tuple[Action, Future[None]]] = SimpleQueue()
         self._furniture = furniture or store.design.furniture
         if first is not None:
@@ -174,7 +174,7 @@ class StudySessions:
     def _ask(self, action: Action) -> None:
         done: Future[None] = Future()
         self._asked.put((action, done))
-        done.result(PATIENCE_S)
+        done.result(ACTION_TIMEOUT_S)
 
     def _do_what_was_asked(self, now_s: float) -> None:
         while True:
@@ -217,11 +217,11 @@ class StudySessions:
 
     def _forget_participant(self) -> None:
         watching = [each for each in self._clients if each[1] != "participant"]
-        self._clients = deque(watching, maxlen=CLIENTS)
+        self._clients = deque(watching, maxlen=MAX_CLIENTS)
 
     def _in_vr(self, visit: StudyVisit) -> Session | None:
         """The trials that remain; ``None`` where a crash left only the last questions."""
-        if visit.items("after_session") and not has_more(self._store, visit.pseudonym):
+        if visit.items("after_session") and not has_remaining(self._store, visit.pseudonym):
             return None
         plan = visit.plan(self._furniture, headset_check=self._headset_check)
         return visit.session(plan, self._send, self._workers, self._scenes, self._streams)

@@ -22,7 +22,7 @@ from avrgym.recording.schema import Answer
 from avrgym.study.checking.preflight import load_study_policy, policies_needed
 from avrgym.study.design.design import FILE
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion
-from avrgym.study.sessions.visit import StudyVisit, has_more
+from avrgym.study.sessions.visit import StudyVisit, has_remaining
 from avrgym.study.storage.rows import Participant
 from avrgym.study.storage.states import UNKNOWN, StudyError
 from avrgym.study.storage.store import Store
@@ -46,7 +46,7 @@ LEFT_STUDY = ("excluded", "withdrawn", UNKNOWN)
 
 
 @dataclass(frozen=True)
-class Cast:
+class DryRun:
     """Whom simulated participants are drawn from: a seed, people by name and as kinds, and an impairment."""
 
     seed: int
@@ -60,9 +60,9 @@ class Cast:
         return words + ("" if self.impairment == "none" else f", impairment {self.impairment}")
 
 
-def cast_of(seed: int, people: str, impairment: str) -> Cast:
+def find_dry_run(seed: int, people: str, impairment: str) -> DryRun:
     """The cast of people and an impairment by name; ``ValueError`` names what is allowed."""
-    return Cast(seed, people, find_populations(people, TASKS), impairments.find_impairment(impairment))
+    return DryRun(seed, people, find_populations(people, TASKS), impairments.find_impairment(impairment))
 
 
 def simulate_study(
@@ -94,7 +94,7 @@ def simulate_study(
         StudyError: when an earlier run had another seed or other people, or a participant's session does not get on.
         PolicyError: when a policy of the design is missing; nothing is stored then.
     """
-    cast = cast_of(seed, people, impairment)
+    cast = find_dry_run(seed, people, impairment)
     with Store(folder) as store:
         if cluster is not None and store.database.is_sqlite and cluster.several_computers():
             raise StudyError(
@@ -120,7 +120,7 @@ def simulate_study(
             cluster.run_all(_simulate_where_seen, arguments, tell)
 
 
-def _simulate_where_seen(folder: Path, pseudonym: str, cast: Cast) -> None:
+def _simulate_where_seen(folder: Path, pseudonym: str, cast: DryRun) -> None:
     """``simulate_participant`` on a computer that may be another than the one where the study was opened."""
     if not (folder / FILE).is_file():
         raise StudyError(
@@ -130,7 +130,7 @@ def _simulate_where_seen(folder: Path, pseudonym: str, cast: Cast) -> None:
     simulate_participant(folder, pseudonym, cast)
 
 
-def simulate_participant(folder: Path, pseudonym: str, cast: Cast) -> None:
+def simulate_participant(folder: Path, pseudonym: str, cast: DryRun) -> None:
     """Let one simulated participant go through all trials that remain, in this process, unless they are withdrawn."""
     with Store(folder) as store:
         try:
@@ -140,18 +140,18 @@ def simulate_participant(folder: Path, pseudonym: str, cast: Cast) -> None:
                 raise
 
 
-def _attend(store: Store, pseudonym: str, cast: Cast) -> None:
+def _attend(store: Store, pseudonym: str, cast: DryRun) -> None:
     with StudyVisit(store, pseudonym) as visit:
         chance = _random(cast.seed, visit.stored.participant)
         _answer(visit, "before_session", chance)
-        while has_more(store, pseudonym):
+        while has_remaining(store, pseudonym):
             _run_trial(visit, cast)
             if visit.called_off:
                 raise StudyError(f"{visit.stored} was ended elsewhere")
         _answer(visit, "after_session", chance)
 
 
-def traits_of(participant: Participant, cast: Cast) -> Traits:
+def draw_participant_traits(participant: Participant, cast: DryRun) -> Traits:
     """Body and habits of a simulated participant."""
     random = _random(cast.seed, participant.number)
     seed, kind = int(random.integers(2**31)), cast.kinds[int(random.integers(len(cast.kinds)))]
@@ -167,11 +167,11 @@ def _answer(visit: StudyVisit, when: str, chance: np.random.Generator) -> None:
             visit.record(Answer(item.id, value, ANSWER_AFTER_S), when).result()
 
 
-def _run_trial(visit: StudyVisit, cast: Cast) -> None:
+def _run_trial(visit: StudyVisit, cast: DryRun) -> None:
     """Run the first trial that remains as a session in VR of its own."""
     plan = visit.plan()
     number = plan.first_trial
-    traits = traits_of(visit.store.participant(visit.pseudonym), cast)
+    traits = draw_participant_traits(visit.store.participant(visit.pseudonym), cast)
     participant = SimulatedParticipant(traits, plan.trials[number - 1].seed, plan.furniture)
     client = InProcessClient(participant, lambda text: None)
     reached = replace(plan, trials=plan.trials[:number])
@@ -179,7 +179,7 @@ def _run_trial(visit: StudyVisit, cast: Cast) -> None:
     client.run(session)
 
 
-def simulated_participant(store: Store, index: int, cast: Cast) -> str:
+def simulated_participant(store: Store, index: int, cast: DryRun) -> str:
     """The pseudonym of the simulated participant with this index, who takes part from now on if not before."""
     present = [
         person for person in store.participants() if person.simulated and person.state not in LEFT_STUDY
@@ -193,7 +193,7 @@ def simulated_participant(store: Store, index: int, cast: Cast) -> str:
     return pseudonym
 
 
-def _admit(store: Store, pseudonym: str, cast: Cast) -> None:
+def _admit(store: Store, pseudonym: str, cast: DryRun) -> None:
     """Do what is still to be done before a first session."""
     note = str(cast)
     notes = [written.text for written in store.notes(pseudonym)]

@@ -11,7 +11,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all
 
 
-class StoringThread(ThreadPoolExecutor):
+class StorageThread(ThreadPoolExecutor):
     """The one thread that stores.
 
     On leaving its context it drops what has not begun: whoever had to know it stored has waited for it before, and a
@@ -25,7 +25,7 @@ class StoringThread(ThreadPoolExecutor):
         self.shutdown(cancel_futures=True)
 
 
-class Storing:
+class StorageQueue:
     """Hands what is to be stored to an executor of one thread."""
 
     def __init__(self, thread: Executor) -> None:
@@ -53,10 +53,10 @@ class Storing:
             yield self._asked.popleft()
 
 
-LOOK_EVERY_S = 0.5
+CHECK_EVERY_S = 0.5
 
 
-class Watch:
+class SessionWatch:
     """Looks again and again, on a thread of its own, whether a session is still open in the study.
 
     ``called_off``: somebody else has ended it, by withdrawing the participant or by taking over.
@@ -74,7 +74,7 @@ class Watch:
         self._closed.set()
 
     def _run(self) -> None:
-        while not self._closed.wait(LOOK_EVERY_S) and not self.called_off:
+        while not self._closed.wait(CHECK_EVERY_S) and not self.called_off:
             with suppress(StudyError):  # a database that cannot be read shows when something is to be stored
                 self._look()
 

@@ -14,26 +14,32 @@ from avrgym.policies.registry import plugins_used
 from avrgym.questionnaires.questionnaire import Item, translate
 from avrgym.recording.schema import Answer, Metrics
 from avrgym.simulation.room import NoRoomError
-from avrgym.study.checking.policy_files import USED as POLICIES_USED
+from avrgym.study.checking.policy_files import POLICIES_USED as POLICIES_USED
 from avrgym.study.checking.policy_files import policy_files
 from avrgym.study.checking.preflight import load_study_policy
 from avrgym.study.people.consents import latest_consent
-from avrgym.study.people.participants import texts_of, withdraw
+from avrgym.study.people.participants import participant_texts, withdraw
 from avrgym.study.sessions.links import language_message
-from avrgym.study.sessions.threads import Storing, Watch
+from avrgym.study.sessions.threads import SessionWatch, StorageQueue
 from avrgym.study.storage.answers import (
     answered_in_visit,
+    attempts_with_open_questionnaire,
     change_answer,
     change_session_answer,
-    leave_questionnaire,
-    open_attempts,
     record_answer,
     record_session_answer,
+    skip_questionnaire,
 )
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
 from avrgym.study.storage.free_text import check_line
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt, pseudonym_of
-from avrgym.study.storage.sessions import close_session, open_session, skip_trial, store_headset_check, tell
+from avrgym.study.storage.sessions import (
+    close_session,
+    open_session,
+    record_session_event,
+    skip_trial,
+    store_headset_check,
+)
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import find_environment
@@ -46,7 +52,7 @@ from avrgym.vr.session.preparation import AtOnce
 from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
 
-PATIENCE_S = 20.0
+STORE_TIMEOUT_S = 20.0
 """How long the end of a session may take to be stored."""
 
 
@@ -75,11 +81,11 @@ class StudyVisit:
         """
         self.store, self.pseudonym = store, pseudonym
         self.policies = _policies(store, pseudonym)
-        self.texts = texts_of(store, store.participant(pseudonym))
+        self.texts = participant_texts(store, store.participant(pseudonym))
         self.stored = open_session(store, pseudonym, take_over=take_over)
         self.trials = trials_in_order(store, pseudonym)
-        self.storing = Storing(storing or AtOnce())
-        self._watch = Watch(store, self.stored.id)
+        self.storing = StorageQueue(storing or AtOnce())
+        self._watch = SessionWatch(store, self.stored.id)
         self._store_policies()
 
     @property
@@ -102,7 +108,7 @@ class StudyVisit:
 
         The arguments are those of ``plan_session``.
         """
-        if not has_more(self.store, self.pseudonym):
+        if not has_remaining(self.store, self.pseudonym):
             raise StudyError(f"{self.pseudonym} has completed every trial")
         return plan_session(self.store, self.pseudonym, furniture, headset_check=headset_check)
 
@@ -145,13 +151,15 @@ class StudyVisit:
     def _store_policies(self) -> None:
         """Store the files of the policies and which plug-ins the remaining trials use, as these are now."""
         files = msgspec.json.encode(policy_files(self.store)).decode()
-        tell(self.store, self.stored.id, POLICIES_USED, files)
+        record_session_event(self.store, self.stored.id, POLICIES_USED, files)
         used = {each for key, policy in self.policies.items() for each in plugins_used(key[0], policy)}
         for each in sorted(used, key=lambda plugin: plugin.called):
-            tell(self.store, self.stored.id, "plug-in used", msgspec.json.encode(each).decode())
+            record_session_event(
+                self.store, self.stored.id, "plug-in used", msgspec.json.encode(each).decode()
+            )
 
     def _observer(self) -> Observer:
-        keeper = Keeper(self.store, self.stored, self.trials, self._watch)
+        keeper = EventStorage(self.store, self.stored, self.trials, self._watch)
         return lambda happened: self.storing.ask(lambda: keeper(happened))
 
     def items(self, when: str) -> tuple[Item, ...]:
@@ -173,7 +181,7 @@ class StudyVisit:
 
     def tell(self, name: str, detail: str) -> Future[None]:
         """Store that something happened; the future tells when that is done."""
-        return self.storing.submit(lambda: tell(self.store, self.stored.id, name, detail))
+        return self.storing.submit(lambda: record_session_event(self.store, self.stored.id, name, detail))
 
     def withdraw(self, session: Session | None, now_s: float, reason: str = "") -> Future[None]:
         """Stop robot and recording, end the session in VR if there is one, then store that the participant withdrew.
@@ -200,7 +208,7 @@ class StudyVisit:
             StudyError: when it cannot be; the next session of the participant then ends this one.
         """
         try:
-            self.end().result(PATIENCE_S)
+            self.end().result(STORE_TIMEOUT_S)
         except TimeoutError as error:
             raise StudyError(f"{self.stored}: its end is not stored, the database is busy") from error
 
@@ -217,9 +225,12 @@ class StudyVisit:
         self.close()
 
 
-def has_more(store: Store, pseudonym: str) -> bool:
+def has_remaining(store: Store, pseudonym: str) -> bool:
     """Whether a participant has trials to run, or a questionnaire of one to answer."""
-    return bool(store.remaining_trials(pseudonym) or open_attempts(store, store.attempts(pseudonym)))
+    return bool(
+        store.remaining_trials(pseudonym)
+        or attempts_with_open_questionnaire(store, store.attempts(pseudonym))
+    )
 
 
 def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
@@ -238,7 +249,7 @@ def plan_session(
     headset of a person is checked also where the design does not say so.
     """
     participant, design = store.participant(pseudonym), store.design
-    texts = texts_of(store, participant)
+    texts = participant_texts(store, participant)
     checked = headset_check or design.headset_check
     trials = trials_in_order(store, pseudonym)
     made = [attempt.trial for attempt in store.attempts(pseudonym)]
@@ -264,7 +275,7 @@ def plan_session(
 
 def _open_questionnaire(store: Store, pseudonym: str, trials: Sequence[Trial]) -> OpenQuestionnaire | None:
     """The first that is to be asked before another trial begins."""
-    left = open_attempts(store, store.attempts(pseudonym))
+    left = attempts_with_open_questionnaire(store, store.attempts(pseudonym))
     if not left:
         return None
     attempt = left[0]
@@ -290,7 +301,7 @@ def _policies(store: Store, pseudonym: str) -> Policies:
 
     A trial may still count as running that a crash broke off.
     """
-    left = {attempt.trial for attempt in open_attempts(store, store.attempts(pseudonym))}
+    left = {attempt.trial for attempt in attempts_with_open_questionnaire(store, store.attempts(pseudonym))}
     wanted = {
         (each.environment, each.policy)
         for each in store.trials(pseudonym)
@@ -301,10 +312,12 @@ def _policies(store: Store, pseudonym: str) -> Policies:
     }
 
 
-class Keeper:
+class EventStorage:
     """Stores what happens in a session in VR, unless it was called off; raises what keeps it from doing so."""
 
-    def __init__(self, store: Store, session: StudySession, trials: Sequence[Trial], watch: Watch) -> None:
+    def __init__(
+        self, store: Store, session: StudySession, trials: Sequence[Trial], watch: SessionWatch
+    ) -> None:
         """Keep a session's events; ``trials`` stand in the order of its plan."""
         self._store, self._session, self._trials, self._watch = store, session, trials, watch
         self._pseudonym = pseudonym_of(session.participant)
@@ -326,7 +339,7 @@ class Keeper:
             case events.Answered():
                 record_answer(self._store, self._answered(happened.trial), happened.answer)
             case events.QuestionsLeft():
-                leave_questionnaire(self._store, self._answered(happened.trial), happened.items)
+                skip_questionnaire(self._store, self._answered(happened.trial), happened.items)
             case events.TrialEnded():
                 self._end(happened)
             case events.TrialSkipped():
@@ -378,7 +391,7 @@ class Keeper:
         name = re.sub(r"(?<!^)(?=[A-Z])", " ", type(happened).__name__).lower()
         detail = ", ".join(f"{key} {value}" for key, value in details.items())
         attempt = self._attempt.id if self._attempt is not None else None
-        tell(self._store, self._session.id, name, detail, attempt)
+        record_session_event(self._store, self._session.id, name, detail, attempt)
 
     def _answered(self, number: int) -> int:
         """The attempt whose questionnaire is open: the one that runs, or that completed the trial of this number."""

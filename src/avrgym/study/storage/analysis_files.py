@@ -8,12 +8,12 @@ from pathlib import Path
 FOLDER = "analysis"
 """Where in a study's folder its analysis goes."""
 RESULTS = "results.json"
-UNFINISHED = ".analysis-"
+UNFINISHED_PREFIX = ".analysis-"
 """What the folder's name begins with in which an analysis is made; one that was killed leaves it."""
 FORMAT_NAME = "avrgym analysis"
 
 
-def made_before(folder: Path) -> list[str] | None:
+def previous_files(folder: Path) -> list[str] | None:
     """The files that an earlier analysis made in a folder, besides its results; ``None`` when there was none."""
     try:
         results = json.loads((folder / RESULTS).read_bytes())
@@ -31,7 +31,7 @@ def remove_files(folder: Path, names: Iterable[str]) -> None:
 
 def remove_analysis(folder: Path) -> None:
     """Remove what analyses made in a folder, if any did, and nothing else; the results go last."""
-    names = made_before(folder)
+    names = previous_files(folder)
     if names is not None:
         remove_files(folder, [*names, RESULTS])
     for path in unfinished_analyses(folder):
@@ -40,4 +40,6 @@ def remove_analysis(folder: Path) -> None:
 
 def unfinished_analyses(folder: Path) -> list[Path]:
     """The folders that analyses left which were killed, or that one is being made in."""
-    return sorted(path for path in folder.glob(f"{UNFINISHED}*") if path.is_dir() and not path.is_symlink())
+    return sorted(
+        path for path in folder.glob(f"{UNFINISHED_PREFIX}*") if path.is_dir() and not path.is_symlink()
+    )

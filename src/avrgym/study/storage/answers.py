@@ -16,19 +16,19 @@ from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import (
     Store,
-    about,
     find,
     find_all,
     find_open_session,
     find_running_attempt,
     record_event,
+    subject_of,
 )
 
-CHANGED = "answer changed"
+ANSWER_CHANGED = "answer changed"
 """The event of an answer that a participant changed; its detail is the item and both answers."""
 ANSWERED = "answered"
 """With a moment after it: the event of an answer about a session, whose detail is the item."""
-OPEN, LEFT = "questionnaire open", "questionnaire left"
+QUESTIONNAIRE_OPEN, QUESTIONNAIRE_LEFT = "questionnaire open", "questionnaire left"
 """The events of a trial that is complete before every item is answered, and of items that nobody asks any more."""
 
 
@@ -68,7 +68,7 @@ def change_session_answer(store: Store, session_id: int, answer: Answer, when: s
         answers = find_all(connection, GivenAnswer, session=session.id, attempt=None)
         moments = answer_moments(store.design, answers, find_all(connection, StudyEvent, session=session.id))
         given = [each for each in answers if moments[each.id] == when]
-        _change(connection, store.design.items_at(when), given, answer, about(session))
+        _change(connection, store.design.items_at(when), given, answer, subject_of(session))
 
 
 def record_session_answer(store: Store, session_id: int, answer: Answer, when: str | None = None) -> None:
@@ -84,7 +84,7 @@ def record_session_answer(store: Store, session_id: int, answer: Answer, when: s
         moments = answer_moments(store.design, answers, find_all(connection, StudyEvent, session=session.id))
         given = [each for each in answers if moments[each.id] == moment]
         _insert_answer(connection, store.design.items_at(moment), given, answer, {"session": session.id})
-        record_event(connection, f"{ANSWERED} {moment}", answer.item, about(session))
+        record_event(connection, f"{ANSWERED} {moment}", answer.item, subject_of(session))
 
 
 def answer_moments(
@@ -109,7 +109,7 @@ def answer_moments(
     return moments
 
 
-def visit_of(sessions: Sequence[StudySession], session_id: int) -> list[int]:
+def sessions_of_visit(sessions: Sequence[StudySession], session_id: int) -> list[int]:
     """The ids of a session and of those before it that crashes broke off: together they are one visit.
 
     ``sessions`` are a participant's, in order.
@@ -152,14 +152,14 @@ def reconcile_answers(
 
 
 def _changes(connection: sa.Connection, attempt: TrialAttempt, item: str) -> int:
-    changed = find_all(connection, StudyEvent, attempt=attempt.id, name=CHANGED)
+    changed = find_all(connection, StudyEvent, attempt=attempt.id, name=ANSWER_CHANGED)
     return sum(event.detail.startswith(f"{item} from ") for event in changed)
 
 
 def answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str]]:
     """Moment and item of every question about a session that was answered in its visit."""
     pseudonym = pseudonym_of(session.participant)
-    visit = visit_of(store.sessions(pseudonym), session.id)
+    visit = sessions_of_visit(store.sessions(pseudonym), session.id)
     answers = [
         answer for answer in store.answers(pseudonym) if answer.attempt is None and answer.session in visit
     ]
@@ -174,34 +174,43 @@ def _only_moment(design: Design, item_id: str) -> str:
     return next((moment for moment in SESSION_MOMENTS if moment in moments), SESSION_MOMENTS[-1])
 
 
-def open_attempts(store: Store, attempts: Iterable[TrialAttempt]) -> list[TrialAttempt]:
+def attempts_with_open_questionnaire(store: Store, attempts: Iterable[TrialAttempt]) -> list[TrialAttempt]:
     """Those of a participant's attempts that completed their trial and whose questionnaire is still to be answered."""
     with store.database.read() as connection:
-        return [attempt for attempt in attempts if is_open(store, connection, attempt)]
+        return [attempt for attempt in attempts if has_open_questionnaire(store, connection, attempt)]
 
 
-def is_open(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> bool:
+def has_open_questionnaire(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> bool:
     """Whether an attempt completed its trial and its questionnaire is still to be answered."""
     names = _events_of(connection, attempt.id) if attempt.state == "completed" else set[str]()
-    return OPEN in names and LEFT not in names and bool(unanswered(store, connection, attempt))
+    return (
+        QUESTIONNAIRE_OPEN in names
+        and QUESTIONNAIRE_LEFT not in names
+        and bool(unanswered_items(store, connection, attempt))
+    )
 
 
-def leave_questionnaire(store: Store, attempt_id: int, items: Sequence[str]) -> None:
+def skip_questionnaire(store: Store, attempt_id: int, items: Sequence[str]) -> None:
     """Store that the experimenter went on without the answers to these items; nobody asks for them any more."""
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
-        record_event(connection, LEFT, ", ".join(items), {"session": attempt.session, "attempt": attempt.id})
+        record_event(
+            connection,
+            QUESTIONNAIRE_LEFT,
+            ", ".join(items),
+            {"session": attempt.session, "attempt": attempt.id},
+        )
 
 
-def was_opened(connection: sa.Connection, attempt: TrialAttempt) -> bool:
+def was_left_open(connection: sa.Connection, attempt: TrialAttempt) -> bool:
     """Whether an attempt completed its trial before every item was answered."""
-    return OPEN in _events_of(connection, attempt.id)
+    return QUESTIONNAIRE_OPEN in _events_of(connection, attempt.id)
 
 
 def _find_answerable(connection: sa.Connection, attempt_id: int) -> TrialAttempt:
     """An attempt that runs, or whose questionnaire was open when it had completed its trial."""
     found = find(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
-    if found.state == "completed" and was_opened(connection, found):
+    if found.state == "completed" and was_left_open(connection, found):
         return found
     return find_running_attempt(connection, attempt_id)
 
@@ -210,7 +219,7 @@ def _events_of(connection: sa.Connection, attempt_id: int) -> set[str]:
     return {event.name for event in find_all(connection, StudyEvent, attempt=attempt_id)}
 
 
-def unanswered(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> list[str]:
+def unanswered_items(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> list[str]:
     """The items that are still to be answered before an attempt completes its trial."""
     trial = find(connection, Trial, "trial", id=attempt.trial)
     if trial.practice:
@@ -232,7 +241,7 @@ def _change(
         raise StudyError(f"{answer.item} is not answered yet; only an answer that was given can be changed")
     changed = {"value": answer.value, "response_time_s": answer.response_time_s, "answered_at": now()}
     hash_chain.update(connection, schema.ANSWER, earlier.id, **changed)
-    record_event(connection, CHANGED, f"{answer.item} from {earlier.value} to {answer.value}", event)
+    record_event(connection, ANSWER_CHANGED, f"{answer.item} from {earlier.value} to {answer.value}", event)
 
 
 def _insert_answer(

@@ -13,13 +13,12 @@ from avrgym.recording.reader import RecordingError, read_recording
 from avrgym.recording.schema import ATTEMPT_ENDS, AttemptEnd, Metrics
 from avrgym.recording.writer import end_cut_recording
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.answers import OPEN, reconcile_answers, unanswered
+from avrgym.study.storage.answers import QUESTIONNAIRE_OPEN, reconcile_answers, unanswered_items
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import (
     Store,
-    about,
     change_state,
     find,
     find_all,
@@ -28,14 +27,15 @@ from avrgym.study.storage.store import (
     find_session,
     find_trial,
     record_event,
+    subject_of,
 )
 from avrgym.system.files import make_private_folder
 
-BROKEN_OFF: tuple[AttemptEnd, ...] = tuple(end for end in ATTEMPT_ENDS if end != "completed")
+INCOMPLETE_ENDS: tuple[AttemptEnd, ...] = tuple(end for end in ATTEMPT_ENDS if end != "completed")
 """How an attempt may end that does not complete its trial."""
-NOTHING = Metrics()
+NO_METRICS = Metrics()
 """Of an attempt that gave none."""
-CHANGED = "was changed: its checksum is another"
+CHECKSUM_DIFFERS = "was changed: its checksum is another"
 """What is wrong with a recording that is not as it was when its attempt ended."""
 
 
@@ -63,7 +63,7 @@ def begin_attempt(
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         trial = find_trial(connection, session, position)
-        change_state(connection, trial, "running", about(session))
+        change_state(connection, trial, "running", subject_of(session))
         _check_idle(connection, session)
         number = len(find_all(connection, TrialAttempt, trial=trial.id)) + 1
         name = _name(store, session, recording) if recording else _free_name(store, session, trial, number)
@@ -79,7 +79,7 @@ def begin_attempt(
             torso_height_m=torso_height_m,
             started_at=now(),
         )
-        record_event(connection, "attempt running", name, {**about(session), "attempt": attempt})
+        record_event(connection, "attempt running", name, {**subject_of(session), "attempt": attempt})
         return find(connection, TrialAttempt, "attempt", id=attempt)
 
 
@@ -101,14 +101,14 @@ def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
         finish_attempt(store, connection, attempt, "completed", metrics)
 
 
-def end_attempt(store: Store, attempt_id: int, state: AttemptEnd, metrics: Metrics = NOTHING) -> None:
-    """End an attempt that does not complete its trial, as ``BROKEN_OFF`` names it; the trial is planned again.
+def end_attempt(store: Store, attempt_id: int, state: AttemptEnd, metrics: Metrics = NO_METRICS) -> None:
+    """End an attempt that does not complete its trial, as ``INCOMPLETE_ENDS`` names it; the trial is planned again.
 
     Raises:
         StudyError: unless the attempt runs, or for another state.
     """
-    if state not in BROKEN_OFF:
-        raise StudyError(f"an attempt does not break off as {state!r}; allowed: {', '.join(BROKEN_OFF)}")
+    if state not in INCOMPLETE_ENDS:
+        raise StudyError(f"an attempt does not break off as {state!r}; allowed: {', '.join(INCOMPLETE_ENDS)}")
     with store.database.write() as connection:
         finish_attempt(store, connection, find_running_attempt(connection, attempt_id), state, metrics)
 
@@ -128,7 +128,7 @@ def finish_attempt(
     """
     trial = find(connection, Trial, "trial", id=attempt.trial)
     session = find_session(connection, attempt.session)
-    event = {**about(session), "attempt": attempt.id}
+    event = {**subject_of(session), "attempt": attempt.id}
     ended = {
         "ended_at": now(),
         "sha256": sha256_of(store, attempt.recording) if closed else None,
@@ -136,9 +136,9 @@ def finish_attempt(
     }
     change_state(connection, attempt, after, event, attempt.recording, **ended)
     change_state(connection, trial, "completed" if after == "completed" else "planned", event)
-    missing = unanswered(store, connection, attempt) if after == "completed" else []
+    missing = unanswered_items(store, connection, attempt) if after == "completed" else []
     if missing:
-        record_event(connection, OPEN, ", ".join(missing), event)
+        record_event(connection, QUESTIONNAIRE_OPEN, ", ".join(missing), event)
 
 
 def finished_metrics(

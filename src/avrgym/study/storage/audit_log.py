@@ -41,7 +41,7 @@ class Actor:
     known_by: str
 
 
-def account() -> Actor:
+def account_actor() -> Actor:
     """The person whose account runs this process, from the operating system; environment variables do not change it."""
     try:
         import pwd
@@ -122,7 +122,7 @@ def _progress(store: Store, connection: sa.Connection) -> tuple[int | None, int 
     return sum(each.state == "completed" for each in own.values()), store.design.participants
 
 
-def person_words(entry: LogEntry, sites: Mapping[int, str]) -> str:
+def describe_person(entry: LogEntry, sites: Mapping[int, str]) -> str:
     """The person in words; ``sites`` are the names of merged sites by number."""
     who = {
         OWN_TOKEN: entry.person,

@@ -8,11 +8,11 @@ from avrgym.study.storage.sites import ROWS_PER_SITE
 from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
 
-CONFIRMED = "participation confirmed"
+PARTICIPATION_CONFIRMED = "participation confirmed"
 """The event that the experimenter confirmed from other records that a participant consented and did not withdraw."""
 
 
-def loss_words(store: Store) -> tuple[str, ...]:
+def describe_data_loss(store: Store) -> tuple[str, ...]:
     """A sentence or two for each time that a database was rebuilt, and about participants with an unknown state."""
     return tuple(_words(store))
 
@@ -45,5 +45,5 @@ def _of_site(sites: dict[int, str], event: StudyEvent) -> str:
 
 
 def _confirmed(people: Sequence[Participant], events: Sequence[StudyEvent]) -> list[str]:
-    numbers = {event.participant for event in events if event.name == CONFIRMED}
+    numbers = {event.participant for event in events if event.name == PARTICIPATION_CONFIRMED}
     return [each.pseudonym for each in people if each.number in numbers]

@@ -18,18 +18,18 @@ from alembic.script import ScriptDirectory
 from sqlalchemy.exc import SQLAlchemyError
 
 from avrgym.study.storage import hash_chain, sqlite
-from avrgym.study.storage.integrity_files import HEAD, MISMATCH, Seal, SealError
+from avrgym.study.storage.integrity_files import HEAD, MISMATCH, IntegrityFileError, IntegrityFiles
 from avrgym.study.storage.participation import FILE as PARTICIPATION
 from avrgym.study.storage.participation import REBUILT, ParticipationList
-from avrgym.study.storage.reconciliation import compare, first_digest, follow, reconcile
+from avrgym.study.storage.reconciliation import append_transaction, chain_id, compare, reconcile
 from avrgym.study.storage.schema import EVENT, METADATA, PARTICIPANT, SITE, TOMBSTONE
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.study_folder import remains
+from avrgym.study.storage.study_folder import traces_of_database
 from avrgym.system.files import make_private_folder, write_new
 
 FILE = "study.db"
 BACKUPS = "backups"
-SEAL_WAIT_S = 1.0
+CHECKSUM_WAIT_S = 1.0
 """How long a process that ends waits to seal a database that another one holds."""
 URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
 MIGRATIONS = Path(__file__).parent / "migrations"
@@ -62,7 +62,7 @@ class Database:
             _refuse_if_lost(folder, FILE)
         self._folder, self.read_only = folder, read_only
         self.is_sqlite = not url
-        self._seal = Seal(folder, FILE)
+        self._seal = IntegrityFiles(folder, FILE)
         self.participation = ParticipationList(folder)
         self._wrote, self._anew = False, anew
         self._held = ExitStack()
@@ -98,12 +98,12 @@ class Database:
     def _write(self) -> Generator[sa.Connection]:
         with self._lock() as connection:
             self._unseal(connection)
-            hash_chain.open_entries(connection)
+            hash_chain.begin_transaction(connection)
             yield connection
-            written = hash_chain.written(connection)
-            head = hash_chain.close_entries(connection)
+            written = hash_chain.written_rows(connection)
+            head = hash_chain.append_entries(connection)
             if not self.read_only:
-                follow(self.participation, connection, written)
+                append_transaction(self.participation, connection, written)
         if head is not None and not self.read_only:
             self._seal.note(head)
 
@@ -190,7 +190,7 @@ class Database:
     def _unseal(self, connection: sa.Connection) -> None:
         """Before something is written."""
         if self.is_sqlite and not self.read_only:
-            self._seal.remove_checksum(lambda: sqlite.checksum(connection))
+            self._seal.remove_checksum(lambda: sqlite.database_checksum(connection))
         self._wrote = not self.read_only
 
     def _set_seal(self) -> None:
@@ -198,15 +198,15 @@ class Database:
 
         For the last transaction of this process: it waits for no other for long.
         """
-        with self._lock(wait_s=SEAL_WAIT_S) as connection:
-            with suppress(SealError):
-                ends = hash_chain.lost(connection, self._seal.heads() or ())
+        with self._lock(wait_s=CHECKSUM_WAIT_S) as connection:
+            with suppress(IntegrityFileError):
+                ends = hash_chain.missing_heads(connection, self._seal.heads() or ())
                 self._seal.set_heads([*ends, *({hash_chain.head(connection)} - {hash_chain.Head()})])
             if self.is_sqlite:
-                self._seal.set_checksum(sqlite.checksum(connection))
+                self._seal.set_checksum(sqlite.database_checksum(connection))
 
     def _checksum(self, connection: sa.Connection) -> str | None:
-        return self._checksum_at_rest if self.read_only else sqlite.checksum(connection)
+        return self._checksum_at_rest if self.read_only else sqlite.database_checksum(connection)
 
     def _faults_of_seal(self) -> Iterator[tuple[str, str]]:
         try:
@@ -215,8 +215,8 @@ class Database:
                 if self.is_sqlite and self._seal.checksum not in (None, self._checksum(connection)):
                     yield FILE, "was changed by something other than AVR Gym: its checksum is another"
                 known = hash_chain.head(connection)
-                lost = hash_chain.lost(connection, heads or ())
-        except (SealError, StudyError) as error:
+                lost = hash_chain.missing_heads(connection, heads or ())
+        except (IntegrityFileError, StudyError) as error:
             yield "database", str(error)
             return
         if self._seal.mismatch:
@@ -259,7 +259,7 @@ class Database:
         try:
             with self.read() as connection:
                 is_filled = bool(connection.execute(_SOMEBODY).scalar())
-                begun_with = None if is_filled else first_digest(connection)
+                begun_with = None if is_filled else chain_id(connection)
         except StudyError:  # tables that cannot be read: a check names them
             return
         if is_filled:
@@ -331,7 +331,7 @@ _SOMEBODY = sa.select(
 
 def _refuse_if_lost(folder: Path, database: str, but: Collection[str] = ()) -> None:
     """Raise ``StudyError`` rather than make a new database beside what one left; ``but`` is no sign of one."""
-    left = [each for each in remains(folder) if each not in but]
+    left = [each for each in traces_of_database(folder) if each not in but]
     if left:
         raise StudyError(
             f"{folder}: {database} is lost or empty, but there are {' and '.join(left)}: put back a copy of it, or "

@@ -2,20 +2,20 @@
 
 from avrgym.study.storage.states import StudyError
 
-MOST_IN_LINE, MOST_IN_NOTE = 200, 10_000
+MAX_LINE_LENGTH, MAX_NOTE_LENGTH = 200, 10_000
 """Characters of a name, a contact or a reason, and of a note."""
 
 
 def check_line(what: str, text: str) -> None:
     """``StudyError`` unless this can be a name, a contact or a reason; the words do not repeat it."""
-    _check(what, text, MOST_IN_LINE, "")
+    _check(what, text, MAX_LINE_LENGTH, "")
 
 
 def check_note(text: str, what: str = "the note") -> None:
     """``StudyError`` unless this can be a note or a description, which may have several lines."""
     if not text:
         raise StudyError(f"{what} is empty; write something down")
-    _check(what, text, MOST_IN_NOTE, "\n\r\t")
+    _check(what, text, MAX_NOTE_LENGTH, "\n\r\t")
 
 
 def _check(what: str, text: str, most: int, allowed: str) -> None:

@@ -52,28 +52,28 @@ def insert(connection: sa.Connection, table: sa.Table, **values: Any) -> int:
 
 def update(connection: sa.Connection, table: sa.Table, key: int, **values: Any) -> None:
     """Change a row within a transaction."""
-    connection.execute(sa.update(table).where(key_of(table) == key).values(values))
+    connection.execute(sa.update(table).where(primary_key(table) == key).values(values))
     _wrote(connection, table, key)
 
 
 def delete(connection: sa.Connection, table: sa.Table, *conditions: sa.ColumnElement[bool]) -> None:
     """Delete rows within a transaction."""
-    for key in connection.execute(sa.select(key_of(table)).where(*conditions)).scalars().all():
+    for key in connection.execute(sa.select(primary_key(table)).where(*conditions)).scalars().all():
         _wrote(connection, table, key)
     connection.execute(sa.delete(table).where(*conditions))
 
 
-def open_entries(connection: sa.Connection) -> None:
+def begin_transaction(connection: sa.Connection) -> None:
     """Begin to note what a transaction writes."""
     connection.info[_WRITTEN] = set()
 
 
-def written(connection: sa.Connection) -> frozenset[tuple[str, int]]:
+def written_rows(connection: sa.Connection) -> frozenset[tuple[str, int]]:
     """Table and key of each row that a transaction has written so far."""
     return frozenset(connection.info[_WRITTEN])
 
 
-def close_entries(connection: sa.Connection) -> Head | None:
+def append_entries(connection: sa.Connection) -> Head | None:
     """Add the entries of a transaction to the chain; its new head, if it wrote anything."""
     rows = sorted(connection.info.pop(_WRITTEN))
     if not rows:
@@ -98,7 +98,7 @@ def head(connection: sa.Connection) -> Head:
     return Head(*row) if row else Head()
 
 
-def lost(connection: sa.Connection, known: Collection[Head]) -> list[Head]:
+def missing_heads(connection: sa.Connection, known: Collection[Head]) -> list[Head]:
     """Which of these ends the chain never had."""
     first = min((each.number for each in known), default=0)
     later = sa.select(LEDGER.c.number, LEDGER.c.digest).where(LEDGER.c.number >= first)
@@ -168,7 +168,7 @@ def _faults_of(
             yield f"{table.name} {key}", "was changed by something other than AVR Gym"
 
 
-def key_of(table: sa.Table) -> sa.Column[int]:
+def primary_key(table: sa.Table) -> sa.Column[int]:
     """A table's primary key, which is one whole number."""
     (key,) = table.primary_key.columns
     return key
@@ -179,7 +179,7 @@ def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None
 
     Columns without a value do not count, so that a later version may add some.
     """
-    name = key_of(table).name
+    name = primary_key(table).name
     return {
         row[name]: _sha256(
             [table.name, {column: value for column, value in row.items() if value is not None}]
@@ -190,9 +190,9 @@ def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None
 
 def _rows(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> list[sa.RowMapping]:
     """A table's rows by column; an error leaves the transaction usable."""
-    query = sa.select(table).order_by(key_of(table))
+    query = sa.select(table).order_by(primary_key(table))
     if keys is not None:
-        query = query.where(key_of(table).in_(keys))
+        query = query.where(primary_key(table).in_(keys))
     with connection.begin_nested():
         return list(connection.execute(query).mappings())
 

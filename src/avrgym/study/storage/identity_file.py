@@ -15,12 +15,12 @@ from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
 from avrgym.study.storage.identity_keys import (
     KEY_FILE,
-    Lock,
-    Locked,
-    given_passphrase,
-    key_of,
+    KeySource,
+    KeyUnavailable,
     key_path,
-    new_lock,
+    known_passphrase,
+    load_key,
+    new_key_source,
 )
 from avrgym.study.storage.states import StudyError
 from avrgym.system.files import PRIVATE_FILE, PRIVATE_FOLDER, make_private_folder, write_whole
@@ -40,12 +40,12 @@ class IdentityFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The contents of the file. ``check`` is the encrypted format: a wrong key cannot decrypt it."""
 
     format: str
-    lock: Lock
+    lock: KeySource
     check: str
     entries: dict[str, str]
 
 
-def decoded(path: Path) -> IdentityFile:
+def read_encrypted(path: Path) -> IdentityFile:
     """The file as it is, without a key; ``StudyError`` for one that is damaged."""
     try:
         file = msgspec.json.decode(path.read_bytes(), type=IdentityFile)
@@ -56,21 +56,21 @@ def decoded(path: Path) -> IdentityFile:
     return file
 
 
-def encoded(file: IdentityFile) -> bytes:
+def to_bytes(file: IdentityFile) -> bytes:
     """The file's bytes."""
     return msgspec.json.format(msgspec.json.encode(file))
 
 
-def encrypted(folder: Path, lock: Lock, identities: Mapping[str, Identity]) -> IdentityFile:
+def encrypt(folder: Path, lock: KeySource, identities: Mapping[str, Identity]) -> IdentityFile:
     """A new identity file with a lock, whose key file is made when it is missing."""
-    key = key_of(folder, lock, make=True)
+    key = load_key(folder, lock, make=True)
     entries = {pseudonym: _encrypt(key, pseudonym, each) for pseudonym, each in identities.items()}
     file = IdentityFile(FORMAT, lock, _encrypt_bytes(key, FORMAT, FORMAT.encode()), entries)
     _checked(folder, file)
     return file
 
 
-def decrypted(folder: Path, file: IdentityFile) -> dict[str, Identity]:
+def decrypt(folder: Path, file: IdentityFile) -> dict[str, Identity]:
     """All entries by pseudonym.
 
     Raises:
@@ -82,7 +82,7 @@ def decrypted(folder: Path, file: IdentityFile) -> dict[str, Identity]:
 
 
 def with_entry(folder: Path, file: IdentityFile, pseudonym: str, identity: Identity) -> IdentityFile:
-    """The file with an entry more, or another one; raises as ``decrypted`` does."""
+    """The file with an entry more, or another one; raises as ``decrypt`` does."""
     key = _checked(folder, file)
     return msgspec.structs.replace(
         file, entries=file.entries | {pseudonym: _encrypt(key, pseudonym, identity)}
@@ -97,7 +97,7 @@ def without_entry(file: IdentityFile, pseudonym: str) -> IdentityFile:
 
 def _checked(folder: Path, file: IdentityFile) -> bytes:
     """The key, which is the one that the file was encrypted with."""
-    key = key_of(folder, file.lock)
+    key = load_key(folder, file.lock)
     try:
         _decrypt_bytes(key, FORMAT, file.check)
     except InvalidTag:
@@ -106,7 +106,7 @@ def _checked(folder: Path, file: IdentityFile) -> bytes:
             if file.lock.kind == "passphrase"
             else f"the key file of the names, {key_path(file.lock)},"
         )
-        raise Locked(f"{which} is wrong; nothing was changed") from None
+        raise KeyUnavailable(f"{which} is wrong; nothing was changed") from None
     return key
 
 
@@ -139,7 +139,7 @@ PLAIN, FILE = "key.json", "identities.json"
 _NEW = f"{FILE}.new"
 
 
-def path_of(folder: Path) -> Path:
+def identity_path(folder: Path) -> Path:
     """The identity file of the study in ``folder``: the encrypted one, unless there is only a plain one."""
     plain, path = folder / FOLDER / PLAIN, folder / FOLDER / FILE
     return plain if plain.exists() and not path.exists() else path
@@ -151,52 +151,52 @@ def plain_path(folder: Path) -> Path | None:
     return path if path.exists() else None
 
 
-def lock_of(folder: Path) -> Lock | None:
+def key_source(folder: Path) -> KeySource | None:
     """The lock of the encrypted identity file, if there is one."""
     path = folder / FOLDER / FILE
-    return decoded(path).lock if path.exists() else None
+    return read_encrypted(path).lock if path.exists() else None
 
 
-def pseudonyms(folder: Path) -> set[str]:
+def named_pseudonyms(folder: Path) -> set[str]:
     """The pseudonyms with an entry; needs no key. ``StudyError`` for a file that is damaged."""
-    path = path_of(folder)
+    path = identity_path(folder)
     if not path.exists():
         return set()
-    return set(_read_plain(path) if path.name == PLAIN else decoded(path).entries)
+    return set(_read_plain(path) if path.name == PLAIN else read_encrypted(path).entries)
 
 
-def read_key(folder: Path) -> dict[str, Identity]:
+def read_identities(folder: Path) -> dict[str, Identity]:
     """All entries by pseudonym.
 
     Raises:
         Locked: when the key is not at hand, or wrong.
         StudyError: for a file that is damaged.
     """
-    path = path_of(folder)
+    path = identity_path(folder)
     if not path.exists():
         return {}
-    return _read_plain(path) if path.name == PLAIN else decrypted(folder, decoded(path))
+    return _read_plain(path) if path.name == PLAIN else decrypt(folder, read_encrypted(path))
 
 
 def write_entry(folder: Path, pseudonym: str, identity: Identity) -> None:
-    """Add or correct an entry, encrypted unless the study's file is plain; raises as ``read_key`` does."""
-    prepare(folder)
-    path = path_of(folder)
+    """Add or correct an entry, encrypted unless the study's file is plain; raises as ``read_identities`` does."""
+    create_if_missing(folder)
+    path = identity_path(folder)
     if path.name == PLAIN:
         _write(folder, PLAIN, _encoded_plain(_read_plain(path) | {pseudonym: identity}))
     else:
-        _write(folder, FILE, encoded(with_entry(folder, decoded(path), pseudonym, identity)))
+        _write(folder, FILE, to_bytes(with_entry(folder, read_encrypted(path), pseudonym, identity)))
 
 
-def prepare(folder: Path) -> None:
+def create_if_missing(folder: Path) -> None:
     """Make an empty identity file where there is none, with a passphrase if one was given, else with a key file.
 
     Raises:
         StudyError: when the key cannot be made.
     """
-    if not path_of(folder).exists():
-        lock = new_lock(passphrase=given_passphrase(folder) is not None and KEY_FILE not in os.environ)
-        _write(folder, FILE, encoded(encrypted(folder, lock, {})))
+    if not identity_path(folder).exists():
+        lock = new_key_source(passphrase=known_passphrase(folder) is not None and KEY_FILE not in os.environ)
+        _write(folder, FILE, to_bytes(encrypt(folder, lock, {})))
 
 
 def remove_entry(folder: Path, pseudonym: str) -> None:
@@ -206,17 +206,17 @@ def remove_entry(folder: Path, pseudonym: str) -> None:
     if plain.exists() and pseudonym in (entries := _read_plain(plain)):
         del entries[pseudonym]
         _write(folder, PLAIN, _encoded_plain(entries))
-    if path.exists() and pseudonym in (file := decoded(path)).entries:
-        _write(folder, FILE, encoded(without_entry(file, pseudonym)))
+    if path.exists() and pseudonym in (file := read_encrypted(path)).entries:
+        _write(folder, FILE, to_bytes(without_entry(file, pseudonym)))
 
 
-def encrypt_names(folder: Path, lock: Lock, present: Mapping[str, Identity]) -> None:
+def encrypt_names(folder: Path, lock: KeySource, present: Mapping[str, Identity]) -> None:
     """Encrypt the names with a new lock; the plain file is removed once the encrypted one was read back.
 
     Args:
         folder: the study's.
         lock: the new lock.
-        present: what ``read_key`` gave, with the key so far.
+        present: what ``read_identities`` gave, with the key so far.
 
     Raises:
         StudyError: when the plain file has entries that the encrypted one lacks, or reading back fails.
@@ -228,9 +228,9 @@ def encrypt_names(folder: Path, lock: Lock, present: Mapping[str, Identity]) -> 
             f"{plain} contains {', '.join(lacking)}, who is missing in {FILE}: look into it and remove it; "
             "nothing was changed"
         )
-    _write(folder, _NEW, encoded(encrypted(folder, lock, present)))
+    _write(folder, _NEW, to_bytes(encrypt(folder, lock, present)))
     new = folder / FOLDER / _NEW
-    if decrypted(folder, decoded(new)) != present:
+    if decrypt(folder, read_encrypted(new)) != present:
         raise StudyError(f"{new} could not be read back; nothing was changed")
     os.replace(new, folder / FOLDER / FILE)
     if plain:
@@ -257,7 +257,7 @@ def _write(folder: Path, name: str, data: bytes) -> None:
     write_whole(private / name, data, mode=PRIVATE_FILE)
 
 
-def unfinished(folder: Path) -> list[Path]:
+def unfinished_files(folder: Path) -> list[Path]:
     """Unfinished identity files with names, left by processes that were killed while they wrote.
 
     Only one process writes at a time, so while the database is locked there is nothing else.
@@ -269,5 +269,5 @@ def unfinished(folder: Path) -> list[Path]:
 
 def remove_unfinished(folder: Path) -> None:
     """Remove unfinished identity files of processes that were killed while they wrote."""
-    for path in unfinished(folder):
+    for path in unfinished_files(folder):
         path.unlink(missing_ok=True)

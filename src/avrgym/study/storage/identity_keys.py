@@ -18,20 +18,20 @@ from avrgym.system.files import make_private_folder, user_data_folder, write_new
 
 PASSPHRASE, KEY_FILE = "AVRGYM_STUDY_PASSPHRASE", "AVRGYM_STUDY_KEY_FILE"
 """Variables of the environment."""
-LEAST_CHARACTERS = 8
+MIN_PASSPHRASE_LENGTH = 8
 """Of a passphrase."""
-COST = 1 << 17
+SCRYPT_COST = 1 << 17
 """Scrypt's n for new passphrases: 128 MB and about half a second for each guess."""
 _MOST_COST = 1 << 20
 _KEY_BYTES = 32
 _given: dict[Path, str] = {}
 
 
-class Locked(StudyError):
+class KeyUnavailable(StudyError):
     """The key of the names is not available; nothing was changed."""
 
 
-class Lock(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class KeySource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where the key of an identity file comes from. ``salt``, hexadecimal, also names a key file."""
 
     kind: Literal["passphrase", "file"]
@@ -39,28 +39,30 @@ class Lock(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cost: int = 0
 
 
-def new_lock(*, passphrase: bool) -> Lock:
+def new_key_source(*, passphrase: bool) -> KeySource:
     """A lock with a new salt."""
-    return Lock("passphrase" if passphrase else "file", os.urandom(16).hex(), COST if passphrase else 0)
+    return KeySource(
+        "passphrase" if passphrase else "file", os.urandom(16).hex(), SCRYPT_COST if passphrase else 0
+    )
 
 
-def give_passphrase(folder: Path, passphrase: str) -> None:
+def set_passphrase(folder: Path, passphrase: str) -> None:
     """Use a passphrase for the study in a folder as long as this process runs."""
     _given[folder.resolve()] = passphrase
 
 
-def given_passphrase(folder: Path) -> str | None:
+def known_passphrase(folder: Path) -> str | None:
     """The passphrase that was given to this process for the study in a folder, if any."""
     return _given.get(folder.resolve()) or os.environ.get(PASSPHRASE) or None
 
 
 def check_passphrase(passphrase: str) -> None:
     """Raise ``StudyError`` for a passphrase that is too short."""
-    if len(passphrase) < LEAST_CHARACTERS:
-        raise StudyError(f"a passphrase has at least {LEAST_CHARACTERS} characters; nothing was changed")
+    if len(passphrase) < MIN_PASSPHRASE_LENGTH:
+        raise StudyError(f"a passphrase has at least {MIN_PASSPHRASE_LENGTH} characters; nothing was changed")
 
 
-def key_of(folder: Path, lock: Lock, *, make: bool = False) -> bytes:
+def load_key(folder: Path, lock: KeySource, *, make: bool = False) -> bytes:
     """The key of a lock; ``make`` makes a key file that is missing.
 
     Raises:
@@ -68,9 +70,9 @@ def key_of(folder: Path, lock: Lock, *, make: bool = False) -> bytes:
     """
     if lock.kind == "file":
         return _from_file(folder, key_path(lock), make=make)
-    passphrase = given_passphrase(folder)
+    passphrase = known_passphrase(folder)
     if passphrase is None:
-        raise Locked(
+        raise KeyUnavailable(
             f"the names are locked with a passphrase: set {PASSPHRASE}, or use `avrgym study` on a terminal, which "
             "asks for it; nothing was changed"
         )
@@ -84,7 +86,7 @@ def key_of(folder: Path, lock: Lock, *, make: bool = False) -> bytes:
         raise StudyError(f"the lock of the identity file is damaged: {error}; nothing was changed") from None
 
 
-def key_path(lock: Lock) -> Path:
+def key_path(lock: KeySource) -> Path:
     """Where the key file of a lock is."""
     named = os.environ.get(KEY_FILE)
     return Path(named) if named else user_data_folder() / "keys" / f"{lock.salt}.key"
@@ -99,14 +101,14 @@ def _from_file(folder: Path, path: Path, *, make: bool) -> bytes:
     try:
         key = bytes.fromhex(path.read_text("ascii"))
     except OSError as error:
-        raise Locked(
+        raise KeyUnavailable(
             f"the key file of the names, {path}, cannot be read ({error.strerror}): restore a copy, or name it in "
             f"{KEY_FILE}; nothing was changed. Without it the names are lost, but no other data"
         ) from None
     except ValueError:
         key = b""
     if len(key) != _KEY_BYTES:
-        raise Locked(f"{path} is no key file: it has {_KEY_BYTES} bytes in hexadecimal digits")
+        raise KeyUnavailable(f"{path} is no key file: it has {_KEY_BYTES} bytes in hexadecimal digits")
     return key
 
 

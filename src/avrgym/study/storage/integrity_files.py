@@ -23,11 +23,11 @@ MISMATCH = f"{CHECKSUM}.mismatch"
 _HEAD_LINE = re.compile(r"([1-9][0-9]{0,17}) ([0-9a-f]{64})")
 
 
-class SealError(ValueError):
+class IntegrityFileError(ValueError):
     """A file beside the database that is damaged."""
 
 
-class Seal:
+class IntegrityFiles:
     """The files beside the database in a study's folder. Whoever calls a method holds the database's lock for writing,
     but for ``note`` and ``heads``."""
 
@@ -37,13 +37,13 @@ class Seal:
 
     @property
     def checksum(self) -> str | None:
-        """The checksum that the database's file shall have, if it has been sealed; ``SealError`` for a damaged one."""
+        """The stored checksum of the database's file, if there is one; ``IntegrityFileError`` for a damaged file."""
         path = self._folder / CHECKSUM
         if not path.exists():
             return None
         match = re.fullmatch(rf"([0-9a-f]{{64}})  {re.escape(self._database)}\n", _text(path))
         if match is None:
-            raise SealError(f"{CHECKSUM} is damaged")
+            raise IntegrityFileError(f"{CHECKSUM} is damaged")
         return match[1]
 
     def set_checksum(self, checksum: str) -> None:
@@ -65,7 +65,7 @@ class Seal:
     def _fits(self, actual: str) -> bool:
         try:
             return self.checksum == actual
-        except SealError:
+        except IntegrityFileError:
             return False
 
     @property
@@ -75,7 +75,7 @@ class Seal:
 
     def note(self, head: Head) -> None:
         """Note the end of the chain after a transaction, which stands whether that succeeds or not."""
-        with suppress(OSError, SealError):
+        with suppress(OSError, IntegrityFileError):
             if not self._noted:
                 self._cut_unfinished_line()
             self._noted = True
@@ -89,14 +89,14 @@ class Seal:
             self.set_heads(self.heads() or ())
 
     def heads(self) -> list[Head] | None:
-        """The ends that the chain had, if any are noted; ``SealError`` for damage. A crash may cut the last line."""
+        """The stored heads, if any; ``IntegrityFileError`` for a damaged file. A crash may cut the last line."""
         path = self._folder / HEAD
         if not path.exists():
             return None
         *lines, last = _text(path).split("\n")
         found = [_HEAD_LINE.fullmatch(line) for line in lines]
         if not all(found) or len(last) > len(_line(Head(10**18))):
-            raise SealError(f"{HEAD} is damaged")
+            raise IntegrityFileError(f"{HEAD} is damaged")
         return [Head(int(match[1]), match[2]) for match in found if match]
 
     def set_heads(self, heads: Iterable[Head]) -> None:

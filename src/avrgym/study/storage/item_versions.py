@@ -18,7 +18,12 @@ from avrgym.recording.reader import RecordingError, read_configuration
 from avrgym.study.design.comparison import Wordings
 from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import GivenAnswer, Participant, StoredDesign, Trial, TrialAttempt
-from avrgym.study.storage.session_designs import as_recorded, design_of, translated, translation
+from avrgym.study.storage.session_designs import (
+    design_as_recorded,
+    design_from_row,
+    translate_item,
+    translator,
+)
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 
@@ -26,7 +31,7 @@ Words = tuple[Item, ...]
 
 
 @dataclass(frozen=True)
-class Version:
+class ItemVersion:
     """An item as participants read it.
 
     ``item`` has its name among all versions, ``of`` is its name in the design, ``number`` counts its versions from 1.
@@ -45,7 +50,7 @@ class Version:
 class Form:
     """The items that a participant read, by their names in the design."""
 
-    versions: Mapping[str, Version]
+    versions: Mapping[str, ItemVersion]
 
 
 @dataclass(frozen=True)
@@ -56,26 +61,26 @@ class _Whole:
     words: dict[str, Words] = field(default_factory=dict[str, Words])
 
 
-class Catalogue:
+class ItemCatalogue:
     """All items that participants read; items and questionnaires that change under one name become its versions."""
 
     def __init__(self) -> None:
         self.questionnaires: dict[str, Questionnaire] = {}
-        self._versions: dict[str, list[tuple[Item, int, Version]]] = {}
+        self._versions: dict[str, list[tuple[Item, int, ItemVersion]]] = {}
         self._wholes: dict[str, list[_Whole]] = {}
 
     @property
-    def versions(self) -> list[Version]:
+    def versions(self) -> list[ItemVersion]:
         """All versions of all items, ordered by item."""
         return [version for versions in self._versions.values() for _, _, version in versions]
 
     def form(self, design: Design, language: str, translate: Callable[[str], str]) -> Form:
         """The items of a design for a participant who reads this language."""
-        found: dict[str, Version] = {}
+        found: dict[str, ItemVersion] = {}
         for questionnaire in design.questionnaires:
-            words = tuple(translated(item, translate) for item in questionnaire.items)
+            words = tuple(translate_item(item, translate) for item in questionnaire.items)
             whole = self._whole(questionnaire, language, words)
-            name = numbered(questionnaire.name, whole)
+            name = version_name(questionnaire.name, whole)
             own = whole if questionnaire.use else 0
             for item, read in zip(questionnaire.items, words, strict=True):
                 found[item.id] = self.version(item, read, language, name, own)
@@ -83,15 +88,17 @@ class Catalogue:
             self.add(msgspec.structs.replace(questionnaire, name=name, items=items))
         return Form(found)
 
-    def version(self, item: Item, words: Item, language: str, questionnaire: str, whole: int = 0) -> Version:
+    def version(
+        self, item: Item, words: Item, language: str, questionnaire: str, whole: int = 0
+    ) -> ItemVersion:
         """The version of an item; a new one where the item, or its words in this language, were not asked before."""
         versions = self._versions.setdefault(item.id, [])
         for known, of, version in versions:
             if (known, of) == (item, whole) and version.words.setdefault(language, words) == words:
                 return version
         number = len(versions) + 1
-        named = msgspec.structs.replace(item, id=numbered(item.id, number))
-        version = Version(named, item.id, number, questionnaire, {language: words})
+        named = msgspec.structs.replace(item, id=version_name(item.id, number))
+        version = ItemVersion(named, item.id, number, questionnaire, {language: words})
         versions.append((item, whole, version))
         return version
 
@@ -119,21 +126,21 @@ class Catalogue:
         return len(wholes)
 
 
-def numbered(name: str, version: int) -> str:
+def version_name(name: str, version: int) -> str:
     """The name of a version; the first version has the name of its item in the design."""
     return name if version == 1 else f"{name} (version {version})"
 
 
-def first_name(name: str) -> str:
+def base_name(name: str) -> str:
     """The name in the design of any version of an item or a questionnaire."""
     return name.partition(" (version ")[0]
 
 
-def in_order(design: Design, catalogue: Catalogue) -> Design:
+def design_with_versions(design: Design, catalogue: ItemCatalogue) -> Design:
     """A design with all items that participants read, in its own order; other items are unchanged."""
     versions = {version.item.id: version for version in catalogue.versions}
     of = {version.of for version in versions.values()}
-    whole = Catalogue()
+    whole = ItemCatalogue()
     for questionnaire in catalogue.questionnaires.values():
         whole.add(questionnaire)
     for questionnaire in design.questionnaires:
@@ -169,14 +176,14 @@ NOT_STORED = "unknown"
 UNKNOWN = "(neither the database nor a recording contains its words)"
 
 
-class Asked:
+class AnsweredItems:
     """The items that the participants of a study answered, or some of them."""
 
     def __init__(self, store: Store, participants: Sequence[Participant] | None = None) -> None:
         self._store = store
-        self._catalogue = Catalogue()
+        self._catalogue = ItemCatalogue()
         self._forms: dict[bytes, Form] = {}
-        self._of_answers: dict[int, Version] = {}
+        self._of_answers: dict[int, ItemVersion] = {}
         stored: dict[int, list[StoredDesign]] = {}
         for row in store.designs():
             if row.session is not None:
@@ -190,10 +197,10 @@ class Asked:
     @property
     def design(self) -> Design:
         """The study's design with the items that participants answered."""
-        return in_order(self._store.design, self._catalogue)
+        return design_with_versions(self._store.design, self._catalogue)
 
     @property
-    def versions(self) -> list[Version]:
+    def versions(self) -> list[ItemVersion]:
         """All versions of all items that participants answered, ordered by item."""
         return self._catalogue.versions
 
@@ -219,7 +226,7 @@ class Asked:
         content: Any = [design.questionnaires, language, wordings]
         key = msgspec.json.encode(content, order="deterministic")
         if key not in self._forms:
-            translate = translation(self._store, language, wordings)
+            translate = translator(self._store, language, wordings)
             self._forms[key] = self._catalogue.form(design, language, translate)
         return self._forms[key]
 
@@ -230,7 +237,7 @@ class Asked:
         version.asked[participant.pseudonym] = version.asked.get(participant.pseudonym, 0) + 1
         self._of_answers[answer.id] = version
 
-    def _unknown(self, participant: Participant, answer: GivenAnswer) -> Version:
+    def _unknown(self, participant: Participant, answer: GivenAnswer) -> ItemVersion:
         """The item of an answer whose words are not stored."""
         item = Item(answer.item, UNKNOWN, MOST_POINTS, "?", "?")
         version = self._catalogue.version(item, item, participant.language or "", NOT_STORED)
@@ -243,7 +250,7 @@ class _Reading:
     """Finds the item of each answer of a participant: in the database, else in the trial's recording."""
 
     def __init__(
-        self, asked: Asked, store: Store, participant: Participant, stored: list[StoredDesign]
+        self, asked: AnsweredItems, store: Store, participant: Participant, stored: list[StoredDesign]
     ) -> None:
         self._asked, self._store, self._participant, self._stored = asked, store, participant, stored
         self._by_row: dict[int, Form] = {}
@@ -257,7 +264,7 @@ class _Reading:
 
     def _of_row(self, row: StoredDesign) -> Form:
         if row.id not in self._by_row:
-            design = design_of(row)
+            design = design_from_row(row)
             self._by_row[row.id] = self._asked.form(self._participant, design, row.wordings)
         return self._by_row[row.id]
 
@@ -272,9 +279,9 @@ class _Reading:
     def _recorded(self, attempt: TrialAttempt) -> Design:
         """The present design with what the recording of an attempt reports."""
         design = self._store.design
-        translate = translation(self._store, self._participant.language or design.languages[0], None)
+        translate = translator(self._store, self._participant.language or design.languages[0], None)
         configuration = read_configuration(self._store.path(attempt.recording))
-        return as_recorded(design, self._trials[attempt.trial], configuration, translate)
+        return design_as_recorded(design, self._trials[attempt.trial], configuration, translate)
 
     @cached_property
     def _attempts(self) -> dict[int, TrialAttempt]:

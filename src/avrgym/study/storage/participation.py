@@ -23,12 +23,12 @@ from avrgym.study.storage.schema import new_salt
 from avrgym.system.files import PRIVATE_FILE, private_opener, write_whole
 
 FILE = "participation.jsonl"
-SET_ASIDE = re.compile(rf"{re.escape(FILE)}\.unsound-([0-9]+)")
+INVALID_COPY = re.compile(rf"{re.escape(FILE)}\.unsound-([0-9]+)")
 DELETED = "deleted"
 """The state of a participant in the list whose data were deleted."""
 FINAL = ("withdrawn", "excluded", DELETED)
 """States that the list restores in a database that does not have them."""
-BEGUN, COMPARED = "list begun", "compared with the database"
+LIST_BEGUN, COMPARED = "list begun", "compared with the database"
 REBUILT = "database rebuilt"
 """The event of a database that was rebuilt from the recordings after a loss; it is never removed.
 
@@ -108,7 +108,7 @@ class Participation:
 
     def is_signed_here(self) -> bool:
         """Whether the last entry, which covers all others, was signed with this user's key."""
-        own = signing.own_key()
+        own = signing.user_key()
         return own is not None and self.entries[-1].key == signing.public_key(own)
 
     def has(self, digest: str) -> bool:
@@ -156,15 +156,15 @@ class ParticipationList:
             raise OSError(error.errno, error.strerror, str(self.path)) from None
         after = Participation(tuple(entries), before.fault)
         self._known = self._version(), after
-        signing.remember_end(self._folder, after.list_digest, entries[-1].digest)
+        signing.store_last_entry(self._folder, after.list_digest, entries[-1].digest)
 
     def remember_end(self) -> None:
         """Store the list's last entry on this computer, unless one of this list in this folder is stored."""
-        known, end = self.read(), signing.known_end(self._folder)
+        known, end = self.read(), signing.last_entry(self._folder)
         if known is None or known.fault or not known.is_signed_here():
             return
         if end is None or end.list_digest != known.list_digest:
-            signing.remember_end(self._folder, known.list_digest, known.entries[-1].digest)
+            signing.store_last_entry(self._folder, known.list_digest, known.entries[-1].digest)
 
     def erase(self, participant: int) -> None:
         """Erase the content of all entries about a participant but the last; the chain stays."""
@@ -190,7 +190,7 @@ class ParticipationList:
 
     def set_aside_before(self) -> list[Path]:
         """Invalid lists that were kept under other names."""
-        return sorted(path for path in self._folder.glob(f"{FILE}.*") if SET_ASIDE.fullmatch(path.name))
+        return sorted(path for path in self._folder.glob(f"{FILE}.*") if INVALID_COPY.fullmatch(path.name))
 
     def _version(self) -> object:
         found = self.path.stat()
@@ -224,7 +224,7 @@ def _without_time(content: Content) -> Content:
 
 
 def _aside_number(path: Path) -> int:
-    match = SET_ASIDE.fullmatch(path.name)
+    match = INVALID_COPY.fullmatch(path.name)
     return int(match[1]) if match else 0
 
 
@@ -236,7 +236,7 @@ def _entry_after(before: Entry | None, participant: int | None, content: Content
     salted = dict(content) | {"salt": new_salt()}
     sha256 = _sha256(salted)
     digest = _digest(before.digest if before else "", number, participant, sha256)
-    own = signing.own_key()
+    own = signing.user_key()
     key = signing.public_key(own) if own else ""
     signature = own.sign(digest.encode()).hex() if own else ""
     return Entry(number, participant, salted, sha256, digest, key, signature)
@@ -271,7 +271,7 @@ def _faults(entries: Sequence[Entry]) -> Iterator[str]:
             yield f"was changed: the content of entry {each.number} is gone"
         if each.content is not None and _sha256(each.content) != each.sha256:
             yield f"was changed: entry {each.number} has another content than its checksum"
-    if entries[0].content is None or entries[0].content.get("event") != BEGUN:
+    if entries[0].content is None or entries[0].content.get("event") != LIST_BEGUN:
         yield "was changed: its beginning is gone"
     for each in {each.key: each for each in entries}.values():
         if each.key and not signing.is_signed(each.key, each.signature, each.digest):

@@ -12,10 +12,10 @@ import sqlalchemy as sa
 
 from avrgym.study.storage import hash_chain, signing
 from avrgym.study.storage.participation import (
-    BEGUN,
     COMPARED,
     DELETED,
     FINAL,
+    LIST_BEGUN,
     REBUILT,
     Content,
     Participation,
@@ -25,9 +25,9 @@ from avrgym.study.storage.participation import (
 )
 from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, TOMBSTONE, now
 
-RESTORED = "participation restored"
+STATE_RESTORED = "participation restored"
 """Event: a participant's state was restored from the participation list, because the database lacked it."""
-SET_BACK = "participation list set back"
+STUDY_SET_BACK = "participation list set back"
 """Event: a study is older than its latest state that this computer has stored."""
 _COLUMNS = (
     "simulated",
@@ -55,7 +55,9 @@ def participant_values(content: Content) -> dict[str, Any]:
 # Following transactions
 
 
-def follow(known: ParticipationList, connection: sa.Connection, written: Collection[tuple[str, int]]) -> None:
+def append_transaction(
+    known: ParticipationList, connection: sa.Connection, written: Collection[tuple[str, int]]
+) -> None:
     """Add to the list what a transaction wrote about participants, before it is committed."""
     numbers = {key for name, key in written if name in (PARTICIPANT.name, TOMBSTONE.name)}
     events = {key for name, key in written if name == EVENT.name}
@@ -82,7 +84,7 @@ def _begin(
     everybody = _contents(connection)
     is_first = everybody.keys() <= {*enrolled}
     times = [str(each["enrolled_at"]) for each in everybody.values() if is_first and each.get("enrolled_at")]
-    begun = _without_participant(connection, BEGUN, min(times, default=now()), detail)
+    begun = _without_participant(connection, LIST_BEGUN, min(times, default=now()), detail)
     rebuilt = [(None, each) for each in _rebuilds(connection)]
     if everybody or rebuilt:
         known.append([(None, begun), *rebuilt, *sorted(everybody.items())])
@@ -135,10 +137,10 @@ def _rebuilds(connection: sa.Connection, keys: Collection[int] | None = None) ->
 
 
 def _without_participant(connection: sa.Connection, event: str, at: str, detail: str) -> Content:
-    return {"event": event, "at": at, "detail": detail, "ledger": first_digest(connection)}
+    return {"event": event, "at": at, "detail": detail, "ledger": chain_id(connection)}
 
 
-def first_digest(connection: sa.Connection) -> str | None:
+def chain_id(connection: sa.Connection) -> str | None:
     """The first digest in the ledger, which identifies a database."""
     return connection.execute(sa.select(LEDGER.c.digest).where(LEDGER.c.number == 1)).scalar()
 
@@ -185,7 +187,7 @@ def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
         return Differences(begin="" if contents else None)
     if before.fault:
         return Differences(begin=f"replaces a list that {before.fault}")
-    if first_digest(connection) not in before.ledgers:
+    if chain_id(connection) not in before.ledgers:
         return Differences(begin="replaces a list that is of another study")
     restored = {
         number: content
@@ -194,12 +196,12 @@ def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
     }
     missing = {number: each for number, each in contents.items() if _is_news(before, number, each)}
     if before.is_signed_here():
-        end = signing.known_end(known.path.parent)
+        end = signing.last_entry(known.path.parent)
         set_back = end is not None and end.list_digest == before.list_digest and not before.has(end.digest)
         return Differences(restored=restored, missing=missing, set_back=set_back)
     if restored or missing:
         return Differences(begin="replaces a list that another user's key signed, and that differs")
-    return Differences(is_unsigned=signing.own_key() is not None)
+    return Differences(is_unsigned=signing.user_key() is not None)
 
 
 def _lacks(found: Content | None, final: Content) -> bool:
@@ -223,7 +225,7 @@ def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
         _append(known, before, found.missing)
     if found.set_back:
         detail = "this computer knows a later state of this study; this copy is older"
-        hash_chain.insert(connection, EVENT, at=now(), name=SET_BACK, detail=detail)
+        hash_chain.insert(connection, EVENT, at=now(), name=STUDY_SET_BACK, detail=detail)
     if found.set_back or found.is_unsigned:
         known.append([(None, _without_participant(connection, COMPARED, now(), ""))])
 
@@ -238,7 +240,7 @@ def _restore(connection: sa.Connection, number: int, content: Content) -> None:
         state = "withdrawn" if content["state"] == DELETED else content["state"]
         hash_chain.update(connection, PARTICIPANT, number, state=state)
         detail = f"{content['state']} at {content['at']} by the participation list"
-        hash_chain.insert(connection, EVENT, at=now(), participant=number, name=RESTORED, detail=detail)
+        hash_chain.insert(connection, EVENT, at=now(), participant=number, name=STATE_RESTORED, detail=detail)
     else:
         row = {"number": number, "simulated": content.get("simulated", False), "deleted_at": content["at"]}
         hash_chain.insert(connection, TOMBSTONE, **row)

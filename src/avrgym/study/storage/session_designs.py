@@ -11,10 +11,10 @@ from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.questionnaires.stop_rules import StopRule
 from avrgym.recording.reader import RecordingError, read_configuration
-from avrgym.study.design.comparison import Wordings, from_stored
+from avrgym.study.design.comparison import Wordings, design_from_dict
 from avrgym.study.design.design import Design, InclusionQuestion
 from avrgym.study.storage.rows import Participant, StoredDesign, StudySession, Trial, TrialAttempt
-from avrgym.study.storage.sites import DIFFERS
+from avrgym.study.storage.sites import SITE_DIFFERS
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS, find_environment
@@ -33,7 +33,7 @@ _FIELDS: Mapping[str, tuple[str, Any]] = {
 """The field of a design and its type, by its name in a recording's configuration."""
 
 
-def as_recorded(
+def design_as_recorded(
     design: Design, trial: Trial, configuration: Mapping[str, Any], translate: Translate
 ) -> Design:
     """A design whose fields are replaced by the configuration in a trial's recording.
@@ -83,10 +83,10 @@ def _asked(
 
 def _in_design(item: Item, known: Item | None, translate: Translate) -> Item:
     """The item of the design if the recorded words are its translation; else the item as it was read."""
-    return known if known is not None and item in (known, translated(known, translate)) else item
+    return known if known is not None and item in (known, translate_item(known, translate)) else item
 
 
-def translated(item: Item, translate: Translate) -> Item:
+def translate_item(item: Item, translate: Translate) -> Item:
     """An item in a participant's words."""
     return msgspec.structs.replace(
         item,
@@ -122,7 +122,7 @@ def _sorted(questionnaire: Questionnaire, ids: Sequence[str]) -> Questionnaire:
 
 
 @dataclass(frozen=True)
-class Use:
+class SessionDesign:
     """The design of a participant in trials of a session, by position.
 
     ``wordings`` are the texts that participants read; ``None`` if the database lacks the design of the session.
@@ -140,7 +140,7 @@ class Use:
         return self.participant.language or self.design.languages[0]
 
 
-def designs_used(store: Store, participants: Sequence[Participant] | None = None) -> list[Use]:
+def session_designs(store: Store, participants: Sequence[Participant] | None = None) -> list[SessionDesign]:
     """The design of each session from the database, else from its recordings.
 
     ``participants``: only their sessions; default: all.
@@ -154,7 +154,7 @@ def designs_used(store: Store, participants: Sequence[Participant] | None = None
     ]
 
 
-def designs_recorded(store: Store) -> list[Use]:
+def recorded_designs(store: Store) -> list[SessionDesign]:
     """The design of each session from its recordings; fields that they do not contain are from the database.
 
     Fields that both lack are from the study's present design. Trials whose recordings cannot be read are left out.
@@ -171,15 +171,15 @@ def designs_recorded(store: Store) -> list[Use]:
     ]
 
 
-def design_of(row: StoredDesign) -> Design:
+def design_from_row(row: StoredDesign) -> Design:
     """The design that a row contains; ``StudyError`` for a damaged one."""
     try:
-        return from_stored(row.design)
+        return design_from_dict(row.design)
     except msgspec.ValidationError as error:
         raise StudyError(f"the study's database: design {row.id} is damaged: {error}") from error
 
 
-def translation(store: Store, language: str, wordings: Wordings | None) -> Callable[[str], str]:
+def translator(store: Store, language: str, wordings: Wordings | None) -> Callable[[str], str]:
     """A function that translates a design's sentences by stored wordings, else by the study's present texts."""
     if wordings is not None:
         known = wordings.get(language, {}).get("sentences", {})
@@ -190,7 +190,7 @@ def translation(store: Store, language: str, wordings: Wordings | None) -> Calla
         return lambda sentence: sentence
 
 
-def listed(uses: Iterable[Use], everyone: Iterable[Use] = ()) -> str:
+def describe_trials(uses: Iterable[SessionDesign], everyone: Iterable[SessionDesign] = ()) -> str:
     """Participants and their trials in words; ``everyone`` are all uses, to be named together."""
     own, names = list(uses), list[str]()
     if own and {_key(use) for use in own} == {_key(use) for use in everyone}:
@@ -205,15 +205,17 @@ def listed(uses: Iterable[Use], everyone: Iterable[Use] = ()) -> str:
     return ", ".join(names)
 
 
-def is_of_sites(store: Store, own: Sequence[Use], uses: Sequence[Use]) -> bool:
+def is_accepted_site_difference(
+    store: Store, own: Sequence[SessionDesign], uses: Sequence[SessionDesign]
+) -> bool:
     """Whether this is a difference between sites that was accepted when they were merged."""
-    accepted = any(event.name == DIFFERS for event in store.events())
+    accepted = any(event.name == SITE_DIFFERS for event in store.events())
     sites = {use.participant.site for use in own}
     whole = [use for use in uses if use.participant.site in sites]
     return accepted and len(whole) == len(own)
 
 
-def _key(use: Use) -> tuple[int, tuple[int, ...]]:
+def _key(use: SessionDesign) -> tuple[int, tuple[int, ...]]:
     return use.session.id, use.positions
 
 
@@ -233,7 +235,7 @@ def _ranges(positions: list[int]) -> str:
 
 def _admitted(store: Store) -> dict[int, tuple[InclusionQuestion, ...]]:
     """The inclusion questions that participants answered, by their numbers."""
-    return {row.participant: design_of(row).inclusion for row in store.designs() if row.session is None}
+    return {row.participant: design_from_row(row).inclusion for row in store.designs() if row.session is None}
 
 
 def _stored(store: Store) -> dict[int, StoredDesign]:
@@ -252,13 +254,13 @@ def _designs_of(
     session: StudySession,
     attempts: list[TrialAttempt],
     stored: StoredDesign | None,
-) -> Iterator[Use]:
+) -> Iterator[SessionDesign]:
     if stored is None:
         yield from _recorded(store, participant, session, attempts, None)
         return
     positions = {trial.id: trial.position for trial in store.trials(participant.pseudonym)}
     run = sorted({positions[each.trial] for each in attempts if each.trial in positions})
-    yield Use(participant, session, tuple(run), design_of(stored), stored.wordings)
+    yield SessionDesign(participant, session, tuple(run), design_from_row(stored), stored.wordings)
 
 
 def _recorded(
@@ -267,14 +269,14 @@ def _recorded(
     session: StudySession,
     attempts: list[TrialAttempt],
     stored: StoredDesign | None,
-) -> Iterator[Use]:
+) -> Iterator[SessionDesign]:
     """A use for each design that recordings of a session report.
 
     Without a stored design, each trial has what any recording of its session reports: practice has no items.
     """
-    design = store.design if stored is None else design_of(stored)
+    design = store.design if stored is None else design_from_row(stored)
     wordings = None if stored is None else stored.wordings
-    translate = translation(store, participant.language or design.languages[0], wordings)
+    translate = translator(store, participant.language or design.languages[0], wordings)
     trials = {trial.id: trial for trial in store.trials(participant.pseudonym)}
     configurations = list[tuple[Trial, dict[str, Any]]]()
     for attempt in attempts:
@@ -282,15 +284,15 @@ def _recorded(
             configurations.append((trials[attempt.trial], read_configuration(store.path(attempt.recording))))
     if stored is None:
         for each in configurations:
-            design = as_recorded(design, *each, translate)
+            design = design_as_recorded(design, *each, translate)
     found: dict[bytes, tuple[Design, set[int]]] = {}
     for trial, configuration in configurations:
-        recorded = as_recorded(design, trial, configuration, translate)
+        recorded = design_as_recorded(design, trial, configuration, translate)
         found.setdefault(_content(recorded), (recorded, set()))[1].add(trial.position)
     if stored is not None and not found:
         found[b""] = design, set[int]()
     for recorded, positions in found.values():
-        yield Use(participant, session, tuple(sorted(positions)), recorded, wordings)
+        yield SessionDesign(participant, session, tuple(sorted(positions)), recorded, wordings)
 
 
 def _content(design: Design) -> bytes:

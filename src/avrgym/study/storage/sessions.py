@@ -7,14 +7,13 @@ import sqlalchemy as sa
 
 from avrgym.recording.schema import AttemptEnd
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.answers import is_open
-from avrgym.study.storage.attempts import NOTHING, finish_attempt, finished_metrics
+from avrgym.study.storage.answers import has_open_questionnaire
+from avrgym.study.storage.attempts import NO_METRICS, finish_attempt, finished_metrics
 from avrgym.study.storage.rows import Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import (
     Store,
-    about,
     change_state,
     find,
     find_all,
@@ -24,6 +23,7 @@ from avrgym.study.storage.store import (
     find_trial,
     record_event,
     store_design,
+    subject_of,
 )
 from avrgym.system.processes import is_running
 from avrgym.vr.headset_check import HeadsetCheck
@@ -50,7 +50,7 @@ def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> St
         check_consent(store, participant)
         own = find_all(connection, StudySession, participant=participant.number)
         for session in own:
-            if session.state == "open" and not take_over and may_run(store, session):
+            if session.state == "open" and not take_over and may_be_running(store, session):
                 raise StudyError(
                     f"{session} is open at {session.station} since {session.opened_at}; close it there, or take over"
                 )
@@ -90,7 +90,7 @@ def has_finished(store: Store, connection: sa.Connection, participant: Participa
 
 def _is_any_open(store: Store, connection: sa.Connection, trials: list[Trial]) -> bool:
     attempts = [each for trial in trials for each in find_all(connection, TrialAttempt, trial=trial.id)]
-    return any(is_open(store, connection, attempt) for attempt in attempts)
+    return any(has_open_questionnaire(store, connection, attempt) for attempt in attempts)
 
 
 def skip_trial(store: Store, session_id: int, position: int) -> None:
@@ -98,14 +98,16 @@ def skip_trial(store: Store, session_id: int, position: int) -> None:
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         trial = find_trial(connection, session, position)
-        change_state(connection, trial, "skipped", about(session), f"trial {position}")
+        change_state(connection, trial, "skipped", subject_of(session), f"trial {position}")
 
 
-def tell(store: Store, session_id: int, name: str, detail: str = "", attempt_id: int | None = None) -> None:
+def record_session_event(
+    store: Store, session_id: int, name: str, detail: str = "", attempt_id: int | None = None
+) -> None:
     """Store anything else that happened in a session, such as a lost connection."""
     with store.database.write() as connection:
         session = find_session(connection, session_id)
-        event = about(session)
+        event = subject_of(session)
         if attempt_id is not None:
             attempt = find(
                 connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id, session=session_id
@@ -120,7 +122,7 @@ def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> N
         session = find_open_session(connection, session_id)
         hash_chain.update(connection, schema.SESSION, session.id, headset_check=msgspec.to_builtins(check))
         detail = f"{check.words()} {check.figures()}"
-        record_event(connection, "headset checked", detail, about(session))
+        record_event(connection, "headset checked", detail, subject_of(session))
 
 
 def end_open_sessions(
@@ -135,7 +137,7 @@ def end_open_sessions(
         _end_session(store, connection, session, attempts=attempts, after=sessions)
 
 
-def may_run(store: Store, session: StudySession) -> bool:
+def may_be_running(store: Store, session: StudySession) -> bool:
     """Whether the process behind an open session may still run here; only of this station's can that be known.
 
     In a study that was merged from sites none does.
@@ -155,8 +157,8 @@ def _insert_session(
         "opened_at": now(),
     }
     session = find_session(connection, hash_chain.insert(connection, schema.SESSION, **row))
-    record_event(connection, "session open", session.name, about(session))
-    store_design(store, connection, about(session))
+    record_event(connection, "session open", session.name, subject_of(session))
+    store_design(store, connection, subject_of(session))
     return session
 
 
@@ -168,10 +170,10 @@ def _end_session(
     Simulated participants repeat a trial that was cut off: what a dry run gives follows from its seeds alone.
     """
     participant = find(connection, Participant, "participant", number=session.participant)
-    writer_ended = not participant.simulated and not may_run(store, session)
+    writer_ended = not participant.simulated and not may_be_running(store, session)
     for attempt in find_all(connection, TrialAttempt, session=session.id, state="running"):
         closed = attempts == "interrupted"
         metrics = finished_metrics(store, connection, attempt, writer_ended=writer_ended) if closed else None
         ended = attempts if metrics is None else "completed"
-        finish_attempt(store, connection, attempt, ended, metrics or NOTHING, closed=closed)
-    change_state(connection, session, after, about(session), closed_at=now())
+        finish_attempt(store, connection, attempt, ended, metrics or NO_METRICS, closed=closed)
+    change_state(connection, session, after, subject_of(session), closed_at=now())

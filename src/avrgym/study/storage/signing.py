@@ -35,7 +35,7 @@ class LastEntry(msgspec.Struct, frozen=True):
     digest: str
 
 
-def own_key() -> Ed25519PrivateKey | None:
+def user_key() -> Ed25519PrivateKey | None:
     """This user's key, made when it is missing; ``None`` where it can be neither read nor written."""
     try:
         return _key_in(user_data_folder())
@@ -85,7 +85,7 @@ def is_signed(public: str, signature: str, text: str) -> bool:
     return True
 
 
-def remember_end(folder: Path, list_digest: str, digest: str) -> None:
+def store_last_entry(folder: Path, list_digest: str, digest: str) -> None:
     """Store the last entry of a study's list, where that can be written."""
     known = LastEntry(str(folder.resolve()), list_digest, digest)
     with suppress(OSError, ValueError):
@@ -94,14 +94,14 @@ def remember_end(folder: Path, list_digest: str, digest: str) -> None:
         write_whole(path, msgspec.json.encode(known), PRIVATE_FILE)
 
 
-def known_end(folder: Path) -> LastEntry | None:
+def last_entry(folder: Path) -> LastEntry | None:
     """The last entry known of the study in a folder."""
     with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
         return _read(_path_of(folder))
     return None
 
 
-def moved_end(list_digest: str) -> LastEntry | None:
+def last_entry_of_moved_study(list_digest: str) -> LastEntry | None:
     """The last known entry of this list in a folder that no longer exists, because the study was moved or deleted."""
     for path in sorted((user_data_folder() / _STUDIES).glob("*.json")):
         with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):

@@ -12,9 +12,9 @@ from avrgym.study.storage.schema import now
 from avrgym.study.storage.store import find_all
 
 PEOPLE_PER_SITE, ROWS_PER_SITE = 1_000, 10**9
-DIFFERS = "site differs"
+SITE_DIFFERS = "site differs"
 """The event that a site's study was merged though it differs; its detail says in what."""
-LEFT_OUT = "recording left out"
+RECORDING_LEFT_OUT = "recording left out"
 """The event that an attempt's recording was damaged or missing at its site; its detail says which and why."""
 
 

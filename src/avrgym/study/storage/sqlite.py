@@ -43,7 +43,7 @@ def make_engine(path: Path) -> sa.Engine:
     return engine
 
 
-def checksum(connection: sa.Connection) -> str:
+def database_checksum(connection: sa.Connection) -> str:
     """That of the database's file with all that is in its log.
 
     The file is read through SQLite: opening and closing it beside would let go of SQLite's locks on it.

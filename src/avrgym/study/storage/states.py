@@ -35,7 +35,7 @@ TRANSITIONS: Mapping[str, Transitions] = {
 }
 """By table: each state, and those that may follow it."""
 
-TAKES_PART = ("allocated", "completed")
+PARTICIPATING = ("allocated", "completed")
 """States of participants who count in their cell."""
 
 

@@ -14,7 +14,7 @@ from avrgym.policies.names import OPERATOR
 from avrgym.policies.onnx import ONNX_SUFFIX
 from avrgym.policies.registry import named_policies
 from avrgym.policies.trained import FILE_SUFFIX, PolicyError
-from avrgym.study.design.comparison import as_stored, read_wordings
+from avrgym.study.design.comparison import design_to_dict, read_wordings
 from avrgym.study.design.design import FILE, Design, default_text, read_design
 from avrgym.study.storage import hash_chain, identity_file, schema
 from avrgym.study.storage.database import FILE as DATABASE_FILE
@@ -113,7 +113,7 @@ class Store:
             self._check_protocol()
             if not anew:
                 self.database.reconcile()
-            if identity_file.unfinished(self.folder) and not self.database.read_only:
+            if identity_file.unfinished_files(self.folder) and not self.database.read_only:
                 with self.database.write():  # one writer at a time, for the identity file as well
                     identity_file.remove_unfinished(self.folder)
         except BaseException:
@@ -322,7 +322,7 @@ def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row
     query = sa.select(*(table.c[name] for name in names))
     query = query.where(*(table.c[name] == value for name, value in key.items()))
     try:
-        rows = connection.execute(query.order_by(hash_chain.key_of(table))).all()
+        rows = connection.execute(query.order_by(hash_chain.primary_key(table))).all()
         return [_as(kind, dict(zip(names, row, strict=True))) for row in rows]
     except ValueError as error:
         raise StudyError(f"the study's database: a row of {table.name} is damaged: {error}") from error
@@ -337,33 +337,33 @@ def change_state(
         StudyError: when its present state does not allow that.
     """
     table = TABLES[type(row)]
-    key = getattr(row, hash_chain.key_of(table).name)
-    own = hash_chain.key_of(table) == key
+    key = getattr(row, hash_chain.primary_key(table).name)
+    own = hash_chain.primary_key(table) == key
     before = connection.execute(sa.select(table.c.state).where(own)).scalar_one()
     check_transition(table.name, str(row), before, after)
     hash_chain.update(connection, table, key, state=after, **values)
     record_event(connection, f"{table.name} {after}", detail, about)
 
 
-def about(session: StudySession) -> dict[str, int]:
+def subject_of(session: StudySession) -> dict[str, int]:
     """Whom and what an event in a session is about."""
     return {"participant": session.participant, "session": session.id}
 
 
 def store_design(store: Store, connection: sa.Connection, about: Mapping[str, int]) -> None:
-    """Store the design as it is now; ``about`` names the participant, and the session if one begins with it."""
+    """Store the design as it is now; ``subject_of`` names the participant, and the session if one begins with it."""
     hash_chain.insert(
         connection,
         schema.DESIGN,
         stored_at=now(),
-        design=as_stored(store.design),
+        design=design_to_dict(store.design),
         wordings=read_wordings(store.design, store.folder),
         **about,
     )
 
 
 def record_event(connection: sa.Connection, name: str, detail: str, about: Mapping[str, int]) -> None:
-    """Store that something happened; ``about`` names participant, session and attempt."""
+    """Store that something happened; ``subject_of`` names participant, session and attempt."""
     hash_chain.insert(connection, schema.EVENT, at=now(), name=name, detail=detail, **about)
 
 

@@ -11,21 +11,21 @@ from avrgym.study.storage.rows import RECORDINGS, participant_number
 from avrgym.study.storage.states import StudyError
 
 
-def remains(folder: Path) -> list[str]:
+def traces_of_database(folder: Path) -> list[str]:
     """What is there, in words, that only a study with a database leaves."""
     found: list[str] = []
-    if identity_file.pseudonyms(folder):
-        found.append(f"names in {identity_file.path_of(folder).relative_to(folder)}")
+    if identity_file.named_pseudonyms(folder):
+        found.append(f"names in {identity_file.identity_path(folder).relative_to(folder)}")
     if any(path.is_file() for path in (folder / RECORDINGS).rglob("*")):
         found.append(RECORDINGS)
     found += [name for name in (HEAD, PARTICIPATION) if (folder / name).exists()]
     return found
 
 
-def known_numbers(folder: Path) -> set[int]:
+def used_numbers(folder: Path) -> set[int]:
     """The numbers of participants in the identity file, the participation list or the folders of recordings."""
     listed = ParticipationList(folder).read()
-    known = set(_numbers([*identity_file.pseudonyms(folder), *_names(folder / RECORDINGS)]))
+    known = set(_numbers([*identity_file.named_pseudonyms(folder), *_names(folder / RECORDINGS)]))
     return known | {each.participant for each in listed.entries if each.participant} if listed else known
 
 
