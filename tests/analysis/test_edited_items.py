@@ -212,7 +212,7 @@ def test_practice_has_the_items_of_its_session_where_only_recordings_report_them
 def test_each_group_with_another_design_has_a_sentence_of_its_own(folder: Path) -> None:
     with Store(folder) as store:
         words = describe_by_design(
-            designs_used(store), store.design, lambda design: f"{design.furniture.seat_height_m:g} m high"
+            session_designs(store), store.design, lambda design: f"{design.furniture.seat_height_m:g} m high"
         )
     assert re.search(r": 0\.485 m high\. For sub-003 .*: 0\.4 m high\.$", words)
 

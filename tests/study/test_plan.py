@@ -14,7 +14,7 @@ from avrgym.study.design.comparison import differences
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.plan.deviations import changed, deviations
-from avrgym.study.plan.frozen_plan import FROZEN, read_frozen_plan
+from avrgym.study.plan.frozen_plan import FROZEN, FrozenPlan, read_frozen_plan
 from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, parse_plan
 from avrgym.study.plan.plan_template import template
 from avrgym.study.storage import database
@@ -314,5 +314,5 @@ def test_other_words_for_participants_are_a_deviation(tmp_path: Path) -> None:
         record = read_frozen_plan(store)
         assert record is not None
         assert record.record is not None
-        earlier = Frozen(msgspec.structs.replace(record.record, words=None))
+        earlier = FrozenPlan(msgspec.structs.replace(record.record, words=None))
         assert deviations(store, earlier, required_tests(store.design)) == []

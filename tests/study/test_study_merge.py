@@ -15,7 +15,7 @@ from avrgym.study.people import deletion
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.frozen_plan import adopt_plan, read_frozen_plan
+from avrgym.study.plan.frozen_plan import adopt_plan, freeze_plan, read_frozen_plan
 from avrgym.study.plan.plan_template import write_template
 from avrgym.study.storage import database
 from avrgym.study.storage.attempts import begin_attempt, end_attempt
@@ -451,7 +451,7 @@ def test_sites_share_a_frozen_plan(out: Path, tmp_path: Path) -> None:
     a, b = (make_site(tmp_path / name, name, trials=()) for name in ("a", "b"))
     with Store(a) as store:
         write_template(a, store.design, required_tests(store.design), suggested_hypotheses(store.design))
-        freeze(store, required_tests(store.design))
+        freeze_plan(store, required_tests(store.design))
     add_participant(a, 1)
     with pytest.raises(StudyError, match=r'the frozen plan.s checksum .* is ".*" at a, "none" at b'):
         merge_studies([a, b], out)

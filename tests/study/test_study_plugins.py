@@ -110,7 +110,7 @@ def test_each_session_stores_what_it_uses(robot: Path, folder: Path) -> None:
         assert (msgspec.json.decode(event.detail, type=UsedPlugin),) == plugins_of(ENVIRONMENT)
 
 
-def freeze_plan(store: Store) -> None:
+def freeze_with_template(store: Store) -> None:
     from avrgym.analysis.plan import available_tests, suggested_hypotheses
 
     offered = available_tests(store.design)

@@ -28,7 +28,7 @@ from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
 from avrgym.study.checking.finding import Finding, excluded_trial
 from avrgym.study.design.design import Design
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.frozen_plan import read_frozen_plan
+from avrgym.study.plan.frozen_plan import read_frozen_plan as read_plan_of_study
 from avrgym.study.plan.plan import EXPLORATORY, NOT_PLANNED, Hypothesis, Plan
 from avrgym.study.plan.plan import FILE as PLAN_FILE
 from avrgym.study.storage.store import Store
@@ -139,7 +139,7 @@ class FrozenPlan:
 
 
 def read_frozen_plan(store: Store, design: Design, observed: StudyData) -> FrozenPlan | None:
-    frozen = read_frozen_plan(store)
+    frozen = read_plan_of_study(store)
     if frozen is None:
         return None
     exclusions = [

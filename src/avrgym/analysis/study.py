@@ -72,6 +72,7 @@ from avrgym.study.export.records import WITHOUT, adverse_event_rows
 from avrgym.study.export.scores import uses_instruments
 from avrgym.study.storage.analysis_files import FORMAT_NAME
 from avrgym.study.storage.data_loss import describe_data_loss
+from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.session_designs import SessionDesign, recorded_designs
 from avrgym.study.storage.store import Store
 from avrgym.vr.session.attempt import versions
@@ -208,7 +209,7 @@ def analyse(
     skip_damaged: bool = False,
 ) -> Analysis:
     """Analyse a study as it stands, with ``read_study``'s arguments and errors."""
-    asked = Asked(store)
+    asked = AnsweredItems(store)
     design = asked.design
     observed = read_study(store, progress, skip_damaged=skip_damaged, asked=asked)
     differences = list(check_design(store))

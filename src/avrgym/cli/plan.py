@@ -193,8 +193,9 @@ def plan_of(store: "Store", left_out: "Sequence[ExcludedTrial]" = ()) -> "tuple[
         return None, []
     from avrgym.analysis.plan import optional_tests, required_tests
     from avrgym.study.plan.deviations import deviations
+    from avrgym.study.storage.item_versions import AnsweredItems
 
-    design = Asked(store).design
+    design = AnsweredItems(store).design
     return frozen.at, deviations(store, frozen, required_tests(design), left_out, optional_tests(design))
 
 

@@ -20,6 +20,7 @@ from avrgym.analysis.statistics.comparisons import (
 from avrgym.analysis.statistics.tests import signed_rank, summary_statistics
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
+from avrgym.study.storage.item_versions import base_name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +154,7 @@ def midpoint_question(questionnaire: Questionnaire) -> Question:
 
 def policy_question(design: Design, questionnaire: Questionnaire) -> Question:
     """What the tests between policies of a questionnaire's items ask; named where there are several."""
-    names = {first_name(each.name) for each in questionnaires_at(design, AFTER_TRIAL)}
+    names = {base_name(each.name) for each in questionnaires_at(design, AFTER_TRIAL)}
     several = len(names) > 1 or questionnaire.name not in names
     name = f"policies, {questionnaire.name}" if several else "policies"
     return Question(name, _table_caption(questionnaire), questionnaire.instrument is None)

@@ -12,6 +12,7 @@ from avrgym.analysis.flow import ParticipantFlow
 from avrgym.analysis.publication.methods import days_of, inclusion_answers, uses_of
 from avrgym.analysis.study import Analysis
 from avrgym.policies.names import OPERATOR
+from avrgym.study.design.description import describe_blinding, describe_conditions, describe_randomization
 
 
 @dataclass(frozen=True)
@@ -72,9 +73,9 @@ def _about_the_study(analysis: Analysis) -> list[ChecklistField]:
     flow = next(iter(analysis.flows), None)
     days = days_of(flow) if flow and flow.first_day else ""
     return [
-        ChecklistField("Design and conditions", conditions(design)),
-        ChecklistField("Order and randomisation", randomization(design)),
-        ChecklistField("Blinding", describe_by_design(analysis.uses, design, blinding)),
+        ChecklistField("Design and conditions", describe_conditions(design)),
+        ChecklistField("Order and randomisation", describe_randomization(design)),
+        ChecklistField("Blinding", describe_by_design(analysis.uses, design, describe_blinding)),
         ChecklistField("Robots", ", ".join(design.robots)),
         ChecklistField(
             "Who controls the robots",

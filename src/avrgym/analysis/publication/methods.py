@@ -17,8 +17,15 @@ from avrgym.analysis.sites import site_of
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS
 from avrgym.analysis.study import Analysis
 from avrgym.questionnaires.questionnaire import Questionnaire
+from avrgym.study.design.description import (
+    describe_blinding,
+    describe_conditions,
+    describe_procedure,
+    describe_randomization,
+)
 from avrgym.study.design.design import Design
 from avrgym.study.storage.item_versions import base_name
+from avrgym.study.storage.session_designs import SessionDesign
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.session.attempt import versions
 
@@ -50,13 +57,16 @@ def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
     sections = {
         "Participants": list(_participants(analysis, flow)),
         "Design": [
-            describe_by_design(uses, analysis.design, conditions),
-            randomization(analysis.design),
+            describe_by_design(uses, analysis.design, describe_conditions),
+            describe_randomization(analysis.design),
             *_orders(flow),
-            describe_by_design(uses, analysis.design, blinding),
+            describe_by_design(uses, analysis.design, describe_blinding),
         ],
         "Apparatus": list(_apparatus(analysis, flow)),
-        "Procedure": [describe_by_design(uses, analysis.design, description), *_inclusion(analysis, flow)],
+        "Procedure": [
+            describe_by_design(uses, analysis.design, describe_procedure),
+            *_inclusion(analysis, flow),
+        ],
         "Measures": list(_measures(analysis)),
         "Analysis": list(_analysis(analysis)),
         "Deviations from the plan": _deviations(analysis),
@@ -64,7 +74,7 @@ def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
     return {"": [SIMULATED]} | sections if flow.simulated else sections
 
 
-def uses_of(analysis: Analysis, flow: ParticipantFlow) -> list[Use]:
+def uses_of(analysis: Analysis, flow: ParticipantFlow) -> list[SessionDesign]:
     """The designs with which those who are analysed took part, people or simulated participants."""
     analysed = {row.participant for row in analysis.observed.analysed_people(simulated=flow.simulated)}
     return [use for use in analysis.uses if use.participant.pseudonym in analysed]

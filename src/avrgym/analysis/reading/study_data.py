@@ -30,6 +30,7 @@ from avrgym.study.checking.plugin_checks import RecordedPlugin, plugin_findings,
 from avrgym.study.checking.tracking_loss import describe_excess_loss, tracking_loss_share
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.storage.attempts import CHECKSUM_DIFFERS
+from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant, Trial
 from avrgym.study.storage.sites import SITE_DIFFERS
 from avrgym.study.storage.states import PARTICIPATING, StudyError
@@ -83,7 +84,7 @@ def read_study(
     progress: Callable[[int, int], None] = lambda done, all_: None,
     *,
     skip_damaged: bool = False,
-    asked: Asked | None = None,
+    asked: AnsweredItems | None = None,
 ) -> StudyData:
     """Read a study; recordings that cannot be used are named among the problems.
 
@@ -96,7 +97,7 @@ def read_study(
     Raises:
         StudyError: for such a recording, unless they are skipped; the message names them all.
     """
-    asked = asked or Asked(store)
+    asked = asked or AnsweredItems(store)
     found = StudyData(problems=list(_site_problems(store)))
     attempts = list(all_attempts(store))
     completed = {each.trial.id: each for each in attempts if each.attempt.state == "completed"}

@@ -16,6 +16,7 @@ from avrgym.study.design.comparison import (
     value_text,
 )
 from avrgym.study.design.design import FILE, Design
+from avrgym.study.design.languages import participant_sentences
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.session_designs import (
     SessionDesign,
@@ -107,7 +108,9 @@ def _of_sessions(design: Design) -> dict[str, Any]:
 
 def _both(a: Design, b: Design) -> set[str]:
     """The sentences that two designs have in common."""
-    first, second = ({normalize_whitespace(each) for each in sentences(design)} for design in (a, b))
+    first, second = (
+        {normalize_whitespace(each) for each in participant_sentences(design)} for design in (a, b)
+    )
     return first & second
 
 

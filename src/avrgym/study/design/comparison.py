@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 
 from avrgym.study.design.design import SITE_FIELDS, Design
+from avrgym.study.design.languages import participant_sentences
 from avrgym.system.toml_lines import Place
 from avrgym.system.type_guards import is_array, is_table
 from avrgym.tasks.registry import TASKS
@@ -41,7 +42,11 @@ def read_wordings(design: Design, folder: Path) -> dict[str, dict[str, dict[str,
 
 def _wordings(design: Design, texts: Texts) -> dict[str, dict[str, str]]:
     brought = read_texts(texts.language) if texts.language in included_languages() else None
-    read = {normalize_whitespace(each): texts.translate(each) for each in sentences(design) if each.strip()}
+    read = {
+        normalize_whitespace(each): texts.translate(each)
+        for each in participant_sentences(design)
+        if each.strip()
+    }
     return {
         "sentences": {
             sentence: said for sentence, said in read.items() if normalize_whitespace(said) != sentence

@@ -99,7 +99,7 @@ def _own_words(place: Place, instrument: Instrument, folder: Path) -> Mapping[st
             place, f"{name} is missing in the study's folder; allowed: a file with {wanted}"
         ) from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
-        raise Wrong(place, f"{name} cannot be read: {error}; allowed: {wanted}") from None
+        raise ValidationError(place, f"{name} cannot be read: {error}; allowed: {wanted}") from None
     for key in words:
         if key not in (ids := [item.id for item in instrument.items]):
             raise ValidationError(place, f"{name} has an unknown item {key!r}; allowed: {', '.join(ids)}")

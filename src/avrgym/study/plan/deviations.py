@@ -14,7 +14,7 @@ from avrgym.study.checking.design_checks import (
     admission_differences,
     differences_of,
 )
-from avrgym.study.checking.finding import Finding
+from avrgym.study.checking.finding import ExcludedTrial, Finding
 from avrgym.study.checking.interim_looks import check_interim_looks
 from avrgym.study.checking.policy_files import PolicyFile, policies_used, policy_file_text, policy_files
 from avrgym.study.checking.preflight import plugins_needed
@@ -156,7 +156,7 @@ def deviations(
     store: Store,
     frozen: FrozenPlan,
     offered: OfferedPart,
-    left_out: Sequence[LeftOut] = (),
+    left_out: Sequence[ExcludedTrial] = (),
     besides: OfferedPart = MappingProxyType({}),
 ) -> list[Finding]:
     """Each difference between a study and its frozen plan.
