@@ -97,7 +97,7 @@ def test_a_certificate_is_examined_and_never_made(tmp_path: Path) -> None:
     certificate_for(NAMES, folder)
     assert connections.certificate(wanted) == Finding("ok", str(wanted.certificate_file))
     other = connections.certificate(certificate_in(folder, ("192.0.2.8",)))
-    assert (other.state, "other names" in other.found) == ("warning", True)
+    assert (other.state, "lacks a present name" in other.found) == ("warning", True)
     wanted.key_file.chmod(0o644)
     assert "chmod 600" in connections.certificate(wanted).cure
     wanted.key_file.chmod(0o600)

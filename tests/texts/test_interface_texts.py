@@ -175,11 +175,11 @@ def test_a_session_speaks_one_language(tmp_path: Path) -> None:
 
 def test_tokens_outlast_a_restart_and_are_their_owners_alone(tmp_path: Path) -> None:
     path = tmp_path / "private" / "tokens.json"
-    tokens = Tokens.kept(path)
-    assert Tokens.kept(path) == tokens != Tokens.new()
+    tokens = Tokens.load_or_create(path)
+    assert Tokens.load_or_create(path) == tokens != Tokens.new()
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     for text in ("", '{"participant": "", "experimenter": "", "spectator": ""}'):
         path.write_text(text)
-        with pytest.raises(ValueError, match="without this file new ones are made"):
-            Tokens.kept(path)
+        with pytest.raises(ValueError, match="delete it to create new ones"):
+            Tokens.load_or_create(path)
         assert path.read_text() == text

@@ -337,7 +337,7 @@ def test_whoever_does_not_begin_with_a_hello_is_refused(
 
 
 @pytest.mark.parametrize("protocol", [0, messages.PROTOCOL - 1, messages.PROTOCOL + 1])
-def test_a_page_of_another_version_is_told_to_reload(server: LiveServer, protocol: int) -> None:
+def test_a_page_of_another_protocol_must_reload(server: LiveServer, protocol: int) -> None:
     with Client(server) as client:
         client.hello(protocol=protocol)
         words, code, reason = client.refusal()
@@ -346,19 +346,21 @@ def test_a_page_of_another_version_is_told_to_reload(server: LiveServer, protoco
         words
         == reason
         == (
-            f"this page speaks protocol {protocol}, the server {messages.PROTOCOL}: "
-            "reload the page, it is of another version"
+            f"this page uses protocol {protocol}, the server protocol {messages.PROTOCOL}: "
+            "reload the page to update it"
         )
     )
 
 
-def test_whoever_says_nothing_may_come_again(server: LiveServer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_connection_without_hello_may_reconnect(
+    server: LiveServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A page that was too busy to speak is not one of another version, which would give up for good."""
     monkeypatch.setattr(connection, "HELLO_TIMEOUT_S", 0.1)
     with Client(server) as client:
         words, code, reason = client.refusal()
     assert code == 4408
-    assert words == reason == "no hello came within 0.1 s; connect again"
+    assert words == reason == "no hello was received within 0.1 s; connect again"
 
 
 @pytest.mark.parametrize("token", ["", "x", "ü", "x" * 128])
@@ -390,7 +392,7 @@ def test_one_participant_at_a_time(server: LiveServer) -> None:
         second.hello()
         words, code, reason = second.refusal()
     assert code == 4409
-    assert "one at a time" in words
+    assert "only one is allowed" in words
     assert words == reason
     with participant(server) as third:
         third.await_message(StateChange)
@@ -436,15 +438,15 @@ def test_a_connection_begins_with_welcome_language_body_scene_and_phase(server: 
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        ("text", "text is not understood"),
-        (b"", "not a message"),
-        (b"\xc1", "not a message"),
-        (random.Random(1).randbytes(500), "not a message"),
-        (messages.encode(Entered())[:-1], "not a message"),
-        (messages.encode(Entered()) + b"\x00", "not a message"),
-        (b"\x81\xa4type\xa4fire", "not a message"),
-        (b"\x82\xa4type\xa7entered\xa1x\x01", "not a message"),
-        (b"\x94" * 20_000, "not a message"),
+        ("text", "a text frame was received"),
+        (b"", "invalid message"),
+        (b"\xc1", "invalid message"),
+        (random.Random(1).randbytes(500), "invalid message"),
+        (messages.encode(Entered())[:-1], "invalid message"),
+        (messages.encode(Entered()) + b"\x00", "invalid message"),
+        (b"\x81\xa4type\xa4fire", "invalid message"),
+        (b"\x82\xa4type\xa7entered\xa1x\x01", "invalid message"),
+        (b"\x94" * 20_000, "invalid message"),
         (messages.encode(Answer(item="L1", value=4, response_time_s=1.0)).replace(b"\x04", b"\x00"), "value"),
     ],
 )
@@ -503,7 +505,7 @@ def test_who_floods_is_told_why_and_disconnected_and_the_next_is_served(
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 1008
         assert closed.value.rcvd.reason.startswith(
-            "too many messages: 1000 may come at once and 250 a second"
+            "too many messages: the limits are 1000 in a burst and 250 per second"
         )
     with participant(server) as client:
         sit_down(client)
@@ -674,53 +676,53 @@ def rendering(monkeypatch: pytest.MonkeyPatch) -> Rendering:
     return Rendering(monkeypatch)
 
 
-def ask(*numbers: int, renderer: SceneExporter) -> list[bytes | BaseException]:
-    """Ask for scenes at once."""
+def ask(*numbers: int, exporter: SceneExporter) -> list[bytes | BaseException]:
+    """Request scenes concurrently."""
 
     async def gather() -> list[bytes | BaseException]:
-        asked = [renderer.glb(number, str(number), Person()) for number in numbers]
+        asked = [exporter.glb(number, str(number), Person()) for number in numbers]
         return await asyncio.gather(*asked, return_exceptions=True)
 
     return asyncio.run(gather())
 
 
-def test_a_scene_is_rendered_once_whoever_asks(rendering: Rendering) -> None:
-    renderer = SceneExporter()
-    assert ask(0, 0, 1, 0, renderer=renderer) == [b"0", b"0", b"1", b"0"]
-    assert ask(0, 1, renderer=renderer) == [b"0", b"1"]
-    renderer.close()
+def test_each_scene_is_exported_once(rendering: Rendering) -> None:
+    exporter = SceneExporter()
+    assert ask(0, 0, 1, 0, exporter=exporter) == [b"0", b"0", b"1", b"0"]
+    assert ask(0, 1, exporter=exporter) == [b"0", b"1"]
+    exporter.close()
     assert rendering.rendered == ["0", "1"]
 
 
-def test_a_failure_is_told_to_all_and_tried_again(rendering: Rendering) -> None:
-    renderer = SceneExporter()
+def test_after_an_error_the_next_request_exports_again(rendering: Rendering) -> None:
+    exporter = SceneExporter()
     rendering.failure = ValueError("no mesh")
-    assert [str(error) for error in ask(0, 0, renderer=renderer)] == ["no mesh", "no mesh"]
+    assert [str(error) for error in ask(0, 0, exporter=exporter)] == ["no mesh", "no mesh"]
     rendering.failure = BrokenProcessPool("killed")
-    assert [str(error) for error in ask(0, 1, renderer=renderer)] == ["killed", "killed"]
+    assert [str(error) for error in ask(0, 1, exporter=exporter)] == ["killed", "killed"]
     rendering.failure = None
-    assert ask(0, renderer=renderer) == [b"0"]
-    renderer.close()
+    assert ask(0, exporter=exporter) == [b"0"]
+    exporter.close()
     assert rendering.rendered == ["0", "0", "1", "0"]
     assert rendering.pools == 2
 
 
-def test_what_is_rendered_ahead_is_there_when_it_is_asked_for(rendering: Rendering) -> None:
-    renderer = SceneExporter()
-    ahead = renderer.render(0, "0", Person())
-    assert ask(0, renderer=renderer) == [b"0"]
+def test_scenes_exported_in_advance_are_cached(rendering: Rendering) -> None:
+    exporter = SceneExporter()
+    ahead = exporter.export(0, "0", Person())
+    assert ask(0, exporter=exporter) == [b"0"]
     assert ahead.done()
-    renderer.close()
+    exporter.close()
     assert rendering.rendered == ["0"]
 
 
-def test_only_the_newest_scenes_are_kept(rendering: Rendering) -> None:
-    renderer = SceneExporter()
+def test_only_the_newest_scenes_are_cached(rendering: Rendering) -> None:
+    exporter = SceneExporter()
     many = rendering_module.MAX_CACHED_SCENES + 2
     for number in range(many):
-        ask(number, renderer=renderer)
-    ask(many - 1, 2, 0, renderer=renderer)
-    renderer.close()
+        ask(number, exporter=exporter)
+    ask(many - 1, 2, 0, exporter=exporter)
+    exporter.close()
     assert rendering.rendered == [*map(str, range(many)), "0"]
 
 
@@ -743,9 +745,9 @@ def test_a_killed_server_leaves_no_process_behind(tmp_path: Path) -> None:
         preexec_fn=die_with_parent,
     ) as killed:
         assert killed.stdout is not None
-        renderer = int(killed.stdout.readline())
+        exporter = int(killed.stdout.readline())
         killed.send_signal(signal.SIGKILL)
-    await_that(lambda: not is_alive(renderer))
+    await_that(lambda: not is_alive(exporter))
 
 
 def is_alive(pid: int) -> bool:

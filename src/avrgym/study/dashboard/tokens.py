@@ -22,7 +22,7 @@ class StudyTokens(Tokens):
     @classmethod
     def of_study(cls, path: Path, experimenters: Experimenters, links: SessionLinks) -> Self:
         """The tokens in a file, and those of experimenters; ``ValueError`` for a file without tokens."""
-        return cls(**asdict(Tokens.kept(path)), experimenters=experimenters, links=links)
+        return cls(**asdict(Tokens.load_or_create(path)), experimenters=experimenters, links=links)
 
     def caller(self, token: str) -> Caller | None:
         """The role and the experimenter of a token."""

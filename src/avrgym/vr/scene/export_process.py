@@ -1,4 +1,4 @@
-"""Renders scenes to GLB files in a process of its own, away from the real-time thread."""
+"""Export of scenes to GLB files in a separate process, which does not delay the real-time thread."""
 
 import asyncio
 import multiprocessing
@@ -20,11 +20,11 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 MAX_CACHED_SCENES = 10
-"""All eight environments, and a little more: each is about two megabytes."""
+"""Each scene has about 2 MB."""
 
 
 def warm_up() -> None:
-    """What a process can do once it has loaded all that rendering needs."""
+    """Does nothing: a task that makes the process import its modules."""
 
 
 def export_scene(environment_id: str, person: Person) -> bytes:
@@ -33,13 +33,13 @@ def export_scene(environment_id: str, person: Person) -> bytes:
 
 
 def model_with_appearance(environment_id: str, person: Person) -> mujoco.MjModel:
-    """The model of an environment with a person in it, with its appearance."""
+    """The model of an environment with a person, including materials and textures."""
     _, scene = task_and_scene(environment_id)
     return build_spec(scene, person, moving=True, appearance=True).compile()
 
 
 class SceneExporter:
-    """Renders each scene once, whoever asks."""
+    """Exports each scene once and caches it."""
 
     def __init__(self) -> None:
         self._pool = export_process()
@@ -47,12 +47,12 @@ class SceneExporter:
         self._lock = threading.Lock()
 
     def start(self) -> None:
-        """Start the process, so that the first scene does not wait for it."""
+        """Start the process before the first scene."""
         with self._lock:
             self._submit(warm_up)
 
-    def render(self, number: int, environment_id: str, person: Person) -> Future[bytes]:
-        """Have the scene of a number rendered, unless it already is."""
+    def export(self, number: int, environment_id: str, person: Person) -> Future[bytes]:
+        """Export the scene of a number, unless it is cached."""
         with self._lock:
             if number not in self._scenes:
                 self._scenes[number] = self._submit(export_scene, environment_id, person)
@@ -61,8 +61,8 @@ class SceneExporter:
             return self._scenes[number]
 
     async def glb(self, number: int, environment_id: str, person: Person) -> bytes:
-        """The scene of a number; a failure is raised to all who wait, and the next request tries again."""
-        scene = self.render(number, environment_id, person)
+        """The GLB file of a number. After an error the next request exports it again."""
+        scene = self.export(number, environment_id, person)
         try:
             return await asyncio.shield(asyncio.wrap_future(scene))
         except Exception:
@@ -80,12 +80,12 @@ class SceneExporter:
                 return self._pool.submit(work, *args, **kwargs)
 
     def close(self) -> None:
-        """End the process."""
+        """Stop the process."""
         self._pool.shutdown(cancel_futures=True)
 
 
 def export_process() -> ProcessPoolExecutor:
-    """A pool of one process that ends when this one does."""
+    """A pool of one process that exits with this one."""
     return ProcessPoolExecutor(
         1, mp_context=multiprocessing.get_context("spawn"), initializer=exit_with_parent
     )

@@ -1,6 +1,5 @@
-"""Where servers listen."""
+"""Default address and port of servers."""
 
 LOOPBACK = ("127.0.0.1", "localhost")
 EVERY_ADDRESS = "0.0.0.0"
 PORT = 8000
-"""Unless another is asked for."""

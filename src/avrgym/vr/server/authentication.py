@@ -1,4 +1,4 @@
-"""Who may come in: tokens by role, the names of the server, and pages of other origins kept out."""
+"""Authentication: tokens by role, and the rejection of requests from pages of other origins."""
 
 import secrets
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ REFUSED_ORIGIN = "this page comes from elsewhere; open the address that the serv
 
 @dataclass(frozen=True)
 class Caller:
-    """The role that a token opens, and the name of an experimenter with a token of their own, empty for any other."""
+    """The role of a token, and the name of an experimenter who has a personal token; empty otherwise."""
 
     role: Role
     name: str = ""
@@ -28,10 +28,10 @@ class Caller:
 
 @dataclass(frozen=True)
 class Refusal:
-    """The reason for refusing a token: the closing code of the connection, words, and a participant's language."""
+    """The reason for refusing a token: closing code of the WebSocket, message, and a participant's language."""
 
     code: int
-    words: str
+    message: str
     language: Language | None = None
 
 
@@ -43,12 +43,12 @@ EARLIER_START = Refusal(
 )
 LINK_ENDED = Refusal(4410, "this link has ended with its session; each session has a new one")
 ENTER_CODE = Refusal(4411, "this page opens with the link of a session, or with the code on the dashboard")
-"""``client/src/session/display-state.ts`` has the words for these codes in the participant's language."""
+"""``client/src/session/display-state.ts`` maps these codes to texts in the participant's language."""
 
 
 @dataclass(frozen=True)
 class Tokens:
-    """One secret for each role; each opens only what its role may do."""
+    """One secret for each role."""
 
     participant: Token
     experimenter: Token
@@ -56,14 +56,15 @@ class Tokens:
 
     @classmethod
     def new(cls) -> "Tokens":
-        """Fresh secrets."""
+        """New random secrets."""
         return cls(*(secrets.token_urlsafe(TOKEN_BYTES) for _ in range(3)))
 
     @classmethod
-    def kept(cls, path: Path) -> "Tokens":
-        """Those in a file that only its owner may read, so that addresses outlast a restart; fresh ones the first time.
+    def load_or_create(cls, path: Path) -> "Tokens":
+        """Read the tokens from a private file, or create the file. Addresses then stay valid after a restart.
 
-        ``ValueError`` for a file that holds none.
+        Raises:
+            ValueError: for a file that contains no tokens.
         """
         if not path.exists():
             tokens = cls.new()
@@ -73,10 +74,10 @@ class Tokens:
         try:
             return msgspec.json.decode(path.read_bytes(), type=cls)
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
-            raise ValueError(f"{path}: not tokens: {error}; without this file new ones are made") from None
+            raise ValueError(f"{path} contains no tokens: {error}; delete it to create new ones") from None
 
     def caller(self, token: str) -> Caller | None:
-        """Whose token this is."""
+        """The owner of a token; ``None`` for an unknown token."""
         found: Caller | None = None
         for role in ("participant", "experimenter", "spectator"):
             if secrets.compare_digest(token.encode(), getattr(self, role).encode()):
@@ -88,13 +89,13 @@ class Tokens:
         return EARLIER_START if token else NO_TOKEN
 
     def bearer(self, headers: Headers) -> Caller | None:
-        """Whose token a request presents."""
+        """The owner of the bearer token of a request."""
         scheme, _, token = headers.get("authorization", "").partition(" ")
         return self.caller(token) if scheme == "Bearer" else None
 
 
 class SameOriginOnly:
-    """Refuses requests and sockets that a page of another origin sends; programs name no origin."""
+    """Middleware that rejects requests and WebSockets from pages of other origins. Programs send no origin."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

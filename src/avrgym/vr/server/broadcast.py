@@ -1,4 +1,4 @@
-"""Broadcasts what the simulation's thread says to the connections: the participant's one, and any number that watch."""
+"""Broadcast of messages from the simulation's thread to the connections: one participant and any number of watchers."""
 
 import asyncio
 import contextlib
@@ -23,23 +23,23 @@ from avrgym.vr.server.authentication import LINK_ENDED, Refusal
 T = TypeVar("T")
 
 OUTBOX_MESSAGES = 1000
-"""What a connection may still have to send; of more, which only floods lead to, the oldest are dropped."""
+"""Maximum number of waiting messages of a connection. Above it the oldest are dropped."""
 FOR_WATCHERS_ONLY = (Status, Timing)
 
 
 def is_for_role(message: Message, role: Role) -> bool:
-    """Whether somebody in this role is to get a message."""
+    """Whether connections of this role receive a message."""
     if isinstance(message, Problem):
         return role in ("experimenter", message.role)
     return role != "participant" or not isinstance(message, FOR_WATCHERS_ONLY)
 
 
 CLOSE_TIMEOUT_S = 1.0
-"""How long connections have to hear that the server ends."""
+"""Maximum time for closing all connections when the server stops."""
 
 
 class ConnectionEnd(Exception):
-    """A connection has nothing more to send and ends, with the code of its closing, for the reason in words."""
+    """All messages are sent and the connection closes, with a closing code and a reason."""
 
     def __init__(self, reason: str, code: int) -> None:
         super().__init__(reason)
@@ -47,13 +47,13 @@ class ConnectionEnd(Exception):
 
 
 class Outbox:
-    """What one connection still has to send: every message in order, but of states only the newest of the newest scene.
+    """Waiting messages of one connection: all messages in order, and the newest state of the newest scene.
 
-    It begins with the welcome; what was on its way to others before is not for this one. ``made_s`` is when the state
-    that was taken last was handed out.
+    The first message is the welcome; messages before it are discarded. ``made_s`` is the time at which the state
+    that was sent last was computed.
 
-    For a client that draws too slowly, buffers of system and browser would hold the states of a minute. So few are on
-    the way at once: the next waits here, and is replaced by newer ones, until the client has received one before.
+    Flow control: at most ``MAX_UNACKNOWLEDGED_STATES`` states are sent before the client acknowledges them. Otherwise
+    buffers of system and browser would hold a minute of states for a slow client.
     """
 
     def __init__(self) -> None:
@@ -66,7 +66,7 @@ class Outbox:
         self._filled = asyncio.Event()
 
     def push(self, message: Message, made_s: float = 0.0) -> None:
-        """Have a message sent that was handed out at a time."""
+        """Add a message; ``made_s`` is the time at which it was computed."""
         self._welcomed = self._welcomed or isinstance(message, Welcome)
         if not self._welcomed or self._farewell is not None:
             return
@@ -78,17 +78,17 @@ class Outbox:
         self._filled.set()
 
     def receipt(self, states: int) -> None:
-        """The client has received so many states."""
+        """Note how many states the client has received."""
         self._received_states = states
         self._filled.set()
 
     def close(self, reason: str, code: int = 1001) -> None:
-        """Let the connection end when all is sent; nothing more is taken."""
+        """Close the connection after all waiting messages; accept no more."""
         self._farewell = ConnectionEnd(reason, code)
         self._filled.set()
 
     async def next(self) -> Message:
-        """Wait for the message to send next; raises ``ConnectionEnd`` when there will be none."""
+        """Wait for the next message to send; raise ``ConnectionEnd`` when the connection closes."""
         while True:
             if self._messages:
                 return self._messages.popleft()
@@ -106,7 +106,7 @@ class Outbox:
 
 
 class Broadcast:
-    """Hands each message of the simulation's thread to the connections that it is_for_role."""
+    """Passes each message of the simulation's thread to the connections whose role receives it."""
 
     def __init__(self) -> None:
         self._events: asyncio.AbstractEventLoop | None = None
@@ -119,17 +119,17 @@ class Broadcast:
         return self._participant is not None
 
     def send(self, message: Message) -> None:
-        """Send a message to all whom it is_for_role; called from the simulation's thread."""
+        """Send a message to all connections whose role receives it; called from the simulation's thread."""
         if self._participant is not None or self._watchers:
             self._call(lambda made_s: self._deliver(message, made_s), time.monotonic())
 
     def sender(self, outbox: Outbox) -> Callable[[Message], None]:
-        """Sends to one connection, from the simulation's thread."""
+        """A function that sends to one connection from the simulation's thread."""
         return lambda message: self._call(outbox.push, message)
 
     @contextlib.contextmanager
     def connection(self, role: Role) -> Generator[Outbox]:
-        """Take a place; gives the outbox to send from."""
+        """Register a connection for the duration of the context; yields its outbox."""
         self._events, outbox = asyncio.get_running_loop(), Outbox()
         self._join(outbox, role)
         try:
@@ -138,7 +138,7 @@ class Broadcast:
             self._leave(outbox)
 
     def close_all(self, reason: str) -> None:
-        """End all connections, for a reason in words; from any other thread than theirs."""
+        """Close all connections for a reason; called from another thread than theirs."""
         ends_s = time.monotonic() + CLOSE_TIMEOUT_S
         while self._participant is not None or self._watchers:
             watching = [outbox for _, outbox in self._watchers]
@@ -149,12 +149,12 @@ class Broadcast:
             time.sleep(0.01)
 
     def close_participant(self) -> None:
-        """End the participant's connection after all that was sent before, because their link has ended."""
+        """Close the participant's connection after its waiting messages, because the link has expired."""
         self._call(self._dismiss, LINK_ENDED)
 
     def _dismiss(self, why: Refusal) -> None:
         if self._participant is not None:
-            self._participant.close(why.words, why.code)
+            self._participant.close(why.message, why.code)
 
     def _join(self, outbox: Outbox, role: Role) -> None:
         if role == "participant":

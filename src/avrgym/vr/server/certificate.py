@@ -1,7 +1,6 @@
-"""A certificate of our own, so that headsets in the local network find a secure page.
+"""A self-signed certificate for headsets in the local network.
 
-Browsers show VR only on secure pages. The certificate is signed by nobody, so that a headset's browser asks once
-whether to trust it.
+Browsers allow WebXR only on secure pages. The browser of a headset asks once whether to trust the certificate.
 """
 
 import datetime
@@ -20,13 +19,13 @@ from avrgym.system.files import write_whole
 
 VALID_DAYS = 90
 RENEWED_BEFORE_DAYS = 14
-ELSEWHERE = "192.0.2.1"
-"""An address that is nobody's (RFC 5737): the way to it shows our own; nothing is sent."""
+DOCUMENTATION_ADDRESS = "192.0.2.1"
+"""An address that no host has (RFC 5737). The route to it reveals this computer's own address; nothing is sent."""
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """Files in PEM format, and the names and addresses that the certificate is for."""
+    """Files in PEM format, and the host names and addresses of the certificate."""
 
     certificate_file: Path
     key_file: Path
@@ -34,7 +33,7 @@ class Certificate:
 
 
 def lan_names() -> tuple[str, ...]:
-    """The address and the names under which machines of the local network reach this one."""
+    """This computer's address and host names in the local network."""
     host = socket.gethostname().partition(".")[0].lower()
     return (*_lan_addresses(), host, f"{host}.local")
 
@@ -42,7 +41,7 @@ def lan_names() -> tuple[str, ...]:
 def _lan_addresses() -> tuple[str, ...]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect((ELSEWHERE, 9))
+            probe.connect((DOCUMENTATION_ADDRESS, 9))
         except OSError:
             return ()
         address = probe.getsockname()[0]
@@ -50,7 +49,7 @@ def _lan_addresses() -> tuple[str, ...]:
 
 
 def certificate_for(names: Sequence[str], folder: Path) -> Certificate:
-    """The folder's certificate; a new one where there is none, it ends soon, or it is for other names."""
+    """The certificate in a folder. Creates a new one if it is missing, expires soon or has other names."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     found = certificate_in(folder, names)
     if reason_to_renew(found) is not None:
@@ -59,25 +58,25 @@ def certificate_for(names: Sequence[str], folder: Path) -> Certificate:
 
 
 def certificate_in(folder: Path, names: Sequence[str]) -> Certificate:
-    """Where a folder's certificate for these names lies, whether there is one or not."""
+    """The paths of a folder's certificate for these names; the files may be missing."""
     return Certificate(folder / "certificate.pem", folder / "key.pem", tuple(names))
 
 
 def reason_to_renew(wanted: Certificate) -> str | None:
-    """Why a new certificate has to be made; ``None`` where the one that is there serves."""
+    """Why a new certificate is needed; ``None`` if the present one is valid."""
     try:
         certificate = x509.load_pem_x509_certificate(wanted.certificate_file.read_bytes())
         key = serialization.load_pem_private_key(wanted.key_file.read_bytes(), None)
     except (OSError, ValueError):
         return "it or its key cannot be read"
     if certificate.public_key() != key.public_key():
-        return "its key is another's"
+        return "its key does not match"
     ends = certificate.not_valid_after_utc
     if ends <= datetime.timedelta(days=RENEWED_BEFORE_DAYS) + datetime.datetime.now(datetime.UTC):
-        return f"it ends on {ends:%Y-%m-%d}"
+        return f"it expires on {ends:%Y-%m-%d}"
     known = set(certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value)
     if not set(_alternative_names(wanted.names)) <= known:
-        return "it is for other names or addresses than this computer has now"
+        return "it lacks a present name or address of this computer"
     return None
 
 
@@ -97,12 +96,12 @@ def _make(wanted: Certificate) -> None:
 
 
 def _signed(key: ec.EllipticCurvePrivateKey, names: Sequence[str]) -> x509.Certificate:
-    whose = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "AVR Gym")])
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "AVR Gym")])
     now = datetime.datetime.now(datetime.UTC)
     return (
         x509.CertificateBuilder()
-        .subject_name(whose)
-        .issuer_name(whose)
+        .subject_name(subject)
+        .issuer_name(subject)
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - datetime.timedelta(days=1))

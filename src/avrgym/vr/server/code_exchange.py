@@ -1,4 +1,4 @@
-"""Where a headset's page exchanges a code for the link of the session at hand."""
+"""Endpoint at which the page on a headset exchanges a code for the link of the current session."""
 
 from collections.abc import Awaitable, Callable
 
@@ -12,13 +12,13 @@ MAX_BODY_BYTES = 1000
 
 
 class EnteredCode(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The digits that somebody entered."""
+    """The entered digits."""
 
     code: str
 
 
 def code_exchange(links: SessionLinks) -> Callable[[Request], Awaitable[Response]]:
-    """The endpoint that answers a right code with the token of the link."""
+    """The endpoint that returns the token of the link for a valid code."""
 
     async def exchange(request: Request) -> Response:
         entered = await _read(request)

@@ -1,4 +1,4 @@
-"""One connection: who is let in, what is read, what is sent."""
+"""One WebSocket connection: authentication, received messages, sent messages."""
 
 import asyncio
 import contextlib
@@ -35,14 +35,14 @@ from avrgym.vr.server.real_time_loop import RealTimeLoop, S
 _log = logging.getLogger("uvicorn.error")
 HELLO_TIMEOUT_S = 5.0
 TOKEN_CHECK_INTERVAL_S = 1.0
-"""Interval at which a connection's token is checked again: a revoked token closes the connection."""
+"""Interval at which the token of a connection is checked again. A revoked token closes the connection."""
 BURST, MESSAGES_PER_S = 1000, 250
-"""More than any headset sends: 144 frames a second, and those of seven seconds after a pause of the network."""
+"""More than a headset sends: 144 frames per second, and those of seven seconds after a network interruption."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One kind of connection: which roles it admits, and which messages it understands."""
+    """A type of connection: the roles that may open it and the messages that it accepts."""
 
     roles: tuple[Role, ...]
     decode: Callable[[bytes], Any]
@@ -50,40 +50,40 @@ class Channel:
 
     @property
     def types(self) -> str:
-        """The tags of the messages that it understands."""
+        """The tags of the accepted messages."""
         return ", ".join(kind.__struct_config__.tag for kind in get_args(self.union))
 
 
 class RateLimit:
-    """How fast a client may send: a headset's frames after a pause of the network come at once."""
+    """Token bucket that limits the messages of a client. It allows the burst after a network interruption."""
 
     def __init__(self) -> None:
         self._left, self._asked_s = float(BURST), 0.0
 
     def allows(self, now_s: float) -> bool:
-        """Whether one more message may come now."""
+        """Whether one more message is allowed now."""
         self._left = min(self._left + MESSAGES_PER_S * (now_s - self._asked_s), float(BURST)) - 1.0
         self._asked_s = now_s
         return self._left >= 0.0
 
     def __str__(self) -> str:
-        return f"{BURST} may come at once and {MESSAGES_PER_S} a second"
+        return f"the limits are {BURST} in a burst and {MESSAGES_PER_S} per second"
 
 
 class FrameTimes:
-    """When tracking frames pass, from their arrival to the sending of the first state that follows them."""
+    """Times of tracking frames, from their arrival to the sending of the first state computed from them."""
 
     def __init__(self) -> None:
         self._received_s: dict[int, float] = {}
 
-    def arrive(self, sequence: int) -> None:
-        """A frame of this number has come."""
+    def note_received(self, sequence: int) -> None:
+        """Note the arrival of a frame."""
         self._received_s[sequence] = time.monotonic()
         if len(self._received_s) > FRAMES_REMEMBERED:
             del self._received_s[next(iter(self._received_s))]
 
-    def leave(self, state: State, made_s: float) -> Passed | None:
-        """What to tell of the frame that a state follows which is sent now; nothing where one before followed it."""
+    def times_of(self, state: State, made_s: float) -> Passed | None:
+        """The times of the newest frame in a state that is sent now; ``None`` if an earlier state included it."""
         received_s = self._received_s.pop(state.tracking_sequence, None)
         if received_s is None:
             return None
@@ -94,7 +94,7 @@ FRAMES_REMEMBERED = 1000
 
 
 Record = Callable[[Caller, Any], None]
-"""Called with the hello of each watcher who connects, and with each command before it runs. Never waits."""
+"""Called with the hello of each watcher, and with each command before its execution. Must not block."""
 
 PARTICIPANT = Channel(("participant",), messages.decode_client, messages.ClientMessage)
 WATCHING = Channel(("experimenter", "spectator"), messages.decode_experimenter, messages.ExperimenterMessage)
@@ -109,7 +109,7 @@ async def serve_connection(
     loop: RealTimeLoop[S],
     record: Record,
 ) -> None:
-    """Serve one connection from its hello to its end."""
+    """Serve one connection until it closes."""
     await socket.accept()
     hello = await _authenticate(socket, channel, tokens, broadcast)
     caller = None if hello is None else tokens.caller(hello.token)
@@ -138,10 +138,10 @@ def _opens(tokens: Tokens, hello: Hello) -> bool:
 
 
 async def _until_revoked(socket: WebSocket, tokens: Tokens, hello: Hello, role: Role) -> None:
-    """Close the connection once its token opens nothing any more."""
+    """Close the connection when its token is revoked."""
     while _opens(tokens, hello):
         await asyncio.sleep(TOKEN_CHECK_INTERVAL_S)
-    ended = (LINK_ENDED.code, LINK_ENDED.words) if role == "participant" else (4403, _REVOKED)
+    ended = (LINK_ENDED.code, LINK_ENDED.message) if role == "participant" else (4403, _REVOKED)
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
         await socket.close(*ended)
 
@@ -149,13 +149,13 @@ async def _until_revoked(socket: WebSocket, tokens: Tokens, hello: Hello, role: 
 async def _authenticate(
     socket: WebSocket, channel: Channel, tokens: Tokens, broadcast: Broadcast
 ) -> Hello | None:
-    """The hello with a token of the channel; without one, the client receives the reason."""
+    """The hello with a valid token of the channel. Otherwise sends the reason and returns ``None``."""
     refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL}"
     hello = language = None
     try:
         hello = channel.decode(await asyncio.wait_for(socket.receive_bytes(), HELLO_TIMEOUT_S))
     except TimeoutError:
-        refusal = 4408, f"no hello came within {HELLO_TIMEOUT_S:g} s; connect again"
+        refusal = 4408, f"no hello was received within {HELLO_TIMEOUT_S:g} s; connect again"
     except (msgspec.DecodeError, KeyError, WebSocketDisconnect):
         pass
     if isinstance(hello, Hello) and hello.protocol != messages.PROTOCOL:
@@ -164,9 +164,9 @@ async def _authenticate(
         caller = tokens.caller(hello.token)
         if caller is None or caller.role not in channel.roles:
             why = tokens.refusal(hello.token)
-            refusal, language = (why.code, why.words), why.language
+            refusal, language = (why.code, why.message), why.language
         elif caller.role == "participant" and broadcast.taken:
-            refusal = 4409, "a participant is already connected; one at a time"
+            refusal = 4409, "a participant is already connected; only one is allowed"
         else:
             return hello
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
@@ -177,10 +177,9 @@ async def _authenticate(
     return None
 
 
-_REVOKED = "the token of this page was revoked; ask for another"
+_REVOKED = "the token of this page was revoked; ask the experimenter for a new one"
 _OTHER_VERSION = (
-    "this page speaks protocol {}, "
-    f"the server {messages.PROTOCOL}: reload the page, it is of another version"
+    f"this page uses protocol {{}}, the server protocol {messages.PROTOCOL}: reload the page to update it"
 )
 
 
@@ -191,7 +190,7 @@ async def _until_either(*directions: Coroutine[Any, Any, None]) -> None:
         task.cancel()
     for failure in await asyncio.gather(*tasks, return_exceptions=True):
         if isinstance(failure, Exception):
-            _log.error("a connection ends: %r", failure, exc_info=failure)
+            _log.error("a connection failed: %r", failure, exc_info=failure)
 
 
 async def _receive(
@@ -204,7 +203,7 @@ async def _receive(
     record: Record,
     opens: Callable[[], bool],
 ) -> None:
-    """Post what comes; nothing of a participant whose link has ended reaches the next session."""
+    """Pass received messages to the loop. Discards those of a participant whose link has expired."""
     rate_limit = RateLimit()
     with contextlib.suppress(WebSocketDisconnect):
         while True:
@@ -218,14 +217,16 @@ async def _receive(
                 continue
             message = _decode(frame.get("bytes"), channel, outbox.push)
             if isinstance(message, Hello):
-                outbox.push(Problem(message="a hello is said once"))
+                outbox.push(Problem(message="only the first message may be a hello"))
             elif isinstance(message, Receipt):
                 outbox.receipt(message.states)
             elif message is not None and caller.role == "spectator":
-                outbox.push(Problem(message="spectators only watch; the experimenter's address commands"))
+                outbox.push(
+                    Problem(message="spectators may send no commands; open the experimenter's address")
+                )
             elif message is not None:
                 if isinstance(message, Tracking):
-                    frame_times.arrive(message.sequence)
+                    frame_times.note_received(message.sequence)
                 if not holds_robot(message):
                     await _until(lambda: not loop.full)
                 if caller.role == "experimenter":
@@ -240,12 +241,12 @@ async def _until(condition: Callable[[], bool]) -> None:
 
 def _decode(data: bytes | None, channel: Channel, report: Callable[[Message], None]) -> Any:
     if data is None:
-        report(Problem(message=f"text is not understood; send MessagePack of type {channel.types}"))
+        report(Problem(message=f"a text frame was received; send MessagePack of type {channel.types}"))
         return None
     try:
         return channel.decode(data)
     except msgspec.DecodeError as error:
-        report(Problem(message=f"not a message ({error}); the types are {channel.types}"))
+        report(Problem(message=f"invalid message ({error}); the allowed types are {channel.types}"))
         return None
 
 
@@ -258,10 +259,10 @@ async def _send(socket: WebSocket, outbox: Outbox, frame_times: FrameTimes) -> N
                 if isinstance(message, Scene):
                     encoder.begin_scene()
                 if isinstance(message, State):
-                    passed = frame_times.leave(message, outbox.made_s)
+                    passed = frame_times.times_of(message, outbox.made_s)
                     if passed is not None:
                         await socket.send_bytes(messages.encode(passed))
                     message = encoder.encode(message)
                 await socket.send_bytes(messages.encode(message))
-        except ConnectionEnd as farewell:
-            await socket.close(farewell.code, str(farewell))
+        except ConnectionEnd as end:
+            await socket.close(end.code, str(end))

@@ -1,8 +1,8 @@
-"""The limiter of a server: which connections may stay, and for how long.
+"""Limits on connections that have presented no valid token.
 
-Whoever has shown no token is a stranger. Strangers are few at a time, in all and from one address: where one is too
-many, the one that has been silent longest goes. So newcomers are let in, and nobody who has shown a token makes room
-for them. What says nothing, or takes too long over a handshake, a request or an answer, is closed.
+Their number is limited, in total and for each address. Above the limit the one that has been idle longest is closed.
+Authenticated connections are never closed to make room. Connections time out that send no request, or take too long
+for a handshake, a request or a response.
 """
 
 import asyncio
@@ -22,30 +22,30 @@ from avrgym.vr.server.authentication import Tokens
 
 MAX_UNAUTHENTICATED = 256
 FILE_HANDLE_DIVISOR = 4
-"""Strangers take at most this part of the file handles that the process may have."""
+"""Unauthenticated connections use at most one in this many of the process's file handles."""
 ADDRESS_DIVISOR = 4
-"""Those of one address are at most this part of all; not on this machine, whose own address all share by a cable."""
+"""One address may have one in this many of them. The loopback address is exempt: USB headsets share it."""
 MAX_PER_ROLE = 64
-"""How many connections may have shown the token of one role; more of them stay unauthenticated."""
+"""Maximum number of authenticated connections of one role. Further ones count as unauthenticated."""
 TLS_TIMEOUT_S = 5.0
-"""How long TLS may take."""
+"""Timeout of the TLS handshake."""
 IDLE_TIMEOUT_S = 10.0
-"""How long a connection may stay without a whole request, at its beginning as after an answer."""
+"""Timeout without a complete request, at the start and after a response."""
 RESPONSE_TIMEOUT_S = 60.0
-"""How long a stranger may take over a request, and anybody over taking in an answer."""
+"""Timeout for an unauthenticated request, and for the reception of any response."""
 SWEEP_INTERVAL_S = 0.5
 OUT_OF_HANDLES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 ACCEPT_RETRY_S = 0.05
-"""Between attempts to accept, where there is no file handle for another connection."""
+"""Delay before the next attempt to accept a connection when no file handle is free."""
 
 MakeProtocol = Callable[[], asyncio.Protocol]
 
 
 class Connection:
-    """One connection from its acceptance to its end.
+    """One connection.
 
-    ``role``: whose token has been shown by it. ``busy``: a request is being answered, or a WebSocket is open.
-    ``active_s``: when the latest whole request came or its answer was over.
+    ``role``: that of its token, ``None`` while unauthenticated. ``busy``: a request is in progress, or a WebSocket is
+    open. ``active_s``: the time of the latest complete request or response.
     """
 
     def __init__(self, accepted: socket.socket, host: str) -> None:
@@ -59,12 +59,12 @@ class Connection:
 
     @property
     def open(self) -> bool:
-        """Whether it still holds a file handle."""
+        """Whether its socket is open."""
         return self._socket.fileno() >= 0
 
     @property
     def timed_out(self) -> bool:
-        """Whether it has taken longer than it may."""
+        """Whether it has exceeded its timeout."""
         silent_s = time.monotonic() - self.active_s
         closing = self._transport is not None and self._transport.is_closing()
         if self.busy:
@@ -76,11 +76,11 @@ class Connection:
         return self._transport.get_write_buffer_size() if self._transport is not None else 0
 
     def note_activity(self, *, busy: bool) -> None:
-        """A whole request has come, or its answer is over."""
+        """Note a complete request (``busy``) or the end of its response."""
         self.active_s, self.busy = time.monotonic(), busy
 
     def begin(self, make_protocol: MakeProtocol, tls: ssl.SSLContext | None) -> None:
-        """Agree on TLS, where that is served, and hand over to a protocol."""
+        """Start the TLS handshake, if any, and the protocol."""
         self._handshake = asyncio.create_task(self._handshake_tls(make_protocol, tls))
 
     async def _handshake_tls(self, make_protocol: MakeProtocol, tls: ssl.SSLContext | None) -> None:
@@ -90,7 +90,7 @@ class Connection:
             )
 
     def end(self) -> None:
-        """Close it at once."""
+        """Close it immediately."""
         if self._transport is not None:
             self._transport.abort()
         elif self._handshake is not None:
@@ -98,7 +98,7 @@ class Connection:
 
 
 class ConnectionLimiter:
-    """Accepts the connections of a socket that listens."""
+    """Accepts the connections of a listening socket and enforces the limits."""
 
     def __init__(self, listener: socket.socket, tokens: Tokens) -> None:
         self.listener = listener
@@ -107,7 +107,7 @@ class ConnectionLimiter:
         self._max_unauthenticated = min(MAX_UNAUTHENTICATED, max_open_files() // FILE_HANDLE_DIVISOR)
 
     async def open(self, make_protocol: MakeProtocol, tls: ssl.SSLContext | None) -> None:
-        """Let connections in until cancelled."""
+        """Accept connections until cancelled."""
         self.listener.setblocking(False)
         sweeping = asyncio.create_task(self._sweep())
         try:
@@ -117,7 +117,7 @@ class ConnectionLimiter:
             sweeping.cancel()
 
     def middleware(self, app: ASGIApp) -> ASGIApp:
-        """An application that lets the limiter see whose requests it answers."""
+        """The application with a middleware that notes the activity and the tokens of its connections."""
 
         async def limited(scope: Scope, receive: Receive, send: Send) -> None:
             connection = self._connection(scope)
@@ -136,7 +136,7 @@ class ConnectionLimiter:
         return limited
 
     def authenticate(self, scope: Scope, role: Role) -> None:
-        """By the connection of this request or socket the token of a role has been shown."""
+        """Note that the connection of this request or WebSocket has presented the token of a role."""
         connection = self._connection(scope)
         if connection is None:
             return
@@ -158,7 +158,7 @@ class ConnectionLimiter:
         connection = self._connections[address] = Connection(accepted, address[0])
         connection.begin(make_protocol, tls)
         self._enforce_limits(connection.host)
-        await asyncio.sleep(0)  # whatever else is to be done comes between two newcomers
+        await asyncio.sleep(0)  # lets other tasks run between two connections
 
     def _enforce_limits(self, host: str) -> None:
         self._forget_closed()
@@ -185,7 +185,7 @@ class ConnectionLimiter:
 
 
 def _close_longest_idle(connections: list[Connection]) -> None:
-    """End the one that has been silent longest; those that are being answered come last."""
+    """Close the connection that has been idle longest; busy ones come last."""
     if connections:
         min(connections, key=lambda each: (each.busy, each.active_s)).end()
 
@@ -195,10 +195,10 @@ def _is_own(host: str) -> bool:
 
 
 def max_open_files() -> int:
-    """How many files and sockets the system lets this process hold at a time."""
+    """Maximum number of open files and sockets of this process."""
     try:
         import resource
-    except ImportError:  # Windows, which sets no such limit for sockets
+    except ImportError:  # Windows has no such limit for sockets
         return FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED if soft == resource.RLIM_INFINITY else soft

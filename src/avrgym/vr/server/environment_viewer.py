@@ -1,4 +1,4 @@
-"""An environment on show: episode after episode, live in the browser, with nobody taking part."""
+"""Viewer of an environment: simulates episodes and streams them to a browser, without a participant."""
 
 from typing import Literal
 
@@ -18,14 +18,13 @@ from avrgym.vr.session.reporting import STATUS_EVERY_TICKS
 
 LOOK_AT_END_S = 2.0
 LOADING_S = 15.0
-"""How long an episode waits for a client to draw its scene; without a client it goes on."""
+"""Maximum time that an episode waits for a client to load its scene."""
 
 
 class EnvironmentViewer:
-    """Runs like a session: ticks at 100 Hz and talks to whoever watches. ``scenes`` are those it told of.
+    """Simulates episode after episode at 100 Hz; implements ``Runnable``.
 
-    An experimenter's page pauses it, continues, and goes on to the next episode; it drives where the policy is
-    ``operator``.
+    The page can pause, continue and skip to the next episode. With the policy ``operator`` it drives the robot.
     """
 
     def __init__(
@@ -37,14 +36,14 @@ class EnvironmentViewer:
         send: Send,
         impairment: str = "none",
     ) -> None:
-        """Compile the scene and begin the first episode.
+        """Compile the scene and start the first episode.
 
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
-            policy: whatever ``policies.registry.find_for_session`` finds.
+            policy: any name that ``policies.registry.find_for_session`` accepts.
             people: whom to meet, a name in ``people.distributions.NAMED_DISTRIBUTIONS`` or a file of people.
-            seed: of the first episode; each later one takes the next.
-            send: takes every message for the client.
+            seed: of the first episode; incremented for each later one.
+            send: receives all messages for clients.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
 
         Raises:
@@ -67,7 +66,7 @@ class EnvironmentViewer:
         return self._paused or self._phase != "running"
 
     def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
-        """Tell a client that has just connected where things stand."""
+        """Send the current state to a new connection."""
         name = self._episodes.environment_id
         send(messages.Welcome(messages.PROTOCOL, name, role, haptics=False, sounds=True))
         send(self._scene())
@@ -75,7 +74,7 @@ class EnvironmentViewer:
         send(self._status())
 
     def receive(self, message: Received, now_s: float) -> None:
-        """Take a message of a page; what belongs to sessions alone changes nothing."""
+        """Handle a message of a page; ignores messages that only sessions use."""
         match message:
             case messages.SceneWatched() if message.url == self._scene().url and self._phase == "loading":
                 self._run()
@@ -102,11 +101,11 @@ class EnvironmentViewer:
             self._send(self._status())
 
     def close(self, now_s: float) -> None:
-        """Nothing is kept."""
+        """Release the policy; nothing is stored."""
         self._driver.close()
 
     def _begin(self) -> None:
-        """Begin the next episode; it runs as soon as a client draws its scene."""
+        """Prepare the next episode. It starts when a client has loaded its scene."""
         generator = np.random.default_rng(self._seed)
         self._seed += 1
         self._episodes.begin(np.array([0]), [generator])

@@ -1,4 +1,4 @@
-"""HTTP and WebSockets as uvicorn speaks them, where it would answer without headers, late, or take in without end."""
+"""uvicorn's HTTP and WebSocket protocols, with security headers on refusals and limits on fragmented messages."""
 
 from typing import Any
 
@@ -11,17 +11,17 @@ from websockets.http11 import Response
 from avrgym.vr.server.response_headers import headers
 
 MAX_FRAGMENTS = 64
-"""How many frames a message may come in: browsers send one."""
+"""Maximum number of frames of a message. Browsers send one."""
 
 LINGER_S = 1.0
-"""How long a refused client may still send before the connection is closed."""
+"""Delay between the refusal of a client and the closing of its connection."""
 
 
 class HttpProtocol(H11Protocol):
-    """HTTP/1.1 whose refusals of what is no request carry the headers of every answer."""
+    """HTTP/1.1 that sends the security headers with responses to malformed requests."""
 
     def send_400_response(self, msg: str) -> None:
-        """Refuse what was received, unless an answer has begun, and close."""
+        """Send a 400 response, unless a response has begun, and close the connection."""
         if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
             self.transport.write(self._refusal(msg))
         self.transport.close()
@@ -37,7 +37,7 @@ class HttpProtocol(H11Protocol):
 
 
 class WebSocketProtocol(WebSocketsSansIOProtocol):
-    """WebSockets whose refusals reach the client: of handshakes with the headers of all answers."""
+    """WebSockets whose refusals reach the client, with the security headers."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -45,23 +45,23 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self.conn.reject = self._refusal  # pyright: ignore[reportAttributeAccessIssue]
 
     def data_received(self, data: bytes) -> None:
-        """Take in what came; answer what cannot begin a WebSocket."""
+        """Process received data; respond to an invalid handshake."""
         super().data_received(data)
         if self.conn.handshake_exc is not None and not self.transport.is_closing():
             self.transport.write(b"".join(self.conn.data_to_send()))
             self.transport.close()
 
     def handle_cont(self, event: Frame) -> None:
-        """Take in a frame that continues a message, but not without end."""
+        """Process a continuation frame, up to the maximum number."""
         super().handle_cont(event)
         if len(self.frames) > MAX_FRAGMENTS:
-            self.conn.fail(CloseCode.MESSAGE_TOO_BIG, f"a message comes in at most {MAX_FRAGMENTS} frames")
+            self.conn.fail(CloseCode.MESSAGE_TOO_BIG, f"a message may have at most {MAX_FRAGMENTS} frames")
             self.handle_parser_exception()
 
     def handle_parser_exception(self) -> None:
-        """Say why no more is taken in, and drop what still comes for a while.
+        """Send the reason for closing, and discard further data for a while.
 
-        Were the connection closed at once, the system would throw away what the client has not yet read.
+        If the connection closed immediately, the system would discard the reason before the client reads it.
         """
         if self.close_sent or self.conn.close_sent is None:
             return

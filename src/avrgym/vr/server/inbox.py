@@ -1,4 +1,4 @@
-"""What waits for the next tick: in order, but nothing delays what holds the robot, and the newest tracking counts."""
+"""Messages that wait for the next tick. Messages that hold the robot come first; old tracking frames are dropped."""
 
 import threading
 from collections import deque
@@ -10,23 +10,23 @@ from avrgym.vr.protocol.messages import Disconnected, Received
 
 MESSAGES_PER_TICK = 64
 MESSAGE_TIME_S = 0.002
-"""How long a tick takes messages for; what is left waits for the next one."""
+"""Maximum time of a tick for messages. The rest wait for the next tick."""
 MAX_TRACKING_FRAMES = 100
-"""How many tracking frames may wait; of more the oldest are dropped."""
+"""Maximum number of waiting tracking frames. Above it the oldest are dropped."""
 MAX_WAITING_MESSAGES = 2000
-"""How many messages may wait in all; then their senders wait too."""
+"""Maximum number of waiting messages. Above it their senders wait."""
 
 
 @dataclass(frozen=True)
 class NewConnection:
-    """Somebody has connected in a role and is to be told where things stand."""
+    """A client has connected in a role and needs the current state of the session."""
 
     send: messages.Send
     role: messages.Role
 
 
 class Inbox:
-    """Messages from any thread for the one that ticks."""
+    """Thread-safe queue of messages for the simulation's thread."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -36,15 +36,15 @@ class Inbox:
 
     @property
     def full(self) -> bool:
-        """Whether so much waits that senders should too."""
+        """Whether senders must wait."""
         return len(self._waiting) >= MAX_WAITING_MESSAGES
 
     def put(self, message: Received | NewConnection) -> None:
-        """Add a message behind all others, one that holds the robot before them.
+        """Add a message at the end, or at the front if it holds the robot.
 
         A loss of visibility is handled immediately and again in order, because an earlier message may report the
-        opposite.
-        If a participant disconnects while more waits than a tick takes, their other messages are discarded.
+        opposite. If a participant disconnects while more messages wait than a tick handles, their messages are
+        discarded.
         """
         with self._lock:
             if holds_robot(message):
@@ -60,7 +60,7 @@ class Inbox:
                 self._frames += isinstance(message, messages.Tracking)
 
     def take(self) -> Received | NewConnection | None:
-        """The message to handle next, if one waits."""
+        """Remove and return the next message; ``None`` if no message waits."""
         with self._lock:
             if self._urgent:
                 return self._urgent.popleft()
@@ -75,7 +75,7 @@ class Inbox:
 
 
 def holds_robot(message: object) -> bool:
-    """Whether a message holds the robot immediately: a stop, or that the participant no longer sees the scene."""
+    """Whether a message holds the robot immediately: a stop, or a loss of visibility."""
     return is_stop(message) or (
         isinstance(message, messages.VisibilityChanged) and message.visibility != "visible"
     )

@@ -1,4 +1,4 @@
-"""The VR server: serves the client's pages, the scenes, and the WebSockets of participant and watchers."""
+"""The VR server: the client's pages, the scenes, and the WebSockets of participant and watchers."""
 
 import gc
 import secrets
@@ -26,7 +26,7 @@ from avrgym.vr.server.session_links import SessionLinks
 from avrgym.vr.server.web_server import STATIC, ServerError, WebServer, check_page, listen
 
 SWITCH_INTERVAL_S = 0.0001
-"""How long a thread may keep the others waiting: Python's own 5 ms would be half of a tick."""
+"""Python's thread switch interval. The default of 5 ms is half of a tick."""
 
 
 def create_app(
@@ -35,7 +35,7 @@ def create_app(
     tokens: Tokens,
     limiter: ConnectionLimiter,
     hosts: list[str],
-    renderer: SceneExporter,
+    exporter: SceneExporter,
     record: Record,
     study: FastAPI | None = None,
     links: SessionLinks | None = None,
@@ -43,17 +43,17 @@ def create_app(
     """The web application of one session.
 
     Args:
-        loop: the simulation that runs.
-        broadcast: where its messages go.
-        tokens: what clients must present.
-        limiter: admits connections, and receives their roles.
-        hosts: the host names under which the server may be addressed.
-        renderer: renders the scenes.
+        loop: the running simulation.
+        broadcast: sends its messages to the connections.
+        tokens: authenticate clients.
+        limiter: limits connections.
+        hosts: allowed host names of requests.
+        exporter: exports the scenes.
         record: called with watchers and their commands.
-        study: what the experimenter's dashboard reads and does.
-        links: those of a study's participants, for which codes are exchanged.
+        study: the API of the experimenter's dashboard.
+        links: links of a study's participants, for the exchange of codes.
     """
-    start = secrets.token_hex(8)  # tokens outlast a restart, and scenes begin at 0 again
+    start = secrets.token_hex(8)  # distinguishes scenes of this start from those of an earlier one
     app = FastAPI(openapi_url=None)
     app.add_middleware(SameOriginOnly)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
@@ -61,7 +61,7 @@ def create_app(
     @app.get("/scenes/{number}.glb")
     async def scene(number: int, request: Request) -> Response:
         if tokens.bearer(request.headers) is None:
-            raise HTTPException(401, "the address of this page lacks the session's token")
+            raise HTTPException(401, "the request has no valid token")
         known, version = loop.session.scenes, f'"{start}-{number}"'
         if not 0 <= number < len(known):
             raise HTTPException(404, f"no scene {number}; there are {len(known)}")
@@ -69,9 +69,9 @@ def create_app(
         if request.headers.get("if-none-match") == version:
             return Response(status_code=304, headers=caching)
         try:
-            glb = await renderer.glb(number, *known[number])
-        except Exception as error:  # whatever happened in the other process
-            raise HTTPException(500, f"scene {number} cannot be rendered: {error!r}") from error
+            glb = await exporter.glb(number, *known[number])
+        except Exception as error:  # any error of the export process
+            raise HTTPException(500, f"scene {number} cannot be exported: {error!r}") from error
         return Response(glb, media_type="model/gltf-binary", headers=caching)
 
     @app.websocket("/ws")
@@ -101,7 +101,7 @@ def create_app(
 
 
 class LiveServer(Generic[S]):
-    """A session with its loop and its web server, as a context manager; ``port`` 0 takes a free one."""
+    """A session with its loop and its web server, as a context manager."""
 
     def __init__(
         self,
@@ -114,21 +114,21 @@ class LiveServer(Generic[S]):
         record: Callable[[S, Caller, Any], None] = lambda session, caller, message: None,
         links: SessionLinks | None = None,
     ) -> None:
-        """Bind the port and make the session.
+        """Bind the port and create the session.
 
         Args:
-            make_session: makes the session from the function that sends its messages.
-            host: the address to listen on; without a certificate only this machine's own.
-            port: the port to listen on.
-            certificate: for TLS, with the names under which other machines reach this one.
-            study: makes what the experimenter's dashboard reads and does from tokens and session; see
+            make_session: creates the session; its argument is the function that sends messages.
+            host: the address to listen on; without a certificate only a loopback address.
+            port: the port to listen on; 0 selects a free one.
+            certificate: for TLS, with the host names of this computer.
+            study: creates the API of the experimenter's dashboard from tokens and session; see
                 ``study.dashboard.application``.
-            tokens: what clients must present, fresh ones unless given.
-            record: called with the hello of each watcher who connects, and with each of their commands.
-            links: those of a study's participants, which ``tokens`` let in; a participant leaves when theirs ends.
+            tokens: authenticate clients; new ones by default.
+            record: called with the hello of each watcher, and with each of their commands.
+            links: links of a study's participants. A participant is disconnected when the link expires.
 
         Raises:
-            ServerError: when the client is not built or the port cannot be had.
+            ServerError: when the client is not built or the port is not available.
         """
         check_page("index.html")
         listener = listen(host, port, certificate)
@@ -143,31 +143,31 @@ class LiveServer(Generic[S]):
         except BaseException:
             listener.close()
             raise
-        self._renderer = SceneExporter()
+        self._exporter = SceneExporter()
         hosts = [*LOOPBACK, *(certificate.names if certificate else ())]
         pages = study(self.tokens, self.session) if study else None
         limiter = ConnectionLimiter(listener, self.tokens)
         of_session = partial(record, self.session)
         self.app = create_app(
-            self.loop, broadcast, self.tokens, limiter, hosts, self._renderer, of_session, pages, links
+            self.loop, broadcast, self.tokens, limiter, hosts, self._exporter, of_session, pages, links
         )
         self._web = WebServer(self.app, limiter, certificate)
 
     @property
     def session(self) -> S:
-        """The session that it serves."""
+        """The session."""
         return self.loop.session
 
     @property
     def url(self) -> str:
-        """The address of the participant's page on this machine.
+        """The address of the participant's page on this computer.
 
-        Tokens stand in the fragment, which browsers do not send.
+        The token is in the fragment, which browsers do not send.
         """
         return self.urls()[0]
 
     def urls(self, page: str = "", token: str | None = None) -> list[str]:
-        """The addresses of a page, first this machine's own, then those in the local network."""
+        """The addresses of a page: first the loopback address, then those in the local network."""
         names = ["localhost"] if self.host in (*LOOPBACK, EVERY_ADDRESS) else []
         names += self.certificate.names if self.certificate else ()
         scheme = "https" if self.certificate else "http"
@@ -176,13 +176,13 @@ class LiveServer(Generic[S]):
         ]
 
     def pages(self) -> list[str]:
-        """The addresses of the participant's page without a token, where a code leads to the link of a session."""
+        """The addresses of the participant's page without a token. There a code opens the link of a session."""
         return [url.partition("#")[0] for url in self.urls()]
 
     def __enter__(self) -> "LiveServer[S]":
         gc.collect()
-        gc.freeze()  # what stays for the whole session need not be looked through while it runs
-        gc.disable()  # the loop collects where nothing moves
+        gc.freeze()  # excludes permanent objects from later collections
+        gc.disable()  # the loop collects garbage at rest
         self._switch_interval_s = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         self.loop.start()
@@ -193,7 +193,7 @@ class LiveServer(Generic[S]):
         self._broadcast.close_all("the server has stopped")
         self._web.stop()
         self.loop.stop()
-        self._renderer.close()
+        self._exporter.close()
         sys.setswitchinterval(self._switch_interval_s)
         gc.enable()
         gc.unfreeze()
@@ -201,14 +201,14 @@ class LiveServer(Generic[S]):
             raise ServerError(str(self.loop.error)) from self.loop.error
 
     def export_next_scene(self) -> None:
-        """Have the newest scene rendered before a browser asks for it, or all made ready where there is none yet."""
+        """Export the newest scene before a browser requests it. Without a scene, only start the export process."""
         scenes = self.session.scenes
         if scenes:
-            self._renderer.render(len(scenes) - 1, *scenes[-1])
+            self._exporter.export(len(scenes) - 1, *scenes[-1])
         else:
-            self._renderer.start()
+            self._exporter.start()
 
     def wait(self) -> None:
-        """Wait until the server ends or the simulation fails."""
+        """Wait until the server stops or the simulation fails."""
         while self._web.running and self.loop.error is None:
             self._web.wait(0.5)

@@ -1,4 +1,4 @@
-"""The real-time control loop: a thread that ticks a session at 100 Hz, whatever the network does."""
+"""The real-time control loop: a thread that ticks a session at 100 Hz, independent of the network."""
 
 import gc
 import os
@@ -19,17 +19,17 @@ from avrgym.vr.server.inbox import MESSAGE_TIME_S, MESSAGES_PER_TICK, Inbox, New
 
 TIMING_EVERY_TICKS = 100
 GARBAGE_COLLECTION_INTERVAL_S = 10.0
-"""How often garbage is collected, where it pauses nothing that moves: the collector itself would choose any tick."""
+"""Interval of garbage collections, which run only at rest. Automatic collection could delay any tick."""
 CATCH_UP_TICKS = 5
-"""How far the loop may run behind before it gives up the lost ticks instead of hurrying after them."""
+"""Maximum backlog that the loop catches up. Beyond it, ticks are skipped."""
 MAX_LATE_TICKS = 10_000
 PRIORITY = 10
-"""That of the loop's thread among the system's real-time ones, 1 to 99."""
+"""Real-time priority of the loop's thread (``SCHED_FIFO``, 1 to 99)."""
 
 
 @dataclass(frozen=True)
 class LateTick:
-    """A tick that ended after the next one was due, on the system's monotonic clock; ``lost`` more were given up."""
+    """A tick that ended after the next one was due (monotonic clock). ``lost``: ticks skipped after it."""
 
     due_s: float
     ended_s: float
@@ -37,24 +37,24 @@ class LateTick:
 
 
 class Runnable(Protocol):
-    """What a loop can run and a server can serve: a participant's session, or an environment on show."""
+    """A session of a participant, or an environment viewer: run by the loop, served by the server."""
 
     @property
     def scenes(self) -> Sequence[tuple[str, Person]]:
-        """Environment and person of each scene that a client was told of, by the number in its address."""
+        """Environment and person of each scene; the index is the number in the scene's address."""
         ...
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves, so that some milliseconds more or less harm nobody."""
+        """Whether nothing moves, so that a tick may be some milliseconds late."""
         ...
 
     def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
-        """Tell a client that has just connected where things stand."""
+        """Send the current state to a new connection."""
         ...
 
     def receive(self, message: Received, now_s: float) -> None:
-        """Take a message of a client."""
+        """Handle a message of a client."""
         ...
 
     def tick(self, now_s: float) -> None:
@@ -70,13 +70,13 @@ S = TypeVar("S", bound=Runnable)
 
 
 class RealTimeLoop(Generic[S]):
-    """Owns a session while it runs: after ``start`` only its thread touches it.
+    """Runs a session in a thread; after ``start`` only this thread accesses the session.
 
-    ``late`` are the latest ticks that ended after the next one was due, ``missed_ticks`` counts those given up.
+    ``late``: the most recent late ticks. ``missed_ticks``: the number of skipped ticks.
     """
 
     def __init__(self, session: S, send: Send = lambda message: None) -> None:
-        """``send`` takes, once a second, what the ticks took."""
+        """``send`` receives the durations of the ticks once a second."""
         self.session = session
         self.missed_ticks = 0
         self.late: deque[LateTick] = deque(maxlen=MAX_LATE_TICKS)
@@ -89,25 +89,25 @@ class RealTimeLoop(Generic[S]):
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
 
     def start(self) -> None:
-        """Begin to tick."""
+        """Start the thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """End the session and the thread; a running trial is kept as interrupted."""
+        """End the session and the thread. A running trial is stored as interrupted."""
         self._stopping.set()
         self._thread.join()
 
     @property
     def full(self) -> bool:
-        """Whether so many messages wait that their sender should too."""
+        """Whether senders must wait."""
         return self._inbox.full
 
     def post(self, message: Received) -> None:
-        """Hand over a message from any thread; see ``Inbox``."""
+        """Pass a message to the session from any thread; see ``Inbox``."""
         self._inbox.put(message)
 
     def welcome(self, send: Send, role: messages.Role) -> None:
-        """Have the session tell a new connection where things stand."""
+        """Let the session send its current state to a new connection."""
         self._inbox.put(NewConnection(send, role))
 
     def _run(self) -> None:
@@ -132,7 +132,7 @@ class RealTimeLoop(Generic[S]):
             self.error = self.error or error
 
     def _take_messages(self, now_s: float) -> None:
-        """Handle what waits, as far as there is time in a tick."""
+        """Handle waiting messages within the time limit of a tick."""
         ends_s = time.monotonic() + MESSAGE_TIME_S
         for _ in range(MESSAGES_PER_TICK):
             message = self._inbox.take()
@@ -158,7 +158,7 @@ class RealTimeLoop(Generic[S]):
             gc.collect()
 
     def _wait(self, due: float) -> float:
-        """Sleep until the next tick is due; return when it is due, moved on if the loop fell far behind."""
+        """Sleep until the next tick is due. Returns the due time, later by the skipped ticks."""
         late = time.monotonic() - due
         if late < 0.0:
             time.sleep(-late)
@@ -170,20 +170,20 @@ class RealTimeLoop(Generic[S]):
 
 
 def _clock_s() -> float:
-    """Seconds on a clock that goes on while the machine sleeps, as Python's own does on Windows alone."""
+    """Seconds on a clock that continues during suspend. ``time.monotonic`` does so only on Windows."""
     clock = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
     return time.monotonic() if clock is None else time.clock_gettime(clock)
 
 
 def use_real_time_priority() -> bool:
-    """Have the system run this thread before all ordinary ones, where it can and may; whether it does.
+    """Give this thread real-time priority. Returns whether the system permits it.
 
-    Linux lets root and whoever has a limit ``rtprio``. On a single processor the others would wait for every tick.
+    Requires Linux, and root or the limit ``rtprio``. On a single processor it would block all other threads.
     """
     if sys.platform != "linux" or len(os.sched_getaffinity(0)) == 1:
         return False
     try:
-        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK  # threads that it starts are ordinary ones
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK  # child threads have normal priority
         os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
     except OSError:
         return False

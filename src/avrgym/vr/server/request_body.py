@@ -1,4 +1,4 @@
-"""The JSON body of a request, of limited size."""
+"""JSON bodies of requests, of limited size."""
 
 from fastapi import HTTPException, Request
 
@@ -15,5 +15,5 @@ async def posted_json(request: Request, most_bytes: int) -> bytearray:
     async for chunk in request.stream():
         data += chunk
         if len(data) > most_bytes:
-            raise HTTPException(413, f"that is too long; allowed: {most_bytes} bytes")
+            raise HTTPException(413, f"the request is too long; at most {most_bytes} bytes are allowed")
     return data

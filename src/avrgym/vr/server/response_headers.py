@@ -1,4 +1,4 @@
-"""What every answer of a server carries, and what becomes of failures that nobody foresaw."""
+"""Security headers of all responses, and the response to unexpected errors."""
 
 import logging
 import traceback
@@ -12,26 +12,26 @@ from starlette.websockets import WebSocketDisconnect
 
 PACKAGE = str(Path(__file__).parents[2])
 FRAMED_PAGE = "/spectator"
-"""The one page that may be framed, by the dashboard."""
+"""The only page that may be in a frame: that of the dashboard."""
 BUILT_FILES = "/assets/"
-"""Files whose names change with what is in them."""
+"""Files whose names contain a hash of their content."""
 CONTENT_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self' blob:; "
     "frame-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors {ancestors}; "
     "trusted-types avrgym; require-trusted-types-for 'script'"
 )
-"""Pages load and reach nothing but this server, and make no markup from texts; scenes bring pictures as blobs."""
+"""Pages load only from this server and create no HTML from text. Scenes contain textures as blobs."""
 PERMISSIONS = (
     "xr-spatial-tracking=(self), camera=(), display-capture=(), geolocation=(), microphone=(), payment=()"
 )
 INTERNAL_ERROR = 1011
-"""A WebSocket's closing code (RFC 6455) where the server failed."""
+"""Closing code of a WebSocket after an error of the server (RFC 6455)."""
 
 _log = logging.getLogger(__name__)
 
 
 def headers(path: str) -> dict[str, str]:
-    """The headers of whatever is answered to a request for a path; those of the answer itself come first."""
+    """The headers of the response to a request for a path. Headers that the response sets itself take precedence."""
     ancestors, frames = ("'self'", "SAMEORIGIN") if path == FRAMED_PAGE else ("'none'", "DENY")
     return {
         "content-security-policy": CONTENT_POLICY.format(ancestors=ancestors),
@@ -46,10 +46,10 @@ def headers(path: str) -> dict[str, str]:
 
 
 class ResponseHeaders:
-    """Gives every answer of an application its headers.
+    """Middleware that adds the headers to every response.
 
-    A failure is a plain 500 for the client, and one line in the log that says which kind and where, but repeats
-    nothing of what was sent.
+    An unexpected error becomes a plain 500 response and one log line with its type and location. The line contains
+    nothing of the request, which may hold a token or a name.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -72,14 +72,14 @@ class ResponseHeaders:
 
 
 class _Response:
-    """One answer, sent with its headers."""
+    """One response, sent with its headers."""
 
     def __init__(self, scope: Scope, receive: Receive, send: Send) -> None:
         self._scope, self._receive, self._send = scope, receive, send
         self._begun = False
 
     async def send(self, message: Message) -> None:
-        """Send a part of it; a WebSocket that is closed before it was open is refused as a request is."""
+        """Send one message of the response. Reject a WebSocket that closes before it opens as an HTTP request."""
         if message["type"] == "websocket.close" and not self._begun:
             await self._refuse("no WebSocket opens here", 403)
             return
@@ -89,8 +89,8 @@ class _Response:
         await self._send(message)
 
     async def fail(self) -> None:
-        """Tell the client that the server failed, as far as it can still be told."""
-        with suppress(OSError, RuntimeError):  # the client is gone, or the answer is over
+        """Report the error to the client if the response is not complete."""
+        with suppress(OSError, RuntimeError):  # the client has disconnected, or the response is complete
             if not self._begun:
                 await self._refuse("Internal Server Error", 500)
             elif self._scope["type"] == "websocket":
@@ -111,8 +111,8 @@ def _completed(given: list[tuple[bytes, bytes]], path: str, status: int) -> list
 
 
 def _describe(error: Exception) -> str:
-    """Kind and place of a failure, without its words, which may repeat a token or a name."""
-    walked = list(traceback.walk_tb(error.__traceback__))[1:]  # the first place is where it was caught
+    """Type and location of an error, without its message, which may contain a token or a name."""
+    walked = list(traceback.walk_tb(error.__traceback__))[1:]  # the first frame caught the error
     frames = [(frame.f_code.co_filename, line) for frame, line in walked]
     own = [place for place in frames if place[0].startswith(PACKAGE)]
     file, line = (own or frames)[-1]

@@ -1,7 +1,8 @@
-"""Links of participants: one for each session, which ends with it, and short codes that a headset's page exchanges.
+"""Links of participants, and short codes for headsets.
 
-A link is a random token in the address of the participant's page. Only its checksum is stored. Headsets have no
-keyboard, so their page also takes a code: six digits, valid for minutes and once, with few wrong ones a minute.
+A link is a random token in the address of the participant's page. Each session has its own link, which expires with
+the session. Only its checksum is stored. Headsets have no keyboard, so their page also accepts a code of six digits.
+A code is valid once and for some minutes, and the number of wrong codes per minute is limited.
 """
 
 import hashlib
@@ -18,11 +19,11 @@ LINK_BYTES = 16
 CODE_DIGITS = 6
 CODE_VALID_S = 300.0
 MAX_WRONG_CODES, WRONG_CODE_WINDOW_S = 10, 60.0
-"""Wrong codes are allowed up to a number in this time: guessing takes three weeks on average."""
+"""Maximum number of wrong codes within a time. Guessing a code takes three weeks on average."""
 
 
 class CodeError(ValueError):
-    """A code that is wrong, used or expired."""
+    """A code is wrong, used or expired."""
 
 
 class TooManyCodes(CodeError):
@@ -41,7 +42,7 @@ def link_sha256(link: str) -> str:
 
 @dataclass(frozen=True)
 class _CurrentLink:
-    """The link of the session at hand, and the language of its participant."""
+    """The link of the current session, and the language of its participant."""
 
     link: str
     sha256: str
@@ -58,13 +59,13 @@ class _Code:
 
 
 class SessionLinks:
-    """The link of the session at hand, if one runs, and the links that have ended.
+    """The link of the current session, if any, and expired links. Thread-safe.
 
-    Methods may be called from any thread. ``on_end`` is called whenever a link has ended, in the thread that ended it.
+    ``on_end`` is called when a link expires, in the thread that ends it.
     """
 
     def __init__(self, ended: Mapping[str, Language] | None = None) -> None:
-        """``ended`` are links of earlier sessions by their checksum, each with its participant's language."""
+        """``ended``: checksums of the links of earlier sessions, and the language of each participant."""
         self.on_end: Callable[[], None] = lambda: None
         self._ended = dict(ended or {})
         self._open: _CurrentLink | None = None
@@ -74,16 +75,16 @@ class SessionLinks:
 
     @property
     def link(self) -> str | None:
-        """The link of the session at hand."""
+        """The link of the current session."""
         return None if self._open is None else self._open.link
 
     def begin(self, link: str, language: Language) -> None:
-        """Make the link of a new session, or a new link of this session; the previous link ends."""
+        """Set the link of a new session, or a new link of this session. The previous link expires."""
         self.end()
         self._open = _CurrentLink(link, link_sha256(link), language)
 
     def end(self) -> None:
-        """End the link."""
+        """Let the link expire."""
         with self._lock:
             ended, self._open, self._codes = self._open, None, []
         if ended is not None:
@@ -91,16 +92,16 @@ class SessionLinks:
             self.on_end()
 
     def opens(self, token: str) -> bool:
-        """Whether a token is the link of the session at hand."""
+        """Whether a token is the link of the current session."""
         present = self._open
         return present is not None and secrets.compare_digest(link_sha256(token), present.sha256)
 
     def language_of_ended(self, token: str) -> Language | None:
-        """The language of the participant whose link this was; ``None`` where it never was one."""
+        """The participant's language of an expired link; ``None`` for an unknown token."""
         return self._ended.get(link_sha256(token))
 
     def code(self) -> str | None:
-        """The code of the link at hand, still valid for half of its time or longer; ``None`` between sessions."""
+        """A code of the current link that is valid for at least half of its time; ``None`` between sessions."""
         with self._lock:
             if self._open is None:
                 return None
@@ -110,11 +111,11 @@ class SessionLinks:
             return self._codes[-1].digits
 
     def exchange(self, digits: str) -> str:
-        """The link that a code leads to; the code is used up.
+        """The link of a code, which then is used.
 
         Raises:
             TooManyCodes: when too many wrong codes were entered recently.
-            CodeError: for any other that is not valid.
+            CodeError: for a code that is wrong, used or expired.
         """
         with self._lock:
             now_s = time.monotonic()
@@ -128,4 +129,4 @@ class SessionLinks:
                     self._codes.remove(code)
                     return self._open.link
             self._wrong_s.append(now_s)
-            raise CodeError("this code is wrong, used or too old; the dashboard shows the present one")
+            raise CodeError("this code is wrong, used or expired; the dashboard shows the current one")

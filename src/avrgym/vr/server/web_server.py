@@ -1,4 +1,4 @@
-"""A web application on a thread of its own: who may reach it, where it listens, how it ends."""
+"""A web server for an application, in its own thread."""
 
 import asyncio
 import logging
@@ -20,40 +20,40 @@ from avrgym.vr.server.response_headers import ResponseHeaders
 
 STATIC = Path(__file__).parents[1] / "static"
 PAGES = ("index.html", "dashboard.html", "replay.html")
-"""The client's pages, of participant and spectators, experimenter, and replay."""
-INSTALL_PAGES = (
-    "`pip install --force-reinstall avrgym` brings it, and in a clone of the repository "
-    "`make client` builds it"
-)
+"""The client's pages: of participant and spectators, of the experimenter, and of replays."""
+INSTALL_PAGES = "run `pip install --force-reinstall avrgym`, or `make client` in a clone of the repository"
 PROTOCOL = socket.IPPROTO_TCP
-"""Named, because asyncio sets TCP_NODELAY only on sockets that name it; those accepted name what the listener does."""
+"""Set explicitly: asyncio sets TCP_NODELAY only on sockets that specify the protocol."""
 BACKLOG = 1024
-"""How many connections the system holds until they are accepted: a flood makes nobody else wait."""
+"""Maximum number of connections that wait to be accepted."""
 MAX_MESSAGE_BYTES = 1 << 16
 PING_INTERVAL_S, PING_TIMEOUT_S = 1.0, 4.0
-"""How a connection is found dead that did not say goodbye: a headset that fell asleep or left the network."""
+"""Keep-alive pings of WebSockets. They detect a headset that is asleep or has left the network."""
 CLOSE_TIMEOUT_S = 5
 
 _log = logging.getLogger(__name__)
 
 
 class ServerError(RuntimeError):
-    """The server cannot start; the message says why and what to do."""
+    """The server cannot start; the message contains the reason and a solution."""
 
 
 def check_page(name: str) -> None:
-    """``ServerError`` when a page of the client is not built."""
+    """Raise ``ServerError`` if a page of the client is not built."""
     if not (STATIC / name).exists():
         raise ServerError(f"the browser client is missing; {INSTALL_PAGES}")
 
 
 def listen(host: str, port: int, certificate: Certificate | None = None) -> socket.socket:
-    """A socket that listens; ``ServerError`` where it cannot, or where others would reach it without TLS."""
+    """A listening socket.
+
+    Raises:
+        ServerError: when the port is not available, or other computers could connect without TLS.
+    """
     if host not in LOOPBACK and certificate is None:
         raise ServerError(
-            f"--host {host} is not this machine's own address; allowed: {' and '.join(LOOPBACK)}, which a "
-            "headset reaches over USB, because browsers allow VR only on secure pages; --lan serves the "
-            "local network, with a certificate"
+            f"--host {host} needs --lan, which serves the local network with a certificate, because browsers allow VR "
+            f"only on secure pages; without --lan use {' or '.join(LOOPBACK)}, which a headset reaches over USB"
         )
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, PROTOCOL)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -63,18 +63,18 @@ def listen(host: str, port: int, certificate: Certificate | None = None) -> sock
     except OSError as error:
         listener.close()
         raise ServerError(
-            f"cannot listen on {host}:{port} ({error.strerror}); choose another --port; 0 takes a free one"
+            f"cannot listen on {host}:{port} ({error.strerror}); choose another --port; 0 selects a free one"
         ) from error
     return listener
 
 
 class WebServer:
-    """Serves an application behind a limiter, from ``start`` to ``stop``."""
+    """Serves an application from ``start`` to ``stop``."""
 
     def __init__(
         self, app: FastAPI, limiter: ConnectionLimiter, certificate: Certificate | None = None
     ) -> None:
-        """With a certificate the pages are served by TLS. ``stop`` closes the limiter's socket."""
+        """A certificate enables TLS. ``stop`` closes the limiter's socket."""
         self._limiter = limiter
         self._uvicorn = _Server(
             _configuration(limiter.middleware(ResponseHeaders(app)), certificate), limiter
@@ -82,27 +82,27 @@ class WebServer:
         self._thread = threading.Thread(target=self._uvicorn.run, daemon=True)
 
     def start(self) -> None:
-        """Begin to serve."""
+        """Start the thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Say goodbye to who is connected and end."""
+        """Close all connections and stop."""
         self._uvicorn.should_exit = True
         self._thread.join()
         self._limiter.listener.close()
 
     @property
     def running(self) -> bool:
-        """Whether it serves."""
+        """Whether the server runs."""
         return self._thread.is_alive()
 
     def wait(self, seconds: float) -> None:
-        """Wait until it ends, but no longer than this."""
+        """Wait until the server stops, at most for this time."""
         self._thread.join(seconds)
 
 
 class _Server(uvicorn.Server):
-    """Takes its connections from a limiter instead of accepting any number itself."""
+    """uvicorn's server, with connections accepted by the limiter."""
 
     def __init__(self, config: uvicorn.Config, limiter: ConnectionLimiter) -> None:
         super().__init__(config)
@@ -110,13 +110,13 @@ class _Server(uvicorn.Server):
         self._opened: asyncio.Task[None] | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Open the limiter."""
+        """Start to accept connections."""
         await super().startup(sockets=[])
         asyncio.get_running_loop().set_exception_handler(_report)
         self._opened = asyncio.create_task(self._limiter.open(self._make_protocol, self.config.ssl))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Close the limiter, then end what is under way."""
+        """Stop to accept connections, then finish those in progress."""
         if self._opened is not None:
             self._opened.cancel()
         self._limiter.listener.close()
@@ -128,13 +128,13 @@ class _Server(uvicorn.Server):
 
 
 def _report(_events: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """One line on a failure between requests, without words that may repeat what was sent."""
+    """Log an error between requests by its type; its message may contain data of the request."""
     error = context.get("exception")
     _log.error("a connection failed: %s", type(error).__name__ if error else context.get("message"))
 
 
 def _configuration(app: ASGIApp, certificate: Certificate | None) -> uvicorn.Config:
-    """One kind of event loop and protocols, whatever else is installed, and nothing that the client may claim."""
+    """uvicorn's configuration: fixed event loop and protocols, no trust in proxy headers."""
     return uvicorn.Config(
         app,
         loop="asyncio",
