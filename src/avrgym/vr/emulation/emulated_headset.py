@@ -1,6 +1,6 @@
-"""A simulated participant in a real browser: headless Chromium with an emulated headset on the client's page.
+"""A simulated participant in headless Chromium, with an emulated headset on the client's page.
 
-It proves the logic of client, protocol and session. It says nothing about comfort or latency in a headset.
+It tests the logic of client, protocol and session, not the comfort or latency of a headset.
 """
 
 import shutil
@@ -31,36 +31,36 @@ FRAME_S = 1.0 / 72.0
 _SHOW_CONTROLS = """(visibility) => {
     for (const id of ["card", "emergency"]) document.getElementById(id).style.visibility = visibility;
 }"""
-"""What lies over the picture; the page's security policy allows no style sheets that Playwright adds."""
+"""Hides the controls over the picture. The page's security policy forbids style sheets of Playwright."""
 PATIENCE_S = 60.0
 PHASE_LIMIT_S = 600.0
-"""No phase of a session takes so long, however slow the machine."""
+"""Maximum duration of a phase, also on a slow computer."""
 
 
 class BrowserMissingError(RuntimeError):
-    """No browser can be driven; the message says what is missing."""
+    """No browser is available; the message contains what is missing."""
 
 
 def find_chromium() -> str | None:
-    """The machine's Chromium, or ``None`` for the one that Playwright may have installed."""
+    """The path of the installed Chromium; ``None`` to use that of Playwright."""
     return next((path for name in CHROMIUM_NAMES if (path := shutil.which(name))), None)
 
 
 class EmulatedHeadset:
-    """A page of the client in headless Chromium whose headset and controllers Python moves."""
+    """The client's page in headless Chromium. Python sets the poses of headset and controllers."""
 
     def __init__(
         self, url: str, width: int = 640, height: int = 360, query: str = "", script: str = ""
     ) -> None:
-        """Open the page of a server's address in a window that a software renderer can keep up with.
+        """Open the page in a window that is small enough for a software renderer.
 
         Args:
             url: the participant's address.
-            width: of both eyes' pictures together, pixels.
+            width: of the pictures of both eyes together, pixels.
             height: of the pictures, pixels.
-            query: what else to ask of the page, as ``&detail=full``, to draw all that a real headset draws, or
-                ``&headset=vive``, to have that headset's inputs; the client's ``emulateddevices.ts`` lists them.
-            script: runs before the page's own scripts do.
+            query: further parameters: ``&detail=full`` draws in full quality, ``&headset=vive`` emulates the inputs
+                of that headset (names are in the client's ``emulated-devices.ts``).
+            script: runs before the scripts of the page.
 
         Raises:
             BrowserMissingError: when Playwright or Chromium is missing.
@@ -69,7 +69,7 @@ class EmulatedHeadset:
             from playwright.sync_api import Error, sync_playwright
         except ImportError as error:
             raise BrowserMissingError(
-                "Playwright is not installed; `pip install avrgym[browser]` brings it"
+                "Playwright is not installed; run `pip install 'avrgym[browser]'`"
             ) from error
         self._playwright = sync_playwright().start()
         try:
@@ -79,7 +79,7 @@ class EmulatedHeadset:
         except Error as error:
             self._playwright.stop()
             raise BrowserMissingError(
-                "no Chromium is installed, and Playwright has none of its own"
+                "Chromium is not installed; run `playwright install chromium`"
             ) from error
         self.page = self._browser.new_page(viewport={"width": width, "height": height})
         self.page.set_default_timeout(1000 * PATIENCE_S)
@@ -103,23 +103,23 @@ class EmulatedHeadset:
         )
 
     def enter_vr(self) -> None:
-        """Click Enter VR and wait until the page presents."""
+        """Click Enter VR and wait until the XR session runs."""
         self.page.get_by_role("button", name="Enter VR").click()
         self.page.wait_for_function("() => window.avrgymEmulator.presenting()")
 
     def set_poses(self, frame: Tracking, *, right: bool = True) -> None:
-        """Put headset and controllers where a tracking frame has them; optionally all but the right controller."""
+        """Set the poses of headset and controllers; without ``right`` the right controller stays."""
         poses = {"head": _plain(frame.head), "left": _plain(frame.left)}
         self.call("setPoses", poses | ({"right": _plain(frame.right)} if right else {}))
 
     def pull_trigger(self, hand: str) -> None:
-        """Press and release a trigger, each seen by at least one frame."""
+        """Press and release a trigger, each for at least one XR frame."""
         for pressed in (True, False):
             self.call("setTrigger", hand, pressed)
             self.wait_for_frames(2)
 
     def select(self) -> None:
-        """Press and release what selects with this headset, each seen by at least two frames."""
+        """Press and release the select input of this headset, each for at least two XR frames."""
         for pressed in (True, False):
             self.call("select", pressed)
             self.wait_for_frames(4)
@@ -131,7 +131,7 @@ class EmulatedHeadset:
             self.wait_for_frames(2)
 
     def begin_stop(self, way: str) -> None:
-        """Do what stops the robot, and go on doing it."""
+        """Begin a stop gesture and hold it."""
         match way:
             case "button":
                 self.call("holdMenu", "left", True)
@@ -155,14 +155,14 @@ class EmulatedHeadset:
         )
 
     def answer(self, value: int) -> None:
-        """Point at the button of a value and select it: with the right controller, or what else this headset has."""
+        """Point at the button of a value and select it with the pointer of this headset."""
         button = next(button for button in self.call("buttons") if button["value"] == value)
         self.call("pointAt", button["centre"])
         self.wait_for_frames(2)
         self.select()
 
     def screenshot(self, path: Path) -> Path:
-        """Save what the participant sees, both eyes."""
+        """Save the participant's view, both eyes."""
         self.page.evaluate(_SHOW_CONTROLS, "hidden")
         self.page.screenshot(path=path)
         self.page.evaluate(_SHOW_CONTROLS, "")
@@ -170,16 +170,16 @@ class EmulatedHeadset:
 
 
 BACK, DONE, AGAIN, GO_ON = -1, -2, -3, -4
-"""The values of the buttons that answer nothing; see the client's ``paint.ts``."""
+"""Values of the buttons that are no answers; see the client's ``paint-panel.ts``."""
 PICTURE_AFTER_S = {"trial": 4.0}
-"""What a demonstration shows of what the participant sees."""
+"""The picture that a demonstration takes of the participant's view."""
 
 
 class BrowserClient:
-    """A simulated participant who sits through a session in the browser.
+    """A simulated participant who takes part in a session in the browser.
 
-    They enter VR, hold still to be measured, press the trigger, move as people do during trials and answer the
-    questionnaire by pointing.
+    They enter VR, hold still during calibration, press the trigger, move during trials, and answer the questionnaire by
+    pointing.
     """
 
     def __init__(
@@ -191,9 +191,9 @@ class BrowserClient:
         say: Callable[[str], None],
         picture_after_s: Mapping[str, float] = PICTURE_AFTER_S,
     ) -> None:
-        """``pictures`` is the folder for what the participant sees; ``say`` is told of each phase.
+        """``pictures`` is the folder for pictures of the participant's view; ``say`` is called with each phase.
 
-        ``picture_after_s``: in which phases, and how long after their beginning, a picture is taken.
+        ``picture_after_s``: by phase, the delay after its start at which a picture is taken.
         """
         self.taken: list[Path] = []
         self._headset, self._session, self._participant = headset, session, participant
@@ -203,7 +203,7 @@ class BrowserClient:
         self._asked = ""
 
     def run(self) -> list[Path]:
-        """Attend until the session is finished; returns the pictures.
+        """Take part until the session is finished; return the pictures.
 
         Raises:
             TimeoutError: when the session stays in one phase for ten minutes.
@@ -257,7 +257,7 @@ class BrowserClient:
 
     @property
     def _picture(self) -> Path:
-        """Where the picture of the phase goes."""
+        """The path for the picture of the phase."""
         name, trial = self._phase
         return self._folder / f"trial-{trial:02}-{name}.png"
 

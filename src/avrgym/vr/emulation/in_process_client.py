@@ -1,4 +1,4 @@
-"""A simulated participant who attends a session in process: no browser, no network, in simulated time."""
+"""A simulated participant in the same process as the session: no browser, no network, simulated time."""
 
 from collections.abc import Callable
 
@@ -8,18 +8,17 @@ from avrgym.vr.protocol.messages import TICK_S, Message
 from avrgym.vr.session.session import Session
 
 CALIBRATION_S = 1.5
-"""How long a participant sits still before they press the trigger to be measured."""
+"""Time that a participant holds still before they press the trigger for calibration."""
 ANSWER_AFTER_S = 1.5
 MAX_START_ATTEMPTS = 4
-"""How often a participant presses the trigger to begin a trial before they give up."""
+"""Maximum number of attempts to start a trial."""
 TRACKING_EVERY_TICKS = 2
 STATE_EVERY_TICKS = 2
-"""How often participants of dry runs see the world. What they do follows from when they see it, to the last bit: with
-another number the same seed gives another study."""
+"""Interval at which participants of dry runs receive a state. Another value changes the results of a seed."""
 
 
 class InProcessClient:
-    """A simulated participant who speaks to a session directly, in simulated time."""
+    """A client that connects a simulated participant directly to a session, in simulated time."""
 
     def __init__(self, participant: SimulatedParticipant, say: Callable[[str], None]) -> None:
         self._participant, self._say = participant, say
@@ -30,7 +29,7 @@ class InProcessClient:
         self._now_s = 0.0
 
     def hear(self, message: Message) -> None:
-        """Take a message that the session sends."""
+        """Handle a message of the session."""
         self._participant.watch(message)
         if isinstance(message, messages.Phase):
             self._heard_s, self._question = self._now_s, None
@@ -45,10 +44,10 @@ class InProcessClient:
             self._problem = message.message
 
     def run(self, session: Session) -> None:
-        """Sit through the session until it is finished.
+        """Take part in the session until it is finished.
 
         Raises:
-            RuntimeError: when the session does not get on with a trial, with what it says.
+            RuntimeError: when a trial does not start, with the session's last problem message.
         """
         session.receive(messages.Entered(), self._now_s)
         tick = 0
@@ -88,6 +87,6 @@ class InProcessClient:
         self._tries += 1
         if self._tries > MAX_START_ATTEMPTS:
             session.close(self._now_s)
-            raise RuntimeError(f"trial {self._trial} does not begin: {self._problem}")
+            raise RuntimeError(f"trial {self._trial} does not start: {self._problem}")
         self._heard_s = self._now_s
         session.receive(messages.Ready(), self._now_s)

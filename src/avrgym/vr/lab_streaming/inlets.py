@@ -1,4 +1,4 @@
-"""A stream that comes in: found, received and lost on a thread of its own."""
+"""Reception of a stream of Lab Streaming Layer, in its own thread."""
 
 import threading
 from collections import deque
@@ -12,27 +12,27 @@ from avrgym.array_types import NumpyArray
 from avrgym.recording.schema import Stream, StreamSamples
 
 FIND_S = 1.0
-"""How long each search for a stream lasts."""
+"""Duration of a search for a stream."""
 OPEN_S = 5.0
-"""How long a stream that was found may take to answer."""
+"""Timeout of requests to a stream."""
 CHUNK_S = 0.05
-"""How long samples are collected before they are handed on: in pieces so small that no tick has to wait for one."""
+"""Duration of a chunk of samples. It is short, so no tick waits for a chunk."""
 CHUNK_SAMPLES = 4096
 CHUNKS_KEPT = 600
-"""How many chunks wait to be taken; of more the oldest are dropped."""
+"""Maximum number of waiting chunks. Above it the oldest are dropped."""
 BUFFER_S = 60
 SILENT_S, SILENT_INTERVALS = 1.0, 5.0
-"""A stream of a regular rate is lost when nothing has come for so long, and for so many of its intervals."""
+"""A stream with a regular rate is lost after this time, and this number of its intervals, without samples."""
 
 
 class Inlet:
-    """Receives the stream that answers a query, and searches it again whenever it is lost.
+    """Receives the stream that matches a query, and searches for it again when it is lost.
 
-    Samples come with times on Lab Streaming Layer's clock here: its correction has been added.
+    Time stamps are on the local clock of Lab Streaming Layer, including its time correction.
     """
 
     def __init__(self, name: str, query: str) -> None:
-        """Begin to search."""
+        """Start to search for the stream."""
         self.name = name
         self.present = False
         self._query = query
@@ -42,15 +42,15 @@ class Inlet:
         self._thread.start()
 
     def take(self) -> list[tuple[Stream, StreamSamples]]:
-        """The chunks that have come since the last call."""
+        """Remove and return the chunks received since the last call."""
         return [self._chunks.popleft() for _ in range(len(self._chunks))]
 
     def stop(self) -> None:
-        """Receive no more; ``join`` waits until that is so."""
+        """Request the end of the thread; ``join`` waits for it."""
         self._stopping.set()
 
     def join(self) -> None:
-        """Wait for the thread, which looks up several times a second but while it opens a stream."""
+        """Wait until the thread ends."""
         self._thread.join(OPEN_S)
 
     def _run(self) -> None:
@@ -58,7 +58,7 @@ class Inlet:
             try:
                 for found in pylsl.resolve_bypred(self._query, 1, FIND_S)[:1]:
                     self._listen(pylsl.StreamInlet(found, BUFFER_S, recover=False))
-            except (LostError, RuntimeError, TimeoutError):  # gone, or not to be opened: search again
+            except (LostError, RuntimeError, TimeoutError):  # lost, or not available: search again
                 self._stopping.wait(CHUNK_S)
             self.present = False
 
@@ -75,7 +75,7 @@ class Inlet:
             self._chunks.append((stream, chunk))
 
     def _chunks_of(self, inlet: pylsl.StreamInlet, rate_hz: float) -> Iterator[tuple[NumpyArray, NumpyArray]]:
-        """What comes, and its times on the device's clock; meanwhile ``present`` says whether the stream is silent."""
+        """Yield chunks of samples and their times on the device's clock; update ``present`` meanwhile."""
         patience_s = max(SILENT_S, SILENT_INTERVALS / rate_hz) if rate_hz > 0.0 else float("inf")
         silent_since_s = pylsl.local_clock()
         while not self._stopping.is_set():
@@ -88,7 +88,7 @@ class Inlet:
 
 
 def describe(name: str, info: pylsl.StreamInfo) -> Stream:
-    """A stream as recordings describe it."""
+    """The description of a stream for recordings."""
     return Stream(
         stream=name,
         source=info.name(),
@@ -100,7 +100,7 @@ def describe(name: str, info: pylsl.StreamInfo) -> Stream:
 
 
 def _plain(samples: NumpyArray) -> list[list[Any]]:
-    """Numbers as such; texts, which come as bytes, as what can be read of them."""
+    """Samples as lists of numbers or of text, decoded from bytes."""
     if samples.dtype != object:
         return samples.tolist()
     return [[text.decode(errors="replace") for text in row] for row in samples]

@@ -1,4 +1,4 @@
-"""The streams that go out: what happens, where head, hands and tool are, and what presses on the person."""
+"""Streams that AVR Gym sends: events, poses of head, hands and tool, and contact forces on the person."""
 
 from pathlib import Path
 from socket import gethostname
@@ -20,7 +20,7 @@ POSED = {
     "right_hand": f"{PREFIX}right_hand",
     "tool": "robot/tool",
 }
-"""What is shown, and its body in the scene."""
+"""The bodies whose poses are sent, by the name in the stream."""
 PARTS = {"x": "m", "y": "m", "z": "m", "qw": "", "qx": "", "qy": "", "qz": ""}
 """The numbers of a pose in the world's frame (z up), with their units."""
 BUFFER_S = 10
@@ -29,7 +29,7 @@ BUFFER_S = 10
 class Outlets:
     """Three streams: ``AVR Gym events`` (JSON), ``AVR Gym poses`` and ``AVR Gym forces``.
 
-    Poses are those of the simulated bodies; forces in newtons by region of the person's body.
+    Poses are those of simulated bodies in the world frame; forces are in newtons, one channel for each body region.
     """
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class Outlets:
         self._events.push_sample([event_text(event)], time_s)
 
     def show(self, world: LiveWorld, time_s: float) -> None:
-        """Send poses and forces as they are at ``time_s`` on Lab Streaming Layer's clock."""
+        """Send poses and forces; ``time_s`` is on Lab Streaming Layer's clock."""
         simulation = world.simulation
         rows = [world.bodies.index(body) for body in POSED.values()]
         self._poses.push_sample(simulation.body_poses(0)[rows].ravel().tolist(), time_s)
@@ -53,7 +53,7 @@ class Outlets:
 
 
 def event_text(event: SessionEvent) -> str:
-    """An event as JSON: its kind, and what else is known but when it was."""
+    """An event as JSON: its type and its fields, without the time."""
     facts: dict[str, object] = msgspec.to_builtins(event, enc_hook=_file_name)
     del facts["time_s"]
     return msgspec.json.encode({"event": type(event).__name__, **facts}).decode()

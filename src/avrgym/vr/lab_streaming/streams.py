@@ -1,4 +1,4 @@
-"""A session's streams by Lab Streaming Layer (https://labstreaminglayer.org). Needs the extra ``lsl``."""
+"""Streams of a session over Lab Streaming Layer (https://labstreaminglayer.org). Needs the extra ``lsl``."""
 
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
@@ -14,36 +14,36 @@ from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.events import SessionEvent
 
 DRIFT_S = 1e-6
-"""By how much a tick the two clocks may come apart: more than any two clocks of one machine do."""
+"""Maximum drift of the two clocks per tick, larger than that of clocks of one computer."""
 
 
 class LabStreams:
-    """What ``session.streams.Streams`` asks for.
+    """Implements ``session.streams.Streams``.
 
-    The session's clock is not told when each call comes, only when its tick began: a little earlier. So of all calls
-    the one that came soonest says how far that clock is ahead of Lab Streaming Layer's.
+    The session passes the start time of its tick, which is earlier than the call. The call with the smallest delay
+    therefore determines the offset between the session's clock and that of Lab Streaming Layer.
     """
 
     def __init__(self, choice: StreamChoice) -> None:
-        """Begin to send, and to search what is to be received."""
+        """Start to send, and to search for the streams to receive."""
         self._ahead_s: float | None = None
         self._inlets = [Inlet(name, query) for name, query in choice.receive.items()]
         self._outlets = Outlets() if choice.send else None
 
     @property
     def present(self) -> Mapping[str, bool]:
-        """Whether each stream that was asked for is there."""
+        """Whether each requested stream is available."""
         return {inlet.name: inlet.present for inlet in self._inlets}
 
     def take(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
-        """The samples that have come since the last call, with times on the session's clock."""
+        """The samples received since the last call, with times on the session's clock."""
         ahead_s = self._ahead_s = self._aligned(now_s)
         return [
             (stream, _later(samples, ahead_s)) for inlet in self._inlets for stream, samples in inlet.take()
         ]
 
     def tell(self, event: SessionEvent) -> None:
-        """Send out that something happened; what happens before a session's first tick has no time but now."""
+        """Send an event. Events before the first tick of a session have the present time."""
         if self._outlets is None:
             return
         if self._ahead_s is None or event.time_s == 0.0:
@@ -52,12 +52,12 @@ class LabStreams:
             self._outlets.tell(event, event.time_s - self._ahead_s)
 
     def show(self, world: LiveWorld, now_s: float) -> None:
-        """Send out poses and forces."""
+        """Send poses and forces."""
         if self._outlets is not None and self._ahead_s is not None:
             self._outlets.show(world, now_s - self._ahead_s)
 
     def close(self) -> None:
-        """Receive and send no more."""
+        """Stop to receive and send."""
         for inlet in self._inlets:
             inlet.stop()
         for inlet in self._inlets:
@@ -65,7 +65,7 @@ class LabStreams:
         self._outlets = None
 
     def _aligned(self, now_s: float) -> float:
-        """How far the session's clock, now at least ``now_s``, is ahead of Lab Streaming Layer's."""
+        """The offset of the session's clock, now at least ``now_s``, to that of Lab Streaming Layer."""
         seen_s = now_s - pylsl.local_clock()
         return seen_s if self._ahead_s is None else max(self._ahead_s - DRIFT_S, seen_s)
 
@@ -76,7 +76,7 @@ def _later(samples: StreamSamples, by_s: float) -> StreamSamples:
 
 @contextmanager
 def lab_streams(choice: StreamChoice) -> Generator[LabStreams]:
-    """Streams that end with the context."""
+    """Streams that close with the context."""
     streams = LabStreams(choice)
     try:
         yield streams

@@ -1,8 +1,7 @@
-"""States on their way over one connection: how each differs from the one before, in whole steps.
+"""Delta encoding of states for one connection, quantised to whole steps.
 
-A WebSocket delivers every message once and in order. So both ends hold the same numbers as they were told last, nothing
-needs to be acknowledged, and as whole numbers are added up, nothing drifts: what is told is never further off than half
-a step.
+A WebSocket delivers every message once and in order. Both ends therefore store the same previous state, without
+acknowledgements. Differences are integers, so errors do not accumulate: each value is within half a step.
 """
 
 import numpy as np
@@ -13,12 +12,12 @@ from avrgym.vr.protocol.messages import State, StateChange
 
 POSITION_STEP_M = 1e-4
 QUATERNION_STEP = 5e-5
-"""Of each of the four numbers. Rounding moves a quaternion by up to one step, and an angle by twice that: 1e-4 rad."""
+"""Step of each component. The rounding error of a rotation is at most 1e-4 rad."""
 JOINT_STEP_RAD = 1e-5
 POSE_STEPS = np.array([POSITION_STEP_M] * 3 + [QUATERNION_STEP] * 4)
 JOINT_STEPS = np.array([JOINT_STEP_RAD])
 MAX_STEPS = 2.0**31 - 1.0
-"""What is further from 0, or no number, is told as if it lay there."""
+"""Larger absolute values and NaN are encoded as this value."""
 
 DIGIT_BITS = 7
 
@@ -32,11 +31,11 @@ class StateEncoder:
         self.begin_scene()
 
     def begin_scene(self) -> None:
-        """The client was told of a scene: what follows differs from nothing."""
+        """Reset after a scene message: the next state is encoded without a previous one."""
         self._targets, self._poses = _DeltaCodec(JOINT_STEPS), _DeltaCodec(POSE_STEPS)
 
     def encode(self, state: State) -> StateChange:
-        """What to send of a state of the scene."""
+        """The encoded difference to the previous state."""
         return StateChange(
             sequence=state.sequence,
             simulation_time_s=state.simulation_time_s,
@@ -54,11 +53,11 @@ class StateDecoder:
         self.begin_scene()
 
     def begin_scene(self) -> None:
-        """The server told of a scene."""
+        """Reset after a scene message."""
         self._targets, self._poses = _DeltaCodec(JOINT_STEPS), _DeltaCodec(POSE_STEPS)
 
     def decode(self, change: StateChange) -> State:
-        """The state that was sent, to half a step."""
+        """The state, within half a step."""
         return State(
             sequence=change.sequence,
             simulation_time_s=change.simulation_time_s,
@@ -70,14 +69,14 @@ class StateDecoder:
 
 
 class _DeltaCodec:
-    """Rows of numbers as one end of a connection was told them last, in whole steps."""
+    """Encodes or decodes rows of numbers as differences to the previous ones, in whole steps."""
 
     def __init__(self, steps: FloatArray) -> None:
         self._steps = steps
         self._whole: Integers = np.zeros((0, len(steps)), np.int64)
 
     def encode(self, numbers: bytes) -> bytes:
-        """How these numbers, little-endian float32, differ from those before."""
+        """The difference of these numbers (little-endian float32) to the previous ones."""
         rows = np.frombuffer(numbers, "<f4").reshape(-1, len(self._steps)) / self._steps
         whole = np.rint(np.fmin(np.fmax(rows, -MAX_STEPS), MAX_STEPS)).astype(np.int64)
         if not len(self._whole):
@@ -88,7 +87,7 @@ class _DeltaCodec:
         return pack(rows, changes[rows])
 
     def decode(self, packed: bytes) -> bytes:
-        """The numbers after changes, little-endian float32."""
+        """The numbers (little-endian float32) after these differences."""
         rows, changes = unpack(packed, len(self._steps))
         if not len(self._whole):
             self._whole = np.zeros((1 + max(rows, default=-1), len(self._steps)), np.int64)
@@ -97,10 +96,10 @@ class _DeltaCodec:
 
 
 def pack(rows: Integers, changes: Integers) -> bytes:
-    """Changes (R, columns) of some rows, whose indices (R,) rise.
+    """Encode the changes (R, columns) of rows with ascending indices (R,).
 
-    Of each, how many rows were left out before it, then its numbers; all as varints, the latter in zigzag, as Protocol
-    Buffers write them (https://protobuf.dev/programming-guides/encoding).
+    For each row: the number of unchanged rows before it, then its changes in zigzag encoding. All are varints as in
+    Protocol Buffers (https://protobuf.dev/programming-guides/encoding).
     """
     numbers = np.empty((len(rows), 1 + changes.shape[1]), np.int64)
     numbers[:, 0] = np.diff(rows, prepend=-1) - 1
@@ -114,16 +113,16 @@ def pack(rows: Integers, changes: Integers) -> bytes:
 
 
 def unpack(packed: bytes, columns: int) -> tuple[Integers, Integers]:
-    """The rows that were packed: their indices (R,), and their changes (R, columns).
+    """Decode the indices (R,) and the changes (R, columns) of rows.
 
     Raises:
-        ValueError: where bytes are missing.
+        ValueError: for incomplete data.
     """
     digits = np.frombuffer(packed, np.uint8).astype(np.int64)
     (ends,) = (digits < 0x80).nonzero()
     starts = np.concatenate([[0], ends[:-1] + 1]).astype(np.int64)[: len(ends)]
     if len(digits) != (ends[-1] + 1 if len(ends) else 0) or len(ends) % (1 + columns):
-        raise ValueError(f"{len(packed)} bytes do not end with a row of {columns} numbers")
+        raise ValueError(f"the {len(packed)} bytes do not end with a complete row of {columns} numbers")
     place = np.arange(len(digits)) - np.repeat(starts, ends - starts + 1)
     numbers = np.add.reduceat((digits & 0x7F) << (DIGIT_BITS * place), starts) if len(ends) else digits
     table = numbers.reshape(-1, 1 + columns)

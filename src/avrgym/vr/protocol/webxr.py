@@ -1,7 +1,7 @@
-"""WebXR poses to the simulation's world and back: the only place where conventions change on the server.
+"""Conversion of WebXR poses to the simulation's world frame and back, the only one on the server.
 
-WebXR's ``local-floor`` space is y up, x right, −z ahead, quaternions x, y, z, w. The world is z up,
-quaternions w, x, y, z; the person sits at its origin and faces −y.
+WebXR's ``local-floor`` space: y up, x right, −z forward, quaternions x, y, z, w. World frame: z up, quaternions
+w, x, y, z; the person sits at its origin and faces −y.
 """
 
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ UNIT_TOLERANCE = 1e-2
 
 Z_UP_FROM_Y_UP = transforms.from_axis_angle([1.0, 0.0, 0.0], np.asarray(0.5 * np.pi))
 WRIST_TO_HAND_M = 0.08
-"""The hand's centre lies about 8 cm from a tracked wrist (2020 reference)."""
+"""Distance from a tracked wrist to the centre of the hand (2020 reference)."""
 
 
 @dataclass(frozen=True)
 class Pose:
-    """A pose in the world: position (3,) in metres, quaternion (4,) w, x, y, z."""
+    """A pose in the world frame: position (3,) in metres, quaternion (4,) w, x, y, z."""
 
     pos_w: FloatArray
     q_w: FloatArray
@@ -35,7 +35,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Registration:
-    """Where ``local-floor`` lies in the world: its origin (3,) and the yaw of its axes."""
+    """The pose of ``local-floor`` in the world frame: its origin (3,) and the yaw of its axes."""
 
     origin_w: FloatArray
     yaw_rad: float
@@ -47,7 +47,7 @@ class Registration:
         return transforms.multiply(yaw, Z_UP_FROM_Y_UP)
 
     def to_world(self, pose: XRPose) -> Pose:
-        """A device's pose in the world, in the device's own axes."""
+        """The pose of a device in the world frame, with the axes of the device."""
         x, y, z, w = pose.orientation
         return _compose(Pose(self.origin_w, self.q_w), np.array(pose.position), np.array([w, x, y, z]))
 
@@ -62,14 +62,14 @@ class Registration:
         return Pose(*transforms.invert(self.origin_w, self.q_w))
 
     def xr_from_world(self) -> XRPose:
-        """The world's origin as a pose in ``local-floor``: where a client places the scene."""
+        """The pose of the world frame in ``local-floor``, at which a client places the scene."""
         return self.from_world(Pose(np.zeros(3), transforms.IDENTITY_QUATERNION))
 
 
 def register(head: XRPose, head_centre_w: FloatArray) -> Registration:
-    """Put the participant's head at ``head_centre_w`` with their gaze along −y.
+    """The registration that puts the participant's head at ``head_centre_w``, looking along −y.
 
-    The heads agree, and so do the seats: the floors then lie apart by as much as the seats' heights differ.
+    Heads and seats coincide. The floors differ by the difference of the seat heights.
     """
     upright = head_pose(Registration(np.zeros(3), 0.0), head)
     ahead = transforms.rotate(upright.q_w, [0.0, -1.0, 0.0])
@@ -89,17 +89,16 @@ HEAD_CENTRE_FROM_HEADSET = transforms.rotate(BODY_FROM_DEVICE_AXES, [0.0, HEADSE
 def hand_pose(registration: Registration, grip: XRPose) -> Pose:
     """The centre of the fist and the hand's axes from a grip pose.
 
-    The grip's origin is where a rod would be held, in the middle of the fist, so nothing is added; the 8 cm of the
-    2020 reference lead there from the pose of its trackers.
+    The origin of WebXR's grip space is the centre of the fist, so there is no offset.
     """
     return _compose(registration.to_world(grip), np.zeros(3), BODY_FROM_DEVICE_AXES)
 
 
 def hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Literal["left", "right"]) -> Pose:
-    """The centre of the hand and its axes from the wrist of a tracked hand.
+    """The centre of the hand and its axes from the wrist pose of a tracked hand.
 
-    Of a wrist −z points to the fingers and y out of the hand's back (WebXR Hand Input); our hand's −z points to the
-    fingers too, and its x to the person's left, which is out of a hanging left hand's back.
+    The wrist's −z axis points to the fingers, its y axis out of the back of the hand (WebXR Hand Input). The −z axis of
+    our hand points to the fingers too; its x axis points out of the back of a left hand.
     """
     return _compose(registration.to_world(wrist), HAND_CENTRE_FROM_WRIST, HAND_FROM_WRIST_AXES[side])
 
@@ -113,7 +112,7 @@ HAND_FROM_WRIST_AXES = {
 
 
 def grip_from_wrist(wrist: XRPose, side: Literal["left", "right"]) -> XRPose:
-    """The grip pose of which ``hand_pose`` makes the hand that ``hand_pose_from_wrist`` makes of a wrist."""
+    """The grip pose of a wrist: ``hand_pose`` of it equals ``hand_pose_from_wrist`` of the wrist."""
     x, y, z, w = wrist.orientation
     seen = Pose(np.array(wrist.position), np.array([w, x, y, z]))
     grip = _compose(seen, HAND_CENTRE_FROM_WRIST, GRIP_FROM_WRIST_AXES[side])
@@ -141,13 +140,13 @@ GRIP_FROM_WRIST_AXES = {
 
 
 def _compose(outer: Pose, pos: FloatArray, q: FloatArray) -> Pose:
-    """``transforms.compose`` of one pose, in a tenth of its time; ``pos`` (3,), ``q`` (4,) are in the outer frame."""
+    """``transforms.compose`` for a single pose, ten times faster; ``pos`` (3,), ``q`` (4,): in the outer frame."""
     pos_w, q_w = np.empty(3), np.empty(4)
     mujoco.mju_mulPose(pos_w, q_w, outer.pos_w, outer.q_w, pos, q)
     return Pose(pos_w, q_w)
 
 
 def is_valid(pose: XRPose) -> bool:
-    """Whether a pose can be one of a person in a room: finite, within 10 m, a unit quaternion."""
+    """Whether a pose is finite, within 10 m of the origin, and has a unit quaternion."""
     within = all(abs(number) <= MAX_DISTANCE_M for number in (*pose.position, *pose.orientation))
     return within and abs(hypot(*pose.orientation) - 1.0) < UNIT_TOLERANCE

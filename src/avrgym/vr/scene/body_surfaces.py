@@ -1,7 +1,6 @@
-"""What each body of a scene looks like by itself: triangles with colours, for viewers that move rigid things only.
+"""Surfaces of each body: triangles with colours, for viewers without skinning.
 
-A person's skin is cut where one body ends and the next one begins, each triangle going with the body that moves most
-of it.
+A skin is split by body: each triangle belongs to the body with the largest weight.
 """
 
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from avrgym.vr.scene.skins import Skin, skins_of
 
 @dataclass(frozen=True, eq=False)
 class BodySurface:
-    """Triangles (F, 3) of vertices (V, 3) in metres, in the frame of the body, with colours (V, 4) from 0 to 1."""
+    """Triangles (F, 3) of vertices (V, 3) in metres in the frame of the body, with colours (V, 4) in [0, 1]."""
 
     vertices: FloatArray
     faces: NDArray[np.int64]
@@ -27,7 +26,7 @@ class BodySurface:
 
 
 def body_surfaces(model: mujoco.MjModel) -> dict[str, list[BodySurface]]:
-    """The surfaces of every body of a model that was built with its appearance, by the body's name."""
+    """Surfaces by body name of a model that includes materials and textures."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     colours = geom_colours(model)
@@ -57,7 +56,7 @@ def _of_geom(
 
 
 def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
-    """The colour (V, 4) of each vertex: its material's, times that of the texture there."""
+    """The colour (V, 4) of each vertex: that of the material times that of the texture."""
     colours, texture = skin.rgba.copy(), texture_of(model, skin.material)
     if texture >= 0:
         pixels = texture_pixels(model, texture)
@@ -70,7 +69,7 @@ def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
 
 
 def _cut(skin: Skin, colours: FloatArray) -> list[tuple[str, BodySurface]]:
-    """The parts of a skin by body, each in the frame of its body."""
+    """The parts of a skin, each with its body's name and in its frame."""
     bodies = list(dict.fromkeys(bone.body for bone in skin.bones))
     of_bone = np.array([bodies.index(bone.body) for bone in skin.bones])
     weights = np.zeros((len(skin.vertices), len(bodies)))

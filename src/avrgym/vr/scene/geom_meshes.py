@@ -1,6 +1,6 @@
-"""Triangle meshes of MuJoCo's visual geoms, with normals, simplified to what a headset can show."""
+"""Triangle meshes of MuJoCo's visual geoms, with normals, simplified for headsets."""
 
-# trimesh's functions: their types are known only in part.
+# trimesh is only partly typed.
 # pyright: reportUnknownMemberType=false
 
 from functools import lru_cache
@@ -14,17 +14,17 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.transforms import to_matrix
 
 DETAILED_TRIANGLES = 2000
-"""Meshes with more triangles keep these and a sixth of the rest: CAD meshes have far more than a headset shows."""
+"""Larger meshes are simplified to this number and a sixth of the rest."""
 SIMPLIFICATION_AGGRESSION = 3
-"""How willingly the simplification trades shape for speed, 0 to 10; its default of 7 loses small parts."""
+"""Aggression of the simplification, 0 to 10. The default of 7 loses small parts."""
 WELD_DIGITS = 5
-"""Vertices that agree to so many decimals of a metre are one: files often store each triangle by itself."""
+"""Vertices that agree to this number of decimals of a metre are merged."""
 SMOOTHING_ANGLE_RAD = np.radians(35.0)
 _simplified_meshes: dict[bytes, trimesh.Trimesh] = {}
 
 
 def geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
-    """A geom's mesh in its body's frame."""
+    """The mesh of a geom in the frame of its body."""
     mesh = _unplaced_mesh(model, geom).copy()
     mesh.apply_transform(pose_matrix(model.geom_pos[geom], model.geom_quat[geom]))
     return mesh
@@ -46,7 +46,7 @@ def _unplaced_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
 
 @lru_cache(maxsize=512)
 def _shape(kind: mujoco.mjtGeom, *size: float) -> trimesh.Trimesh:
-    """A shape of MuJoCo's, by its sizes, made once for all scenes of this process."""
+    """The mesh of a primitive geom type with these sizes; cached."""
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return _flat(trimesh.creation.box(extents=2.0 * np.array(size)))
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
@@ -62,7 +62,7 @@ def _shape(kind: mujoco.mjtGeom, *size: float) -> trimesh.Trimesh:
 
 
 def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
-    """A mesh of a file, simplified once for all scenes of this process."""
+    """The simplified mesh of a mesh asset; cached."""
     vertices = slice(model.mesh_vertadr[mesh], model.mesh_vertadr[mesh] + model.mesh_vertnum[mesh])
     faces = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
     key = model.mesh_vert[vertices].tobytes() + model.mesh_face[faces].tobytes()
@@ -73,7 +73,7 @@ def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
 
 
 def _simplified(full: trimesh.Trimesh) -> trimesh.Trimesh:
-    """The same surface of fewer triangles; smooth where it is smooth, sharp at its edges."""
+    """The surface with fewer triangles, smooth normals and sharp edges."""
     full.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=WELD_DIGITS)
     full.update_faces(full.nondegenerate_faces())
     count = len(full.faces)

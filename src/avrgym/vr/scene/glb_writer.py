@@ -1,4 +1,4 @@
-"""Writes GLB files: what ``scene_export`` needs of glTF 2.0, with ``KHR_mesh_quantization``."""
+"""Writer of GLB files: the parts of glTF 2.0 that ``scene_export`` needs, with ``KHR_mesh_quantization``."""
 
 import json
 import struct
@@ -16,7 +16,7 @@ _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 
 class GlbWriter:
-    """A glTF document that grows; every ``add_…`` returns the index of what it added."""
+    """Builds a glTF document; every ``add_…`` returns the index of the added element."""
 
     def __init__(self) -> None:
         self._binary = bytearray()
@@ -54,8 +54,8 @@ class GlbWriter:
         image = self.add("images", bufferView=self._add_view(data), mimeType=mime_type)
         return self.add("textures", source=image, sampler=self._sampler())
 
-    def finish(self, roots: Sequence[int]) -> bytes:
-        """The file, showing the nodes ``roots``."""
+    def to_bytes(self, roots: Sequence[int]) -> bytes:
+        """The file, with a scene of the nodes ``roots``."""
         document = {
             "asset": {"version": "2.0", "generator": "AVR Gym"},
             "extensionsUsed": ["KHR_mesh_quantization"],

@@ -1,18 +1,17 @@
-"""The scene as a GLB file: what the client draws, from the same model that pictures use.
+"""Export of a scene to a GLB file for the client.
 
-Its nodes stand in the world's frame, z up, and say in ``extras`` what moves them:
+Its nodes are in the world frame, z up. ``extras`` of a node contain the bodies that move it:
 
-- ``body``: the node follows this body. Bodies that cannot move against each other are one node.
-- ``swing``: the node follows this body without its twist about its own z axis, ``parent`` being the body that carries
-  it; see ``skins``.
-- ``bodies``: the mesh is drawn once at each of these bodies, which look alike.
-- ``skin_of``: a skinned mesh, and the body that most of it follows.
+- ``body``: the node follows this body. Bodies that are fixed to each other share a node.
+- ``swing``: the node follows this body without the twist about its z axis; ``parent``: its parent body. See ``skins``.
+- ``bodies``: the mesh is instanced at each of these bodies.
+- ``skin_of``: a skinned mesh, and the body with the largest weight.
 
-Colours are those of the vertices, as MuJoCo resolves them from a geom and its material, so that all of one finish on
-one node is one mesh: a headset draws few large things faster than many small ones.
+Colours are vertex colours, as MuJoCo resolves them from geom and material. All geoms of one finish on one node are one
+mesh, because few draw calls are fast on a headset.
 """
 
-# trimesh's functions: their types are known only in part.
+# trimesh is only partly typed.
 # pyright: reportUnknownMemberType=false
 
 import io
@@ -40,15 +39,15 @@ Piece = tuple[trimesh.Trimesh, FloatArray]
 
 HEAD = human.PREFIX + "head"
 PLAIN_ROUGHNESS = 0.75
-"""That of what has no material, or one that does not define it: as dull as MuJoCo draws it."""
+"""Roughness of geoms whose material does not define it, similar to MuJoCo's renderer."""
 MIN_INSTANCES = 3
-"""So many bodies must look alike to be drawn as copies of one."""
+"""Minimum number of identical bodies for instancing."""
 _SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
 
 
 @dataclass(frozen=True)
 class Finish:
-    """What distinguishes surfaces but for their colour; ``texture`` is the model's number of it, or −1."""
+    """Properties of a surface without its colour; ``texture`` is the id in the model, or −1."""
 
     metallic: float
     roughness: float
@@ -57,7 +56,7 @@ class Finish:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, material: int, alpha: float, texture: int = -1) -> "Finish":
-        """That of a material, or of none, near enough to have few of them: in steps of a half and a quarter."""
+        """The finish of a material id, or of none (−1), rounded to reduce their number."""
         metallic, roughness = (
             (model.mat_metallic[material], model.mat_roughness[material]) if material >= 0 else (-1.0, -1.0)
         )
@@ -70,7 +69,7 @@ class Finish:
 
 
 def export_glb(model: mujoco.MjModel) -> bytes:
-    """The visual geoms and skins of a model that was built with its appearance."""
+    """The GLB file of the visual geoms and skins of a model that includes materials and textures."""
     return _Export(model).run()
 
 
@@ -94,9 +93,9 @@ class _Export:
             self._add_body(body, geoms)
         for (_, finish), skins in self._skins_by_finish().items():
             self._add_skin(merged(skins), finish)
-        return self._glb.finish(self._roots)
+        return self._glb.to_bytes(self._roots)
 
-    # Rigid things
+    # Rigid bodies
 
     def _add_body(self, body: int, geoms: list[int]) -> None:
         children = [
@@ -123,7 +122,7 @@ class _Export:
         return {"translation": self._data.xpos[body].tolist(), "rotation": [x, y, z, w]}
 
     def _by_finish(self, carrier: int, geoms: Iterable[int]) -> dict[Finish, list[Piece]]:
-        """The geoms of one node by their finish, in the frame of the body that carries them."""
+        """The geoms of one node by finish, in the frame of its body."""
         pieces: dict[Finish, list[Piece]] = {}
         from_world = np.linalg.inv(pose_matrix(self._data.xpos[carrier], self._data.xquat[carrier]))
         for geom in geoms:
@@ -135,7 +134,7 @@ class _Export:
         return pieces
 
     def _add_mesh(self, pieces: list[Piece], finish: Finish, *, quantised: bool = True) -> tuple[int, float]:
-        """A mesh of all pieces, and the scale of its numbers."""
+        """Add a mesh of all pieces; return its index and the scale of its coordinates."""
         mesh = trimesh.util.concatenate([piece for piece, _ in pieces])
         assert isinstance(mesh, trimesh.Trimesh)
         rgba = np.concatenate([np.tile(colour, (len(piece.vertices), 1)) for piece, colour in pieces])
@@ -170,9 +169,9 @@ class _Export:
     # Skins
 
     def _skins_by_finish(self) -> dict[tuple[bool, Finish], list[Skin]]:
-        """The skins in groups that may be one: the head's apart from the others, because its owner does not see it.
+        """Groups of skins that become one mesh. The head is separate: the first-person view hides it.
 
-        The others are with_cap where the head begins.
+        The other skins have a cap at the neck.
         """
         groups: dict[tuple[bool, Finish], list[Skin]] = {}
         skins = list(skins_of(self._model))
@@ -241,10 +240,7 @@ class _Export:
 
 
 def geoms_by_carrier(model: mujoco.MjModel) -> dict[int, list[int]]:
-    """Visual geoms by the body that carries them: the outermost one that they cannot move against.
-
-    Geoms that are wholly transparent are left out.
-    """
+    """Ids of visible geoms by body, where bodies that are fixed to each other count as the outermost one."""
     found: dict[int, list[int]] = {}
     visible = (model.geom_group == VISUAL_GROUP) & (geom_colours(model)[:, 3] > 0.0)
     for geom in range(model.ngeom):
@@ -254,14 +250,14 @@ def geoms_by_carrier(model: mujoco.MjModel) -> dict[int, list[int]]:
 
 
 def _carrier(model: mujoco.MjModel, body: int) -> int:
-    """Bodies that stand in the world are each placed anew in every episode."""
+    """The outermost body that a body is fixed to. Children of the world count as movable: episodes place them."""
     while model.body_jntnum[body] == 0 and model.body_parentid[body] != 0:
         body = int(model.body_parentid[body])
     return body
 
 
 def _instances(model: mujoco.MjModel, colours: FloatArray, carried: dict[int, list[int]]) -> list[list[int]]:
-    """Bodies of one geom each that look the same, in groups."""
+    """Groups of identical bodies with one geom each."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for body, geoms in carried.items():
         if len(geoms) == 1 and model.geom_type[geoms[0]] != mujoco.mjtGeom.mjGEOM_MESH:

@@ -1,9 +1,8 @@
-"""A model's skins as glTF wants them: four bones and weights per vertex, and bones that do not twist.
+"""Skins of a model for glTF: four bones and weights per vertex, and swing bones without twist.
 
-A forearm that turns about its own axis takes the skin near the elbow with it only a little. MuJoCo's bones are the
-bodies, and their twist would wring the skin there; each upper arm and forearm has a second bone for the picture, its
-*swing*, that follows the body but not its twist about its own z axis. Along the limb the skin goes over from the
-swing to the body.
+MuJoCo's bones are the bodies. The twist of a forearm about its axis would deform the skin at the elbow too much. Each
+upper arm and forearm therefore has a second bone, its *swing*, which follows the body without the twist about its z
+axis (swing-twist decomposition). Along the limb, the weights change gradually from the swing to the body.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,12 +20,12 @@ from avrgym.vr.scene.geom_meshes import pose_matrix
 BONES_PER_VERTEX = 4
 TWISTING = ("upper_arm", "forearm")
 WELD_DISTANCE_M = 1e-5
-"""Vertices of two skins that are no further apart are one place."""
+"""Vertices of two skins within this distance coincide."""
 
 
 @dataclass(frozen=True)
 class Bone:
-    """A body, or its swing; ``inverse_bind`` (4, 4) takes the skin at rest into its frame."""
+    """A body, or its swing; ``inverse_bind`` (4, 4) transforms the skin at rest into its frame."""
 
     body: str
     swing: bool
@@ -51,13 +50,13 @@ class Skin:
 
     @property
     def main_body(self) -> str:
-        """The body that most of it follows."""
+        """The body with the largest weight."""
         shares = [self.weight_of[self.bone_of == number].sum() for number in range(len(self.bones))]
         return self.bones[int(np.argmax(shares))].body
 
 
 def skins_of(model: mujoco.MjModel) -> Iterator[Skin]:
-    """All skins of a model; where two of one material meet, their normals agree."""
+    """All skins of a model. Adjacent skins of one material have the same normals at their border."""
     normals, colours = _normals(model), skin_colours(model)
     for skin in range(model.nskin):
         count: int = model.skin_vertnum[skin]
@@ -101,7 +100,7 @@ def merged(skins: Sequence[Skin]) -> Skin:
 
 
 def with_cap(skin: Skin, other: Skin) -> Skin:
-    """A skin with a lid where another one goes on, so that nobody looks into it who does not see the other."""
+    """A skin with a cap at the border to another one, for views that hide the other one."""
     rim = _rim(skin, other)
     if not len(rim):
         return skin
@@ -126,7 +125,7 @@ def with_cap(skin: Skin, other: Skin) -> Skin:
 
 
 def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
-    """The edges (E, 2) at which a skin ends and another goes on, in the direction of the skin's own triangles."""
+    """The edges (E, 2) between a skin and an adjacent one, in the direction of the skin's triangles."""
     near, others_near = _near(skin.vertices, other.vertices), _near(other.vertices, skin.vertices)
     if not near.any() or not others_near.any():
         return np.zeros((0, 2), np.int64)
@@ -142,13 +141,13 @@ def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
 
 
 def _near(points: FloatArray, others: FloatArray) -> BoolArray:
-    """Which of some points (V, 3) may lie together with one of others (W, 3): those in the box around them."""
+    """Mask (V,) of the points (V, 3) in the bounding box of others (W, 3)."""
     low, high = others.min(axis=0) - WELD_DISTANCE_M, others.max(axis=0) + WELD_DISTANCE_M
     return ((points >= low) & (points <= high)).all(axis=1)
 
 
 def _places(points: FloatArray) -> NDArray[np.int64]:
-    """A number (V,) for each point (V, 3), the same where they lie together, in the order of x, y and z."""
+    """A number (V,) for each point (V, 3); coinciding points have the same number."""
     steps = np.round(points / WELD_DISTANCE_M).astype(np.int64)
     steps -= steps.min(axis=0)
     cells = np.ravel_multi_index(tuple(steps.T), tuple(steps.max(axis=0) + 1))
@@ -156,13 +155,13 @@ def _places(points: FloatArray) -> NDArray[np.int64]:
 
 
 def _edges(faces: NDArray[np.integer[Any]], chosen: BoolArray) -> NDArray[np.int64]:
-    """The edges (E, 2) of triangles, each in its triangle's direction, between chosen vertices, by their numbers."""
+    """The directed edges (E, 2) of triangles between chosen vertices, as indices among the chosen ones."""
     edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     return (np.cumsum(chosen) - 1)[edges[chosen[edges].all(axis=1)]]
 
 
 def _edge_numbers(edges: NDArray[np.int64], places: int) -> NDArray[np.int64]:
-    """A number (E,) for each edge between so many places, in the order of the edges."""
+    """A unique number (E,) for each edge."""
     return edges[:, 0] * places + edges[:, 1]
 
 
@@ -200,13 +199,13 @@ def _bones(model: mujoco.MjModel, skin: int) -> tuple[tuple[Bone, ...], FloatArr
 
 
 def _end_z(model: mujoco.MjModel, body: int) -> float:
-    """Where the next body of a limb begins on its z axis."""
+    """The z coordinate of the child body."""
     child = int(np.flatnonzero(model.body_parentid == body)[0])
     return float(model.body_pos[child, 2])
 
 
 def _normals(model: mujoco.MjModel) -> list[FloatArray]:
-    """Normals (V, 3) of each skin, area-weighted over all triangles that share a place and a material."""
+    """Area-weighted normals (V, 3) of each skin, averaged over coinciding vertices of one material."""
     found: list[FloatArray] = [np.zeros((0, 3))] * model.nskin
     for material in np.unique(model.skin_matid):
         members = np.flatnonzero(model.skin_matid == material).tolist()
