@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.recording.schema import Control
-from avrgym.vr.emulation.in_process_client import InProcessClient
 from avrgym.safety.force_guard import INTERVENTION_EVENT
+from avrgym.vr.emulation.in_process_client import InProcessClient
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session

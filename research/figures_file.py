@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 
 from avrgym.learning.evaluation import Evaluation
-from avrgym.system.files import write_whole
+from avrgym.system.files import write_atomically
 from papers_results import short
 
 Figures = dict[str, Mapping]
@@ -19,7 +19,7 @@ def read(file: Path) -> Figures:
 
 def add(file: Path, name: str, told: Mapping) -> None:
     """Keep what was measured, and say so."""
-    write_whole(file, msgspec.json.format(msgspec.json.encode(read(file) | {name: told})))
+    write_atomically(file, msgspec.json.format(msgspec.json.encode(read(file) | {name: told})))
     print(name, told["success_rate"], flush=True)
 
 

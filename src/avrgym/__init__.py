@@ -8,9 +8,9 @@ first environment; from then on its warnings go to the logger ``avrgym.mujoco``.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from avrgym.system.mujoco_setup import choose_renderer
+from avrgym.system.mujoco_setup import choose_rendering_backend
 
-choose_renderer()
+choose_rendering_backend()
 
 from avrgym.envs.registration import register  # noqa: E402
 

@@ -31,8 +31,8 @@ def test_an_occupied_port_is_a_warning() -> None:
         taken.listen()
         number = taken.getsockname()[1]
         found = connections.port(number)
-        assert (found.state, f"127.0.0.1:{number}" in found.found) == ("warning", True)
-        assert "--port 0" in found.cure
+        assert (found.state, f"127.0.0.1:{number}" in found.message) == ("warning", True)
+        assert "--port 0" in found.fix
     assert connections.port(number).state == "ok"
 
 
@@ -40,9 +40,9 @@ def test_a_browser_is_found_or_missed(
     program: Callable[[str, str], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PLAYWRIGHT_BROWSERS_PATH", str(tmp_path / "none"))
-    assert connections.browser().cure == "playwright install chromium"
+    assert connections.browser().fix == "playwright install chromium"
     program("chromium", "")
-    assert connections.browser().found == str(tmp_path / "chromium")
+    assert connections.browser().message == str(tmp_path / "chromium")
 
 
 ATTACHED = "List of devices attached"
@@ -62,11 +62,11 @@ def test_a_headset_on_a_cable(
 ) -> None:
     program("adb", f"printf '{listed}\\n'")
     found = connections.headset()
-    assert (found.state, found.found) == (state, words)
+    assert (found.state, found.message) == (state, words)
 
 
 def test_without_adb_it_says_how_to_get_it(program: Callable[[str, str], None]) -> None:
-    assert "adb is not installed" in connections.headset().found
+    assert "adb is not installed" in connections.headset().message
 
 
 def test_a_network_is_named_or_missed() -> None:
@@ -78,28 +78,28 @@ def test_firewalls_that_are_on(program: Callable[[str, str], None], tmp_path: Pa
     ufw = tmp_path / "ufw.conf"
     assert connections.firewall(8000, ufw).state == "ok"
     ufw.write_text("# comment\nENABLED=yes\n")
-    assert connections.firewall(8000, ufw).cure.startswith("sudo ufw allow 8000/tcp")
+    assert connections.firewall(8000, ufw).fix.startswith("sudo ufw allow 8000/tcp")
     ufw.write_text("ENABLED=no\n")
     assert connections.firewall(8000, ufw).state == "ok"
     program("firewall-cmd", "exit 1")
-    assert connections.firewall(8000, ufw).found == "neither ufw nor firewalld is on"
+    assert connections.firewall(8000, ufw).message == "neither ufw nor firewalld is on"
     program("firewall-cmd", '[ "$1" = --state ]')
-    assert connections.firewall(8000, ufw).cure == "sudo firewall-cmd --add-port=8000/tcp"
+    assert connections.firewall(8000, ufw).fix == "sudo firewall-cmd --add-port=8000/tcp"
     program("firewall-cmd", '[ "$1" = --state ] || [ "$1" = --query-port=8000/tcp ]')
-    assert connections.firewall(8000, ufw).found == "firewalld lets 8000/tcp pass"
+    assert connections.firewall(8000, ufw).message == "firewalld lets 8000/tcp pass"
 
 
 def test_a_certificate_is_examined_and_never_made(tmp_path: Path) -> None:
     folder = tmp_path / "with space"
     wanted = certificate_in(folder, NAMES)
-    assert connections.certificate(wanted).found.startswith("none yet")
+    assert connections.certificate(wanted).message.startswith("none yet")
     assert not folder.exists()
     certificate_for(NAMES, folder)
     assert connections.certificate(wanted) == Finding("ok", str(wanted.certificate_file))
     other = connections.certificate(certificate_in(folder, ("192.0.2.8",)))
-    assert (other.state, "lacks a present name" in other.found) == ("warning", True)
+    assert (other.state, "lacks a present name" in other.message) == ("warning", True)
     wanted.key_file.chmod(0o644)
-    assert "chmod 600" in connections.certificate(wanted).cure
+    assert "chmod 600" in connections.certificate(wanted).fix
     wanted.key_file.chmod(0o600)
     wanted.key_file.write_text("broken")
-    assert "cannot be read" in connections.certificate(wanted).found
+    assert "cannot be read" in connections.certificate(wanted).message

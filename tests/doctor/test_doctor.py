@@ -8,9 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.doctor.checks import CHECKS, examine
+from avrgym.doctor.checks import CHECKS, run_checks
 from avrgym.doctor.finding import Check, ok
-from avrgym.system.mujoco_setup import HOW_TO_DRAW, SCREENS
+from avrgym.system.mujoco_setup import RENDERING_HINT, SCREEN_VARIABLES
 
 
 @pytest.fixture(autouse=True)
@@ -23,29 +23,29 @@ def test_a_sound_computer_has_no_fault_and_nothing_is_left_behind(tmp_path: Path
     assert told.exit_code == 0, told.output
     rows = json.loads(Path("found.json").read_text())
     assert [row["check"] for row in rows] == [check.name for check in CHECKS]
-    assert [row["check"] for row in rows if bool(row["cure"]) is (row["state"] == "ok")] == []
+    assert [row["check"] for row in rows if bool(row["fix"]) is (row["state"] == "ok")] == []
     for row in rows:
-        assert row["found"] in told.stdout
-        assert row["cure"] in told.stdout
+        assert row["message"] in told.stdout
+        assert row["fix"] in told.stdout
     assert "a picture was drawn by " in told.stdout
     assert [path.name for path in tmp_path.iterdir()] == ["found.json"]
 
 
 def test_a_fault_ends_with_exit_code_1_and_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
-    for screen in SCREENS:
+    for screen in SCREEN_VARIABLES:
         monkeypatch.delenv(screen, raising=False)
     monkeypatch.setenv("MUJOCO_GL", "glfw")
     told = CliRunner().invoke(app, ["doctor"])
     assert told.exit_code == 1
-    assert re.search(r"fault +OpenGL +no picture can be drawn with MUJOCO_GL=glfw: \w+", told.stdout)
-    assert HOW_TO_DRAW in told.stdout
-    assert "faults: 1" in told.stdout
+    assert re.search(r"error +OpenGL +no picture can be drawn with MUJOCO_GL=glfw: \w+", told.stdout)
+    assert RENDERING_HINT in told.stdout
+    assert "errors: 1" in told.stdout
 
 
 def test_a_check_that_fails_itself_is_a_fault_and_the_others_go_on() -> None:
     def fail():
         raise OSError("broken installation")
 
-    found = dict(examine((Check("broken", fail), Check("sound", lambda: ok("well")))))
-    assert (found["broken"].state, found["sound"].state) == ("fault", "ok")
-    assert "broken installation" in found["broken"].found
+    found = dict(run_checks((Check("broken", fail), Check("sound", lambda: ok("well")))))
+    assert (found["broken"].state, found["sound"].state) == ("error", "ok")
+    assert "broken installation" in found["broken"].message

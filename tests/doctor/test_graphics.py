@@ -24,13 +24,13 @@ def test_a_graphics_card_is_named_and_a_silent_driver_is_a_warning(
     program: Callable[[str, str], None],
 ) -> None:
     program("nvidia-smi", "echo 'A Card, 550.54'")
-    assert graphics.card().found == "A Card, driver 550.54"
+    assert graphics.graphics_card().message == "A Card, driver 550.54"
     program("nvidia-smi", "echo 'Driver/library version mismatch'; exit 18")
-    found = graphics.card()
+    found = graphics.graphics_card()
     assert found.state == "warning"
-    assert "Driver/library version mismatch" in found.found
+    assert "Driver/library version mismatch" in found.message
 
 
 def test_no_graphics_card_is_no_trouble(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert graphics.card().state == "ok"
+    assert graphics.graphics_card().state == "ok"

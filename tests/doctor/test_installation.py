@@ -9,7 +9,7 @@ from avrgym.doctor import installation
 from avrgym.vr.server import web_server
 
 
-@pytest.mark.parametrize(("running", "state"), [("3.10.14", "fault"), ("3.11.0", "ok"), ("3.15.0rc1", "ok")])
+@pytest.mark.parametrize(("running", "state"), [("3.10.14", "error"), ("3.11.0", "ok"), ("3.15.0rc1", "ok")])
 def test_an_old_python_is_a_fault(running: str, state: str) -> None:
     assert installation.python(running).state == state
 
@@ -18,21 +18,21 @@ def test_a_missing_and_an_old_package_are_named_with_the_line_that_brings_them()
     found = installation.packages(
         [Requirement(each) for each in ("numpy>=2.0", "mujoco>=1000", "no-such-package>=1")]
     )
-    assert found.state == "fault"
-    assert "mujoco" in found.found
-    assert "no-such-package is missing" in found.found
-    assert "numpy" not in found.found
-    assert found.cure == "pip install 'mujoco>=1000' 'no-such-package>=1'"
+    assert found.state == "error"
+    assert "mujoco" in found.message
+    assert "no-such-package is missing" in found.message
+    assert "numpy" not in found.message
+    assert found.fix == "pip install 'mujoco>=1000' 'no-such-package>=1'"
 
 
 def test_what_the_package_asks_for_is_what_its_metadata_say() -> None:
-    by_itself = {each.name for each in installation.asked_for()}
+    by_itself = {each.name for each in installation.requirements_of()}
     assert {"mujoco", "numpy", "gymnasium"} <= by_itself
-    assert {each.name for each in installation.asked_for("browser")} == {"playwright"}
+    assert {each.name for each in installation.requirements_of("browser")} == {"playwright"}
     assert not by_itself & {
-        each.name for extra in installation.offered_extras() for each in installation.asked_for(extra)
+        each.name for extra in installation.offered_extras() for each in installation.requirements_of(extra)
     }
-    assert installation.packages(installation.asked_for()).state == "ok"
+    assert installation.packages(installation.requirements_of()).state == "ok"
 
 
 def test_every_extra_but_the_developers_is_told() -> None:
@@ -44,13 +44,13 @@ def test_every_extra_but_the_developers_is_told() -> None:
 def test_an_extra_that_is_missing_is_no_trouble_and_one_in_another_version_is() -> None:
     there, missing, other = ([Requirement(each)] for each in ("numpy", "no-such-package", "numpy>=1000"))
     found = installation.extras({"a": there, "b": missing})
-    assert (found.state, "installed: a" in found.found, "avrgym[b]" in found.found) == ("ok", True, True)
-    assert installation.extras({"a": other}).cure == "pip install 'numpy>=1000'"
+    assert (found.state, "installed: a" in found.message, "avrgym[b]" in found.message) == ("ok", True, True)
+    assert installation.extras({"a": other}).fix == "pip install 'numpy>=1000'"
 
 
 def test_a_client_that_is_not_built_is_a_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(web_server, "STATIC", tmp_path)
     for page in web_server.PAGES:
-        assert installation.client().state == "fault"
+        assert installation.client().state == "error"
         (tmp_path / page).touch()
     assert installation.client().state == "ok"

@@ -39,7 +39,7 @@ def test_one_processor_is_a_warning(one_processor: None) -> None:
 
 
 def test_on_one_processor_nobody_goes_first(one_processor: None) -> None:
-    assert machine.precedence().state == "ok"
+    assert machine.real_time_priority().state == "ok"
 
 
 def test_two_processors_are_enough() -> None:
@@ -50,9 +50,9 @@ def test_two_processors_are_enough() -> None:
 def test_who_may_not_go_first_is_told_how(ordinary_user: None) -> None:
     _, most = resource.getrlimit(resource.RLIMIT_RTPRIO)
     resource.setrlimit(resource.RLIMIT_RTPRIO, (0, most))
-    found = machine.precedence()
+    found = machine.real_time_priority()
     assert found.state == "warning"
-    assert "- rtprio 10" in found.cure
+    assert "- rtprio 10" in found.fix
 
 
 def test_a_user_without_a_name_is_told_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -60,7 +60,7 @@ def test_a_user_without_a_name_is_told_by_number(monkeypatch: pytest.MonkeyPatch
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(os, "getuid", lambda: 4321)
     monkeypatch.setattr(machine, "use_real_time_priority", lambda: False)
-    assert "`4321 - rtprio 10`" in machine.precedence().cure
+    assert "`4321 - rtprio 10`" in machine.real_time_priority().fix
 
 
 @pytest.mark.parametrize(("late_s", "state"), [(0.0001, "ok"), (0.0056, "warning")])
@@ -78,32 +78,32 @@ def test_processors_of_a_virtual_machine_halt_where_nobody_may_keep_them_awake(
     with tempfile.TemporaryDirectory() as name:
         driver, latency = Path(name, "driver"), Path(name, "latency")
         latency.touch()
-        assert machine.halting(driver, latency).state == "ok"
+        assert machine.cpu_idle_states(driver, latency).state == "ok"
         driver.write_text("intel_idle\n")
-        assert machine.halting(driver, latency).state == "ok"
+        assert machine.cpu_idle_states(driver, latency).state == "ok"
         driver.write_text(f"{cpu_idle.GUEST_IDLE_DRIVER}\n")
-        assert machine.halting(driver, latency).state == "ok"
+        assert machine.cpu_idle_states(driver, latency).state == "ok"
         latency.chmod(0o400)
-        found = machine.halting(driver, latency)
-        assert (found.state, str(latency) in found.cure) == ("warning", True)
+        found = machine.cpu_idle_states(driver, latency)
+        assert (found.state, str(latency) in found.fix) == ("warning", True)
 
 
 def test_few_file_handles_are_a_warning() -> None:
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     try:
         resource.setrlimit(resource.RLIMIT_NOFILE, (256, before[1]))
-        assert machine.handles().cure == "ulimit -n 1024"
+        assert machine.open_file_limit().fix == "ulimit -n 1024"
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
-    assert machine.handles(1024).state == "ok"
+    assert machine.open_file_limit(1024).state == "ok"
 
 
 def test_a_full_path_with_spaces_is_written_to_and_left_as_it_was(tmp_path: Path) -> None:
     folder = tmp_path / "a study's (own) folder"
-    assert machine.writable(folder).found == f"{folder} can be made"
+    assert machine.writable(folder).message == f"{folder} can be made"
     assert list(tmp_path.iterdir()) == []
     folder.mkdir()
-    assert machine.writable(folder).found == str(folder)
+    assert machine.writable(folder).message == str(folder)
     assert list(folder.iterdir()) == []
 
 
@@ -113,22 +113,22 @@ def test_a_folder_of_somebody_else_is_a_fault(ordinary_user: None) -> None:
         folder.chmod(0o555)
         for each in (folder, folder / "within"):
             found = machine.writable(each)
-            assert (found.state, "Permission denied" in found.found) == ("fault", True)
+            assert (found.state, "Permission denied" in found.message) == ("error", True)
         folder.chmod(0o755)
 
 
 def test_a_disk_that_takes_nothing_is_a_fault(tmp_path: Path, small_files: Callable[[int], None]) -> None:
     small_files(1)
-    assert machine.writable(tmp_path).state == "fault"
+    assert machine.writable(tmp_path).state == "error"
     small_files(0)
     assert machine.writable(tmp_path).state == "ok"
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("free_bytes", "state"), [(5e9, "ok"), (5e8, "warning"), (5e7, "fault")])
+@pytest.mark.parametrize(("free_bytes", "state"), [(5e9, "ok"), (5e8, "warning"), (5e7, "error")])
 def test_little_room_is_a_warning_and_hardly_any_a_fault(free_bytes: float, state: str) -> None:
     assert machine.space(int(free_bytes)).state == state
 
 
 def test_free_room_is_that_of_the_disk_on_which_a_folder_would_be(tmp_path: Path) -> None:
-    assert machine.free_space(tmp_path / "not" / "yet").found.endswith("trials")
+    assert machine.free_space(tmp_path / "not" / "yet").message.endswith("trials")

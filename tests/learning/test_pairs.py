@@ -170,7 +170,7 @@ def test_training_makes_the_episodes_of_the_parallel_environment_to_the_bit(envi
     """With the same actions of both; observations and rewards of both, and those of each agent's own effort."""
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 6)
     networks = [network(environment, of_human=of_human, deviation=0.3) for of_human in (False, True)]
-    place = WorldSettings(environment, TransferredFile.of("zoo/train"), "tremor", 1, "threads")
+    place = WorldSettings(environment, TransferredFile.read("zoo/train"), "tremor", 1, "threads")
     request = RolloutRequest(place, 0, np.array([7, 8]), noise_seed=(1, 2), shared_reward=False)
     robot, human = roll_out_all(networks, request)
     for world, seed in enumerate(request.episode_seeds):

@@ -184,7 +184,7 @@ def test_windows_begin_where_the_one_before_ended():
 
 def test_what_is_shown_is_what_the_teacher_would_do():
     teacher, learner = (packaged(TINY.environment, kind) for kind in ("revised", "original"))
-    place = WorldSettings(TINY.environment, TransferredFile.of(TINY.people), "none", 1, "threads")
+    place = WorldSettings(TINY.environment, TransferredFile.read(TINY.people), "none", 1, "threads")
     by_expert = np.array([True, False])
     shown = roll_out(
         learner, RolloutRequest(place, 0, np.arange(2), expert_drives=by_expert, teacher=teacher)
@@ -244,7 +244,7 @@ def test_an_overload_costs_by_the_highest_share_of_a_limit(monkeypatch):
     environment, steps, seeds = "avrgym/FeedingPR2-v1", 40, [0, 1, 2]
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", steps)
     policy = packaged(environment, "revised")
-    place = WorldSettings(environment, TransferredFile.of("participants"), "none", 1, "threads")
+    place = WorldSettings(environment, TransferredFile.read("participants"), "none", 1, "threads")
     requests = [
         RolloutRequest(place, 0, np.array(seeds), overload_weight=weight) for weight in (0.0, 1.0, 3.0)
     ]
@@ -273,7 +273,7 @@ def test_newtons_beyond_the_most_are_not_paid_for(monkeypatch):
     environment, steps, seeds, most = TINY.environment, 60, np.arange(2), 3.0
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", steps)
     policy = packaged(environment, "revised")
-    place = WorldSettings(environment, TransferredFile.of("revised"), "none", 1, "threads")
+    place = WorldSettings(environment, TransferredFile.read("revised"), "none", 1, "threads")
     free, limited = (
         roll_out(policy, RolloutRequest(place, 0, seeds, rewarded_force_n=each)) for each in (np.inf, most)
     )
@@ -296,7 +296,7 @@ def test_a_folder_without_training_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_with_withdrawal_contact_after_success_earns_nothing_and_imitation_shows_waiting():
-    place = WorldSettings("avrgym/FeedingJaco-v1", TransferredFile.of("revised"), "none", 1, "threads")
+    place = WorldSettings("avrgym/FeedingJaco-v1", TransferredFile.read("revised"), "none", 1, "threads")
     request = RolloutRequest(place, 0, np.array([3]), expert_drives=np.array([True]))
     policy = packaged("avrgym/FeedingJaco-v1", "adaptive")
     goes_on = roll_out(policy, request)

@@ -74,7 +74,7 @@ def test_episodes_on_the_device_are_those_of_threads() -> None:
         roll_out(
             policy,
             RolloutRequest(
-                WorldSettings(SCRATCHING, TransferredFile.of("revised"), "none", 1, engine),
+                WorldSettings(SCRATCHING, TransferredFile.read("revised"), "none", 1, engine),
                 first_world=0,
                 episode_seeds=np.arange(50, 50 + WORLDS),
                 noise_seed=(3, 400),

@@ -67,7 +67,7 @@ def test_the_same_error_counts_less_the_faster_the_tool_is_to_go():
 def test_a_rollout_says_where_the_arm_was_when_the_expert_spoke(monkeypatch):
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 5)
     policy = Policy.load(packaged_policies(ENVIRONMENT)["adaptive"])
-    place = WorldSettings(ENVIRONMENT, TransferredFile.of("zoo/train"), "none", 1, "threads")
+    place = WorldSettings(ENVIRONMENT, TransferredFile.read("zoo/train"), "none", 1, "threads")
     parts = [
         roll_out(
             policy,

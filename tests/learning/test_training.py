@@ -408,7 +408,7 @@ def test_detours_are_subtracted_from_the_rewards_of_all_but_the_last_step():
 
 def requests_of(split: tuple[int, ...], how: dict) -> list[RolloutRequest]:
     """Of five worlds, in parts of these sizes."""
-    place = WorldSettings(SCRATCHING, TransferredFile.of("participants"), "tremor", 1, "threads")
+    place = WorldSettings(SCRATCHING, TransferredFile.read("participants"), "tremor", 1, "threads")
     ends = np.cumsum(split)
     return [
         RolloutRequest(
@@ -441,7 +441,7 @@ def test_the_exported_policy_acts_as_the_model_does(rng, tmp_path):
     normaliser = Normaliser(observation_of(FEEDING), TINY.gamma)
     (request,) = requests_of((2,), {})
     place = replace(
-        request.settings, environment=FEEDING, people=TransferredFile.of("revised"), impairment="none"
+        request.settings, environment=FEEDING, people=TransferredFile.read("revised"), impairment="none"
     )
     rollout = roll_out(Policy.load(find_policy("revised", FEEDING)), replace(request, settings=place))
     normaliser.update_observations(rollout)

@@ -32,5 +32,5 @@ def test_a_field_without_description_is_an_error() -> None:
     class Bare(Row):
         extra: int = 0
 
-    with pytest.raises(TypeError, match="Bare.extra"):
+    with pytest.raises(TypeError, match=r"Bare\.extra"):
         columns_of(Bare)

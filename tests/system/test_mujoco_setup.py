@@ -12,7 +12,7 @@ from avrgym.system import mujoco_setup
 @pytest.fixture
 def chosen(monkeypatch: pytest.MonkeyPatch):
     """Gives what is chosen with some libraries installed, in an environment of its own."""
-    for name in ("MUJOCO_GL", *mujoco_setup.SCREENS):
+    for name in ("MUJOCO_GL", *mujoco_setup.SCREEN_VARIABLES):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr("sys.platform", "linux")
 
@@ -20,7 +20,7 @@ def chosen(monkeypatch: pytest.MonkeyPatch):
         for name, value in environment.items():
             monkeypatch.setenv(name, value)
         monkeypatch.setattr(mujoco_setup, "find_library", lambda name: name if name in installed else None)
-        mujoco_setup.choose_renderer()
+        mujoco_setup.choose_rendering_backend()
         return os.environ.get("MUJOCO_GL")
 
     yield choose
@@ -39,7 +39,7 @@ def test_nothing_is_chosen_without_a_library(chosen) -> None:
     assert chosen() is None
 
 
-@pytest.mark.parametrize("screen", mujoco_setup.SCREENS)
+@pytest.mark.parametrize("screen", mujoco_setup.SCREEN_VARIABLES)
 def test_a_screen_is_left_to_mujoco(chosen, screen: str) -> None:
     assert chosen("EGL", **{screen: ":0"}) is None
 
@@ -50,9 +50,9 @@ def test_what_is_set_stays(chosen) -> None:
 
 @pytest.mark.parametrize("value", ["", "off", "EGL ", "glfw"])
 def test_what_mujoco_understands_is_no_trouble(chosen, monkeypatch: pytest.MonkeyPatch, value: str) -> None:
-    monkeypatch.setattr(mujoco_setup, "_loads", lambda library: True)
+    monkeypatch.setattr(mujoco_setup, "_can_load", lambda library: True)
     monkeypatch.setenv("MUJOCO_GL", value)
-    mujoco_setup.check_renderer()
+    mujoco_setup.check_rendering_backend()
 
 
 @pytest.mark.parametrize(
@@ -66,10 +66,10 @@ def test_what_mujoco_understands_is_no_trouble(chosen, monkeypatch: pytest.Monke
 def test_what_would_keep_mujoco_from_being_imported_is_said(
     chosen, monkeypatch: pytest.MonkeyPatch, value: str, library: bool, said: str
 ) -> None:
-    monkeypatch.setattr(mujoco_setup, "_loads", lambda _: library)
+    monkeypatch.setattr(mujoco_setup, "_can_load", lambda _: library)
     monkeypatch.setenv("MUJOCO_GL", value)
     with pytest.raises(ValueError, match=said):
-        mujoco_setup.check_renderer()
+        mujoco_setup.check_rendering_backend()
 
 
 def test_every_command_says_so_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from avrgym.models.human import SKIN_TONES
 from avrgym.texts.interface_texts import (
     ENGLISH,
     FOLDER,
-    ON_PAGE,
+    PAGE_SUFFIX,
     SELECT_BY,
     Text,
     TextsError,
@@ -59,8 +59,8 @@ def test_every_language_is_whole_and_its_own(language: str) -> None:
         alike = {key for key in english if found[key] == english[key]}
         assert language == "en" or alike <= ALIKE
     for key, text in texts.session.items():
-        if CONTROLLER.search(text) and not key.endswith(ON_PAGE) and not key.startswith(SELECT_BY):
-            on_page = texts.session.get(key + ON_PAGE, "" if key.startswith(IN_VR_ALONE) else text)
+        if CONTROLLER.search(text) and not key.endswith(PAGE_SUFFIX) and not key.startswith(SELECT_BY):
+            on_page = texts.session.get(key + PAGE_SUFFIX, "" if key.startswith(IN_VR_ALONE) else text)
             assert not CONTROLLER.search(on_page), key
 
 
@@ -72,7 +72,7 @@ def test_nobody_reads_of_an_input_that_they_do_not_have(language: str) -> None:
     assert set(kinds) == INPUTS
     values = {name: "x" for name in ("trial", "goal", "seconds", "faults", "moved_cm", "most_cm")}
     for key, text in texts.session.items():
-        if "{select}" not in text.lower() or key.endswith(ON_PAGE):
+        if "{select}" not in text.lower() or key.endswith(PAGE_SUFFIX):
             assert key.startswith(SELECT_BY) or not SELECTS.search(text), key
             continue
         said = Text("more_faults", {"faults": Text(key, values), "more": "1"})

@@ -278,7 +278,7 @@ def test_a_participant_who_cannot_begin_gives_up_in_words(tmp_path: Path) -> Non
     blocked.write_text("")
     client = InProcessClient(participant(1), lambda text: None)
     session = Session(plan(), driving(plan()), blocked, client.hear, "blocked")
-    with pytest.raises(RuntimeError, match=r"trial 1 does not begin: .*cannot be recorded"):
+    with pytest.raises(RuntimeError, match=r"trial 1 does not start: .*cannot be recorded"):
         client.run(session)
 
 

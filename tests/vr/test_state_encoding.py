@@ -65,7 +65,7 @@ def test_rows_are_packed_and_unpacked(columns: int, most: int) -> None:
 @pytest.mark.parametrize("cut", [1, 3])
 def test_bytes_that_are_missing_are_missed(cut: int) -> None:
     packed = pack(np.array([4]), np.array([[300, -1]]))
-    with pytest.raises(ValueError, match="do not end with a row"):
+    with pytest.raises(ValueError, match="do not end with a complete row"):
         unpack(packed[:-cut], 2)
 
 

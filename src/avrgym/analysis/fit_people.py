@@ -26,7 +26,7 @@ from avrgym.study.checking.tracking_loss import describe_excess_loss
 from avrgym.study.export.trials import ExportedAttempt, completed_attempts
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.files import write_whole
+from avrgym.system.files import write_atomically
 from avrgym.tasks.registry import TASKS
 
 FITTED_JOINTS = tuple(name for name in JOINTS if not name.startswith("left_"))
@@ -112,7 +112,7 @@ def write_people(fit: FittedPeople, out: Path) -> None:
     """Write the people into a new file; an existing one raises ``FileExistsError``."""
     if out.exists():
         raise FileExistsError(f"{out} exists already; choose another name")
-    write_whole(out, _toml_text(fit).encode())
+    write_atomically(out, _toml_text(fit).encode())
 
 
 def _toml_text(fit: FittedPeople) -> str:

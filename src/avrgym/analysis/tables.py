@@ -9,7 +9,7 @@ from typing import Any
 from avrgym.analysis.reading.rows import ParticipantRow
 from avrgym.analysis.reading.trial_series import TrialSeries
 from avrgym.study.export.separated import neutral
-from avrgym.system.files import new_table
+from avrgym.system.files import open_new_csv
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class Table:
 
     def write(self, folder: Path) -> None:
         """Write the table into a folder; text that a spreadsheet would run as a formula gets an apostrophe."""
-        with new_table(folder / f"{self.name}.csv") as file:
+        with open_new_csv(folder / f"{self.name}.csv") as file:
             writer = csv.writer(file)
             writer.writerow(self.columns)
             writer.writerows([neutral(row[column]) for column in self.columns] for row in self.rows)

@@ -13,24 +13,24 @@ def doctor(json_file: JsonFile = None) -> None:
     What is installed, whether it draws, who reaches it, whether it keeps up with real time. The exit code is 1 where
     there is a fault; warnings leave it 0.
     """
-    from avrgym.doctor.checks import CHECKS, examine
+    from avrgym.doctor.checks import CHECKS, run_checks
     from avrgym.doctor.finding import Finding
 
     width = max(len(check.name) for check in CHECKS)
 
     def tell(name: str, finding: Finding) -> None:
-        say(f"{finding.state:8} {name:{width}}  {finding.found}")
-        if finding.cure:
-            say(f"{'':8} {'':{width}}  → {finding.cure}")
+        say(f"{finding.state:8} {name:{width}}  {finding.message}")
+        if finding.fix:
+            say(f"{'':8} {'':{width}}  → {finding.fix}")
 
     with plain_errors():
         check_json(json_file)
         found: list[tuple[str, Finding]] = []
-        for name, finding in examine():
+        for name, finding in run_checks():
             tell(name, finding)
             found.append((name, finding))
         write_json(json_file, [{"check": name, **asdict(finding)} for name, finding in found])
     states = [finding.state for _, finding in found]
-    say(f"faults: {states.count('fault')}, warnings: {states.count('warning')}")
-    if "fault" in states:
+    say(f"errors: {states.count('error')}, warnings: {states.count('warning')}")
+    if "error" in states:
         raise typer.Exit(1)

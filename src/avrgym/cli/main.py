@@ -13,7 +13,7 @@ from avrgym.cli.serve import serve, view
 from avrgym.cli.study import app as study_commands
 from avrgym.cli.sweep import sweep
 from avrgym.cli.terminal import plain_errors
-from avrgym.system.mujoco_setup import check_renderer
+from avrgym.system.mujoco_setup import check_rendering_backend
 
 app = Program(
     cls=Commands,
@@ -29,7 +29,7 @@ app = Program(
 def begin() -> None:
     """Before every command."""
     with plain_errors():
-        check_renderer()
+        check_rendering_backend()
 
 
 app.add_typer(bench_commands, name="bench")

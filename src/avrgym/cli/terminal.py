@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.system.files import write_whole
+from avrgym.system.files import write_atomically
 from avrgym.system.type_guards import is_array
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def write_json(path: Path | None, metrics: list[dict[str, Any]] | dict[str, Any]
     """Write metrics to the file that was asked for, if one was."""
     check_json(path)
     if path is not None:
-        write_whole(path, (json.dumps(metrics, indent=2) + "\n").encode())
+        write_atomically(path, (json.dumps(metrics, indent=2) + "\n").encode())
 
 
 def printable(text: str, encoding: str | None = None) -> str:

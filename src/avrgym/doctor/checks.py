@@ -5,20 +5,20 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from avrgym.doctor import connections, graphics, installation, machine
-from avrgym.doctor.finding import Check, Finding, fault
-from avrgym.doctor.installation import asked_for, offered_extras
+from avrgym.doctor.finding import Check, Finding, error
+from avrgym.doctor.installation import offered_extras, requirements_of
 from avrgym.system.files import user_data_folder
 from avrgym.vr.server.addresses import PORT
 from avrgym.vr.server.certificate import certificate_in, lan_names
 
 CHECKS = (
     Check("Python", lambda: installation.python(platform.python_version())),
-    Check("packages", lambda: installation.packages(installation.asked_for())),
-    Check("extras", lambda: installation.extras({name: asked_for(name) for name in offered_extras()})),
+    Check("packages", lambda: installation.packages(installation.requirements_of())),
+    Check("extras", lambda: installation.extras({name: requirements_of(name) for name in offered_extras()})),
     Check("plug-ins", installation.plugins),
     Check("client", installation.client),
-    Check("graphics card", graphics.card),
-    Check("OpenGL", graphics.drawing),
+    Check("graphics card", graphics.graphics_card),
+    Check("OpenGL", graphics.rendering),
     Check("browser", connections.browser),
     Check("headset", connections.headset),
     Check("port", lambda: connections.port(PORT)),
@@ -26,20 +26,20 @@ CHECKS = (
     Check("firewall", lambda: connections.firewall(PORT)),
     Check("certificate", lambda: connections.certificate(certificate_in(user_data_folder(), lan_names()))),
     Check("processors", machine.processors),
-    Check("priority", machine.precedence),
+    Check("priority", machine.real_time_priority),
     Check("timer", lambda: machine.timer(machine.oversleep_s())),
-    Check("halting", machine.halting),
-    Check("open files", machine.handles),
+    Check("CPU idle states", machine.cpu_idle_states),
+    Check("open files", machine.open_file_limit),
     Check("disk", lambda: machine.free_space(Path.cwd())),
     Check("this folder", lambda: machine.writable(Path.cwd())),
     Check("data folder", lambda: machine.writable(user_data_folder())),
 )
 
 
-def examine(checks: tuple[Check, ...] = CHECKS) -> Iterator[tuple[str, Finding]]:
+def run_checks(checks: tuple[Check, ...] = CHECKS) -> Iterator[tuple[str, Finding]]:
     """The name of each check and what it finds; one that fails itself is a fault, and the others go on."""
     for check in checks:
         try:
-            yield check.name, check.look()
-        except Exception as error:  # whatever a broken installation raises
-            yield check.name, fault(f"cannot be examined: {error!r}", "tell us, with this line")
+            yield check.name, check.run()
+        except Exception as failure:  # whatever a broken installation raises
+            yield check.name, error(f"cannot be examined: {failure!r}", "tell us, with this line")

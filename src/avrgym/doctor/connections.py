@@ -13,7 +13,7 @@ from avrgym.vr.server.addresses import LOOPBACK
 from avrgym.vr.server.certificate import Certificate, reason_to_renew
 from avrgym.vr.server.web_server import ServerError, listen
 
-PATIENCE_S = 20.0
+TIMEOUT_S = 20.0
 UFW = Path("/etc/ufw/ufw.conf")
 
 
@@ -42,9 +42,7 @@ def headset() -> Finding:
             "adb is not installed, which connects a Quest or Pico by cable",
             "sudo apt install adb, or Android's platform tools; not needed with --lan or SteamVR",
         )
-    ran = subprocess.run(
-        [program, "devices"], capture_output=True, text=True, timeout=PATIENCE_S, check=False
-    )
+    ran = subprocess.run([program, "devices"], capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     attached = re.findall(r"^(\S+)\t(.+)$", ran.stdout, re.MULTILINE)
     ready = [serial for serial, state in attached if state == "device"]
     if ready:
@@ -59,8 +57,8 @@ def port(number: int) -> Finding:
     """Whether a server can listen on a port of this computer."""
     try:
         listen(LOOPBACK[0], number).close()
-    except ServerError as error:
-        return warning(str(error).partition(";")[0], "avrgym serve --port 0 takes a free one")
+    except ServerError as failure:
+        return warning(str(failure).partition(";")[0], "avrgym serve --port 0 takes a free one")
     return ok(f"{number} is free")
 
 
@@ -82,9 +80,9 @@ def firewall(number: int, ufw: Path = UFW) -> Finding:
             f"sudo ufw allow {number}/tcp, unless you did already",
         )
     program = shutil.which("firewall-cmd")
-    if program is None or not _agrees(program, "--state"):
+    if program is None or not _succeeds(program, "--state"):
         return ok("neither ufw nor firewalld is on")
-    if _agrees(program, f"--query-port={number}/tcp"):
+    if _succeeds(program, f"--query-port={number}/tcp"):
         return ok(f"firewalld lets {number}/tcp pass")
     return warning(
         f"firewalld keeps headsets of the network from {number}/tcp",
@@ -92,8 +90,8 @@ def firewall(number: int, ufw: Path = UFW) -> Finding:
     )
 
 
-def _agrees(*command: str) -> bool:
-    return subprocess.run(command, capture_output=True, timeout=PATIENCE_S, check=False).returncode == 0
+def _succeeds(*command: str) -> bool:
+    return subprocess.run(command, capture_output=True, timeout=TIMEOUT_S, check=False).returncode == 0
 
 
 def certificate(wanted: Certificate) -> Finding:

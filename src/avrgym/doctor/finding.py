@@ -4,37 +4,37 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-State = Literal["ok", "warning", "fault"]
+State = Literal["ok", "warning", "error"]
 """A fault: something that AVR Gym does fails here. A warning: it does less, or less well, than it could."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found, and what to do about it in one line; ``cure`` is empty where all is well."""
+    """What a check found, and what to do about it in one line; ``fix`` is empty where all is well."""
 
     state: State
-    found: str
-    cure: str = ""
+    message: str
+    fix: str = ""
 
 
 @dataclass(frozen=True)
 class Check:
-    """A question about this computer; ``look`` finds the answer and leaves everything as it was."""
+    """A question about this computer; ``run`` finds the answer and changes nothing."""
 
     name: str
-    look: Callable[[], Finding]
+    run: Callable[[], Finding]
 
 
-def ok(found: str) -> Finding:
+def ok(message: str) -> Finding:
     """All is well."""
-    return Finding("ok", found)
+    return Finding("ok", message)
 
 
-def warning(found: str, cure: str) -> Finding:
+def warning(message: str, fix: str) -> Finding:
     """Something works less well than it could."""
-    return Finding("warning", found, cure)
+    return Finding("warning", message, fix)
 
 
-def fault(found: str, cure: str) -> Finding:
+def error(message: str, fix: str) -> Finding:
     """Something does not work."""
-    return Finding("fault", found, cure)
+    return Finding("error", message, fix)

@@ -1,4 +1,4 @@
-"""Graphics card and drawing."""
+"""Graphics card and rendering."""
 
 import os
 import shutil
@@ -7,23 +7,23 @@ import subprocess
 import sys
 from pathlib import Path
 
-from avrgym.doctor.finding import Finding, fault, ok, warning
-from avrgym.system.mujoco_setup import HOW_TO_DRAW
+from avrgym.doctor.finding import Finding, error, ok, warning
+from avrgym.system.mujoco_setup import RENDERING_HINT
 
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 SCENE = """<mujoco><worldbody><light pos="0 0 3"/><geom size="0.3" rgba="1 0 0 1"/></worldbody></mujoco>"""
 HEIGHT_PX, WIDTH_PX = 48, 64
 KERNEL_DEVICES = Path("/sys/class/drm")
 BY_THE_PROCESSOR = ("llvmpipe", "softpipe", "swrast")
-"""What Mesa calls drawing without a graphics card."""
+"""What Mesa calls rendering without a graphics card."""
 
 
-def card() -> Finding:
+def graphics_card() -> Finding:
     """Which graphics card there is, and whether its driver answers."""
     program = shutil.which("nvidia-smi")
     if program is not None:
         return _nvidia(program)
-    drivers = {(card / "device" / "driver").resolve().name for card in KERNEL_DEVICES.glob("renderD*")}
+    drivers = {(device / "device" / "driver").resolve().name for device in KERNEL_DEVICES.glob("renderD*")}
     if drivers:
         return ok(f"one with the kernel's driver {', '.join(sorted(drivers))}")
     return ok("none is found; the processor draws, and nothing here needs a graphics card")
@@ -31,7 +31,7 @@ def card() -> Finding:
 
 def _nvidia(program: str) -> Finding:
     asked = [program, "--query-gpu=name,driver_version", "--format=csv,noheader"]
-    ran = subprocess.run(asked, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    ran = subprocess.run(asked, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     lines = (ran.stdout or ran.stderr).strip().splitlines() or ["no answer"]
     if ran.returncode == 0:
         return ok("; ".join(f"{line.replace(', ', ', driver ')}" for line in lines))
@@ -41,16 +41,16 @@ def _nvidia(program: str) -> Finding:
     )
 
 
-def drawing() -> Finding:
+def rendering() -> Finding:
     """Whether a picture can be drawn, really, and by what."""
     command = [sys.executable, "-m", "avrgym.doctor.graphics"]
     try:
-        ran = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+        ran = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     except subprocess.TimeoutExpired:
-        return fault(f"no picture was drawn within {PATIENCE_S:.0f} s", HOW_TO_DRAW)
+        return error(f"no picture was drawn within {TIMEOUT_S:.0f} s", RENDERING_HINT)
     way = f"MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}"
     if ran.returncode != 0:
-        return fault(f"no picture can be drawn with {way}: {_reason(ran)}", HOW_TO_DRAW)
+        return error(f"no picture can be drawn with {way}: {_reason(ran)}", RENDERING_HINT)
     renderer = ran.stdout.strip()
     slowly = ", by the processor" if renderer.startswith(BY_THE_PROCESSOR) else ""
     return ok(f"a picture was drawn by {renderer} ({way}{slowly})")

@@ -10,8 +10,8 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from avrgym.doctor.finding import Finding, fault, ok, warning
-from avrgym.system.files import write_whole
+from avrgym.doctor.finding import Finding, error, ok, warning
+from avrgym.system.files import write_atomically
 from avrgym.system.locks import locked
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.server import cpu_idle
@@ -21,7 +21,7 @@ from avrgym.vr.server.real_time_loop import PRIORITY, use_real_time_priority
 SLEEPS = 20
 OVERSLEEP_SHARE = 0.2
 """The part of a tick by which a sleep may be too long at the median."""
-TRIAL_BYTES = 1_000_000
+BYTES_PER_TRIAL = 1_000_000
 """About what a trial of 20 s leaves: the recordings in ``tests/data/recordings-of-0.1.0`` have 0.8 to 1.0 MB."""
 FEW_TRIALS, VERY_FEW_TRIALS = 1000, 100
 
@@ -38,7 +38,7 @@ def _processor_count() -> int:
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
-def precedence() -> Finding:
+def real_time_priority() -> Finding:
     """Whether the simulation's thread may go before all others, tried in a thread of its own."""
     if sys.platform != "linux" or _processor_count() == 1:
         return ok("the system decides which thread goes first")
@@ -77,7 +77,7 @@ def timer(late_s: float) -> Finding:
     return warning(told, "end other programs, and set the computer to its highest performance")
 
 
-def halting(driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENCY_FILE) -> Finding:
+def cpu_idle_states(driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENCY_FILE) -> Finding:
     """Whether processors of a virtual machine, which its host gives back late, can be kept from halting."""
     if not driver.exists() or driver.read_text().strip() != cpu_idle.GUEST_IDLE_DRIVER:
         return ok("idle processors wake at once")
@@ -89,7 +89,7 @@ def halting(driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENC
     )
 
 
-def handles(number: int | None = None) -> Finding:
+def open_file_limit(number: int | None = None) -> Finding:
     """Whether so many open files, or those that this process may have, are enough for a server."""
     allowed = max_open_files() if number is None else number
     needed = FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED
@@ -100,36 +100,36 @@ def handles(number: int | None = None) -> Finding:
 
 def writable(folder: Path) -> Finding:
     """Whether files can be written into a folder and locked there, or where it is missing, whether it can be made."""
-    place = _nearest(folder)
+    place = _existing_parent(folder)
     try:
         with TemporaryDirectory(prefix=".avrgym-doctor-", dir=place) as trial:
-            write_whole(Path(trial) / "file", b"written")
+            write_atomically(Path(trial) / "file", b"written")
             with locked(Path(trial)):
                 return ok(f"{folder}" if place == folder else f"{folder} can be made")
-    except OSError as error:
-        return fault(
-            f"nothing can be written in {place}: {error.strerror}",
+    except OSError as failure:
+        return error(
+            f"nothing can be written in {place}: {failure.strerror}",
             f"choose a folder of your own, or sudo chown {_user()} '{place}'",
         )
-    except ValueError as error:
-        return fault(str(error), "a network's file system may lack locks: use a folder on this computer")
+    except ValueError as failure:
+        return error(str(failure), "a network's file system may lack locks: use a folder on this computer")
 
 
 def free_space(folder: Path) -> Finding:
     """Whether there is room for a study's recordings."""
-    return space(shutil.disk_usage(_nearest(folder)).free)
+    return space(shutil.disk_usage(_existing_parent(folder)).free)
 
 
 def space(free_bytes: int) -> Finding:
     """Whether so many bytes are enough for a study's recordings."""
-    trials = free_bytes // TRIAL_BYTES
+    trials = free_bytes // BYTES_PER_TRIAL
     told = f"{free_bytes / 1e9:.1f} GB are free, room for about {trials} trials"
-    cure = "make room, or work on another disk"
+    fix = "make room, or work on another disk"
     if trials < VERY_FEW_TRIALS:
-        return fault(told, cure)
-    return warning(told, cure) if trials < FEW_TRIALS else ok(told)
+        return error(told, fix)
+    return warning(told, fix) if trials < FEW_TRIALS else ok(told)
 
 
-def _nearest(folder: Path) -> Path:
+def _existing_parent(folder: Path) -> Path:
     """The folder, or the first above it that is there."""
     return next(each for each in (folder, *folder.absolute().parents) if os.path.isdir(each))

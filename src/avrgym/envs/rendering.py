@@ -13,7 +13,7 @@ from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_AHEAD_M, Person
 from avrgym.models.human_shape import HEAD_PARTS
 from avrgym.models.scene import build_spec
-from avrgym.system.mujoco_setup import HOW_TO_DRAW
+from avrgym.system.mujoco_setup import RENDERING_HINT
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import View
 
@@ -169,7 +169,7 @@ def _shown() -> mujoco.MjvOption:
 def _renderer(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.Renderer:
     error = _graphics_error()
     if error is not None:
-        raise RuntimeError(f"no picture can be drawn here: {HOW_TO_DRAW}; {error}")
+        raise RuntimeError(f"no picture can be drawn here: {RENDERING_HINT}; {error}")
     return mujoco.Renderer(model, height_px, width_px)
 
 

@@ -19,7 +19,7 @@ from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.colours import skin_colours, texture_mean
 from avrgym.models.scene import build_spec
 from avrgym.simulation.worlds import MAX_LEAD_RAD
-from avrgym.system.files import write_whole
+from avrgym.system.files import write_atomically
 from avrgym.tasks.episodes import Episodes
 
 MJB, MJCF, START, USD = "scene.mjb", "scene.xml", "start.json", "scene.usdc"
@@ -44,14 +44,14 @@ def write_scene(episodes: Episodes, out: Path) -> None:
     spec = _spec(episodes)
     _embed_meshes(spec)
     _write_textures(spec, out)
-    write_whole(out / MJCF, spec.to_xml().encode())
+    write_atomically(out / MJCF, spec.to_xml().encode())
     start = {
         "environment": episodes.environment_id,
         "person": {name: _plain(value) for name, value in asdict(episodes.person_in(0)).items()},
         "integration_state": simulation.integration_state().tolist(),
         "versions": {name: version(name) for name in ("avrgym", "mujoco")},
     }
-    write_whole(out / START, json.dumps(start, indent=1).encode())
+    write_atomically(out / START, json.dumps(start, indent=1).encode())
 
 
 def check_new_folder(out: Path) -> None:

@@ -13,7 +13,7 @@ from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 from avrgym.people.population_names import ORIGINAL, TRAIN_ZOO
 from avrgym.people.populations import is_trained, transferred_people
 from avrgym.system.engines import THREADS
-from avrgym.system.files import write_whole
+from avrgym.system.files import write_atomically
 from avrgym.tasks.constants import EPISODE_STEPS
 
 CONFIGURATION_FILE = "configuration.json"
@@ -221,7 +221,7 @@ def store(configuration: AnyConfiguration, out: Path) -> None:
     """Write a configuration into the folder of its training."""
     recurrent = isinstance(configuration, RecurrentConfiguration)
     path = out / (RECURRENT_FILE if recurrent else CONFIGURATION_FILE)
-    write_whole(path, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
+    write_atomically(path, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
 
 
 def holds_training(out: Path) -> bool:

@@ -184,7 +184,7 @@ def evaluate_all(
     size = min(MAX_WORLDS, -(-every // jobs))
     threads = max(1, there // jobs) if cluster is None else 1
     parts = _parts(episodes, size)
-    driver, whom = TransferredFile.of(policy), transferred_people(people)
+    driver, whom = TransferredFile.read(policy), transferred_people(people)
     batches = [
         _Batch(
             environment_id=environment_id,

@@ -227,7 +227,7 @@ class RecurrentRecipe:
         configuration = self._configuration
         return WorldSettings(
             configuration.environment,
-            TransferredFile.of(people),
+            TransferredFile.read(people),
             impairment,
             configuration.threads,
             force_guard=configuration.force_guard,

@@ -23,7 +23,7 @@ from avrgym.learning.configuration import FeedforwardConfiguration, holds_traini
 from avrgym.learning.sweep_file import Planned, Stopping, Sweep, planned, read_sweep
 from avrgym.learning.training import POLICY_FILE
 from avrgym.policies.trained import Policy, PolicyMetadata
-from avrgym.system.files import write_whole
+from avrgym.system.files import write_atomically
 from avrgym.system.locks import locked
 
 SWEEP_FILE = "sweep.toml"
@@ -63,7 +63,7 @@ def create(file: Path, out: Path) -> None:
     if (out / SWEEP_FILE).exists():
         raise FileExistsError(f"{out} already contains a sweep; choose another folder, or add --resume")
     out.mkdir(parents=True, exist_ok=True)
-    write_whole(out / SWEEP_FILE, file.read_bytes())
+    write_atomically(out / SWEEP_FILE, file.read_bytes())
 
 
 def plan_of(out: Path) -> dict[str, list[Planned]]:

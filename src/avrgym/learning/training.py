@@ -40,7 +40,7 @@ from avrgym.people.impairments import find_impairment
 from avrgym.people.populations import HUMAN_FILE, is_trained
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.simulation.engines.engine import check_ready
-from avrgym.system.files import write_whole
+from avrgym.system.files import write_atomically
 from avrgym.system.locks import locked
 from avrgym.system.memory import memory_bytes
 from avrgym.system.random_streams import VALIDATION
@@ -277,7 +277,7 @@ class _Trainer:
         notes = {**values, "curve": self._curve, "seconds": self._seconds}
         buffer = io.BytesIO()
         torch.save({**tensors, "notes": json.dumps(notes)}, buffer)
-        write_whole(self._out / CHECKPOINT_FILE, buffer.getvalue())
+        write_atomically(self._out / CHECKPOINT_FILE, buffer.getvalue())
         self._save_policies(self._policies())
 
     def _policies(self) -> list[Policy]:

@@ -19,7 +19,7 @@ import safetensors.numpy
 
 from avrgym.geometry import elementary
 from avrgym.networks.layers import Memory, frozen, product
-from avrgym.system.files import write_whole
+from avrgym.system.files import write_atomically
 from avrgym.system.used_plugins import UsedPlugin
 
 FORMAT_VERSION, WITH_MEMORY = 2, 3
@@ -198,7 +198,7 @@ class Policy:
                 del header[name]  # files without them are as they were before there were any
         numbers = {name: _narrowed(array) for name, array in _tensors(self).items()}
         data = safetensors.numpy.save(numbers, {_HEADER: msgspec.json.encode(header).decode()})
-        write_whole(path, data)
+        write_atomically(path, data)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Policy":

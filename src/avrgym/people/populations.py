@@ -90,8 +90,8 @@ def human_files(folder: Path) -> list[Path]:
 def transferred_people(name_or_path: str) -> TransferredFile:
     """People for processes that may not see their files."""
     if is_trained(name_or_path) and Path(name_or_path).is_dir():
-        return TransferredFile.folder(name_or_path, human_files(Path(name_or_path)))
-    return TransferredFile.of(name_or_path)
+        return TransferredFile.read_folder(name_or_path, human_files(Path(name_or_path)))
+    return TransferredFile.read(name_or_path)
 
 
 def _trained(path: Path, tasks: Collection[str]) -> Population:

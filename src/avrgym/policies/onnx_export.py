@@ -7,7 +7,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from avrgym.policies.trained import Policy, PolicyError
-from avrgym.system.files import write_whole
+from avrgym.system.files import write_atomically
 
 OPSET, IR_VERSION = 17, 8
 """Old enough for programs of 2022."""
@@ -76,4 +76,4 @@ def write_onnx(policy: Policy, out: Path) -> None:
         raise FileExistsError(f"{out} exists already; choose another name")
     model = onnx_model(policy)
     onnx.checker.check_model(model)  # pyright: ignore[reportUnknownMemberType]
-    write_whole(out, model.SerializeToString())
+    write_atomically(out, model.SerializeToString())

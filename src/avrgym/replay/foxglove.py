@@ -44,7 +44,7 @@ from avrgym.recording.reader import Recording
 from avrgym.recording.schema import TOPICS, TrackingFrame, encode, json_schema
 from avrgym.replay.output import check_new
 from avrgym.replay.timeline import recorded_scene, timeline_of
-from avrgym.system.files import write_whole
+from avrgym.system.files import write_atomically
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.scene.body_surfaces import BodySurface, body_surfaces
 from avrgym.vr.scene.export_process import model_with_appearance
@@ -100,7 +100,7 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
     for topic, time_ns, record in recording.messages:
         log.write_record(topic, time_ns, record)
     log.finish()
-    write_whole(out, data.getvalue())
+    write_atomically(out, data.getvalue())
 
 
 class _Log:

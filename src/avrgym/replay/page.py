@@ -13,7 +13,7 @@ from avrgym.recording.reader import Recording
 from avrgym.replay.output import check_new
 from avrgym.replay.packing import STEP, pack_poses
 from avrgym.replay.timeline import Timeline, aligned, render_recorded
-from avrgym.system.files import PRIVATE_FILE, write_whole
+from avrgym.system.files import PRIVATE_FILE, write_atomically
 from avrgym.vr.live_world.scene_message import scene_url
 from avrgym.vr.server.web_server import STATIC, check_page
 
@@ -65,7 +65,7 @@ def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
     before, place, after = (STATIC / TEMPLATE).read_bytes().partition(PLACE)
     page = before + place + _within_script(_packed(trials)) + after
     check_new(out, (".html",))
-    write_whole(out, page, PRIVATE_FILE)
+    write_atomically(out, page, PRIVATE_FILE)
 
 
 def _packed(trials: Sequence[ReplayedTrial]) -> Packed:

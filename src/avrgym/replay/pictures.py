@@ -18,7 +18,7 @@ from avrgym.recording.reader import Recording
 from avrgym.replay.output import check_new
 from avrgym.replay.playback import Playback, StateAgain
 from avrgym.replay.trial import Trial, driven_span_s, trial_of
-from avrgym.system.files import write_whole
+from avrgym.system.files import write_atomically
 
 Picture = NDArray[np.uint8]
 Progress = Callable[[], None]
@@ -88,7 +88,7 @@ def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: 
         file, "GIF", save_all=True, append_images=pictures, duration=1000 // GIF_FRAMES_PER_S, loop=0
     )
     check_new(out, (".gif",))
-    write_whole(out, file.getvalue())
+    write_atomically(out, file.getvalue())
 
 
 def draw_strip(
@@ -113,7 +113,7 @@ def draw_strip(
     check_new(out, PICTURE_SUFFIXES)
     file = io.BytesIO()
     sheet.save(file, Image.registered_extensions()[out.suffix.lower()])
-    write_whole(out, file.getvalue())
+    write_atomically(out, file.getvalue())
     return [time_s - begins_s for time_s in times_s]
 
 
@@ -129,7 +129,7 @@ def draw_moment(recording: Recording, time_s: float, out: Path) -> None:
     for _, picture in _pictures(recording, [time_s], FRAMES_PX, False, lambda: None):
         file = io.BytesIO()
         Image.fromarray(picture).save(file, Image.registered_extensions()[out.suffix.lower()])
-        write_whole(out, file.getvalue())
+        write_atomically(out, file.getvalue())
 
 
 def _film(

@@ -4,7 +4,7 @@ import re
 from functools import cache
 from importlib.metadata import PackageNotFoundError, requires
 
-FOR_DEVELOPERS = ("dev", "docs")
+DEVELOPER_EXTRAS = ("dev", "docs")
 """Extras for work on AVR Gym itself."""
 _EVERYTHING = "all"
 _DISTRIBUTIONS = {
@@ -48,7 +48,7 @@ def _extras() -> dict[str, set[str]]:
     included: dict[str, list[str]] = {}
     for line in lines:
         parts = re.match(r"([\w.-]+)(?:\[([\w,.-]+)\])?.*extra == ['\"](\w+)['\"]", line)
-        if parts is None or parts[3] in (*FOR_DEVELOPERS, _EVERYTHING):
+        if parts is None or parts[3] in (*DEVELOPER_EXTRAS, _EVERYTHING):
             continue
         name, others, extra = parts.groups()
         distributions = found.setdefault(extra, set())

@@ -17,7 +17,7 @@ _OTHERS = 0o077
 _UNFINISHED = re.compile(r"\..+\.([0-9]+)\.part")
 
 
-def write_whole(path: Path, data: bytes, mode: int = 0o666) -> None:
+def write_atomically(path: Path, data: bytes, mode: int = 0o666) -> None:
     """Write a file that a reader sees either whole or not at all; a failure leaves what was there before.
 
     ``mode`` is who may read and write it, less what the process masks.
@@ -34,18 +34,18 @@ def write_whole(path: Path, data: bytes, mode: int = 0o666) -> None:
 
 
 def unfinished(folder: Path) -> list[Path]:
-    """What ``write_whole`` left anywhere in a folder where its process was killed."""
+    """What ``write_atomically`` left anywhere in a folder where its process was killed."""
     found = ((path, _UNFINISHED.fullmatch(path.name)) for path in folder.rglob(".*.part"))
     return sorted(path for path, match in found if match and not is_running(int(match[1])))
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what ``write_whole`` left anywhere in a folder where its process was killed."""
+    """Remove what ``write_atomically`` left anywhere in a folder where its process was killed."""
     for path in unfinished(folder):
         path.unlink(missing_ok=True)
 
 
-def write_folder_whole(path: Path, write: Callable[[Path], None]) -> None:
+def write_folder_atomically(path: Path, write: Callable[[Path], None]) -> None:
     """Write a new folder, or an empty one, that appears whole or not at all and is its owner's alone.
 
     ``write`` is given the folder in which it is made; what killed processes left of such folders is removed.
@@ -123,13 +123,13 @@ def read_user_text(path: Path) -> str:
     return path.read_text(encoding=_USER_ENCODING)
 
 
-def both_forms(data: bytes) -> tuple[bytes, bytes]:
+def with_and_without_bom(data: bytes) -> tuple[bytes, bytes]:
     """The bytes of a text in UTF-8 without and with a byte-order mark, for comparisons that accept either."""
     text = data.removeprefix(codecs.BOM_UTF8)
     return text, codecs.BOM_UTF8 + text
 
 
-def new_table(path: Path) -> TextIO:
+def open_new_csv(path: Path) -> TextIO:
     """Open a new file for comma-separated values with a byte-order mark, without which Excel garbles umlauts."""
     return open(path, "x", encoding=_USER_ENCODING, newline="")
 

@@ -6,45 +6,49 @@ import os
 import sys
 from ctypes.util import find_library
 
-SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
+SCREEN_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")
 LIBRARIES = {"EGL": "egl", "OSMesa": "osmesa"}
 """What can draw without a screen, and what MuJoCo calls it; the first that is installed is taken."""
-OF_THE_PLATFORM = {"linux": ("glx", "egl", "osmesa"), "win32": ("wgl",), "darwin": ("cgl",)}
-EVERYWHERE = ("glfw", "off")
-OTHER_WORDS = ("", "enable", "enabled", "on", "true", "1", "disable", "disabled", "false", "0")
+PLATFORM_BACKENDS = {"linux": ("glx", "egl", "osmesa"), "win32": ("wgl",), "darwin": ("cgl",)}
+COMMON_BACKENDS = ("glfw", "off")
+OTHER_VALUES = ("", "enable", "enabled", "on", "true", "1", "disable", "disabled", "false", "0")
 """What MuJoCo takes as well, and says the same with."""
-HOW_TO_DRAW = (
+RENDERING_HINT = (
     "set MUJOCO_GL=egl (graphics card or Mesa) or MUJOCO_GL=osmesa (software) in the environment "
     "before Python starts"
 )
 
 
-def choose_renderer() -> None:
+def choose_rendering_backend() -> None:
     """Set ``MUJOCO_GL``, unless it is set, this is not Linux, or there is a screen."""
-    if sys.platform != "linux" or "MUJOCO_GL" in os.environ or any(os.environ.get(name) for name in SCREENS):
+    if (
+        sys.platform != "linux"
+        or "MUJOCO_GL" in os.environ
+        or any(os.environ.get(name) for name in SCREEN_VARIABLES)
+    ):
         return
     name = next((name for library, name in LIBRARIES.items() if find_library(library)), None)
     if name is not None:
         os.environ["MUJOCO_GL"] = name
 
 
-def check_renderer() -> None:
+def check_rendering_backend() -> None:
     """Raise ``ValueError`` where ``MUJOCO_GL`` keeps MuJoCo from being imported, naming what is allowed."""
     asked = os.environ.get("MUJOCO_GL", "").lower().strip()
-    allowed = (*OF_THE_PLATFORM.get(sys.platform, ()), *EVERYWHERE)
-    if asked not in (*allowed, *OTHER_WORDS):
+    allowed = (*PLATFORM_BACKENDS.get(sys.platform, ()), *COMMON_BACKENDS)
+    if asked not in (*allowed, *OTHER_VALUES):
         raise ValueError(
             f"MUJOCO_GL={asked} in the environment is unknown; allowed: {', '.join(allowed)}, or unset it"
         )
     library = next((library for library, name in LIBRARIES.items() if name == asked), None)
-    if sys.platform == "linux" and library is not None and not _loads(library):
+    if sys.platform == "linux" and library is not None and not _can_load(library):
         raise ValueError(
             f"MUJOCO_GL={asked} in the environment, but the library {library} is not installed; "
             "install it, or unset MUJOCO_GL: what is installed is then found"
         )
 
 
-def _loads(library: str) -> bool:
+def _can_load(library: str) -> bool:
     """Whether a shared library is there, under the names by which PyOpenGL looks for it."""
     for name in (f"lib{library}.so", *(f"lib{library}.so.{version}" for version in reversed(range(10)))):
         try:

@@ -29,20 +29,20 @@ _loaded: dict[tuple[str, str], EntryPoint] = {}
 
 
 @dataclass(frozen=True)
-class Broken:
+class SkippedPlugin:
     """What was skipped, as ``NAME = MODULE:ATTRIBUTE (PACKAGE VERSION)``, and why."""
 
     name: str
     reason: str
 
 
-def load(group: str, kind: type[T], add: Callable[[T], object]) -> list[Broken]:
+def load(group: str, kind: type[T], add: Callable[[T], object]) -> list[SkippedPlugin]:
     """Give ``add`` every object of a kind that installed packages register in a group, ordered by name.
 
     Returns:
         What cannot be loaded, is of another kind, or made ``add`` raise an exception.
     """
-    broken: list[Broken] = []
+    broken: list[SkippedPlugin] = []
     for entry in entries(group):
         try:
             found = _object(entry, kind)
@@ -70,9 +70,9 @@ def described(entry: EntryPoint) -> str:
     return f"{entry.name} = {entry.value}{package}"
 
 
-def skip(name: str, error: BaseException) -> Broken:
+def skip(name: str, error: BaseException) -> SkippedPlugin:
     """Warn that something is left out because of an error."""
-    broken = Broken(name, f"{type(error).__name__}: {error}")
+    broken = SkippedPlugin(name, f"{type(error).__name__}: {error}")
     _LOG.warning("skipped %s: %s", broken.name, broken.reason)
     return broken
 

@@ -17,12 +17,12 @@ class TransferredFile:
     files: tuple[tuple[str, bytes], ...] = ()
 
     @classmethod
-    def of(cls, name: str) -> "TransferredFile":
+    def read(cls, name: str) -> "TransferredFile":
         """A name, with the content if this process finds a file of that name."""
         return cls(name, Path(name).read_bytes() if Path(name).is_file() else None)
 
     @classmethod
-    def folder(cls, name: str, files: Iterable[Path]) -> "TransferredFile":
+    def read_folder(cls, name: str, files: Iterable[Path]) -> "TransferredFile":
         """A folder with some of its files."""
         return cls(name, files=tuple((str(file.relative_to(name)), file.read_bytes()) for file in files))
 

@@ -25,7 +25,7 @@ class Registry:
         self.robots = robots
         self.tasks: dict[str, Task] = {}
         self.environments: dict[str, tuple[str, str]] = {}
-        self.broken: list[plugins.Broken] = []
+        self.broken: list[plugins.SkippedPlugin] = []
 
     def add(self, task: Task) -> None:
         """Register a task with those of the robots that suit it; where its scene or observation fails, it is left out.
@@ -69,7 +69,7 @@ _REGISTRY = _build_registry()
 TASKS: Mapping[str, Task] = _REGISTRY.tasks
 ENVIRONMENTS: Mapping[str, tuple[str, str]] = _REGISTRY.environments
 """Environment id to the names of task and robot."""
-BROKEN: tuple[plugins.Broken, ...] = tuple(_REGISTRY.broken)
+BROKEN: tuple[plugins.SkippedPlugin, ...] = tuple(_REGISTRY.broken)
 """What other packages register and was skipped: tasks, and environments of a task with a robot."""
 
 

@@ -18,14 +18,14 @@ import msgspec
 
 from avrgym.system.files import read_user_text
 
-FOLDER = "texts"
+TEXTS_FOLDER = "texts"
 LANGUAGE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
 """A language tag as HTML's ``lang`` has it (BCP 47)."""
 DIRECTIONS = ("ltr", "rtl")
-NAMED = 5
+MAX_LISTED_KEYS = 5
 """As many missing keys are named; of more, how many there are."""
 _NUMBER = re.compile(r"^(\d+)\.(\d+)$")
-LATER_ON_PAGE = (
+OPTIONAL_PAGE_KEYS = (
     "link_ended",
     "enter_code",
     "code",
@@ -34,7 +34,7 @@ LATER_ON_PAGE = (
     "too_many_codes",
 )
 """Keys under ``page`` that languages of earlier studies lack: the English texts are used."""
-ON_PAGE = "_page"
+PAGE_SUFFIX = "_page"
 """A text whose key ends so is for somebody who takes part on the page, without a headset; every key under
 ``session`` may have one."""
 SELECT, SELECT_BY = "select", "select_by_"
@@ -54,7 +54,7 @@ class Text:
     values: "Mapping[str, str | Text]" = field(default_factory=dict[str, "str | Text"])
 
 
-class File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class TextsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A file of texts; one of a study may hold any part of them."""
 
     name: str = ""
@@ -101,7 +101,7 @@ class Texts:
 
     def render_for_page(self, text: Text) -> str:
         """What is text to somebody who has no headset."""
-        on_page = text.key + ON_PAGE
+        on_page = text.key + PAGE_SUFFIX
         return self.render(Text(on_page, text.values) if on_page in self.session else text)
 
     def translate(self, sentence: str) -> str:
@@ -129,10 +129,10 @@ def normalize_whitespace(sentence: str) -> str:
 
 def included_languages() -> list[str]:
     """The languages that AVR Gym brings."""
-    brought = (
+    included = (
         file.name.removesuffix(".toml") for file in files("avrgym.texts").iterdir() if _is_toml(file.name)
     )
-    return sorted(brought)
+    return sorted(included)
 
 
 def read_texts(language: str, folder: Path | None = None) -> Texts:
@@ -144,24 +144,24 @@ def read_texts(language: str, folder: Path | None = None) -> Texts:
     """
     if not LANGUAGE.fullmatch(language):
         raise TextsError(f"{language!r} is no language; allowed: a tag such as en, de or pt-BR")
-    own = folder / FOLDER / f"{language}.toml" if folder is not None else None
-    brought = _read_brought(language) if language in included_languages() else File()
-    added = _read_own(own) if own is not None and own.is_file() else File()
-    where = str(own) if own is not None else f"{FOLDER}/{language}.toml in a study's folder"
-    if brought == added == File():
+    own = folder / TEXTS_FOLDER / f"{language}.toml" if folder is not None else None
+    included = _read_included(language) if language in included_languages() else TextsFile()
+    added = _read_own(own) if own is not None and own.is_file() else TextsFile()
+    where = str(own) if own is not None else f"{TEXTS_FOLDER}/{language}.toml in a study's folder"
+    if included == added == TextsFile():
         raise TextsError(
             f"no texts in {language!r}: AVR Gym brings {', '.join(included_languages())}; others stand in {where}"
         )
     texts = Texts(
         language,
-        added.name or brought.name or language,
-        added.direction or brought.direction or DIRECTIONS[0],
-        added.decimal or brought.decimal or ".",
-        brought.session | added.session,
-        {key: _ENGLISH.page[key] for key in LATER_ON_PAGE} | brought.page | added.page,
+        added.name or included.name or language,
+        added.direction or included.direction or DIRECTIONS[0],
+        added.decimal or included.decimal or ".",
+        included.session | added.session,
+        {key: _ENGLISH.page[key] for key in OPTIONAL_PAGE_KEYS} | included.page | added.page,
         {
             normalize_whitespace(sentence): text
-            for sentence, text in (brought.sentences | added.sentences).items()
+            for sentence, text in (included.sentences | added.sentences).items()
         },
     )
     _check(texts, where)
@@ -169,22 +169,22 @@ def read_texts(language: str, folder: Path | None = None) -> Texts:
 
 
 @cache
-def _read_brought(language: str) -> File:
+def _read_included(language: str) -> TextsFile:
     file = files("avrgym.texts") / f"{language}.toml"
     return _read(file.read_text("utf-8"), f"{language}.toml")
 
 
-def _read_own(path: Path) -> File:
+def _read_own(path: Path) -> TextsFile:
     try:
         return _read(read_user_text(path), str(path))
     except (OSError, UnicodeDecodeError) as error:
         raise TextsError(f"{path} cannot be read: {error}") from None
 
 
-def _read(text: str, name: str) -> File:
+def _read(text: str, name: str) -> TextsFile:
     try:
         values: Any = tomllib.loads(text)
-        return msgspec.convert(values, File)
+        return msgspec.convert(values, TextsFile)
     except (tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
         raise TextsError(f"{name}: {error}") from None
 
@@ -202,11 +202,11 @@ def _check(texts: Texts, where: str) -> None:
         selects = any(_SELECTS & _names(text) for text in found.values())
         needed = [key for key in wanted if selects or not key.startswith(SELECT_BY)]
         missing = [key for key in needed if not found.get(key, "").strip()]
-        like = {key: key if key in wanted else key.removesuffix(ON_PAGE) for key in found}
+        like = {key: key if key in wanted else key.removesuffix(PAGE_SUFFIX) for key in found}
         unknown = [key for key, english in like.items() if english not in wanted]
         if missing:
-            more = f" and {len(missing) - NAMED} more" if len(missing) > NAMED else ""
-            untranslated = f"{', '.join(missing[:NAMED])}{more}"
+            more = f" and {len(missing) - MAX_LISTED_KEYS} more" if len(missing) > MAX_LISTED_KEYS else ""
+            untranslated = f"{', '.join(missing[:MAX_LISTED_KEYS])}{more}"
             raise TextsError(
                 f"{where} lacks {untranslated} in [{table}]; allowed: a text for each key of English"
             )
@@ -240,5 +240,5 @@ def _is_toml(name: str) -> bool:
     return name.endswith(".toml")
 
 
-_ENGLISH = _read_brought("en")
+_ENGLISH = _read_included("en")
 ENGLISH = read_texts("en")

@@ -5,7 +5,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from avrgym.system.files import write_whole
+from avrgym.system.files import write_atomically
 
 CSS = """
 :root { color-scheme: light dark; --ground: #fff; --ink: #1c2024; --faint: #5b6570; --rule: #d5dae0;
@@ -82,7 +82,7 @@ def write_page(path: Path, title: str, header: Sequence[Markup], main: Sequence[
         f"{head}</head>\n{body}\n</html>\n"
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, page.encode())
+    write_atomically(path, page.encode())
     return path
 
 

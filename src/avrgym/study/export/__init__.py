@@ -10,7 +10,7 @@ from avrgym.study.export.trials import ExportedAttempt, LeftOut, completed_attem
 from avrgym.study.storage.data_loss import describe_data_loss
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.files import write_folder_whole
+from avrgym.system.files import write_folder_atomically
 
 FORMATS: Mapping[str, str] = {
     "csv": "tables",
@@ -79,7 +79,7 @@ def export_study(
         raise StudyError(_refusal(left_out))
     for each in left_out:
         tell(each.why)
-    write_folder_whole(out, lambda folder: _write(store, write, sound, left_out, folder))
+    write_folder_atomically(out, lambda folder: _write(store, write, sound, left_out, folder))
     return sum(path.is_file() for path in out.rglob("*"))
 
 

@@ -15,7 +15,7 @@ from avrgym.study.people.adverse_events import group_by_event
 from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.files import write_folder_whole
+from avrgym.system.files import write_folder_atomically
 from avrgym.tasks.registry import find_environment
 
 WITH_FREE_TEXT = ("participant withdrawn",)
@@ -123,7 +123,7 @@ def write_adverse_events(store: Store, out: Path) -> None:
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise StudyError(f"{out} holds something already; choose another folder")
     rows = adverse_event_rows(store, store.participants(), Extras(free_text=True))
-    write_folder_whole(out, lambda folder: write_table(folder, "adverse_events", rows))
+    write_folder_atomically(out, lambda folder: write_table(folder, "adverse_events", rows))
 
 
 def write_table(folder: Path, name: str, rows: Iterable[Mapping[str, Any]]) -> None:

@@ -20,7 +20,7 @@ from avrgym.study.export.trials import ExportedAttempt, all_attempts, answers_of
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.files import new_table
+from avrgym.system.files import open_new_csv
 
 
 def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extras: Extras = WITHOUT) -> None:
@@ -74,7 +74,7 @@ def write_csv(path: Path, rows: Iterable[Mapping[str, Any]], columns: Iterable[s
     A table without rows has a heading only if its ``columns`` are given.
     """
     heads = list(columns)
-    with new_table(path) as file:
+    with open_new_csv(path) as file:
         writer = csv.writer(file)
         for number, row in enumerate(rows):
             if number == 0:

@@ -41,7 +41,7 @@ from avrgym.study.storage.sites import (
 )
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all
-from avrgym.system.files import make_private_folder, remove_unfinished, write_folder_whole, write_new
+from avrgym.system.files import make_private_folder, remove_unfinished, write_folder_atomically, write_new
 
 
 def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
@@ -56,7 +56,7 @@ def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
             for number, name in names.items():
                 hash_chain.insert(connection, schema.SITE, number=number, name=name, entries=0, digest="")
 
-    write_folder_whole(out, write)
+    write_folder_atomically(out, write)
 
 
 def _without_local(design: str) -> str:

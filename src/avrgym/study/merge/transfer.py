@@ -17,7 +17,7 @@ from avrgym.study.storage.attempts import CHECKSUM_DIFFERS
 from avrgym.study.storage.rows import RECORDINGS, participant_number, pseudonym_of
 from avrgym.study.storage.sites import merged_id, merged_number
 from avrgym.study.storage.states import StudyError
-from avrgym.system.files import PRIVATE_FILE, make_private_folder, write_whole
+from avrgym.system.files import PRIVATE_FILE, make_private_folder, write_atomically
 
 _IN_RECORDINGS = re.compile(rf"{RECORDINGS}/(sub-[0-9]{{3,9}})/")
 
@@ -70,10 +70,10 @@ class Recording:
         make_private_folder(self.target.parent)
         late = answers_file.answers_path(self.source)
         if late.is_file():
-            write_whole(answers_file.answers_path(self.target), late.read_bytes(), PRIVATE_FILE)
+            write_atomically(answers_file.answers_path(self.target), late.read_bytes(), PRIVATE_FILE)
         if self.target.is_file() and self.target.read_bytes() == data:
             return False
-        write_whole(self.target, data, PRIVATE_FILE)
+        write_atomically(self.target, data, PRIVATE_FILE)
         return True
 
 

@@ -38,7 +38,7 @@ from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.session_designs import describe_trials, session_designs
 from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
-from avrgym.system.files import both_forms
+from avrgym.system.files import with_and_without_bom
 from avrgym.system.toml_lines import Place
 from avrgym.system.used_plugins import differences as plugin_differences
 from avrgym.texts.interface_texts import TextsError
@@ -119,10 +119,10 @@ def _compared(
     if not path.is_file():
         return "is gone", []
     data = path.read_bytes()
-    if record.sha256[name] in map(sha256, both_forms(data)):
+    if record.sha256[name] in map(sha256, with_and_without_bom(data)):
         return "", []
     try:
-        after = tomlkit.parse(both_forms(data)[0].decode()).unwrap()
+        after = tomlkit.parse(with_and_without_bom(data)[0].decode()).unwrap()
     except ValueError:
         return "was changed and can no longer be read", []
     values = tomlkit.parse(before).unwrap()

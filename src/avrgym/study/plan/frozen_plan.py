@@ -32,7 +32,7 @@ from avrgym.study.storage.rows import RECORDINGS, Site, StudyEvent, StudySession
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all, record_event
-from avrgym.system.files import PRIVATE_FILE, write_whole
+from avrgym.system.files import PRIVATE_FILE, write_atomically
 from avrgym.system.used_plugins import UsedPlugin
 from avrgym.vr.session.attempt import versions
 
@@ -86,7 +86,7 @@ def freeze_plan(store: Store, offered: OfferedPart) -> PlanRecord:
     with store.write() as connection:
         _check_untouched(store, connection)
         record_event(connection, PLAN_FROZEN, sha256(data), {})
-        write_whole(path, data, PRIVATE_FILE)
+        write_atomically(path, data, PRIVATE_FILE)
     return record
 
 

@@ -18,7 +18,7 @@ from cryptography import x509
 from cryptography.utils import CryptographyDeprecationWarning
 
 from avrgym.study.storage.states import StudyError
-from avrgym.system.files import PRIVATE_FILE, write_whole
+from avrgym.system.files import PRIVATE_FILE, write_atomically
 
 if TYPE_CHECKING:
     from rfc3161_client import TimeStampResponse
@@ -90,7 +90,7 @@ def store_time_stamp(folder: Path, data: bytes, record: bytes) -> TimeStamp:
     """
     stamp = verify_time_stamp(data, record)
     _refuse_other(folder / TIME_STAMP, data)
-    write_whole(folder / TIME_STAMP, data, PRIVATE_FILE)
+    write_atomically(folder / TIME_STAMP, data, PRIVATE_FILE)
     return stamp
 
 
@@ -100,7 +100,7 @@ def store_registration(folder: Path, url: str, on: date) -> None:
         raise StudyError(f"{url[:100]!r} is no address of a registration; allowed: https://…")
     data = msgspec.json.format(msgspec.json.encode(Registration(url, on))) + b"\n"
     _refuse_other(folder / REGISTRATION, data)
-    write_whole(folder / REGISTRATION, data, PRIVATE_FILE)
+    write_atomically(folder / REGISTRATION, data, PRIVATE_FILE)
 
 
 def _refuse_other(path: Path, data: bytes) -> None:

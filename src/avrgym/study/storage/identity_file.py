@@ -23,7 +23,7 @@ from avrgym.study.storage.identity_keys import (
     new_key_source,
 )
 from avrgym.study.storage.states import StudyError
-from avrgym.system.files import PRIVATE_FILE, PRIVATE_FOLDER, make_private_folder, write_whole
+from avrgym.system.files import PRIVATE_FILE, PRIVATE_FOLDER, make_private_folder, write_atomically
 
 FORMAT = "avrgym identities 1"
 _NONCE_BYTES = 12
@@ -254,7 +254,7 @@ def _write(folder: Path, name: str, data: bytes) -> None:
     make_private_folder(private)
     private.chmod(PRIVATE_FOLDER)
     remove_unfinished(folder)
-    write_whole(private / name, data, mode=PRIVATE_FILE)
+    write_atomically(private / name, data, mode=PRIVATE_FILE)
 
 
 def unfinished_files(folder: Path) -> list[Path]:

@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from avrgym.study.storage.hash_chain import Head
-from avrgym.system.files import PRIVATE_FILE, private_opener, write_whole
+from avrgym.system.files import PRIVATE_FILE, private_opener, write_atomically
 
 HEAD = "study.head"
 CHECKSUM = "study.db.sha256"
@@ -49,7 +49,7 @@ class IntegrityFiles:
     def set_checksum(self, checksum: str) -> None:
         """Seal the database's file."""
         data = f"{checksum}  {self._database}\n".encode()
-        write_whole(self._folder / CHECKSUM, data, mode=PRIVATE_FILE)
+        write_atomically(self._folder / CHECKSUM, data, mode=PRIVATE_FILE)
 
     def remove_checksum(self, actual: Callable[[], str]) -> None:
         """Before something is written: remove the seal, or keep it as evidence where the file's checksum is another."""
@@ -102,7 +102,7 @@ class IntegrityFiles:
     def set_heads(self, heads: Iterable[Head]) -> None:
         """Note no other ends than these."""
         data = b"".join(map(_line, heads))
-        write_whole(self._folder / HEAD, data, mode=PRIVATE_FILE)
+        write_atomically(self._folder / HEAD, data, mode=PRIVATE_FILE)
 
     def remove(self) -> None:
         """Forget everything about a database that is no more."""

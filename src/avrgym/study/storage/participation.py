@@ -20,7 +20,7 @@ import msgspec
 
 from avrgym.study.storage import signing
 from avrgym.study.storage.schema import new_salt
-from avrgym.system.files import PRIVATE_FILE, private_opener, write_whole
+from avrgym.system.files import PRIVATE_FILE, private_opener, write_atomically
 
 FILE = "participation.jsonl"
 INVALID_COPY = re.compile(rf"{re.escape(FILE)}\.unsound-([0-9]+)")
@@ -181,7 +181,7 @@ class ParticipationList:
                 msgspec.structs.replace(each, content=None) if each.number in erased else each
                 for each in known.entries
             ]
-            write_whole(self.path, b"".join(map(_line, entries)), PRIVATE_FILE)
+            write_atomically(self.path, b"".join(map(_line, entries)), PRIVATE_FILE)
 
     def set_aside(self) -> None:
         """Keep an invalid list under another name; the next entry begins a new list."""
@@ -206,7 +206,7 @@ class ParticipationList:
         if self.path.exists():
             data = self.path.read_bytes()
             if not data.endswith(b"\n"):
-                write_whole(self.path, data[: data.rfind(b"\n") + 1], PRIVATE_FILE)
+                write_atomically(self.path, data[: data.rfind(b"\n") + 1], PRIVATE_FILE)
 
 
 def content_of(state: str, at: str, **values: Any) -> Content:

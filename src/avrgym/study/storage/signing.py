@@ -20,7 +20,7 @@ from avrgym.system.files import (
     make_private_folder,
     private_opener,
     user_data_folder,
-    write_whole,
+    write_atomically,
 )
 
 KEY = "signing-key.pem"
@@ -91,7 +91,7 @@ def store_last_entry(folder: Path, list_digest: str, digest: str) -> None:
     with suppress(OSError, ValueError):
         path = _path_of(folder)
         make_private_folder(path.parent)
-        write_whole(path, msgspec.json.encode(known), PRIVATE_FILE)
+        write_atomically(path, msgspec.json.encode(known), PRIVATE_FILE)
 
 
 def last_entry(folder: Path) -> LastEntry | None:

@@ -36,7 +36,7 @@ from avrgym.vr.session.session import Session
 TRACKING_HZ = 90.0
 HIDDEN_UNITS = 64
 POLICY = "measured"
-PATIENCE_S = 120.0
+TIMEOUT_S = 120.0
 STOLEN_COLUMN = 8
 """Of the first line of Linux's ``/proc/stat``, after its name (proc(5))."""
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
@@ -215,7 +215,7 @@ def _attend(server: LiveServer[Session], seconds: float) -> Trips:
         client.start()
     there.close()  # so that its end is noticed here
     try:
-        if not here.poll(seconds + PATIENCE_S):
+        if not here.poll(seconds + TIMEOUT_S):
             raise RuntimeError(f"the trial does not end; the session is in phase {server.session.phase}")
         return here.recv()
     except EOFError:

@@ -32,7 +32,7 @@ _SHOW_CONTROLS = """(visibility) => {
     for (const id of ["card", "emergency"]) document.getElementById(id).style.visibility = visibility;
 }"""
 """Hides the controls over the picture. The page's security policy forbids style sheets of Playwright."""
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 PHASE_LIMIT_S = 600.0
 """Maximum duration of a phase, also on a slow computer."""
 
@@ -82,7 +82,7 @@ class EmulatedHeadset:
                 "Chromium is not installed; run `playwright install chromium`"
             ) from error
         self.page = self._browser.new_page(viewport={"width": width, "height": height})
-        self.page.set_default_timeout(1000 * PATIENCE_S)
+        self.page.set_default_timeout(1000 * TIMEOUT_S)
         if script:
             self.page.add_init_script(script)
         page, mark, token = url.partition("#")

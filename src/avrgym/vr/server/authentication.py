@@ -10,7 +10,7 @@ from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from avrgym.system.files import PRIVATE_FILE, make_private_folder, write_whole
+from avrgym.system.files import PRIVATE_FILE, make_private_folder, write_atomically
 from avrgym.vr.protocol.messages import Language, Role
 
 TOKEN_BYTES = 16
@@ -69,7 +69,7 @@ class Tokens:
         if not path.exists():
             tokens = cls.new()
             make_private_folder(path.parent)
-            write_whole(path, msgspec.json.encode(tokens), PRIVATE_FILE)
+            write_atomically(path, msgspec.json.encode(tokens), PRIVATE_FILE)
             return tokens
         try:
             return msgspec.json.decode(path.read_bytes(), type=cls)

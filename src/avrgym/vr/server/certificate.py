@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from avrgym.system.files import write_whole
+from avrgym.system.files import write_atomically
 
 VALID_DAYS = 90
 RENEWED_BEFORE_DAYS = 14
@@ -82,7 +82,7 @@ def reason_to_renew(wanted: Certificate) -> str | None:
 
 def _make(wanted: Certificate) -> None:
     key = ec.generate_private_key(ec.SECP256R1())
-    write_whole(
+    write_atomically(
         wanted.key_file,
         key.private_bytes(
             serialization.Encoding.PEM,
@@ -92,7 +92,9 @@ def _make(wanted: Certificate) -> None:
         mode=0o600,
     )
     certificate = _signed(key, wanted.names)
-    write_whole(wanted.certificate_file, certificate.public_bytes(serialization.Encoding.PEM), mode=0o600)
+    write_atomically(
+        wanted.certificate_file, certificate.public_bytes(serialization.Encoding.PEM), mode=0o600
+    )
 
 
 def _signed(key: ec.EllipticCurvePrivateKey, names: Sequence[str]) -> x509.Certificate:
