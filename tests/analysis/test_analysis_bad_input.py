@@ -138,7 +138,7 @@ def test_a_trial_without_its_partner_is_left_out_of_pairs(
 
 
 @dataclass(frozen=True)
-class SkippedPlugin:
+class Broken:
     """The analysis of a study in which every trial but one has something else that is wrong."""
 
     words: str
@@ -146,7 +146,7 @@ class SkippedPlugin:
 
 
 @pytest.fixture(scope="module")
-def broken(tmp_path_factory: pytest.TempPathFactory) -> SkippedPlugin:
+def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
     folder = tmp_path_factory.mktemp("broken")
     with pytest.MonkeyPatch.context() as monkeypatch, Store(make_study(folder / "study", **DESIGN)) as store:
         monkeypatch.setattr(training_people, "PEOPLE_PER_TASK", 20)
@@ -163,7 +163,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> SkippedPlugin:
         for pseudonym, position in product(("sub-001", "sub-002", "sub-003", "sub-004"), (1, 2)):
             take_as_recorded(store, pseudonym, position)
         page = write_analysis(analyse(store), store.folder, folder / "out")
-    return SkippedPlugin(" ".join(Page(page).text.split()), folder / "out")
+    return Broken(" ".join(Page(page).text.split()), folder / "out")
 
 
 @pytest.mark.parametrize(
@@ -202,14 +202,14 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> SkippedPlugin:
     ],
 )
 def test_each_recording_gets_its_word(
-    broken: SkippedPlugin, participant: str, position: int, recorded: str, said: str
+    broken: Broken, participant: str, position: int, recorded: str, said: str
 ) -> None:
     (row,) = rows_of(broken.out.parent, "trials", participant=participant, position=str(position))
     assert row["recorded"] == recorded
     assert said in broken.words
 
 
-def test_the_rest_of_the_analysis_still_comes(broken: SkippedPlugin) -> None:
+def test_the_rest_of_the_analysis_still_comes(broken: Broken) -> None:
     rows = rows_of(broken.out.parent, "trials")
     assert [row["counted"] for row in rows].count("true") == 7
     assert all(row["reward"] for row in rows)
@@ -221,7 +221,7 @@ def test_the_rest_of_the_analysis_still_comes(broken: SkippedPlugin) -> None:
     }
 
 
-def test_answers_to_a_trial_that_does_not_count_do_not_count(broken: SkippedPlugin) -> None:
+def test_answers_to_a_trial_that_does_not_count_do_not_count(broken: Broken) -> None:
     answered = [row["counted"] for row in rows_of(broken.out.parent, "answers", participant="sub-003")]
     assert sorted(answered) == ["false"] * 4 + ["true"] * 4
 
