@@ -12,7 +12,7 @@ import pandas as pd
 from avrgym.recording.reader import read_recording
 
 recording = read_recording(sys.argv[1])
-print(f"{recording.metadata['environment']}, policy {recording.metadata['policy']}, {recording.end}")
+print(f"{recording.configuration.environment}, policy {recording.configuration.policy}, {recording.result}")
 
 
 def frame(topic: str) -> pd.DataFrame:

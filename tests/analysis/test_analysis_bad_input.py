@@ -15,6 +15,7 @@ from avrgym.analysis.biomechanics import training_people
 from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
 from avrgym.cli.main import app
+from avrgym.recording.configuration import Versions
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.attempts import sha256_of
@@ -78,7 +79,7 @@ def rewrite(store: Store, pseudonym: str, position: int, **changes) -> None:
     path = recording(store, pseudonym, position)
     path.unlink()
     trial = store.trials(pseudonym)[position - 1]
-    record_trial(path, store.participant(pseudonym), trial, **changes)
+    record_trial(path, store.design, store.participant(pseudonym), trial, **changes)
 
 
 def rows_of(tmp_path: Path, table: str, **values: str) -> list[Mapping[str, str]]:
@@ -156,9 +157,9 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
         cut.write_bytes(cut.read_bytes()[: cut.stat().st_size * 2 // 3])
         recording(store, "sub-001", 2).unlink()
         recording(store, "sub-002", 1).write_bytes(b"foreign")
-        rewrite(store, "sub-002", 2, versions={"avrgym": "0.0.1", "mujoco": "3.9.0"})
+        rewrite(store, "sub-002", 2, versions=Versions("0.0.1", "3.9.0"))
         rewrite(store, "sub-003", 1, simulated=True)
-        rewrite(store, "sub-003", 2, joints=["waist_x"])
+        rewrite(store, "sub-003", 2, joints=("waist_x",))
         rewrite(store, "sub-004", 1, other_course=9)
         for pseudonym, position in product(("sub-001", "sub-002", "sub-003", "sub-004"), (1, 2)):
             take_as_recorded(store, pseudonym, position)

@@ -1,6 +1,7 @@
 """What a recording tells about the body: kinematics as MuJoCo's, targets that hold until they change."""
 
-from dataclasses import replace
+import dataclasses
+from datetime import UTC, datetime
 from math import fsum
 
 import msgspec
@@ -12,10 +13,12 @@ from avrgym.analysis.reading import study_data
 from avrgym.analysis.reading.trial_series import head_centres, read_trial_series
 from avrgym.models import human
 from avrgym.models.human import JOINTS, LOWER_RAD, RECLINED, SEATED, UPPER_RAD, People, Person, Posture
+from avrgym.recording.configuration import BodyModel, Configuration
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import BodyTargets, Control
+from helpers.studies.configurations import configuration
 
-METADATA = {"person": {"sex": "woman", "torso_height_m": 0.55}, "joints": list(JOINTS)}
+KNOWN_BODY = configuration(person=BodyModel("woman", 0.55, "fair"), joints=tuple(JOINTS))
 
 
 @pytest.mark.parametrize("posture", [SEATED, RECLINED], ids=["seated", "in bed"])
@@ -30,7 +33,7 @@ def test_heads_are_where_mujoco_puts_them(posture: Posture, rng: np.random.Gener
         assert head_centres(People.of([person]), posture)[0] == pytest.approx(expected, abs=1e-12)
 
 
-def _recorded(targets: list[tuple[int, float]], metadata: dict) -> Recording:
+def _recorded(targets: list[tuple[int, float]], recorded: Configuration) -> Recording:
     """Waist angles x in degrees at times in milliseconds; control steps at 100, 200 and 300 ms."""
     messages = [
         ("/body_targets", time_ms * 1_000_000, BodyTargets(human.joint_angles(waist_x=angle).tolist()))
@@ -40,11 +43,11 @@ def _recorded(targets: list[tuple[int, float]], metadata: dict) -> Recording:
         ("/control", step * 100_000_000, Control(step, [], [], 1.0, {}, False, 0.1, 2.0))
         for step in (1, 2, 3)
     ]
-    return Recording(metadata, None, [*messages, *steps], True)
+    return Recording(recorded, None, [*messages, *steps], True, datetime.now(UTC))
 
 
 def test_targets_hold_until_they_change() -> None:
-    body = read_trial_series(_recorded([(150, 5.0), (199, 10.0), (400, 20.0)], METADATA), SEATED).body
+    body = read_trial_series(_recorded([(150, 5.0), (199, 10.0), (400, 20.0)], KNOWN_BODY), SEATED).body
     assert body is not None
     assert np.degrees(body.waist_rad[:, 0]) == pytest.approx([5.0, 10.0, 10.0])
     assert body.torso_height_m == 0.55
@@ -52,16 +55,14 @@ def test_targets_hold_until_they_change() -> None:
 
 
 @pytest.mark.parametrize(
-    ("targets", "metadata"),
+    ("targets", "recorded"),
     [
-        ([], METADATA),
-        ([(0, 1.0)], METADATA | {"joints": ["waist_x"]}),
-        ([(0, 1.0)], METADATA | {"person": {"sex": "woman"}}),
-        ([(0, 1.0)], {}),
+        ([], KNOWN_BODY),
+        ([(0, 1.0)], msgspec.structs.replace(KNOWN_BODY, joints=("waist_x",))),
     ],
 )
-def test_without_targets_or_a_known_body_there_is_none(targets: list, metadata: dict) -> None:
-    measured = read_trial_series(_recorded(targets, metadata), SEATED)
+def test_without_targets_or_a_known_body_there_is_none(targets: list, recorded: Configuration) -> None:
+    measured = read_trial_series(_recorded(targets, recorded), SEATED)
     assert measured.body is None
     assert measured.times_s == [0.1, 0.2, 0.3]
 
@@ -69,10 +70,10 @@ def test_without_targets_or_a_known_body_there_is_none(targets: list, metadata: 
 def test_rewards_are_added_up_one_by_one_whatever_sum_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """Since Python 3.12 ``sum`` makes up for rounding, and a session's total does not."""
     monkeypatch.setattr(study_data, "sum", fsum, raising=False)
-    measured = read_trial_series(_recorded([], {}), SEATED)
+    measured = read_trial_series(_recorded([], KNOWN_BODY), SEATED)
     steps = [msgspec.structs.replace(measured.steps[0], reward=0.1) for _ in range(10)]
     total = 0.0
     for step in steps:
         total += step.reward
     assert total != fsum(step.reward for step in steps)
-    assert study_data._step_metrics(replace(measured, steps=steps))["reward_recorded"] == total
+    assert study_data._step_metrics(dataclasses.replace(measured, steps=steps))["reward_recorded"] == total

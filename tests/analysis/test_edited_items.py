@@ -8,7 +8,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pandas as pd
 import pytest
@@ -195,10 +194,8 @@ def test_practice_has_the_items_of_its_session_where_only_recordings_report_them
         session = open_session(store, pseudonym)
         for trial in store.remaining_trials(pseudonym):
             attempt = begin_attempt(store, session.id, trial.position)
-            asked = [] if trial.practice else store.design.items_at("after_trial", trial.seed)
-            items = [msgspec.to_builtins(item) for item in asked]
             participant = store.participant(pseudonym)
-            metrics = record_trial(store.path(attempt.recording), participant, trial, items=items)
+            metrics = record_trial(store.path(attempt.recording), store.design, participant, trial)
             complete_attempt(store, attempt.id, metrics)
         close_session(store, session.id)
     edit(folder)
@@ -282,17 +279,9 @@ def test_recordings_report_what_was_asked(
 def take_part_with_items(store: Store) -> None:
     participant = store.participant(take_part(store, "woman", simulated=False))
     session = open_session(store, participant.pseudonym)
-    design = store.design
-    configuration = {
-        "items": msgspec.to_builtins(design.items_at("after_trial")),
-        "force_guard": design.force_guard,
-        "furniture": msgspec.to_builtins(design.furniture),
-        "steps": design.trial_steps,
-    }
     for trial in store.remaining_trials(participant.pseudonym):
         attempt = begin_attempt(store, session.id, trial.position)
-        own = configuration | ({"items": []} if trial.practice else {})
-        metrics = record_trial(store.path(attempt.recording), participant, trial, **own)
+        metrics = record_trial(store.path(attempt.recording), store.design, participant, trial)
         if not trial.practice:
             for item in ITEMS:
                 record_answer(store, attempt.id, Answer(item, rate(participant, trial, item) % 5 + 1, 1.0))

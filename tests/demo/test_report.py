@@ -2,23 +2,19 @@ import base64
 from pathlib import Path
 
 import pytest
-from msgspec.structs import asdict
+from msgspec.structs import replace
 
 from avrgym.demo.report import summarise, telling_moment_s, write_report
-from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
 from avrgym.recording.reader import read_recording
-from avrgym.recording.schema import Answer, Control, Event, Latency, TrackingFrame
+from avrgym.recording.schema import Answer, Control, Event, Latency, Outcome, TrackingFrame
 from avrgym.recording.writer import RecordingWriter
 from helpers.browser.html_page import Page
+from helpers.studies.configurations import configuration
 
-METADATA = {
-    "environment": "avrgym/FeedingJaco-v1",
-    "policy": "revised",
-    "practice": False,
-    "simulated": True,
-    "reward_weights": {"distance": 2.0, "action": 0.01},
-    "items": [asdict(item) for item in LIKERT_ITEMS],
-}
+CONFIGURATION = configuration(
+    environment="avrgym/FeedingJaco-v1", reward_weights={"distance": 2.0, "action": 0.01}, items=LIKERT_ITEMS
+)
 HOSTILE = "<script>alert('1')</script>\"&"
 PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
@@ -31,9 +27,9 @@ def control(step: int, success: bool = False) -> Control:
 
 
 def record(
-    path: Path, metadata=METADATA, steps: int = 4, complete: bool = True, text: str = "steady"
+    path: Path, recorded=CONFIGURATION, steps: int = 4, complete: bool = True, text: str = "steady"
 ) -> Path:
-    writer = RecordingWriter(path, metadata)
+    writer = RecordingWriter(path, recorded)
     for sequence in (0, 1, 2, 4):
         frame = TrackingFrame(sequence, sequence * 10.0, sequence / 50, applied=True, held=sequence == 2)
         writer.write("/tracking", sequence * 20_000_000, frame)
@@ -44,7 +40,7 @@ def record(
     stages = [[1.0, 1.0], [3.0, 5.0], [9.0, 9.0], [0.0, 0.0], [3.0, 5.0], [44.0, 40.0]]
     writer.write("/latency", 1_000_000_000, Latency([0, 1], *stages))
     writer.write("/events", 1_500_000_000, Event("reconnected", text))
-    writer.close({"success": True} if complete else None)
+    writer.close(Outcome(result="completed", success=True) if complete else None)
     return path
 
 
@@ -91,8 +87,8 @@ def test_the_report_says_what_happened(tmp_path, picture):
 
 def test_the_report_leads_with_what_happened_in_each_trial(tmp_path, picture):
     trials = [
-        record(tmp_path / "a.mcap", METADATA | {"goal": "Eat the food from the spoon."}),
-        record(tmp_path / "b.mcap", METADATA | {"environment": "avrgym/BedBathingPR2-v1"}, steps=0),
+        record(tmp_path / "a.mcap", replace(CONFIGURATION, goal="Eat the food from the spoon.")),
+        record(tmp_path / "b.mcap", replace(CONFIGURATION, environment="avrgym/BedBathingPR2-v1"), steps=0),
     ]
     moments = {trials[0]: picture}
     written = write_report(tmp_path, trials, [], "Two trials", moments).read_text()
@@ -119,8 +115,8 @@ def test_the_telling_moment_is_the_success_or_else_the_nearest(tmp_path):
 
 
 def test_answers_stand_in_the_words_that_they_were_asked_in(tmp_path):
-    item = {"id": "L1", "text": "How demanding?", "points": 21, "low": "very low", "high": "very high"}
-    path = record(tmp_path / "a.mcap", METADATA | {"items": [*METADATA["items"], item]})
+    item = Item("L1", text="How demanding?", points=21, low="very low", high="very high")
+    path = record(tmp_path / "a.mcap", replace(CONFIGURATION, items=(item, *LIKERT_ITEMS[1:])))
     words = " ".join(Page(write_report(tmp_path, [path], [], "One trial")).text.split())
     assert "How demanding? 1 (very low) to 21 (very high) 3 of 21" in words
     assert "1 (strongly disagree) to 7 (strongly agree) 4 of 7" in words
@@ -147,8 +143,8 @@ def test_the_same_input_gives_the_same_bytes(tmp_path, picture):
 
 
 def test_hostile_text_stays_text(tmp_path):
-    metadata = {**METADATA, "environment": HOSTILE, "policy": HOSTILE}
-    path = write_report(tmp_path, [record(tmp_path / "a.mcap", metadata, text=HOSTILE)], [], HOSTILE)
+    hostile = replace(CONFIGURATION, environment=HOSTILE, policy=HOSTILE)
+    path = write_report(tmp_path, [record(tmp_path / "a.mcap", hostile, text=HOSTILE)], [], HOSTILE)
     assert HOSTILE not in path.read_text()
     page = Page(path)
     assert page.text.count(HOSTILE) == 8
@@ -156,7 +152,10 @@ def test_hostile_text_stays_text(tmp_path):
 
 
 def test_a_person_is_not_marked_as_simulated(tmp_path):
-    trials = [record(tmp_path / "a.mcap", {**METADATA, "simulated": False}), record(tmp_path / "b.mcap")]
+    trials = [
+        record(tmp_path / "a.mcap", replace(CONFIGURATION, simulated=False)),
+        record(tmp_path / "b.mcap"),
+    ]
     assert "SIMULATED" not in Page(write_report(tmp_path / "a", trials[:1], [], "Person")).text
     both = Page(write_report(tmp_path / "both", trials, [], "Both")).text
     assert "1 of 2 trials here had no person" in both
@@ -164,11 +163,11 @@ def test_a_person_is_not_marked_as_simulated(tmp_path):
 
 def test_what_is_missing_is_said(tmp_path):
     empty = tmp_path / "empty.mcap"
-    RecordingWriter(empty, {}).close()
+    RecordingWriter(empty, CONFIGURATION).close()
     foreign = tmp_path / "foreign.mcap"
     foreign.write_bytes(b"foreign")
     trials = [
-        record(tmp_path / "a.mcap", {**METADATA, "practice": True}, complete=False),
+        record(tmp_path / "a.mcap", replace(CONFIGURATION, practice=True), complete=False),
         empty,
         foreign,
         tmp_path / "missing.mcap",
@@ -177,7 +176,6 @@ def test_what_is_missing_is_said(tmp_path):
     assert "4 recordings, of which 1 practice and 4 incomplete." in words
     assert "foreign.mcap: not a recording" in words
     assert "No such file or directory: 'missing.mcap'" in words
-    assert "Trial 2: unknown environment, unknown policy policy" in words
     assert "No step of the robot was recorded." in words
     assert "No answers were recorded." in words
 

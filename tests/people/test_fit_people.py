@@ -16,7 +16,8 @@ from avrgym.learning.evaluation import evaluate
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEXES, Sex
 from avrgym.people import distributions
 from avrgym.people.people_file import PeopleFileError, parse_people, read_people
-from avrgym.recording.schema import Answer, BodyTargets, Control, Event, TrackingFrame
+from avrgym.recording.configuration import BodyModel
+from avrgym.recording.schema import Answer, BodyTargets, Control, Event, Outcome, TrackingFrame
 from avrgym.recording.writer import RecordingWriter
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
 from avrgym.study.storage.answers import record_answer
@@ -25,6 +26,7 @@ from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS
+from helpers.studies.configurations import configuration
 from helpers.studies.small_studies import METRICS, fitting_answers, make_study
 from helpers.system.places import ROOT
 
@@ -49,12 +51,12 @@ def record(
     path: Path, sex: Sex, torso_height_m: float, lean_deg: float, moved_deg: float, held: bool
 ) -> None:
     """A trial in which somebody leans, and for its last second turns the head too; ``held``: they were not tracked."""
-    metadata = {
-        "environment": f"avrgym/{TASK}Jaco-v1",
-        "person": {"sex": sex, "torso_height_m": torso_height_m},
-        "joints": list(JOINTS),
-    }
-    writer = RecordingWriter(path, metadata)
+    recorded = configuration(
+        environment=f"avrgym/{TASK}Jaco-v1",
+        person=BodyModel(sex, torso_height_m, "fair"),
+        joints=tuple(JOINTS),
+    )
+    writer = RecordingWriter(path, recorded)
     leaning, turned = angles_deg(waist_x=lean_deg), angles_deg(waist_x=lean_deg, head_z=moved_deg)
     for time_s, pose in ((0.0, angles_deg(waist_x=40.0)), (0.9, leaning), (ENDS_S - 1.0, turned)):
         writer.write("/body_targets", round(1e9 * time_s), BodyTargets(np.radians(pose).tolist()))
@@ -71,7 +73,7 @@ def record(
     )
     for item in ("L1", "L2", "L3", "L4"):
         writer.write("/answers", round(1e9 * ENDS_S) + 2, Answer(item, 4, 1.0))
-    writer.close({"result": "completed", **asdict(METRICS)})
+    writer.close(Outcome(result="completed", **asdict(METRICS)))
 
 
 def take_part(

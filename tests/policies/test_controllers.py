@@ -121,7 +121,7 @@ def check_held(recording: Recording, name: str, kind: str) -> None:
     assert failed[1].partition(":")[0] == kind
     assert drives == ("controller_drives", "")
     assert recording.outcome is not None
-    assert recording.outcome["result"] == "completed"
+    assert recording.outcome.result == "completed"
     assert verify(recording).identical
 
 

@@ -13,6 +13,7 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import MCAP0_MAGIC, Writer
+from msgspec.structs import replace
 
 from avrgym.recording import schema
 from avrgym.recording import writer as writing
@@ -25,6 +26,7 @@ from avrgym.recording.schema import (
     Control,
     Event,
     Latency,
+    Outcome,
     Physics,
     Placement,
     Pose,
@@ -36,16 +38,12 @@ from avrgym.recording.schema import (
     json_schema,
 )
 from avrgym.recording.writer import RecordingWriter
+from helpers.studies.configurations import configuration
+from helpers.system.places import OLD_RECORDING
 from helpers.system.processes import die_with_parent
 
-METADATA = {
-    "environment": "avrgym/FeedingJaco-v1",
-    "seed": 3,
-    "simulated": True,
-    "bodies": ["a", "b"],
-    "person": None,
-}
-OUTCOME = {"reward": 1.5, "success": True}
+CONFIGURATION = configuration(environment="avrgym/FeedingJaco-v1", seed=3)
+OUTCOME = Outcome(result="completed", reward=1.5, success=True)
 POSE = Pose(position=[0.1, -0.2, 1.3], orientation=[0.0, 0.0, 0.0, 1.0])
 RECORDS = {
     "/physics": Physics(3, 0.3, [0.1, -1e-300, 5e-324, 1.7976931348623157e308]),
@@ -66,7 +64,7 @@ def write_trial(path: Path, steps: int = 40, outcome=OUTCOME) -> dict[str, list]
     """Record some made-up steps in several chunks; returns what was written."""
     rng = random.Random(0)
     written: dict[str, list] = {topic: [] for topic in TOPICS}
-    writer = RecordingWriter(path, METADATA)
+    writer = RecordingWriter(path, CONFIGURATION)
     for step in range(steps):
         for topic, record in {
             **RECORDS,
@@ -125,7 +123,7 @@ def test_a_closed_recording_reads_back_whole(tmp_path):
     path = tmp_path / "trial.mcap"
     written = write_trial(path)
     read = read_recording(path)
-    assert (read.metadata, read.outcome, read.complete) == (METADATA, OUTCOME, True)
+    assert (read.configuration, read.outcome, read.complete) == (CONFIGURATION, OUTCOME, True)
     assert read.topics == written
 
 
@@ -150,7 +148,7 @@ def test_an_existing_file_is_never_overwritten(tmp_path):
     path = tmp_path / "trial.mcap"
     path.write_bytes(b"precious")
     with pytest.raises(FileExistsError):
-        RecordingWriter(path, METADATA)
+        RecordingWriter(path, CONFIGURATION)
     assert path.read_bytes() == b"precious"
 
 
@@ -164,7 +162,7 @@ def test_without_an_outcome_the_trial_is_incomplete(tmp_path):
 
 def test_closing_twice_changes_nothing_and_a_late_record_is_refused(tmp_path):
     path = tmp_path / "trial.mcap"
-    writer = RecordingWriter(path, METADATA)
+    writer = RecordingWriter(path, CONFIGURATION)
     writer.close(OUTCOME)
     before = path.read_bytes()
     writer.close({"success": False})
@@ -174,7 +172,7 @@ def test_closing_twice_changes_nothing_and_a_late_record_is_refused(tmp_path):
 
 
 def test_a_wrong_topic_or_record_is_refused(tmp_path):
-    writer = RecordingWriter(tmp_path / "trial.mcap", METADATA)
+    writer = RecordingWriter(tmp_path / "trial.mcap", CONFIGURATION)
     with pytest.raises(
         RecordingError, match="no topic '/answer' for Answer; allowed: /physics: Physics, /tracking"
     ):
@@ -199,7 +197,7 @@ def test_a_file_cut_anywhere_gives_a_prefix(tmp_path, small_chunks):
     path = tmp_path / "trial.mcap"
     written = write_trial(path)
     content = path.read_bytes()
-    header = content.index(b"bodies") + 200
+    header = content.index(b"began_at") + 60
     cut = tmp_path / "cut.mcap"
     lengths = set()
     for end in (*range(header), *range(header, len(content), 101), *range(len(content) - 200, len(content))):
@@ -210,7 +208,7 @@ def test_a_file_cut_anywhere_gives_a_prefix(tmp_path, small_chunks):
             assert end < header
             continue
         assert not read.complete
-        assert read.metadata == METADATA
+        assert read.configuration == CONFIGURATION
         assert_begins(read, written)
         lengths.add(len(read.topics["/physics"]))
     assert len(lengths) > 3
@@ -291,12 +289,12 @@ def test_a_recording_with_another_topic_is_refused(tmp_path, monkeypatch):
 
 CHILD = """
 import os, random, resource, sys, time
-from avrgym.recording.reader import RecordingError
+from avrgym.recording.reader import RecordingError, read_header
 from avrgym.recording.writer import RecordingWriter
-from avrgym.recording.schema import Physics
+from avrgym.recording.schema import Outcome, Physics
 path, size_limit = sys.argv[1], int(sys.argv[2])
 resource.setrlimit(resource.RLIMIT_FSIZE, (size_limit or resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-writer = RecordingWriter(path, {"environment": "made up"})
+writer = RecordingWriter(path, read_header(sys.argv[3]).configuration)
 print("started", flush=True)
 step, full_at, began = 0, None, time.monotonic()
 while writer.error is None and time.monotonic() - began < 20:
@@ -307,7 +305,7 @@ while writer.error is None and time.monotonic() - began < 20:
     if size_limit and full_at is None and os.path.getsize(path) >= size_limit:
         full_at = time.monotonic()
 try:
-    writer.close({"success": True})
+    writer.close(Outcome(result="completed", success=True))
 except RecordingError as error:
     print(time.monotonic() - full_at, error, flush=True)
 """
@@ -315,7 +313,7 @@ except RecordingError as error:
 
 def start_child(path: Path, size_limit: int) -> subprocess.Popen:
     child = subprocess.Popen(
-        [sys.executable, "-c", CHILD, str(path), str(size_limit)],
+        [sys.executable, "-c", CHILD, str(path), str(size_limit), str(OLD_RECORDING)],
         stdout=subprocess.PIPE,
         text=True,
         preexec_fn=die_with_parent,
@@ -370,7 +368,7 @@ def stalled_disk(monkeypatch):
 
 
 def test_a_stall_raises_an_alarm_within_a_second_and_may_pass(tmp_path, stalled_disk):
-    writer = RecordingWriter(tmp_path / "trial.mcap", METADATA)
+    writer = RecordingWriter(tmp_path / "trial.mcap", CONFIGURATION)
     writer.write("/answers", 0, RECORDS["/answers"])
     assert writer.error is None
     began = time.monotonic()
@@ -387,7 +385,7 @@ def test_a_stall_raises_an_alarm_within_a_second_and_may_pass(tmp_path, stalled_
 def test_a_disk_too_slow_loses_records_loudly_and_never_blocks(tmp_path, stalled_disk, monkeypatch):
     monkeypatch.setattr(writing, "CAPACITY_MESSAGES", 50)
     monkeypatch.setattr(writing, "FLUSH_INTERVAL_S", 0)
-    writer = RecordingWriter(tmp_path / "trial.mcap", METADATA)
+    writer = RecordingWriter(tmp_path / "trial.mcap", CONFIGURATION)
     for step in range(500):
         writer.write("/physics", step, Physics(step, 0.0, []))
     assert isinstance(writer.error, RecordingError)
@@ -401,7 +399,7 @@ def test_a_disk_too_slow_loses_records_loudly_and_never_blocks(tmp_path, stalled
 
 def test_a_disk_that_never_takes_the_data_does_not_hold_up_the_close(tmp_path, stalled_disk, monkeypatch):
     monkeypatch.setattr(writing, "CLOSE_TIMEOUT_S", 0.05)
-    writer = RecordingWriter(tmp_path / "trial.mcap", METADATA)
+    writer = RecordingWriter(tmp_path / "trial.mcap", CONFIGURATION)
     writer.write("/answers", 0, RECORDS["/answers"])
     with pytest.raises(RecordingError, match="takes no data"):
         writer.close(OUTCOME)
@@ -428,7 +426,7 @@ def test_data_that_are_not_safely_on_disk_are_never_complete(tmp_path, monkeypat
 
 
 def test_a_record_that_is_not_plain_data_is_a_failure(tmp_path):
-    writer = RecordingWriter(tmp_path / "trial.mcap", METADATA)
+    writer = RecordingWriter(tmp_path / "trial.mcap", CONFIGURATION)
     writer.write("/events", 0, Event("strange", object()))  # pyright: ignore[reportArgumentType]
     with pytest.raises(RecordingError, match="not complete"):
         writer.close(OUTCOME)
@@ -436,5 +434,5 @@ def test_a_record_that_is_not_plain_data_is_a_failure(tmp_path):
 
 def test_a_failed_start_leaves_no_file(tmp_path):
     with pytest.raises(TypeError):
-        RecordingWriter(tmp_path / "trial.mcap", {"strange": object()})
+        RecordingWriter(tmp_path / "trial.mcap", replace(CONFIGURATION, goal=object()))
     assert not list(tmp_path.iterdir())

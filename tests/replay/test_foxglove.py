@@ -3,7 +3,6 @@
 import subprocess
 import sys
 from collections import defaultdict
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from mcap_protobuf.decoder import DecoderFactory  # noqa: E402
 
 from avrgym.geometry import transforms  # noqa: E402
 from avrgym.recording.reader import Recording, read_recording  # noqa: E402
-from avrgym.replay.foxglove import NO_DATE, TRACKING, WORLD, write_foxglove  # noqa: E402
+from avrgym.replay.foxglove import TRACKING, WORLD, write_foxglove  # noqa: E402
 from helpers.system.places import OLD_RECORDING  # noqa: E402
 from helpers.vr.visit import Visit, plan  # noqa: E402
 
@@ -61,7 +60,6 @@ def place(transform: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_times_are_those_of_the_calendar(recording: Recording, shown: Messages) -> None:
-    assert recording.began_at is not None
     assert datetime.now(UTC) - recording.began_at < timedelta(hours=1)
     began_ns = round(recording.began_at.timestamp() * 1e9)
     for topic in ("/physics", "/events", "/control"):
@@ -77,13 +75,13 @@ def test_all_that_the_recording_holds_is_there_as_well(recording: Recording, sho
 
 def test_every_body_has_a_place_and_what_is_seen_has_a_body(recording: Recording, shown: Messages) -> None:
     _, first = shown["/tf"][0]
-    assert [each.child_frame_id for each in first.transforms] == recording.metadata["bodies"]
+    assert [each.child_frame_id for each in first.transforms] == list(recording.configuration.bodies)
     assert {each.parent_frame_id for _, some in shown["/tf"] for each in some.transforms} == {WORLD}
     ((_, scene),) = shown["/scene"]
     entities = {entity.frame_id: entity for entity in scene.entities}
     assert all(entity.frame_locked and not entity.lifetime.ToNanoseconds() for entity in entities.values())
     assert {"person/head", "person/right_hand", "robot/link_7", "wheelchair"} <= set(entities)
-    assert set(entities) <= {*recording.metadata["bodies"], "world"}
+    assert set(entities) <= {*recording.configuration.bodies, "world"}
     head = np.array([[p.x, p.y, p.z] for part in entities["person/head"].triangles for p in part.points])
     assert 0.1 < np.ptp(head, axis=0).min() < np.ptp(head, axis=0).max() < 0.5
 
@@ -117,15 +115,11 @@ def test_the_tracked_head_lies_at_the_head_of_the_body(shown: Messages) -> None:
     )
 
 
-def test_a_recording_without_a_date_counts_from_1970_and_nothing_is_written_over(
-    tmp_path: Path,
-) -> None:
-    earlier = replace(read_recording(OLD_RECORDING), began_at=None)
-    assert NO_DATE.timestamp() == 0.0
+def test_an_existing_file_is_not_overwritten(tmp_path: Path) -> None:
     taken = tmp_path / "taken.mcap"
     taken.write_bytes(b"mine")
     with pytest.raises(FileExistsError, match="choose another name"):
-        write_foxglove(earlier, taken, lambda: None)
+        write_foxglove(read_recording(OLD_RECORDING), taken, lambda: None)
     assert taken.read_bytes() == b"mine"
 
 

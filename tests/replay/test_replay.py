@@ -14,14 +14,15 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
 from avrgym.recording import writer as writing
+from avrgym.recording.configuration import Versions
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.recording.writer import RecordingWriter
-from avrgym.replay.playback import Playback, StateAgain
-from avrgym.replay.trial import ReplayError
+from avrgym.replay.playback import ComparedState, Playback, ReplayError
 from avrgym.replay.verification import STATE_QUANTITIES, verify
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.protocol.messages import Disconnected, Ready, Stop
+from helpers.studies.configurations import with_configuration
 from helpers.studies.small_studies import make_study, run_participant, take_in
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
@@ -86,7 +87,7 @@ def test_every_attempt_steps_again_to_the_same_bits(tmp_path: Path, environment:
         assert found.states == found.identical_states == len(recording.topics["/physics"])
         assert found.steps == found.identical_steps == len(recording.topics["/control"])
         assert (found.complete, found.same_versions) == (True, True)
-        results.append((recording.outcome or {})["result"])
+        results.append(recording.result)
         steps = len(recording.topics["/commands"])
         assert steps == {"stopped": 3, "interrupted": 1, "completed": STEPS + HELD_ONCE}[results[-1]]
     assert results == ["stopped", "interrupted", "completed"]
@@ -193,7 +194,7 @@ def test_every_part_of_a_state_has_a_name(whole: Recording) -> None:
 def test_who_follows_goes_on_from_the_recorded_states(whole: Recording) -> None:
     """A changed state is shown as recorded; the one after it differs, because it came from another."""
     bent = changed(whole, "/physics", 10, with_number("state", 3))
-    states = [again for again in Playback(bent).run(follow=True) if isinstance(again, StateAgain)]
+    states = [again for again in Playback(bent).run(follow=True) if isinstance(again, ComparedState)]
     assert [number for number, again in enumerate(states) if not again.identical] == [10, 11]
 
 
@@ -216,9 +217,9 @@ def test_a_recording_that_breaks_off_is_verified_up_to_its_end(tmp_path: Path, p
     assert len(lengths) > 1
 
 
-def written(recording: Recording, path: Path, **metadata: Any) -> Path:
-    """A recording as a file, with some of its metadata changed."""
-    writer = RecordingWriter(path, recording.metadata | metadata)
+def written(recording: Recording, path: Path, **changes: Any) -> Path:
+    """A recording as a file, with some changed fields of its configuration."""
+    writer = RecordingWriter(path, msgspec.structs.replace(recording.configuration, **changes))
     for topic, time_ns, record in recording.messages:
         writer.write(topic, time_ns, record)
     writer.close(recording.outcome)
@@ -245,31 +246,30 @@ def test_the_command_tells_what_agreed_or_differs(
     assert "qpos" in bad.stdout
     assert "recorded with the versions that run here" in bad.stderr
 
-    other = {"avrgym": "0.1.0", "mujoco": "3.3.7"}
+    other = Versions("0.1.0", "3.3.7")
     older = avrgym(written(bent, tmp_path / "older.mcap", versions=other), "--verify")
     assert older.exit_code == 0
-    assert "recorded with avrgym 0.1.0, mujoco 3.3.7" in older.stdout
+    assert "recorded with AVR Gym 0.1.0, MuJoCo 3.3.7" in older.stdout
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda r: replace(r, metadata={**r.metadata, "bodies": ["a"]}), "bodies of its scene are not those"),
+        (lambda r: with_configuration(r, bodies=("a",)), "bodies of its scene have changed"),
         (
-            lambda r: replace(r, metadata={k: v for k, v in r.metadata.items() if k != "start"}),
-            "lacks 'start'",
-        ),
-        (
-            lambda r: replace(r, metadata={**r.metadata, "start": {**r.metadata["start"], "memory": {}}}),
+            lambda r: with_configuration(r, start=msgspec.structs.replace(r.configuration.start, memory={})),
             "lacks",
         ),
-        (lambda r: replace(r, metadata={**r.metadata, "environment": "avrgym/Dance-v1"}), "Dance"),
+        (lambda r: with_configuration(r, environment="avrgym/Dance-v1"), "Dance"),
         (
             lambda r: changed(r, "/physics", 0, lambda p: msgspec.structs.replace(p, state=[1.0])),
-            "1 numbers, this simulator's have .* recorded with avrgym",
+            "1 numbers, this simulator's have .* recorded with AVR Gym",
         ),
         (lambda r: replace(r, messages=[m for m in r.messages if m[0] != "/commands"]), "no commands"),
-        (lambda r: replace(r, messages=[m for m in r.messages if m[0] != "/events"]), "ends at no tick"),
+        (
+            lambda r: replace(r, messages=[m for m in r.messages if m[0] != "/events"]),
+            "does not end at a tick",
+        ),
         (lambda r: replace(r, messages=[]), "before its first state"),
     ],
 )
@@ -281,7 +281,7 @@ def test_what_cannot_be_stepped_again_says_why(
 
 
 def test_a_recording_tells_its_whole_start_so_that_nothing_is_drawn(whole: Recording) -> None:
-    assert verify(replace(whole, metadata={**whole.metadata, "seed": 12345})).identical
+    assert verify(with_configuration(whole, seed=12345)).identical
 
 
 def test_the_command_answers_mistakes_in_one_line(tmp_path: Path, paths: list[Path]) -> None:
@@ -316,7 +316,7 @@ def test_a_recording_made_where_rounding_is_another_agrees_within_it(
 ) -> None:
     """A bit is an error where nothing may differ, and none where another C library made the recording."""
     bent = changed(whole, "/physics", 10, with_number("state", 3))
-    elsewhere = replace(bent, metadata=bent.metadata | {"c_library": "elsewhere"})
+    elsewhere = with_configuration(bent, c_library="elsewhere")
     good = avrgym(written(elsewhere, tmp_path / "elsewhere.mcap"), "--verify")
     assert good.exit_code == 0, good.output
     assert "It agrees" in good.stdout

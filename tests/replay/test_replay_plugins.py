@@ -9,12 +9,11 @@ import pytest
 
 from avrgym.cli import replay as command
 from avrgym.recording.reader import Recording, read_recording
-from avrgym.replay.playback import Playback
-from avrgym.replay.trial import ReplayError
+from avrgym.replay.playback import Playback, ReplayError
 from avrgym.replay.verification import verify
 from avrgym.system import plugins
-from avrgym.system.used_plugins import stored
 from avrgym.tasks.registry import plugins_of
+from helpers.studies.configurations import with_configuration
 from helpers.system.fake_plugins import change, register
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
@@ -48,30 +47,16 @@ def with_other_states(recording: Recording) -> Recording:
     return replace(recording, messages=messages)
 
 
-def without_plugins(recording: Recording) -> Recording:
-    kept = {name: value for name, value in recording.metadata.items() if name != "plugins"}
-    return replace(recording, metadata=kept)
-
-
 def test_a_recording_stores_its_plug_ins_and_verifies(recording: Recording) -> None:
-    assert stored(recording.metadata["plugins"]) == plugins_of(ENVIRONMENT)
+    assert recording.configuration.plugins == plugins_of(ENVIRONMENT)
     found = verify(recording)
-    assert (found.identical, found.plugins_stored, found.plugin_differences) == (True, True, [])
+    assert (found.identical, found.plugin_differences) == (True, [])
 
 
 def test_a_difference_without_a_reason_stays_an_error(recording: Recording) -> None:
     found = verify(with_other_states(recording))
     with pytest.raises(ReplayError, match="although it was recorded with the versions that run here"):
         command._tell_differences(found)
-
-
-def test_without_stored_plug_ins_it_is_an_error_that_says_so(
-    recording: Recording, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = verify(without_plugins(with_other_states(recording)))
-    with pytest.raises(ReplayError, match="although"):
-        command._tell_differences(found)
-    assert "robot Jaco was not stored, is lab-robots 1.0" in capsys.readouterr().out
 
 
 def test_the_changed_plug_in_is_the_reason(
@@ -86,6 +71,6 @@ def test_the_changed_plug_in_is_the_reason(
     assert (
         f"A plug-in differs from the recorded one: {found.plugin_differences[0]}." in capsys.readouterr().out
     )
-    other_scene = replace(recording, metadata={**recording.metadata, "bodies": ["world"]})
-    with pytest.raises(ReplayError, match=r"are not those of today: .*; robot Jaco was lab-robots 1\.0"):
+    other_scene = with_configuration(recording, bodies=("world",))
+    with pytest.raises(ReplayError, match=r"have changed: .*; robot Jaco was lab-robots 1\.0"):
         Playback(other_scene)

@@ -21,7 +21,7 @@ from avrgym.replay.pictures import (
     write_gif,
     write_video,
 )
-from avrgym.replay.playback import Playback, StateAgain
+from avrgym.replay.playback import ComparedState, Playback
 from avrgym.replay.server import ReplayServer
 from avrgym.replay.timeline import FRAME_EVERY_STATES, timeline_of
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
@@ -64,7 +64,9 @@ def test_the_poses_are_those_of_every_second_recorded_state(recording: Recording
     timeline, frames = timeline_of(recording, nothing)
     playback = Playback(recording)
     shown = [
-        (again.time_s, poses(playback.episodes)) for again in playback.run() if isinstance(again, StateAgain)
+        (again.time_s, poses(playback.episodes))
+        for again in playback.run()
+        if isinstance(again, ComparedState)
     ][::FRAME_EVERY_STATES]
     assert timeline.frames_s == [time_s for time_s, _ in shown]
     assert frames == b"".join(frame for _, frame in shown)

@@ -15,6 +15,7 @@ from typer.testing import CliRunner, Result
 from avrgym.analysis.flow import participant_flows
 from avrgym.analysis.reading.study_data import StudyData
 from avrgym.cli.main import app
+from avrgym.recording.configuration import RecordedConsent
 from avrgym.recording.reader import read_recording
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.finding import Finding
@@ -42,11 +43,9 @@ from avrgym.study.storage.store import Store
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
-from helpers.studies import small_studies
 from helpers.studies.small_studies import (
     fitting_answers,
     make_study,
-    plugins_in,
     run_participant,
     small_study,
     take_in,
@@ -373,22 +372,16 @@ def test_recordings_store_the_consent(folder: Path) -> None:
             attended.go_to("trial")
             attended.leave()
     (recording,) = sorted(folder.rglob("*.mcap"))
-    assert read_recording(recording).metadata["consent"] == {
-        "version": "2", "language": "en", "sha256": latest.sha256, "at": latest.at
-    }  # fmt: skip
+    consent = read_recording(recording).configuration.consent
+    assert consent == RecordedConsent(latest.at, "2", "en", latest.sha256)
 
 
 @pytest.mark.parametrize("recorded", [True, False])
-def test_a_rebuilt_study_has_the_consents_that_recordings_store(
-    folder: Path, recorded: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_rebuilt_study_has_the_consents_that_recordings_store(folder: Path, recorded: bool) -> None:
     with Store(folder) as store:
         pseudonym = take_in(store)
         before = store.consents(pseudonym)
-        if recorded:
-            stored = {"consent": latest_consent(before)}
-            monkeypatch.setattr(small_studies, "plugins_in", lambda trial: plugins_in(trial) | stored)
-        run_participant(store, pseudonym, trials=4)
+        run_participant(store, pseudonym, trials=4, consent=latest_consent(before) if recorded else None)
     for name in ("study.db", "study.db.sha256", "participation.jsonl"):
         (folder / name).unlink()
     rebuild_study(folder)

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.cli.plan import plan_of
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.policies.trained import packaged_policies
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.design_checks import check_design
@@ -177,9 +178,9 @@ def test_a_recording_that_contradicts_its_session_is_found(made: Path, tmp_path:
         session = open_session(store, participant.pseudonym)
         trial = store.remaining_trials(participant.pseudonym)[0]
         attempt = begin_attempt(store, session.id, trial.position)
-        seat = {"seat_height_m": 0.4}
+        seat = RealFurniture(seat_height_m=0.4)
         metrics = record_trial(
-            store.path(attempt.recording), participant, trial, force_guard=guard, furniture=seat
+            store.path(attempt.recording), store.design, participant, trial, force_guard=guard, furniture=seat
         )
         complete_attempt(store, attempt.id, metrics)
         close_session(store, session.id)

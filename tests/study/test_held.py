@@ -12,6 +12,7 @@ from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.tracking_loss import tracking_loss_share
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.storage.store import Store
+from helpers.studies.configurations import made_recording
 from helpers.studies.known_results import STEPS, run_trials, take_part
 from helpers.studies.small_studies import make_study
 
@@ -30,7 +31,7 @@ def recording(*frames: tuple[float, bool, list[str]]) -> Recording:
         ("/control", 5_000_000_000 + 100_000_000 * step, Control(step, [], [], 0.0, {}, False, 0.0, 0.0))
         for step in range(1, 201)
     ]
-    return Recording({}, None, messages, complete=True)
+    return made_recording(*messages)
 
 
 def at_rate(held, begin_s: float = 4.0, end_s: float = 26.0, parts=lambda number: []) -> Recording:
@@ -56,15 +57,13 @@ def test_silence_counts_from_when_the_last_frame_is_stale(silent_s: float) -> No
     before = at_rate(lambda n: False, end_s=25.0 - silent_s).messages
     messages = [*before]
     expected = max(0.0, silent_s - 0.2 + 1.0 / RATE_HZ) / DRIVEN_S
-    assert tracking_loss_share(Recording({}, None, messages, complete=True)) == pytest.approx(
-        expected, abs=1e-6
-    )
+    assert tracking_loss_share(made_recording(*messages)) == pytest.approx(expected, abs=1e-6)
 
 
 def test_only_the_time_counts_in_which_the_robot_helped() -> None:
     frames = at_rate(lambda n: n < RATE_HZ or n >= 21 * RATE_HZ)
     assert tracking_loss_share(frames) == pytest.approx(0.0, abs=1e-9)
-    assert tracking_loss_share(Recording({}, None, [], complete=True)) is None
+    assert tracking_loss_share(made_recording()) is None
 
 
 # Studies -----------------------------------------------------------------------------------------------------

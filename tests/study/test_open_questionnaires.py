@@ -193,7 +193,7 @@ def assert_completed_with(store: Store, pseudonym: str, answers: dict[str, int])
     assert (attempt.state, store.trials(pseudonym)[0].state) == ("completed", "completed")
     assert (attempt.metrics.steps, values(store, pseudonym)) == (3, answers)
     recording = read_recording(store.path(attempt.recording))
-    assert (recording.complete, recording.end) == (True, "completed")
+    assert (recording.complete, recording.result) == (True, "completed")
     assert {answer.item: answer.value for _, answer in recording.topics["/answers"]} == answers
     assert [each.what for each in check_study(store) if each.wrong and "policy" not in each.where] == []
 

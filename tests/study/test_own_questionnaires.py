@@ -67,7 +67,7 @@ def answer_trials(store: Store, session: int, pseudonym: str) -> None:
     participant = store.participant(pseudonym)
     for trial in store.remaining_trials(pseudonym):
         attempt = begin_attempt(store, session, trial.position)
-        metrics = record_trial(store.path(attempt.recording), participant, trial)
+        metrics = record_trial(store.path(attempt.recording), store.design, participant, trial)
         for place, item in enumerate(store.design.items_at("after_trial")):
             revised = trial.policy == "revised"
             value = 1 + (participant.number + place + 2 * revised) % item.points

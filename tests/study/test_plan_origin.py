@@ -12,6 +12,7 @@ from typer.testing import CliRunner, Result
 from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import Analysis, analyse
 from avrgym.cli.main import app
+from avrgym.recording.reader import Header
 from avrgym.study.checking.rebuilding import rebuild_study
 from avrgym.study.plan import timestamps
 from avrgym.study.plan.frozen_plan import FROZEN, FrozenPlan, read_frozen_plan, sha256
@@ -20,6 +21,7 @@ from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
+from helpers.studies.configurations import configuration
 from helpers.studies.known_results import run_trials, take_part
 from helpers.studies.small_studies import make_study, run_participant, take_in
 from helpers.studies.time_stamp_authority import Authority
@@ -252,7 +254,8 @@ def test_a_trusted_time_stamp_from_before_the_first_recording_proves_a_plan(
     assert "proves nothing" in " ".join(frozen_plan(folder).faults)
     (folder / TIME_STAMP).write_bytes(authority.stamp(forged))
     monkeypatch.setattr(
-        "avrgym.study.plan.frozen_plan.read_beginning", lambda path: datetime(2026, 1, 1, tzinfo=UTC)
+        "avrgym.study.plan.frozen_plan.read_header",
+        lambda path: Header(configuration(), datetime(2026, 1, 1, tzinfo=UTC)),
     )
     assert not frozen_plan(folder).confirms
 

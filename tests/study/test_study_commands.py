@@ -12,6 +12,7 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
 from avrgym.policies.trained import packaged_policies
+from avrgym.recording.configuration import BodyModel
 from avrgym.recording.schema import Answer
 from avrgym.recording.writer import RecordingWriter
 from avrgym.study.checking.checks import check_study
@@ -20,6 +21,7 @@ from avrgym.study.storage.answers import record_answer
 from avrgym.study.storage.attempts import begin_attempt
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.store import Store
+from helpers.studies.configurations import trial_configuration
 from helpers.studies.small_studies import make_study, run_participant, small_study, take_in
 from helpers.system.places import ROOT
 
@@ -207,8 +209,9 @@ def test_an_answer_may_lack_where_a_crash_cut_its_recording(store: Store) -> Non
     session = open_session(store, "sub-002")
     trial = store.remaining_trials("sub-002")[0]
     attempt = begin_attempt(store, session.id, trial.position)
-    planned = {name: getattr(trial, name) for name in ("environment", "policy", "seed", "practice")}
-    RecordingWriter(store.path(attempt.recording), {**planned, "simulated": False}).close()
+    person = BodyModel("woman", 0.55, "fair")
+    configuration = trial_configuration(store.design, trial, simulated=False, person=person)
+    RecordingWriter(store.path(attempt.recording), configuration).close()
     record_answer(store, attempt.id, Answer("L1", 6, 1.25))
     assert not any(finding.wrong for finding in check_study(store))
 

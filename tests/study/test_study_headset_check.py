@@ -8,11 +8,11 @@ import pytest
 
 from avrgym.analysis.output import write_analysis
 from avrgym.analysis.study import analyse
+from avrgym.recording.configuration import HeadsetCheck, TrackedPart
 from avrgym.study.design.design import default_text, parse_design
 from avrgym.study.sessions.visit import StudyVisit, plan_session
 from avrgym.study.storage.sessions import store_headset_check
 from avrgym.study.storage.store import Store
-from avrgym.vr.headset_check import HeadsetCheck, TrackedPart
 from avrgym.vr.latency import STAGES
 from avrgym.vr.session import events
 from helpers.studies.known_results import take_part

@@ -166,7 +166,9 @@ def take_part_whole(store: Store, number: int) -> None:
     answer(store, session, "before_session", {item.id: 1 for item in INSTRUMENTS["ssq"].items})
     for trial in store.remaining_trials(pseudonym):
         attempt = begin_attempt(store, session, trial.position)
-        metrics = record_trial(store.path(attempt.recording), store.participant(pseudonym), trial)
+        metrics = record_trial(
+            store.path(attempt.recording), store.design, store.participant(pseudonym), trial
+        )
         for place, item in enumerate(store.design.items_at("after_trial")):
             value = 4 if place < 4 else rating(number, trial.policy == "revised", place)
             record_answer(store, attempt.id, Answer(item.id, value, 1.0))

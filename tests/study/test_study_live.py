@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from avrgym.cli.main import app
 from avrgym.policies.trained import PolicyError
 from avrgym.recording.reader import read_recording
+from avrgym.recording.schema import Outcome
 from avrgym.study.checking.checks import check_study
 from avrgym.study.people.participants import enrol, record_consent, withdraw
 from avrgym.study.sessions.visit import StudyVisit
@@ -97,10 +98,10 @@ def test_a_visit_is_stored_from_calibration_to_the_last_answer(store: Store) -> 
     attempts = store.attempts(pseudonym)
     for trial, attempt in zip(planned, attempts, strict=True):
         recording = read_recording(store.path(attempt.recording))
-        told = recording.metadata
-        assert (told["environment"], told["policy"]) == (trial.environment, trial.policy)
-        assert (told["seed"], told["trial"], told["attempt"]) == (trial.seed, trial.position, attempt.number)
-        assert recording.outcome == {"result": "completed", **asdict(attempt.metrics)}
+        run = recording.configuration
+        assert (run.environment, run.policy) == (trial.environment, trial.policy)
+        assert (run.seed, run.trial, run.attempt) == (trial.seed, trial.position, attempt.number)
+        assert recording.outcome == Outcome(result="completed", **asdict(attempt.metrics))
         controls = [control for _, control in recording.topics["/control"]]
         assert attempt.metrics.reward == sum(control.reward for control in controls)
         assert len(controls) == attempt.metrics.steps == store.design.trial_steps

@@ -22,7 +22,6 @@ from avrgym.study.storage.store import Store
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin
 from avrgym.tasks.registry import plugins_of
-from helpers.studies import small_studies
 from helpers.studies.small_studies import make_study, run_participant, take_in
 from helpers.system.fake_plugins import change, register
 
@@ -81,17 +80,6 @@ def test_a_dry_run_before_a_change_says_nothing_about_people(robot: Path, folder
         change(robot)
         run_participant(store, take_in(store, simulated=False), 1, simulated=False)
         assert [each for each in findings(store) if each.wrong] == []
-
-
-def test_what_earlier_versions_did_not_store_is_said_so(
-    robot: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(small_studies, "plugins_in", lambda trial: {})
-    with Store(folder) as store:
-        run_participant(store, take_in(store), 1)
-        (note,) = findings(store)
-        assert note == Finding("robot Jaco", "what it was is not stored in sub-001 trial 1", wrong=False)
-        monkeypatch.undo()
 
 
 def test_a_study_without_plug_ins_has_nothing_to_say(folder: Path) -> None:

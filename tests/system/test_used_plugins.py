@@ -157,7 +157,7 @@ def policy(used: tuple[UsedPlugin, ...]) -> Policy:
 
 def test_a_policy_s_file_stores_the_plug_ins_of_its_environment(robot: Path, tmp_path: Path) -> None:
     (used,) = plugins_of(ENVIRONMENT)
-    assert (used.called, used.package, used.version) == ("robot Jaco", "lab-robots", "1.0")
+    assert (used.label, used.package, used.version) == ("robot Jaco", "lab-robots", "1.0")
     assert used.entry_point == "jaco = lab_robots.robot:ROBOT"
     read = Policy.load(saved(tmp_path / "a.safetensors", policy((used,))))
     assert read.metadata.plugins == (used,)
@@ -211,7 +211,7 @@ def test_a_controller_s_code_is_stored_and_a_network_s_file_is_none(folder: Path
     write(folder / "still.py", "class Still:\n    def reset(self, *a): ...\n    def act(self, o): ...\n")
     found = controllers.find_python("still:Still")
     assert found.plugin is not None
-    assert (found.plugin.called, found.plugin.sha256) == ("controller still:Still", content("still"))
+    assert (found.plugin.label, found.plugin.sha256) == ("controller still:Still", content("still"))
     assert registry.plugins_used(ENVIRONMENT, found) == (found.plugin,)
     assert registry.plugins_used(ENVIRONMENT, registry.Script("oracle")) == ()
 

@@ -167,7 +167,7 @@ def test_a_session_speaks_one_language(tmp_path: Path) -> None:
     problem = visit.said(Problem)[-1]
     assert (problem.message, problem.role) == (GERMAN.session["nothing_to_begin"], "participant")
     assert "Essen Sie das Essen vom Löffel." in said[-4][0]
-    assert visit.recordings()[0].metadata["language"] == "de"
+    assert visit.recordings()[0].configuration.language == "de"
     moved = Text("head_moved", {"moved_cm": "3.4", "most_cm": "2"})
     assert "3,4 cm" in GERMAN.render(moved)
     visit.leave()

@@ -81,8 +81,8 @@ def test_a_participant_is_seated_fed_and_asked(journey: Journey) -> None:
     recording = read_recording(journey.folder / "trial-01_attempt-1.mcap")
     assert recording.complete
     assert recording.outcome is not None
-    assert recording.outcome["result"] == "completed"
-    assert recording.metadata["simulated"] is True
+    assert recording.outcome.result == "completed"
+    assert recording.configuration.simulated is True
     control = [record for _, record in recording.topics["/control"]]
     assert [record.step for record in control] == list(range(1, TRIAL_STEPS + 1))
     assert {record.item: record.value for _, record in recording.topics["/answers"]} == given
@@ -114,9 +114,9 @@ def test_the_same_person_is_as_tall_on_any_chair(tmp_path: Path, seat_height_m: 
         journey.await_phase("finished")
         traits, person = journey.participant.traits, journey.session.person
     assert person.torso_height_m == pytest.approx(traits.torso_height_m, abs=0.005)
-    kept = read_recording(tmp_path / "trial-01_attempt-1.mcap").metadata
-    assert kept["furniture"]["seat_height_m"] == seat_height_m
-    assert kept["goal"] == "Eat the food from the spoon."
+    kept = read_recording(tmp_path / "trial-01_attempt-1.mcap").configuration
+    assert kept.furniture.seat_height_m == seat_height_m
+    assert kept.goal == "Eat the food from the spoon."
 
 
 NEAR_M, NEAR_DEG = 0.01, 3.0

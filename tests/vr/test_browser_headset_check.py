@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.texts.interface_texts import ENGLISH
+from avrgym.vr.headset_check import fault_text, verdict
 from avrgym.vr.latency import STAGES
 from avrgym.vr.session import events
 from avrgym.vr.session.phases.checking import FAULTS_SHOWN
@@ -37,10 +38,10 @@ def test_the_emulated_headset_is_measured_and_told_what_it_lacks(tmp_path: Path)
             headset.answer(value)
         journey.await_phase("headset")
         (check,) = [each.check for each in journey.observed if isinstance(each, events.HeadsetChecked)]
-        told = ENGLISH.render_for_page(check.verdict(FAULTS_SHOWN))
+        told = ENGLISH.render_for_page(verdict(check, FAULTS_SHOWN))
         headset.page.get_by_text(told).first.wait_for(state="attached")
         headset.screenshot(tmp_path / "result.png")
-    assert "The buzz was not felt" in check.fault_words
+    assert "The buzz was not felt" in fault_text(check)
     assert check.emulated
     assert "Chrome" in check.device
     assert check.profiles

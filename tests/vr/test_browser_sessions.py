@@ -57,7 +57,7 @@ def test_every_task_with_one_robot_or_the_other(
     BrowserClient(whole.headset, whole.session, whole.participant, tmp_path, lambda words: None).run()
     recordings = [read_recording(path) for path in whole.session.recordings]
     completed = [each for each in recordings if each.outcome and each.outcome["result"] == "completed"]
-    assert [each.metadata["environment"] for each in completed] == list(MIXED)
+    assert [each.configuration.environment for each in completed] == list(MIXED)
     for each in completed:
         assert each.complete
         assert [record.step for _, record in each.topics["/control"]] == [1, 2, 3, 4, 5]
@@ -111,4 +111,4 @@ def test_a_session_with_interruptions(journey: Callable[[SessionPlan], Journey])
     visit.await_phase("trial")
     assert visit.results() == ["stopped", *["interrupted"] * 3]
     assert [path.name for path in session.recordings] == [f"trial-01_attempt-{n}.mcap" for n in range(1, 6)]
-    assert {read_recording(path).metadata["person"]["skin_tone"] for path in session.recordings} == {"light"}
+    assert {read_recording(path).configuration.person.skin_tone for path in session.recordings} == {"light"}

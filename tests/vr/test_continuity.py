@@ -76,8 +76,8 @@ def test_who_is_no_longer_tracked_is_told_and_the_trial_is_repeated(visit: Calla
     lost.until("questionnaire")
     lost.answer(4, 4, 4, 4)
     first, second = lost.recordings()
-    assert (first.metadata["attempt"], second.metadata["attempt"]) == (1, 2)
-    assert first.metadata["seed"] == second.metadata["seed"]
+    assert (first.configuration.attempt, second.configuration.attempt) == (1, 2)
+    assert first.configuration.seed == second.configuration.seed
     assert [result(first), result(second)] == ["interrupted", "completed"]
 
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from avrgym.analysis.reading.study_data import guard_interventions
 from avrgym.cli.main import app
 from avrgym.recording.reader import Recording, read_recording
-from avrgym.replay.region_loads import region_loads
+from avrgym.replay.playback import region_loads
 from avrgym.replay.verification import verify
 from avrgym.safety.force_guard import GUARD_SHARE, INTERVENTION_EVENT, RELEASE_EVENT
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
@@ -66,8 +66,8 @@ def happened(trial: Trial) -> list[tuple[str, str]]:
 
 def test_a_session_is_guarded_unless_it_says_otherwise(guarded: Trial, unguarded: Trial) -> None:
     assert plan().force_guard
-    assert guarded.recording.metadata["force_guard"] is True
-    assert unguarded.recording.metadata["force_guard"] is False
+    assert guarded.recording.configuration.force_guard is True
+    assert unguarded.recording.configuration.force_guard is False
 
 
 def test_every_intervention_is_an_event_with_region_and_force(guarded: Trial, unguarded: Trial) -> None:

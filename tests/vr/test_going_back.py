@@ -67,7 +67,7 @@ def test_who_does_not_confirm_loses_nothing(
     assert asked.phase == phase
     (recording,) = asked.recordings()
     assert recording.outcome is not None
-    assert (recording.outcome["result"], len(recorded(recording))) == ("completed", 4)
+    assert (recording.outcome.result, len(recorded(recording))) == ("completed", 4)
     asked.leave()
 
 

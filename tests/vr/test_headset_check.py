@@ -6,8 +6,9 @@ from typing import Any
 import msgspec
 import pytest
 
+from avrgym.recording.configuration import HeadsetCheck, TrackedPart
 from avrgym.texts.interface_texts import included_languages, read_texts
-from avrgym.vr.headset_check import HeadsetCheck, TrackedPart
+from avrgym.vr.headset_check import fault_text, faults, is_ready, measurement_text, verdict, verdict_text
 from avrgym.vr.latency import STAGES
 
 READY = HeadsetCheck(
@@ -41,10 +42,10 @@ def late(stage: str) -> Mapping[str, Mapping[str, float]]:
 
 
 def test_a_headset_without_faults_is_ready() -> None:
-    assert READY.go
-    assert READY.words() == "Go: the headset is ready."
+    assert is_ready(READY)
+    assert verdict_text(READY) == "Go: the headset is ready."
     for asked_nobody in (None, True):
-        assert but(haptics=asked_nobody, sound=asked_nobody).go
+        assert is_ready(but(haptics=asked_nobody, sound=asked_nobody))
 
 
 FAULTS = [
@@ -71,31 +72,31 @@ ALL = [READY, *(check for check, *_ in FAULTS)]
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_each_fault_is_told_alone_with_what_to_do(check: HeadsetCheck, what: str, what_to_do: str) -> None:
-    assert len(check.faults()) == 1
-    assert not check.go
-    assert what in check.fault_words
-    assert what_to_do in check.fault_words
-    assert check.words() == f"No-go. {check.fault_words}"
+    assert len(faults(check)) == 1
+    assert not is_ready(check)
+    assert what in fault_text(check)
+    assert what_to_do in fault_text(check)
+    assert verdict_text(check) == f"No-go. {fault_text(check)}"
 
 
 def test_who_reads_in_vr_is_told_the_first_faults_and_how_many_more_there_are() -> None:
     bad = but(haptics=False, sound=False, dropped_share=0.2)
-    assert len(bad.faults()) == 3
+    assert len(faults(bad)) == 3
     for texts in map(read_texts, included_languages()):
-        told, third = texts.render(bad.verdict(2)), texts.render(bad.faults()[2])
-        assert all(texts.render(fault) in told for fault in bad.faults()[:2])
+        told, third = texts.render(verdict(bad, 2)), texts.render(faults(bad)[2])
+        assert all(texts.render(fault) in told for fault in faults(bad)[:2])
         assert "1" in told
         assert third not in told
-        assert third in texts.render(bad.verdict(3))
-        assert all(texts.render(each.verdict(9)) for each in ALL)
+        assert third in texts.render(verdict(bad, 3))
+        assert all(texts.render(verdict(each, 9)) for each in ALL)
 
 
 def test_a_bare_hand_may_tremble_more_than_a_controller() -> None:
-    assert but(left=TrackedPart("hand", 1.0, 4.0)).go
-    assert not but(left=TrackedPart("controller", 1.0, 4.0)).go
+    assert is_ready(but(left=TrackedPart("hand", 1.0, 4.0)))
+    assert not is_ready(but(left=TrackedPart("controller", 1.0, 4.0)))
 
 
 def test_a_check_comes_back_from_where_it_is_stored_as_it_was() -> None:
     for check in (READY, but(display_hz=None, haptics=None, latency_ms={})):
         assert msgspec.convert(msgspec.json.decode(msgspec.json.encode(check)), HeadsetCheck) == check
-        assert check.figures()
+        assert measurement_text(check)

@@ -9,6 +9,7 @@ import pytest
 from msgspec.structs import replace as replace_frame
 
 from avrgym.array_types import FloatArray
+from avrgym.vr.headset_check import fault_text, is_ready, measurement_text, verdict_text
 from avrgym.vr.latency import STAGES
 from avrgym.vr.protocol.messages import (
     Answer,
@@ -107,7 +108,7 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     visit.tell(Entered())
     check(visit)
     result = next(each for each in visit.observed if isinstance(each, events.HeadsetChecked)).check
-    assert result.go, result.words()
+    assert is_ready(result), verdict_text(result)
     assert result.emulated
     assert result.frame_rate_hz == pytest.approx(90.0)
     assert result.left.reach_m is not None
@@ -122,8 +123,8 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     visit.until("trial")
     visit.leave()
     (recording,) = visit.recordings()
-    assert recording.metadata["headset_check"]["display_hz"] == 90.0
-    assert recording.metadata["headset_check"]["stop"] == "palm"
+    assert recording.configuration.headset_check.display_hz == 90.0
+    assert recording.configuration.headset_check.stop == "palm"
 
 
 @pytest.mark.parametrize("way", get_args(StopWay))
@@ -140,8 +141,8 @@ def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way
     answer(visit)
     (result,) = [each.check for each in visit.observed if isinstance(each, events.HeadsetChecked)]
     assert (result.stop, result.stop_after_s) == (way, pytest.approx(0.25, abs=0.02))
-    assert f"{way} after 0." in result.figures()
-    assert result.go, result.words()
+    assert f"{way} after 0." in measurement_text(result)
+    assert is_ready(result), verdict_text(result)
 
 
 def test_a_stop_that_was_not_tried_is_told_and_may_be_skipped(tmp_path: Path) -> None:
@@ -152,7 +153,7 @@ def test_a_stop_that_was_not_tried_is_told_and_may_be_skipped(tmp_path: Path) ->
     answer(visit)
     (result,) = [each.check for each in visit.observed if isinstance(each, events.HeadsetChecked)]
     assert result.stop == "none"
-    assert not result.go
+    assert not is_ready(result)
     assert "stop was not tried" in visit.said(Phase)[-1].text
     visit.tell(Ready())
     measure(visit)
@@ -163,7 +164,7 @@ def test_a_stop_that_was_not_tried_is_told_and_may_be_skipped(tmp_path: Path) ->
 def test_a_check_of_earlier_versions_lacks_no_stop() -> None:
     check = HeadsetMeasurement().result(haptics=None, sound=None)
     assert check.stop is None
-    assert "stop" not in check.fault_words
+    assert "stop" not in fault_text(check)
 
 
 @pytest.mark.parametrize("way", [None, *get_args(StopWay)])
@@ -225,7 +226,7 @@ def test_without_a_check_nothing_is_checked_and_nothing_recorded(tmp_path: Path)
     visit.go_to("trial")
     visit.leave()
     assert not {"headset", "headset_check"} & set(visit.phases)
-    assert "headset_check" not in visit.recordings()[0].metadata
+    assert visit.recordings()[0].configuration.headset_check is None
 
 
 def test_the_check_waits_for_the_scene_that_it_measures_with(tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ def ended(visit: Visit) -> Recording:
     visit.leave()
     (recording,) = visit.recordings()
     assert recording.outcome is not None
-    assert (recording.complete, recording.outcome["result"], recording.outcome["steps"]) == (
+    assert (recording.complete, recording.outcome.result, recording.outcome.steps) == (
         True,
         "completed",
         STEPS,

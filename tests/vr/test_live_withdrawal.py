@@ -60,7 +60,7 @@ def test_the_robot_withdraws_waits_and_replays(tmp_path: Path) -> None:
     assert all(step.force_on_person_n == 0.0 for step in steps[begins + 20 :])
     (began_s,) = times(recording, WITHDRAWAL_EVENT)
     assert not [time_s for time_s in times(recording, INTERVENTION_EVENT) if time_s > began_s + 1.0]
-    assert recording.metadata["withdraw_after_success"] is True
+    assert recording.configuration.withdraw_after_success is True
     assert {status.withdrawing for status in statuses if status.success and status.phase == "trial"} == {
         False,
         True,
@@ -76,7 +76,7 @@ def test_without_it_the_policy_goes_on(tmp_path: Path) -> None:
     assert {step.driver for step in steps} == {"revised"}
     assert any(step.success and step.force_on_person_n > 0.0 for step in steps[-40:])
     assert not times(recording, WITHDRAWAL_EVENT)
-    assert recording.metadata["withdraw_after_success"] is False
+    assert recording.configuration.withdraw_after_success is False
     assert not any(status.withdrawing for status in statuses)
 
 

@@ -76,9 +76,9 @@ def test_a_session_goes_through_all_environments(visit: Callable[..., Visit]) ->
     attend(session)
     assert not session.problems
     recorded = session.recordings()
-    assert [recording.metadata["environment"] for recording in recorded] == list(ENVIRONMENTS)
+    assert [recording.configuration.environment for recording in recorded] == list(ENVIRONMENTS)
     assert all(recording.complete for recording in recorded)
-    sizes = {recording.metadata["person"]["torso_height_m"] for recording in recorded}
+    sizes = {recording.configuration.person.torso_height_m for recording in recorded}
     assert sizes == {session.session.person.torso_height_m}
     lying = [environment.startswith("avrgym/BedBathing") for environment in ENVIRONMENTS]
     changes = 1 + sum(a != b for a, b in pairwise(lying))
@@ -407,7 +407,7 @@ def test_a_torso_height_is_corrected(visit: Callable[..., Visit], phase: str) ->
     session.content = True
     session.until("trial")
     session.leave()
-    assert session.recordings()[-1].metadata["person"]["torso_height_m"] == 0.61
+    assert session.recordings()[-1].configuration.person.torso_height_m == 0.61
     assert session.said(Status)[-1].torso_height_m == 0.61
 
 

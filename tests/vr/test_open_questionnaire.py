@@ -35,7 +35,7 @@ def asked(folder: Path, **how) -> Visit:
 
 
 def result(recording: Recording) -> str | None:
-    return recording.outcome["result"] if recording.outcome else None
+    return recording.outcome.result if recording.outcome else None
 
 
 def recorded(recording: Recording) -> list[tuple[str, int]]:

@@ -77,7 +77,7 @@ def test_a_trial_with_other_arms_verifies_bit_by_bit(tmp_path: Path) -> None:
     visit.answer(1, 2, 3, 4)
     visit.leave()
     recording = read_recording(visit.session.recordings[0])
-    assert recording.metadata["person"]["arm_scale"] == pytest.approx(1.15, abs=0.02)
+    assert recording.configuration.person.arm_scale == pytest.approx(1.15, abs=0.02)
     found = verify(recording)
     assert found.identical_states == found.states > 0
 
@@ -90,7 +90,7 @@ def test_the_trigger_leaves_it_out(tmp_path: Path) -> None:
     visit.until("free_before")
     assert visit.session.person.arm_scale == 1.0
     visit.leave()
-    assert "arm_scale" not in visit.recordings()[0].metadata["person"]
+    assert visit.recordings()[0].configuration.person.arm_scale == 1.0
 
 
 def test_hands_that_are_not_seen_measure_nothing_and_that_is_said(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
 import mujoco
 import numpy as np
 import pytest
@@ -70,13 +71,13 @@ class Replica:
 
     def __init__(self, recording: Recording) -> None:
         episodes = Episodes(
-            recording.metadata["environment"],
+            recording.configuration.environment,
             1,
-            person=Person(**recording.metadata["person"]),
+            person=Person(**msgspec.structs.asdict(recording.configuration.person)),
             moving=True,
             num_threads=1,
         )
-        episodes.begin(np.array([0]), [np.random.default_rng(recording.metadata["seed"])])
+        episodes.begin(np.array([0]), [np.random.default_rng(recording.configuration.seed)])
         self.model = episodes.simulation.batch.get_model(0)
         self.data = mujoco.MjData(self.model)
         arm = [robot.PREFIX + joint for joint in episodes.scene.arm.joints]
@@ -209,11 +210,11 @@ def test_a_trial_has_200_control_steps_whose_rewards_add_up(whole: Visit) -> Non
         control = records(recording, "/control")
         assert recording.complete
         assert recording.outcome is not None
-        assert recording.outcome["result"] == "completed"
+        assert recording.outcome.result == "completed"
         assert [record.step for record in control] == list(range(1, 201))
-        assert recording.outcome["reward"] == pytest.approx(sum(record.reward for record in control))
-        assert recording.outcome["success"] == control[-1].success
-        weights = recording.metadata["reward_weights"]
+        assert recording.outcome.reward == pytest.approx(sum(record.reward for record in control))
+        assert recording.outcome.success == control[-1].success
+        weights = recording.configuration.reward_weights
         for record in control:
             terms = sum(weights[name] * term for name, term in record.reward_terms.items())
             assert record.reward == pytest.approx(terms)
@@ -266,7 +267,7 @@ def test_whoever_comes_too_fast_is_an_event_with_region_and_speed(whole: Visit) 
 def test_the_torso_height_is_measured(whole: Visit) -> None:
     measured_m = whole.session.person.torso_height_m
     assert measured_m == pytest.approx(whole.participant.traits.torso_height_m, abs=0.005)
-    assert whole.recordings()[1].metadata["person"]["torso_height_m"] == measured_m
+    assert whole.recordings()[1].configuration.person.torso_height_m == measured_m
 
 
 def test_the_same_seed_gives_the_same_bits(visit: Callable[..., Visit]) -> None:
@@ -308,8 +309,8 @@ def test_a_stop_halts_the_robot_and_the_trial_is_repeated(visit: Callable[..., V
     stopped.answer(4, 4, 4, 4)
     assert stopped.phase == "finished"
     again = stopped.recordings()[1]
-    assert (first.metadata["attempt"], again.metadata["attempt"]) == (1, 2)
-    assert first.metadata["seed"] == again.metadata["seed"]
+    assert (first.configuration.attempt, again.configuration.attempt) == (1, 2)
+    assert first.configuration.seed == again.configuration.seed
     assert replica.tool_pos_w(states(first)[0]) == pytest.approx(replica.tool_pos_w(states(again)[0]))
     assert digest(stopped.session.recordings[0]) == before
 
@@ -375,7 +376,7 @@ def test_who_goes_away_is_waited_for_and_a_running_trial_is_interrupted(
     stays = phase == "finished" or (phase == "waiting" and moved)
     after = "questionnaire" if phase in HELPED else "calibration" if moved else "waiting"
     assert gone.phase == (phase if stays else after)
-    results = [recording.outcome and recording.outcome["result"] for recording in gone.recordings()]
+    results = [recording.outcome and recording.outcome.result for recording in gone.recordings()]
     expected = {"paused": ["stopped"], "finished": ["completed"]} | {p: ["interrupted"] for p in RUNNING}
     expected |= {p: [None if moved else "completed"] for p in HELPED}
     assert results == expected.get(phase, [])

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.models.human import PROPORTIONS, SKIN_TONES
+from avrgym.recording.configuration import BodyModel
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
 from avrgym.vr.protocol.messages import Body, ChooseBody, Ready, Scene
 from avrgym.vr.session import events as session_events
@@ -54,9 +55,8 @@ def test_a_body_that_is_chosen_first_is_measured_seen_and_recorded(visit: Visit,
     ]
     assert (seen.sex, seen.skin_tone, seen.torso_height_m) == ("man", "brown", person.torso_height_m)
     visit.leave()
-    assert visit.recordings()[0].metadata["person"] == {
-        "sex": "man", "torso_height_m": person.torso_height_m, "skin_tone": "brown"
-    }  # fmt: skip
+    recorded = visit.recordings()[0].configuration.person
+    assert recorded == BodyModel("man", person.torso_height_m, "brown")
 
 
 def test_another_tone_of_skin_keeps_the_measure_and_is_looked_at_again(visit: Visit) -> None:

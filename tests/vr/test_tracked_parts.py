@@ -77,7 +77,7 @@ def visiting(folder: Path, task: str, *, steps: int = 40, free_movement_s: float
 
 def ended(recording: Recording) -> str:
     assert recording.outcome is not None
-    return recording.outcome["result"]
+    return recording.outcome.result
 
 
 def told(recording: Recording) -> list[tuple[str, str]]:
@@ -308,4 +308,4 @@ def test_a_recording_tells_which_parts_its_task_needs(tmp_path: Path) -> None:
     visit = visiting(tmp_path, "ScratchItch")
     visit.go_to("free_before")
     visit.leave()
-    assert visit.recordings()[0].metadata["tracked"] == ["head", "right"]
+    assert visit.recordings()[0].configuration.tracked == ["head", "right"]

@@ -167,9 +167,9 @@ def _seen(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
     offered = REACHING_JOINTS[TASKS[attempt.task].offered]
     return TrialPose(
         participant=attempt.participant.pseudonym,
-        sex=recording.metadata["person"]["sex"],
+        sex=recording.configuration.person.sex,
         task=attempt.task,
-        torso_height_m=recording.metadata["person"]["torso_height_m"],
+        torso_height_m=recording.configuration.person.torso_height_m,
         beginning_deg=_mean(times_s, targets_deg, times_s[0] + BEGINNING_S),
         mean_deg=_mean(times_s, targets_deg, times_s[-1]),
         moved_deg=float(np.ptp(targets_deg[:, offered], axis=0).max(initial=0.0)),

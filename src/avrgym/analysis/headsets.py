@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from statistics import median
 
 from avrgym.analysis.page.elements import Markup, join, number_text, table, tag
+from avrgym.recording.configuration import HeadsetCheck
 from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
-from avrgym.vr.headset_check import HeadsetCheck
+from avrgym.vr.headset_check import fault_text, is_ready
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,8 +84,8 @@ def _row(participant: Participant, session: StudySession, check: HeadsetCheck) -
         stop_with=check.stop or "" if stopped else "",
         stop_worked=None if check.stop is None else stopped,
         stop_after_s=check.stop_after_s,
-        go=check.go,
-        faults=check.fault_words,
+        go=is_ready(check),
+        faults=fault_text(check),
     )
 
 

@@ -181,7 +181,7 @@ class Analysis:
         return {
             "format": FORMAT,
             "title": self.design.title,
-            "versions": versions(),
+            "versions": msgspec.to_builtins(versions()),
             "questionnaires": msgspec.to_builtins(self.design.questionnaires),
             "settings": {
                 "people_per_task": PEOPLE_PER_TASK,

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
 
 from avrgym.cli.progress import progress_bar
@@ -109,7 +110,7 @@ def replay(
 def _naming(file: Path) -> Generator[None]:
     """Say which recording cannot be read or replayed."""
     from avrgym.recording.reader import RecordingError
-    from avrgym.replay.trial import ReplayError
+    from avrgym.replay.playback import ReplayError
 
     try:
         yield
@@ -121,13 +122,12 @@ def _naming(file: Path) -> Generator[None]:
 
 def _read(file: Path) -> "Recording":
     from avrgym.recording.reader import read_recording
-    from avrgym.replay.trial import trial_of
+    from avrgym.replay.playback import title
 
     if file.is_dir():
         raise ValueError(f"{file}: a folder; {WHERE_RECORDINGS_ARE}")
     recording = read_recording(file)
-    trial = trial_of(recording)
-    say(f"{trial.title}, {trial.result or 'broken off'} after {trial.seconds:.2f} s")
+    say(f"{title(recording)}, {recording.result or 'broken off'} after {recording.duration_s:.2f} s")
     return recording
 
 
@@ -143,7 +143,7 @@ def _verify(recording: "Recording", json_file: Path | None) -> None:
 
     with _progress(recording, "stepping again") as advance:
         found = verify(recording, advance)
-    write_json(json_file, asdict(found))
+    write_json(json_file, msgspec.to_builtins(found))
     if not found.complete:
         say(f"The recording is not complete: it is compared up to its end at {found.until_s:.2f} s.")
     if found.identical:
@@ -154,7 +154,7 @@ def _verify(recording: "Recording", json_file: Path | None) -> None:
 
 def _tell_differences(found: "Verification") -> None:
     """Say what differs; where nothing but rounding may, more than that is an error."""
-    from avrgym.replay.trial import ReplayError
+    from avrgym.replay.playback import ReplayError
     from avrgym.vr.session.attempt import versions
 
     say(
@@ -162,7 +162,6 @@ def _tell_differences(found: "Verification") -> None:
         f"{found.steps - found.identical_steps} of {found.steps} control steps"
     )
     print_table([asdict(difference) for difference in found.differences])
-    with_versions = ", ".join(f"{name} {number}" for name, number in found.recorded_with.items())
     if found.agrees and not found.same_rounding:
         say(
             f"It agrees: from each recorded state a tick leads to the next within {found.tick_error:.1g}. "
@@ -171,18 +170,17 @@ def _tell_differences(found: "Verification") -> None:
         return
     for difference in found.plugin_differences:
         say(f"A plug-in differs from the recorded one: {difference}.")
-    if found.plugins_stored and found.plugin_differences:
+    if found.plugin_differences:
         return
     if found.same_versions:
         raise ReplayError(
-            f"it differs although it was recorded with the versions that run here, {with_versions}"
+            f"it differs although it was recorded with the versions that run here, {found.recorded_with}"
         )
-    here = ", ".join(f"{name} {number}" for name, number in versions().items())
-    say(f"It was recorded with {with_versions or 'versions that it does not name'}; here runs {here}.")
+    say(f"It was recorded with {found.recorded_with}; here runs {versions()}.")
 
 
 def _show_regions(recording: "Recording", json_file: Path | None) -> None:
-    from avrgym.replay.region_loads import region_loads
+    from avrgym.replay.playback import region_loads
     from avrgym.safety.region_forces import region_statistics
 
     with _progress(recording, "stepping again") as advance:
@@ -213,11 +211,7 @@ def _write_mcap(recording: "Recording", mcap: Path) -> None:
 
     with _progress(recording, "stepping again") as advance:
         write_foxglove(recording, mcap, advance)
-    when = (
-        f"{recording.began_at:%Y-%m-%d %H:%M:%S} UTC"
-        if recording.began_at
-        else "an unknown day, taken for 1970"
-    )
+    when = f"{recording.began_at:%Y-%m-%d %H:%M:%S} UTC"
     say(f"3D        {mcap}, {mcap.stat().st_size / 1e6:.1f} MB, from {when}")
 
 

@@ -300,11 +300,12 @@ def _free_session(
 
 def _tell_check(happened: "SessionEvent") -> None:
     """Print what a check of the headset found."""
+    from avrgym.vr.headset_check import measurement_text, verdict_text
     from avrgym.vr.session.events import HeadsetChecked
 
     if isinstance(happened, HeadsetChecked):
-        say(f"Headset check: {happened.check.words()}")
-        say(f"    {happened.check.figures()}")
+        say(f"Headset check: {verdict_text(happened.check)}")
+        say(f"    {measurement_text(happened.check)}")
 
 
 def _explain(server: "LiveServer[Any]", experimenters_page: str, participants: list[str]) -> None:

@@ -115,7 +115,7 @@ def _rate_hz(frames: list[TrackingFrame]) -> float | None:
 
 
 def _counts(recordings: list[Recording], unreadable: list[str]) -> Markup:
-    practice = sum(bool(recording.metadata.get("practice")) for recording in recordings)
+    practice = sum(recording.configuration.practice for recording in recordings)
     incomplete = sum(not recording.complete for recording in recordings) + len(unreadable)
     total = len(recordings) + len(unreadable)
     line = tag(
@@ -125,7 +125,7 @@ def _counts(recordings: list[Recording], unreadable: list[str]) -> Markup:
 
 
 def _simulated_notice(recordings: list[Recording]) -> Markup:
-    simulated = sum(_is_simulated(recording) for recording in recordings)
+    simulated = sum(recording.configuration.simulated for recording in recordings)
     if not simulated:
         return Markup()
     which = "Every trial" if simulated == len(recordings) else f"{simulated} of {len(recordings)} trials"
@@ -149,9 +149,9 @@ def _overview_row(number: int, recording: Recording) -> tuple[object, ...]:
     summary = summarise(recording)
     return (
         tag("a", number, href=f"#trial-{number}"),
-        _text(recording, "environment"),
-        _text(recording, "policy") + (" (practice)" if recording.metadata.get("practice") else ""),
-        "simulated" if _is_simulated(recording) else "person",
+        recording.configuration.environment,
+        recording.configuration.policy + (" (practice)" if recording.configuration.practice else ""),
+        "simulated" if recording.configuration.simulated else "person",
         number_text(summary.reward),
         _success(recording, summary),
         summary.steps,
@@ -199,7 +199,7 @@ def _what_happened(recordings: list[tuple[Path, Recording]], drawn: Mapping[Path
 
 
 def _happened(number: int, recording: Recording, picture: Markup | None) -> Markup:
-    environment, goal = _text(recording, "environment"), recording.metadata.get("goal")
+    environment, goal = recording.configuration.environment, recording.configuration.goal
     name = environment.removeprefix("avrgym/").removesuffix("-v1")
     facts = {"Success": _success_when(recording), "Force on the person": _force(recording)}
     told = [tag("p", f"The participant was told: {goal}")] if goal else []
@@ -234,7 +234,9 @@ def _ratings(recording: Recording) -> Markup:
 
 
 def _trial(number: int, recording: Recording) -> Markup:
-    heading = f"Trial {number}: {_text(recording, 'environment')}, {_text(recording, 'policy')} policy"
+    heading = (
+        f"Trial {number}: {recording.configuration.environment}, {recording.configuration.policy} policy"
+    )
     return tag(
         "article",
         tag("h2", heading),
@@ -250,8 +252,8 @@ def _trial(number: int, recording: Recording) -> Markup:
 
 def _badges(recording: Recording) -> Markup:
     marks = {
-        "SIMULATED PARTICIPANT": _is_simulated(recording),
-        "practice": recording.metadata.get("practice"),
+        "SIMULATED PARTICIPANT": recording.configuration.simulated,
+        "practice": recording.configuration.practice,
         "incomplete recording": not recording.complete,
     }
     return join([badge(text) for text, holds in marks.items() if holds])
@@ -287,7 +289,7 @@ def _plots(recording: Recording) -> Markup:
     if not control:
         return tag("p", "No step of the robot was recorded.", class_="faint")
     times_s = [log_time_ns / 1e9 for log_time_ns, _ in control]
-    weights: dict[str, float] = recording.metadata.get("reward_weights") or {}
+    weights = recording.configuration.reward_weights
     return trial_charts(times_s, [record for _, record in control], weights)
 
 
@@ -296,7 +298,7 @@ def _reward_terms(recording: Recording) -> Markup:
     names = dict.fromkeys(name for record in control for name in record.reward_terms)
     if not names:
         return Markup()
-    weights: dict[str, float] = recording.metadata.get("reward_weights") or {}
+    weights = recording.configuration.reward_weights
     rows = [
         _term_row(name, sum(record.reward_terms.get(name, 0.0) for record in control), weights.get(name))
         for name in names
@@ -324,15 +326,13 @@ def _answers(recording: Recording) -> Markup:
 
 def _asked(recording: Recording, answer: Answer) -> tuple[str, str, str]:
     """Statement, scale and value of an answer, in the words of its recording as far as it has them."""
-    items = {item["id"]: item for item in recording.metadata.get("items") or ()}
-    item = items.get(answer.item)
+    item = next((each for each in recording.configuration.items if each.id == answer.item), None)
     if item is None:
         return "", "", str(answer.value)
-    if labels := item.get("labels"):
-        return item["text"], f"{labels[0]} to {labels[-1]}", labels[answer.value - 1]
-    points, ends = item["points"], (item.get("low"), item.get("high"))
-    low, high = (f" ({end})" if end else "" for end in ends)
-    return item["text"], f"1{low} to {points}{high}", f"{answer.value} of {points}"
+    if labels := item.labels:
+        return item.text, f"{labels[0]} to {labels[-1]}", labels[answer.value - 1]
+    low, high = (f" ({end})" if end else "" for end in (item.low, item.high))
+    return item.text, f"1{low} to {item.points}{high}", f"{answer.value} of {item.points}"
 
 
 def _events(recording: Recording) -> Markup:
@@ -354,14 +354,6 @@ def _events(recording: Recording) -> Markup:
 
 
 # Parts
-
-
-def _is_simulated(recording: Recording) -> bool:
-    return bool(recording.metadata.get("simulated"))
-
-
-def _text(recording: Recording, name: str) -> str:
-    return str(recording.metadata.get(name, f"unknown {name}"))
 
 
 def _success(recording: Recording, summary: TrialSummary) -> str:

@@ -8,8 +8,12 @@ from pathlib import Path
 from avrgym.demo.report import telling_moment_s, write_report
 from avrgym.recording.reader import read_recording
 from avrgym.replay.pictures import draw_moment
-from avrgym.replay.trial import ReplayError
-from avrgym.vr.emulation.emulated_headset import BrowserClient, BrowserMissingError, EmulatedHeadset
+from avrgym.replay.playback import ReplayError
+from avrgym.vr.emulation.emulated_headset import (
+    BrowserClient,
+    BrowserMissingError,
+    EmulatedHeadset,
+)
 from avrgym.vr.emulation.in_process_client import InProcessClient
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
 from avrgym.vr.protocol.messages import Message

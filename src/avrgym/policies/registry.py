@@ -110,8 +110,8 @@ def changed_since_training(policy: Autonomous, environment_id: str) -> list[str]
         return []
     before, now = policy.metadata.plugins, plugins_of(environment_id)
     if policy.metadata.environment != environment_id:
-        both = {each.called for each in before} & {each.called for each in now}
-        before, now = (tuple(each for each in plugins if each.called in both) for plugins in (before, now))
+        both = {each.label for each in before} & {each.label for each in now}
+        before, now = (tuple(each for each in plugins if each.label in both) for plugins in (before, now))
     return differences(before, now)
 
 

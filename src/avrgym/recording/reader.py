@@ -1,69 +1,74 @@
 """Read the recording of a trial, up to where a crash may have ended it."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 from mcap import records as mcap_records
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from avrgym.recording import answers_file
-from avrgym.recording.schema import ATTEMPT_ENDS, TOPICS, AttemptEnd, Metrics, decode
+from avrgym.recording.configuration import Configuration, from_metadata
+from avrgym.recording.schema import TOPICS, AttemptEnd, Metrics, Outcome, decode
 
-CONFIGURATION = "configuration"
-OUTCOME = "outcome"
-ROBOT_FINISHED = "robot_finished"
-ORIGIN = "origin"
-"""When the recording began, by the computer's calendar."""
+CONFIGURATION, ORIGIN = "configuration", "origin"
+"""The metadata records at the beginning; ``origin`` is the date and time."""
+OUTCOME, ROBOT_FINISHED = "outcome", "robot_finished"
+"""The metadata records at the end of the trial and at the end of its last control step."""
+_NO_RECORDING = "not a recording, or cut off before the end of its header"
 
 
 class RecordingError(Exception):
-    """A recording that cannot be written completely, or a file that is none."""
+    """A recording that cannot be written completely, or a file that is not a recording."""
+
+
+class Header(NamedTuple):
+    """The beginning of a recording."""
+
+    configuration: Configuration
+    began_at: datetime
 
 
 @dataclass(frozen=True)
 class Recording:
-    """The contents of a file: its messages (topic, log_time_ns, record) in the order of writing.
+    """The contents of a recording: its messages (topic, log_time_ns, record) in the order of writing.
 
-    ``complete``: the trial ended with an outcome and nothing is missing. ``began_at``: when the trial began, in UTC;
-    recordings of earlier versions do not contain it. ``robot_finished`` is the outcome at the end of the last control
-    step, where the robot took all of them.
+    ``complete``: the trial has an outcome and no data are missing. ``began_at``: start of the trial, UTC.
+    ``robot_finished``: the outcome at the end of the last control step, if the robot took all of them.
     """
 
-    metadata: dict[str, Any]
-    outcome: dict[str, Any] | None
+    configuration: Configuration
+    outcome: Outcome | None
     messages: list[tuple[str, int, Any]]
     complete: bool
-    began_at: datetime | None = None
-    robot_finished: dict[str, Any] | None = None
+    began_at: datetime
+    robot_finished: Outcome | None = None
 
     @property
-    def end(self) -> AttemptEnd | None:
-        """How the attempt ended; ``None`` where the recording does not say it, or something that nobody knows."""
-        result = (self.outcome or {}).get("result")
-        return result if result in ATTEMPT_ENDS else None
+    def result(self) -> AttemptEnd | None:
+        """How the attempt ended; ``None`` if the recording breaks off."""
+        return None if self.outcome is None else self.outcome.result
 
     @property
     def metrics(self) -> Metrics:
-        """What the attempt gave, as far as the recording says."""
-        try:
-            return msgspec.convert(self.outcome or {}, Metrics)
-        except msgspec.ValidationError:
+        """The results of the attempt, as far as the recording contains them."""
+        if self.outcome is None:
             return Metrics()
+        return Metrics(**{name: getattr(self.outcome, name) for name in Metrics.__struct_fields__})
 
     @property
-    def torso_height_m(self) -> float | None:
-        """The torso height of the person's body, if the configuration tells it."""
-        return torso_height_m(self.metadata)
+    def duration_s(self) -> float:
+        """The time of the last message."""
+        return max((time_ns for _, time_ns, _ in self.messages), default=0) / 1e9
 
     @cached_property
     def topics(self) -> dict[str, list[tuple[int, Any]]]:
-        """By topic (log_time_ns, record), every topic present."""
+        """The messages (log_time_ns, record) of each topic."""
         topics: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in TOPICS}
         for topic, log_time_ns, record in self.messages:
             topics[topic].append((log_time_ns, record))
@@ -71,69 +76,54 @@ class Recording:
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
-    """Read a recording up to where a crash or damage may have ended it; ``RecordingError`` without a header.
+    """Read a recording up to where a crash or damage may have ended it.
 
-    Answers that were given after its end, see ``answers_file``, follow its messages at the time of the last one.
+    Answers given after its end (see ``answers_file``) are appended at the time of the last message.
+
+    Raises:
+        RecordingError: without a valid header.
     """
     records, whole, _ = intact_records(path)
-    metadata = _metadata(records)
-    if CONFIGURATION not in metadata:
-        raise RecordingError(f"{path}: not a recording, or cut off before the end of its header")
+    header = _header(path, records)
     messages, gapless = _messages(path, records)
     ends_ns = max((time_ns for _, time_ns, _ in messages), default=0)
     messages += [("/answers", ends_ns, answer) for answer in answers_file.read_answers(path)]
-    outcome = metadata.get(OUTCOME)
+    metadata = _metadata(records)
+    outcome = _outcome(metadata.get(OUTCOME))
     return Recording(
-        metadata=metadata[CONFIGURATION],
+        configuration=header.configuration,
         outcome=outcome,
         messages=messages,
         complete=whole and gapless and outcome is not None,
-        began_at=_began_at(metadata.get(ORIGIN, {})),
-        robot_finished=metadata.get(ROBOT_FINISHED) if gapless else None,
+        began_at=header.began_at,
+        robot_finished=_outcome(metadata.get(ROBOT_FINISHED)) if gapless else None,
     )
 
 
-def _began_at(origin: Mapping[str, Any]) -> datetime | None:
-    try:
-        return datetime.fromisoformat(origin["began_at"])
-    except (KeyError, TypeError, ValueError):
-        return None
-
-
-def read_configuration(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read only the configuration of a trial, which begins its recording; ``RecordingError`` where there is none."""
+def read_header(path: str | os.PathLike[str]) -> Header:
+    """Read only the beginning of a recording; ``RecordingError`` if it is missing or invalid."""
     with open(path, "rb") as file:
         try:
-            for record in StreamReader(file, emit_chunks=True).records:
-                if isinstance(record, mcap_records.Metadata) and record.name == CONFIGURATION:
-                    return _from_text(record.metadata)
-        except OSError:
+            return _header(path, StreamReader(file, emit_chunks=True).records)
+        except (OSError, RecordingError):
             raise
-        except Exception as error:  # the reader raises whatever damaged bytes lead to
+        except Exception as error:  # the MCAP reader raises any exception on damaged bytes
             raise RecordingError(f"{path}: damaged: {error}") from error
-    raise RecordingError(f"{path}: not a recording")
 
 
-def read_beginning(path: str | os.PathLike[str]) -> datetime | None:
-    """When a trial began by its recording, which is read no further; ``RecordingError`` for a damaged beginning."""
-    with open(path, "rb") as file:
-        try:
-            for record in StreamReader(file, emit_chunks=True).records:
-                if isinstance(record, mcap_records.Metadata) and record.name == ORIGIN:
-                    return _began_at(_from_text(record.metadata))
-                if isinstance(record, mcap_records.Chunk):
-                    return None
-        except OSError:
-            raise
-        except Exception as error:  # the reader raises whatever damaged bytes lead to
-            raise RecordingError(f"{path}: damaged: {error}") from error
-    return None
-
-
-def torso_height_m(configuration: Mapping[str, Any]) -> float | None:
-    """The torso height of the person's body in a trial, if its configuration tells it."""
-    person: Mapping[str, Any] = configuration.get("person") or {}
-    return person.get("torso_height_m")
+def _header(path: str | os.PathLike[str], records: Iterable[mcap_records.McapRecord]) -> Header:
+    metadata: dict[str, dict[str, Any]] = {}
+    for record in records:
+        if isinstance(record, mcap_records.Chunk | mcap_records.Message):
+            break
+        metadata |= _metadata([record])
+        if CONFIGURATION in metadata and ORIGIN in metadata:
+            try:
+                began_at = datetime.fromisoformat(metadata[ORIGIN]["began_at"])
+                return Header(from_metadata(metadata[CONFIGURATION]), began_at)
+            except (KeyError, TypeError, ValueError) as error:
+                raise RecordingError(f"{path}: its configuration is not valid: {error}") from error
+    raise RecordingError(f"{path}: {_NO_RECORDING}")
 
 
 def intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.McapRecord], bool, int]:
@@ -164,13 +154,19 @@ def intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.Mcap
     return records, True, end_of_data
 
 
-def _metadata(records: list[mcap_records.McapRecord]) -> dict[str, dict[str, Any]]:
+def _metadata(records: Iterable[mcap_records.McapRecord]) -> dict[str, dict[str, Any]]:
     metadata: dict[str, dict[str, Any]] = {}
     for record in records:
         if isinstance(record, mcap_records.Metadata):
             with suppress(msgspec.DecodeError):
                 metadata[record.name] = _from_text(record.metadata)
     return metadata
+
+
+def _outcome(values: dict[str, Any] | None) -> Outcome | None:
+    with suppress(msgspec.ValidationError):
+        return None if values is None else msgspec.convert(values, Outcome)
+    return None
 
 
 def _messages(
@@ -194,5 +190,5 @@ def _messages(
     return messages, True
 
 
-def _from_text(texts: Mapping[str, str]) -> dict[str, Any]:
+def _from_text(texts: dict[str, str]) -> dict[str, Any]:
     return {name: msgspec.json.decode(text) for name, text in texts.items()}

@@ -203,23 +203,31 @@ TOPICS: dict[str, type[Record]] = {
 AttemptEnd = Literal[
     "completed", "stopped", "paused", "interrupted", "repeated", "skipped", "ended", "failed"
 ]
-"""How an attempt ended. Only ``completed`` counts: its recording is whole and the robot has finished.
-
-Its questionnaire may be open."""
+"""How an attempt ended. Only ``completed`` counts: the robot has finished and the recording is complete."""
 ATTEMPT_ENDS: tuple[AttemptEnd, ...] = get_args(AttemptEnd)
 
 
 class Metrics(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What an attempt gave; ``None`` where nobody could tell.
+    """The results of an attempt; ``None`` if a result is not known.
 
-    ``steps`` counts the control steps, ``reward`` sums up their rewards, ``success`` says whether the robot has
-    succeeded, ``seconds`` is how long the attempt took, free movement and questions included.
+    ``steps``: number of control steps. ``reward``: sum over them. ``success``: whether the robot has succeeded.
+    ``seconds``: duration of the attempt, with free movement and questions.
     """
 
     steps: int | None = None
     reward: float | None = None
     success: bool | None = None
     seconds: float | None = None
+
+
+class Outcome(Metrics, frozen=True, kw_only=True):
+    """The end and the results of an attempt.
+
+    ``cut_off``: the program was killed after the robot had finished, and the recording was completed later.
+    """
+
+    result: AttemptEnd
+    cut_off: bool = False
 
 
 _encoder = msgspec.json.Encoder()

@@ -11,10 +11,12 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import IO, Any, cast
 
+import msgspec
 from mcap import records as mcap_records
 from mcap.data_stream import RecordBuilder
 from mcap.writer import MCAP0_MAGIC, Writer
 
+from avrgym.recording.configuration import Configuration
 from avrgym.recording.reader import (
     CONFIGURATION,
     ORIGIN,
@@ -24,7 +26,7 @@ from avrgym.recording.reader import (
     intact_records,
     read_recording,
 )
-from avrgym.recording.schema import TOPICS, Record, encode, json_schema
+from avrgym.recording.schema import TOPICS, Outcome, Record, encode, json_schema
 from avrgym.system.files import private_opener
 
 FLUSH_INTERVAL_S = 0.1
@@ -42,17 +44,17 @@ class RecordingWriter:
 
     Args:
         path: The new file; an existing one raises ``FileExistsError``.
-        metadata: The trial's whole configuration, plain values.
+        configuration: Everything that the trial is run with.
     """
 
-    def __init__(self, path: str | os.PathLike[str], metadata: Mapping[str, Any]):
+    def __init__(self, path: str | os.PathLike[str], configuration: Configuration):
         self.path = Path(path)
         self._failure: Exception | None = None
-        self._queue: SimpleQueue[tuple[str, int, Record] | dict[str, Any] | None] = SimpleQueue()
+        self._queue: SimpleQueue[tuple[str, int, Record] | Outcome | None] = SimpleQueue()
         self._disk = _Disk(self.path)
         self._mcap = Writer(cast(IO[bytes], self._disk), enable_data_crcs=True)
         self._written = 0
-        self._channels = self._start(metadata)
+        self._channels = self._start(configuration)
         self._alive_at = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
         self._thread.start()
@@ -80,20 +82,20 @@ class RecordingWriter:
         if self._failure is None:
             self._queue.put((topic, log_time_ns, record))
 
-    def robot_finished(self, outcome: Mapping[str, Any]) -> None:
+    def robot_finished(self, outcome: Outcome) -> None:
         """Queue the outcome of a trial whose robot has finished, without waiting.
 
         Once it is in the file, ``end_cut_recording`` completes that if this process is killed. Waiting for the disk
         itself here would keep later records from the file.
         """
-        self._queue.put(dict(outcome))
+        self._queue.put(outcome)
 
     def catch_up(self) -> None:
         """Wait until little is queued, for callers faster than real time; no longer than the disk takes data."""
         while self._queue.qsize() > FEW_MESSAGES and self.error is None:
             time.sleep(0.001)
 
-    def close(self, outcome: Mapping[str, Any] | None = None) -> None:
+    def close(self, outcome: Outcome | None = None) -> None:
         """Write what is queued and end the file; with an outcome, and all data on disk, mark it complete.
 
         Raises ``RecordingError`` when there is an outcome but the file could not be completed. Closing a
@@ -111,10 +113,10 @@ class RecordingWriter:
         if outcome is not None and self._failure is not None:
             raise RecordingError(f"{self.path}: not complete: {self._failure}") from self._failure
 
-    def _start(self, metadata: Mapping[str, Any]) -> dict[str, int]:
+    def _start(self, configuration: Configuration) -> dict[str, int]:
         try:
             self._mcap.start(profile="", library="avrgym")
-            self._mcap.add_metadata(CONFIGURATION, _to_text(metadata))
+            self._mcap.add_metadata(CONFIGURATION, _to_text(msgspec.to_builtins(configuration)))
             self._mcap.add_metadata(ORIGIN, _to_text({"began_at": datetime.now(UTC).isoformat()}))
         except BaseException:
             self._disk.close()
@@ -152,9 +154,9 @@ class RecordingWriter:
         entry = self._queue.get(timeout=timeout_s)
         if entry is None:
             return False
-        if isinstance(entry, dict):
+        if isinstance(entry, Outcome):
             self._mcap.flush()
-            self._mcap.add_metadata(ROBOT_FINISHED, _to_text(entry))
+            self._mcap.add_metadata(ROBOT_FINISHED, _to_text(msgspec.to_builtins(entry)))
             return True
         topic, log_time_ns, record = entry
         self._written += 1
@@ -167,11 +169,11 @@ class RecordingWriter:
         )
         return True
 
-    def _complete(self, outcome: Mapping[str, Any]) -> None:
+    def _complete(self, outcome: Outcome) -> None:
         self._disk.sync()
         end_of_data = self._disk.tell()
         try:
-            self._mcap.add_metadata(OUTCOME, _to_text(outcome))
+            self._mcap.add_metadata(OUTCOME, _to_text(msgspec.to_builtins(outcome)))
             self._mcap.finish()
             self._disk.sync()
         except BaseException:
@@ -221,8 +223,8 @@ def end_cut_recording(path: str | os.PathLike[str]) -> None:
         return
     end = RecordBuilder()
     if recording.outcome is None:
-        outcome = {**recording.robot_finished, "cut_off": True}
-        mcap_records.Metadata(OUTCOME, _to_text(outcome)).write(end)
+        outcome = msgspec.structs.replace(recording.robot_finished, cut_off=True)
+        mcap_records.Metadata(OUTCOME, _to_text(msgspec.to_builtins(outcome))).write(end)
     mcap_records.DataEnd(0).write(end)
     mcap_records.Footer(0, 0, 0).write(end)
     with open(path, "r+b") as file:

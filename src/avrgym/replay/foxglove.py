@@ -14,7 +14,6 @@ All of it follows from the recording, so that no live session has to write it. T
 
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +44,6 @@ from avrgym.recording.schema import TOPICS, TrackingFrame, encode, json_schema
 from avrgym.replay.output import check_new
 from avrgym.replay.timeline import recorded_scene, timeline_of
 from avrgym.system.files import write_atomically
-from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.scene.body_surfaces import BodySurface, body_surfaces
 from avrgym.vr.scene.export_process import model_with_appearance
 
@@ -57,8 +55,6 @@ POINTS = 40_000
 FIELDS = {"x": 0, "y": 4, "z": 8, "red": 12, "green": 13, "blue": 14, "alpha": 15}
 """Where the numbers of a point lie among its bytes."""
 POINT_BYTES = 16
-NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
-"""Times of recordings that do not say when they began count from here."""
 
 
 def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]) -> None:
@@ -75,9 +71,8 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
     """
     check_new(out, (".mcap",))
     timeline, poses = timeline_of(recording, progress)
-    began = recording.began_at or NO_DATE
     data = io.BytesIO()
-    log = _Log(data, round(began.timestamp() * 1e9), _described(recording, began))
+    log = _Log(data, round(recording.began_at.timestamp() * 1e9), _described(recording))
     surfaces = body_surfaces(model_with_appearance(*recorded_scene(recording)))
     log.write("/scene", 0.0, SceneUpdate(entities=[_entity(log, *each) for each in surfaces.items()]))
     for body, cloud in _clouds(surfaces):
@@ -147,12 +142,16 @@ class _Log:
         self._mcap.add_message(self._channels[topic], time_ns, data, time_ns)
 
 
-def _described(recording: Recording, began: datetime) -> dict[str, str]:
-    facts = {
-        name: recording.metadata[name]
-        for name in ("environment", "policy", "simulated", "practice", "session")
+def _described(recording: Recording) -> dict[str, str]:
+    trial = recording.configuration
+    return {
+        "environment": trial.environment,
+        "policy": trial.policy,
+        "simulated": str(trial.simulated),
+        "practice": str(trial.practice),
+        "session": trial.session,
+        "began_at": recording.began_at.isoformat(),
     }
-    return {**{name: str(fact) for name, fact in facts.items()}, "began_at": began.isoformat()}
 
 
 def _entity(log: _Log, body: str, surfaces: Sequence[BodySurface]) -> SceneEntity:
@@ -250,9 +249,9 @@ def _transform(log: _Log, time_s: float, frame: str, pose: FloatArray) -> FrameT
 
 def _tracking_space(recording: Recording) -> FloatArray:
     """Where the space of tracked poses lies in the world (7,)."""
-    there = XRPose(**recording.metadata["xr_from_world"])
-    x, y, z, w = there.orientation
-    return np.concatenate(transforms.invert(np.array(there.position), np.array([w, x, y, z])))
+    pose = recording.configuration.xr_from_world
+    x, y, z, w = pose.orientation
+    return np.concatenate(transforms.invert(np.array(pose.position), np.array([w, x, y, z])))
 
 
 def _write_tracked(log: _Log, time_s: float, frame: TrackingFrame) -> None:

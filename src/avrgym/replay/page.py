@@ -87,8 +87,8 @@ def _packed(trials: Sequence[ReplayedTrial]) -> Packed:
 
 def _scene_number(recording: Recording, recordings: Sequence[Recording]) -> int:
     """That of the first recording that has the same environment and person, and so looks alike."""
-    looks = [(each.metadata["environment"], each.metadata["person"]) for each in recordings]
-    return looks.index((recording.metadata["environment"], recording.metadata["person"]))
+    looks = [(each.configuration.environment, each.configuration.person) for each in recordings]
+    return looks.index((recording.configuration.environment, recording.configuration.person))
 
 
 def _deflated(data: bytes) -> str:

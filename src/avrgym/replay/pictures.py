@@ -16,8 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from avrgym.envs.rendering import Camera
 from avrgym.recording.reader import Recording
 from avrgym.replay.output import check_new
-from avrgym.replay.playback import Playback, StateAgain
-from avrgym.replay.trial import Trial, driven_span_s, trial_of
+from avrgym.replay.playback import ComparedState, Playback, driven_span_s, movement_end_s, title
 from avrgym.system.files import write_atomically
 
 Picture = NDArray[np.uint8]
@@ -101,7 +100,6 @@ def draw_strip(
     check_new(out, PICTURE_SUFFIXES)
     begins_s, ends_s = driven_span_s(recording)
     times_s = np.linspace(begins_s, ends_s, count).tolist() if count > 1 else [0.5 * (begins_s + ends_s)]
-    trial = trial_of(recording)
     drawn = [
         _titled(picture, f"{moment.time_s - begins_s:.1f} s")
         for moment, picture in _pictures(recording, times_s, FRAMES_PX, first_person, progress)
@@ -109,7 +107,7 @@ def draw_strip(
     strip = Image.fromarray(np.concatenate(drawn, axis=1))
     sheet = Image.new("RGB", (strip.width, strip.height + CAPTION_PX), PAPER)
     sheet.paste(strip, (0, CAPTION_PX))
-    _write(sheet, (10, CAPTION_PX // 2), trial.title, "lm")
+    _write(sheet, (10, CAPTION_PX // 2), title(recording), "lm")
     check_new(out, PICTURE_SUFFIXES)
     file = io.BytesIO()
     sheet.save(file, Image.registered_extensions()[out.suffix.lower()])
@@ -136,10 +134,10 @@ def _film(
     recording: Recording, frames_per_s: int, first_person: bool, progress: Progress
 ) -> Iterator[Picture]:
     """So many pictures a second until the questionnaire; where ticks are missing, one picture stands for several."""
-    trial, (begins_s, _) = trial_of(recording), driven_span_s(recording)
-    times_s = np.arange(0.0, trial.shown_s, 1.0 / frames_per_s).tolist()
+    begins_s, _ = driven_span_s(recording)
+    times_s = np.arange(0.0, movement_end_s(recording), 1.0 / frames_per_s).tolist()
     for moment, picture in _pictures(recording, times_s, VIDEO_PX, first_person, progress):
-        yield _subtitled(picture, trial, moment, begins_s)
+        yield _subtitled(picture, title(recording), moment, begins_s)
 
 
 def _pictures(
@@ -171,13 +169,13 @@ def _pictures(
 def _moments(playback: Playback, progress: Progress) -> Iterator[Moment]:
     """The trial at each recorded state, which the world is in."""
     reward, force_n, success = 0.0, 0.0, False
-    for again in playback.run(follow=True):
-        if isinstance(again, StateAgain):
-            yield Moment(again.time_s, playback.phase, reward, force_n, success)
+    for compared in playback.run(follow=True):
+        if isinstance(compared, ComparedState):
+            yield Moment(compared.time_s, playback.phase, reward, force_n, success)
             progress()
         else:
-            reward += again.recorded.reward
-            force_n, success = again.recorded.force_on_person_n, again.recorded.success
+            reward += compared.recorded.reward
+            force_n, success = compared.recorded.force_on_person_n, compared.recorded.success
 
 
 def _titled(picture: Picture, text: str) -> Picture:
@@ -188,14 +186,14 @@ def _titled(picture: Picture, text: str) -> Picture:
     return np.asarray(sheet)
 
 
-def _subtitled(picture: Picture, trial: Trial, moment: Moment, begins_s: float) -> Picture:
+def _subtitled(picture: Picture, text: str, moment: Moment, begins_s: float) -> Picture:
     """A picture with how the trial stands written into its lower edge."""
     sheet = Image.fromarray(picture)
     height = picture.shape[0]
     band = Image.new("RGB", (sheet.width, CAPTION_PX), PAPER)
     sheet.paste(band, (0, height - CAPTION_PX))
     middle = height - CAPTION_PX // 2
-    _write(sheet, (16, middle), trial.title, "lm")
+    _write(sheet, (16, middle), text, "lm")
     state = f"reward {moment.reward:.1f}   force {moment.force_on_person_n:.1f} N"
     success = "success   " if moment.success else ""
     _write(sheet, (sheet.width - 16, middle), f"{success}{state}   {moment.time_s - begins_s:.1f} s", "rm")

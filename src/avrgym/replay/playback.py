@@ -1,17 +1,17 @@
-"""A recorded trial lived through again: the same world, told the same at the same ticks, stepped anew."""
+"""Recompute a recorded trial: the same world, the same commands at the same ticks."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.models.human import JOINTS, Person
+from avrgym.models.human import JOINTS
+from avrgym.recording.configuration import Configuration
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control, Event, Physics
-from avrgym.replay.trial import ReplayError
-from avrgym.system.used_plugins import differences, stored
+from avrgym.safety.region_forces import RegionLoadRecorder, RegionLoads
+from avrgym.system.used_plugins import differences
 from avrgym.tasks.constants import WORLD_VERSION
 from avrgym.tasks.control_loop import ControlStep
 from avrgym.tasks.episodes import Episodes
@@ -19,69 +19,72 @@ from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 from avrgym.vr.session.attempt import control_record
 
 HALTS = (("phase", "retreat"), ("phase", "free_after"))
-"""Events at which the robot is halted. Recordings of earlier versions hold no retreat."""
+"""Events at which the robot is halted."""
+
+
+class ReplayError(ValueError):
+    """A recording that cannot be replayed."""
 
 
 @dataclass(frozen=True)
-class StateAgain:
-    """A recorded state of the simulator (S,), and the state that stepping leads to in its place."""
+class ComparedState:
+    """A recorded state of the simulator (S,) and the recomputed one."""
 
     time_s: float
     recorded: FloatArray
-    stepped: FloatArray
+    recomputed: FloatArray
 
     @property
     def identical(self) -> bool:
-        """Whether they agree in every bit."""
-        return self.recorded.tobytes() == self.stepped.tobytes()
+        """Whether all bits are equal."""
+        return self.recorded.tobytes() == self.recomputed.tobytes()
 
 
 @dataclass(frozen=True)
-class StepAgain:
-    """A recorded control step, and what the same step gives now."""
+class ComparedStep:
+    """A recorded control step and the recomputed one."""
 
     time_s: float
     recorded: Control
-    stepped: Control
+    recomputed: Control
 
 
 class Playback:
-    """The world of a recording, made anew from its metadata. Times count from the beginning of the trial.
+    """The world of a recording, rebuilt from its configuration. Times count from the start of the trial.
 
-    ``episodes`` is that world as it stands between two moments of ``run``, ``phase`` the session's phase then;
-    ``driven``: the step that led there was one of a robot that somebody drove.
+    ``episodes``: the world at the current point of ``run``. ``phase``: the phase of the session. ``driven``: a driver
+    controlled the robot in the last physics step.
     """
 
     def __init__(self, recording: Recording, *, by_region: bool = False) -> None:
-        """Compile the scene and begin the episode; ``by_region`` as of ``Episodes``.
+        """Compile the scene and begin the episode; ``by_region`` as for ``Episodes``.
 
         Raises:
-            ReplayError: for a recording that breaks off before its first state or does not say what it was made
-                with, and for one whose scene has changed since.
+            ReplayError: if the recording has no state, or its scene has changed since.
         """
         if not recording.topics["/physics"]:
             raise ReplayError("it breaks off before its first state")
         self.recording = recording
         _check_world_version(recording)
         try:
-            self.episodes = _episodes(recording.metadata, by_region)
-            _check_names(recording.metadata, self.episodes)
+            self.episodes = _episodes(recording.configuration, by_region)
+            _check_names(recording.configuration, self.episodes)
         except ReplayError as error:
             raise ReplayError("; ".join([str(error), *changed_plugins(recording)])) from error
         self._loop = self.episodes.loop
         self._action: FloatArray | None = None
-        self._told = self._brakes = False
+        self._action_is_new = self._brakes = False
         self._step: ControlStep | None = None
         self.phase = ""
         self.driven = False
-        self._held = self._begun = False
+        self._stopped = self._begun = False
 
-    def run(self, *, follow: bool = False) -> Iterator[StateAgain | StepAgain]:
-        """Step through the recording, once.
+    def run(self, *, follow: bool = False) -> Iterator[ComparedState | ComparedStep]:
+        """Recompute the recording, once.
 
         Args:
-            follow: whether the world goes on from each recorded state, should its own be another. Otherwise only
-                the first one is taken over.
+            follow: continue from each recorded state if the recomputed one differs. Otherwise only the first recorded
+                state is used.
 
         Raises:
             ReplayError: at a state or a command that does not fit the world.
@@ -94,25 +97,27 @@ class Playback:
                     self.episodes.simulation.restore(state.recorded)
                 yield state
             elif topic == "/control":
-                stepped = control_record(record.step, self._finished_step(time_s), record.driver, record.idle)
-                yield StepAgain(time_s, record, stepped)
+                recomputed = control_record(
+                    record.step, self._finished_step(time_s), record.driver, record.idle
+                )
+                yield ComparedStep(time_s, record, recomputed)
             elif topic == "/events":
-                self._hear(record)
+                self._apply_event(record)
             elif topic == "/body_targets":
                 self.episodes.simulation.command_person(np.array([record.joint_targets]))
             elif topic == "/commands":
-                self._action, self._told = np.array([record.action]), True
+                self._action, self._action_is_new = np.array([record.action]), True
                 self._brakes = record.brakes
 
-    def _advance(self, time_s: float, physics: Physics) -> StateAgain:
+    def _advance(self, time_s: float, physics: Physics) -> ComparedState:
         simulation, recorded = self.episodes.simulation, np.array(physics.state, float)
         self._step, self.driven = None, False
         if not self._begun:
             self._begin(recorded)
-        elif not self._held:
+        elif not self._stopped:
             self.driven = self.phase == "trial"
             self._tick()
-        return StateAgain(time_s, recorded, simulation.integration_state())
+        return ComparedState(time_s, recorded, simulation.integration_state())
 
     def _tick(self) -> None:
         if self.phase == "retreat":
@@ -132,49 +137,95 @@ class Playback:
 
     def _finished_step(self, time_s: float) -> ControlStep:
         if self._step is None:
-            raise ReplayError(
-                f"the control step that it holds at {time_s:.2f} s ends at no tick of the trial"
-            )
+            raise ReplayError(f"its control step at {time_s:.2f} s does not end at a tick of the trial")
         return self._step
 
     def act(self, observation: FloatArray) -> FloatArray:
         """Returns the recorded action (1, J)."""
         if self._action is None:
-            raise ReplayError(f"it holds no commands to the robot: {made_with(self.recording)}")
-        self._told = False
+            raise ReplayError(f"it contains no commands to the robot: {made_with(self.recording)}")
+        self._action_is_new = False
         return self._action
 
     def amend(self) -> FloatArray | None:
         """Returns an action (1, J) that was recorded within a control step, if there is one."""
-        return self.act(np.zeros(0)) if self._told else None
+        return self.act(np.zeros(0)) if self._action_is_new else None
 
-    def _hear(self, event: Event) -> None:
-        """A trial drives the robot; it halts around its retreat, or for good when the attempt is broken off."""
+    def _apply_event(self, event: Event) -> None:
+        """Follow the phases; halt the robot around its retreat, or for good when the attempt is broken off."""
         if event.name == "phase":
             self.phase = event.detail
-        self._held = self._held or event.name == "robot_holds"
-        if self._held or (event.name, event.detail) in HALTS:
+        self._stopped = self._stopped or event.name == "robot_holds"
+        if self._stopped or (event.name, event.detail) in HALTS:
             self.episodes.simulation.halt_robot()
             self._loop.abort_step()
 
 
+def region_loads(recording: Recording, progress: Callable[[], None] = lambda: None) -> RegionLoads:
+    """The contact forces on each region of the person while the robot was driven, (1, R).
+
+    Args:
+        recording: of one attempt.
+        progress: called after each recorded state.
+
+    Raises:
+        ReplayError: if the recording cannot be recomputed.
+    """
+    playback, watch = Playback(recording, by_region=True), RegionLoadRecorder(1)
+    for compared in playback.run(follow=True):
+        if isinstance(compared, ComparedState):
+            if playback.driven:
+                watch.add(playback.episodes.simulation.region_force_n())
+            progress()
+    return watch.loads()
+
+
+def title(recording: Recording) -> str:
+    """A heading for a recording: environment, policy, trial, attempt, participant."""
+    trial = recording.configuration
+    kind = "practice" if trial.practice else f"trial {trial.trial}"
+    participant = "simulated participant" if trial.simulated else "participant"
+    scene = trial.environment.removeprefix("avrgym/")
+    return f"{scene}, {trial.policy}, {kind}, attempt {trial.attempt}: {participant}"
+
+
+def phases(recording: Recording) -> list[tuple[float, str]]:
+    """The start of each phase in seconds, and its name."""
+    events = recording.topics["/events"]
+    return [(time_ns / 1e9, event.detail) for time_ns, event in events if event.name == "phase"]
+
+
+def movement_end_s(recording: Recording) -> float:
+    """The start of the questionnaire, in which only the participant moves; else the end of the recording."""
+    starts = (time_s for time_s, name in phases(recording) if name == "questionnaire")
+    return next(starts, recording.duration_s)
+
+
+def driven_span_s(recording: Recording) -> tuple[float, float]:
+    """Start and end of the robot's control steps; the whole recording if there are none."""
+    starts = [time_s for time_s, name in phases(recording) if name == "trial"]
+    control = recording.topics["/control"]
+    if not starts or not control:
+        return 0.0, movement_end_s(recording)
+    return starts[0], control[-1][0] / 1e9
+
+
 def made_with(recording: Recording) -> str:
-    """Which versions wrote a recording, and which of its plug-ins have changed since."""
-    versions = recording.metadata.get("versions", {})
-    named = ", ".join(f"{name} {version}" for name, version in versions.items())
-    words = f"it was recorded with {named or 'versions that it does not name'}"
-    return "; ".join([words, *changed_plugins(recording)])
+    """The versions that wrote a recording, and its plug-ins that have changed since."""
+    return "; ".join(
+        [f"it was recorded with {recording.configuration.versions}", *changed_plugins(recording)]
+    )
 
 
 def changed_plugins(recording: Recording) -> list[str]:
-    """Task and robot of a recording that are not what they were then, in words; its commands need no controller."""
-    environment: str = recording.metadata.get("environment", "")
-    before = [each for each in stored(recording.metadata.get("plugins")) or () if each.kind != "controller"]
+    """The task and robot plug-ins that have changed since the recording. Replay does not run its controller."""
+    environment = recording.configuration.environment
+    before = [each for each in recording.configuration.plugins if each.kind != "controller"]
     return differences(before, plugins_of(environment) if environment in ENVIRONMENTS else ())
 
 
 def _check_world_version(recording: Recording) -> None:
-    version = recording.metadata.get("world_version")
+    version = recording.configuration.world_version
     if version != WORLD_VERSION:
         raise ReplayError(
             f"it was made in version {version} of the simulated world; this release steps version {WORLD_VERSION}: "
@@ -182,30 +233,26 @@ def _check_world_version(recording: Recording) -> None:
         )
 
 
-def _episodes(metadata: dict[str, Any], by_region: bool) -> Episodes:
+def _episodes(configuration: Configuration, by_region: bool) -> Episodes:
     try:
-        person = Person(**metadata["person"], joint_angles_rad=np.array(metadata["start_rad"], float))
+        person = configuration.start_person
         episodes = Episodes(
-            metadata["environment"],
-            1,
-            person=person,
-            moving=True,
-            num_threads=1,
-            by_region=by_region,
+            configuration.environment, 1, person=person, moving=True, num_threads=1, by_region=by_region
         )
-        episodes.begin_as(metadata["start"])
+        episodes.begin_as(configuration.start)
     except KeyError as error:
-        raise ReplayError(
-            f"its configuration lacks {error}, without which its world cannot be made"
-        ) from error
+        raise ReplayError(f"its start lacks {error}") from error
     except (TypeError, ValueError) as error:
         raise ReplayError(f"its world cannot be made: {error}") from error
     return episodes
 
 
-def _check_names(metadata: dict[str, Any], episodes: Episodes) -> None:
-    here = {"joints": list(JOINTS), "bodies": list(episodes.simulation.bodies)}
-    for kind, names in here.items():
-        if metadata.get(kind) != names:
-            changed = sorted({*names} ^ {*metadata.get(kind, ())})
-            raise ReplayError(f"the {kind} of its scene are not those of today: {', '.join(changed)}")
+def _check_names(configuration: Configuration, episodes: Episodes) -> None:
+    for kind, recorded, now in (
+        ("joints", configuration.joints, tuple(JOINTS)),
+        ("bodies", configuration.bodies, tuple(episodes.simulation.bodies)),
+    ):
+        if recorded != now:
+            raise ReplayError(
+                f"the {kind} of its scene have changed: {', '.join(sorted({*now} ^ {*recorded}))}"
+            )

@@ -1,16 +1,15 @@
 """What the page of a replay shows: the scene's poses over time, and what happened when."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import msgspec
 import numpy as np
 
 from avrgym.models.human import Person
+from avrgym.questionnaires.questionnaire import Item
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Answer
-from avrgym.replay.playback import Playback, StateAgain
-from avrgym.replay.trial import Trial, phases, trial_of
+from avrgym.replay.playback import ComparedState, Playback, phases, title
 from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
@@ -65,15 +64,15 @@ def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Tim
     Raises:
         ValueError: for a recording that cannot be stepped again.
     """
-    playback, trial = Playback(recording), trial_of(recording)
+    playback = Playback(recording)
     frames_s, frames = _frames(playback, progress)
     timeline = Timeline(
-        title=trial.title,
-        simulated=trial.simulated,
+        title=title(recording),
+        simulated=recording.configuration.simulated,
         complete=recording.complete,
-        result=trial.result,
-        seconds=trial.seconds,
-        facts=_facts(recording, trial),
+        result=recording.result,
+        seconds=recording.duration_s,
+        facts=_facts(recording),
         scene=scene_message(0, playback.episodes, Registration(np.zeros(3), 0.0)),
         frames_s=frames_s,
         steps=_steps(recording),
@@ -111,31 +110,30 @@ def render_recorded(recording: Recording) -> bytes:
 
 def recorded_scene(recording: Recording) -> tuple[str, Person]:
     """The environment of a recording, and the person in it at rest."""
-    environment, body = recording.metadata["environment"], recording.metadata["person"]
-    return environment, resting(environment, Person(**body))
+    environment = recording.configuration.environment
+    return environment, resting(environment, Person(**msgspec.structs.asdict(recording.configuration.person)))
 
 
-def _facts(recording: Recording, trial: Trial) -> dict[str, str]:
-    """Names of participants are in no recording: a study's sessions are called by their pseudonyms."""
-    metadata = recording.metadata
-    versions = metadata.get("versions", {})
-    said = {
+def _facts(recording: Recording) -> dict[str, str]:
+    """Facts about the trial by heading. Recordings contain pseudonyms and no names."""
+    trial = recording.configuration
+    facts = {
         "Session": trial.session,
         "Participant": "simulated by a program" if trial.simulated else "a person",
         "Environment": trial.environment,
         "Policy": trial.policy,
-        "Goal": metadata.get("goal", ""),
-        "Body": f"{trial.sex}, torso {trial.torso_height_m:.3f} m",
-        "Recorded with": ", ".join(f"{name} {number}" for name, number in versions.items()),
+        "Goal": trial.goal,
+        "Body": f"{trial.person.sex}, torso {trial.person.torso_height_m:.3f} m",
+        "Recorded with": str(trial.versions),
     }
-    return {heading: words for heading, words in said.items() if words}
+    return {heading: text for heading, text in facts.items() if text}
 
 
 def _frames(playback: Playback, progress: Callable[[], None]) -> tuple[list[float], list[bytes]]:
     """Times and poses of every second recorded state."""
     times_s: list[float] = []
     frames: list[bytes] = []
-    states = (again for again in playback.run(follow=True) if isinstance(again, StateAgain))
+    states = (each for each in playback.run(follow=True) if isinstance(each, ComparedState))
     for number, state in enumerate(states):
         if number % FRAME_EVERY_STATES == 0:
             times_s.append(state.time_s)
@@ -162,7 +160,7 @@ def _happenings(recording: Recording) -> list[Happening]:
         for time_ns, event in recording.topics["/events"]
         if event.name != "phase"
     ]
-    items = {item["id"]: item for item in recording.metadata.get("items", [])}
+    items = {item.id: item for item in recording.configuration.items}
     answers = [
         Happening(time_ns / 1e9, "answer", _in_words(answer, items.get(answer.item)))
         for time_ns, answer in recording.topics["/answers"]
@@ -170,9 +168,8 @@ def _happenings(recording: Recording) -> list[Happening]:
     return [*entered, *events, *answers]
 
 
-def _in_words(answer: Answer, item: dict[str, Any] | None) -> str:
+def _in_words(answer: Answer, item: Item | None) -> str:
     if item is None:
         return f"{answer.item}: {answer.value}"
-    labels = item.get("labels")
-    given = labels[answer.value - 1] if labels else f"{answer.value} of {item['points']}"
-    return f"{answer.item}: {given}: {item['text']}"
+    given = item.labels[answer.value - 1] if item.labels else f"{answer.value} of {item.points}"
+    return f"{answer.item}: {given}: {item.text}"

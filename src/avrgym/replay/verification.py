@@ -13,10 +13,10 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry.elementary import fingerprint_of_c_library
+from avrgym.recording.configuration import Versions
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control
-from avrgym.replay.playback import Playback, StateAgain, StepAgain, changed_plugins
-from avrgym.system.used_plugins import stored
+from avrgym.replay.playback import ComparedState, ComparedStep, Playback, changed_plugins
 from avrgym.vr.session.attempt import versions
 
 _State = mujoco.mjtState
@@ -48,14 +48,13 @@ class Difference:
 
 @dataclass(frozen=True)
 class Verification:
-    """What stepping a recording again gave.
+    """What stepping a recording compared gave.
 
     ``states`` and ``steps`` count what was compared, ``identical_*`` what agreed in every bit; ``until_s`` is the time
     of the last state. ``tick_error`` is the largest share by which a number differs where each tick begins with the
     recorded state. ``complete``: the recording holds its whole trial. ``same_versions``: it was made with the versions
     of AVR Gym and MuJoCo that run now, so that nothing but rounding may differ; ``same_rounding``: nor that, because
-    the C library rounded as it does here. ``plugin_differences``: which plug-ins are not what they were then; with
-    ``plugins_stored`` false the recording stores none.
+    the C library rounded as it does here. ``plugin_differences``: which plug-ins are not what they were then.
     """
 
     states: int
@@ -65,10 +64,9 @@ class Verification:
     until_s: float
     tick_error: float
     complete: bool
-    recorded_with: dict[str, str]
+    recorded_with: Versions
     same_versions: bool
     same_rounding: bool
-    plugins_stored: bool
     plugin_differences: list[str]
     differences: list[Difference]
 
@@ -84,7 +82,7 @@ class Verification:
 
 
 def verify(recording: Recording, progress: Callable[[], None] = lambda: None) -> Verification:
-    """Step a recording again from its first state and compare whatever it holds.
+    """Step a recording compared from its first state and compare whatever it holds.
 
     Args:
         recording: of one attempt at a trial, whole or not.
@@ -97,14 +95,14 @@ def verify(recording: Recording, progress: Callable[[], None] = lambda: None) ->
     states: list[bool] = []
     steps: list[bool] = []
     until_s = 0.0
-    for again in playback.run():
-        if isinstance(again, StateAgain):
-            states.append(ledger.compare_state(again, playback.episodes.simulation.model))
-            until_s = again.time_s
+    for compared in playback.run():
+        if isinstance(compared, ComparedState):
+            states.append(ledger.compare_state(compared, playback.episodes.simulation.model))
+            until_s = compared.time_s
             progress()
         else:
-            steps.append(ledger.compare_step(again))
-    recorded_with = dict(recording.metadata.get("versions", {}))
+            steps.append(ledger.compare_step(compared))
+    recorded_with = recording.configuration.versions
     return Verification(
         states=len(states),
         identical_states=sum(states),
@@ -115,8 +113,7 @@ def verify(recording: Recording, progress: Callable[[], None] = lambda: None) ->
         complete=recording.complete,
         recorded_with=recorded_with,
         same_versions=recorded_with == versions(),
-        same_rounding=recording.metadata.get("c_library") == fingerprint_of_c_library(),
-        plugins_stored=stored(recording.metadata.get("plugins")) is not None,
+        same_rounding=recording.configuration.c_library == fingerprint_of_c_library(),
         plugin_differences=changed_plugins(recording),
         differences=list(ledger.differences.values()),
     )
@@ -124,11 +121,11 @@ def verify(recording: Recording, progress: Callable[[], None] = lambda: None) ->
 
 def _tick_error(recording: Recording) -> float:
     playback, ledger = Playback(recording), _Ledger()
-    for again in playback.run(follow=True):
-        if isinstance(again, StateAgain):
-            ledger.compare_state(again, playback.episodes.simulation.model)
+    for compared in playback.run(follow=True):
+        if isinstance(compared, ComparedState):
+            ledger.compare_state(compared, playback.episodes.simulation.model)
         else:
-            ledger.compare_step(again)
+            ledger.compare_step(compared)
     return max((difference.largest_share for difference in ledger.differences.values()), default=0.0)
 
 
@@ -138,21 +135,23 @@ class _Ledger:
     def __init__(self) -> None:
         self.differences: dict[str, Difference] = {}
 
-    def compare_state(self, again: StateAgain, model: mujoco.MjModel) -> bool:
+    def compare_state(self, compared: ComparedState, model: mujoco.MjModel) -> bool:
         """Whether the state is the recorded one; note by how much its parts differ."""
-        if not again.identical:
+        if not compared.identical:
             for name, part in STATE_QUANTITIES.items():
                 self._compare(
-                    name, again.time_s, *(_part(model, s, part) for s in (again.recorded, again.stepped))
+                    name,
+                    compared.time_s,
+                    *(_part(model, s, part) for s in (compared.recorded, compared.recomputed)),
                 )
-        return again.identical
+        return compared.identical
 
-    def compare_step(self, again: StepAgain) -> bool:
+    def compare_step(self, compared: ComparedStep) -> bool:
         """Whether the control step is the recorded one; note what of it differs."""
-        recorded, stepped = _figures(again.recorded), _figures(again.stepped)
+        recorded, stepped = _figures(compared.recorded), _figures(compared.recomputed)
         absent = np.array([np.nan])
         same = [
-            self._compare(name, again.time_s, recorded.get(name, absent), stepped.get(name, absent))
+            self._compare(name, compared.time_s, recorded.get(name, absent), stepped.get(name, absent))
             for name in recorded | stepped
         ]
         return all(same)

@@ -37,8 +37,8 @@ class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
     sha256: str = ""
 
     @property
-    def called(self) -> str:
-        """What it is, such as ``robot Gen3``."""
+    def label(self) -> str:
+        """Kind and name, for example ``robot Gen3``."""
         return f"{self.kind} {self.name}"
 
     def __str__(self) -> str:
@@ -72,24 +72,16 @@ def used_python(name: str) -> UsedPlugin:
 
 def differences(before: Iterable[UsedPlugin], now: Iterable[UsedPlugin]) -> list[str]:
     """Which plug-ins differ, in words; one that ``before`` lacks was not stored."""
-    old, new = ({each.called: each for each in plugins} for plugins in (before, now))
+    old, new = ({each.label: each for each in plugins} for plugins in (before, now))
     return [
-        f"{called} was {old.get(called, 'not stored')}, is {new.get(called, 'not a plug-in here')}"
-        for called in old | new
-        if _content(old.get(called)) != _content(new.get(called))
+        f"{label} was {old.get(label, 'not stored')}, is {new.get(label, 'not a plug-in here')}"
+        for label in old | new
+        if _content(old.get(label)) != _content(new.get(label))
     ]
 
 
 def _content(plugin: UsedPlugin | None) -> tuple[str, ...]:
     return () if plugin is None else (plugin.package, plugin.version, plugin.sha256)
-
-
-def stored(values: object) -> tuple[UsedPlugin, ...] | None:
-    """The plug-ins that a file stores; ``None`` where it stores none of that, or nothing that can be read."""
-    try:
-        return msgspec.convert(values, tuple[UsedPlugin, ...])
-    except msgspec.ValidationError:
-        return None
 
 
 @cache

@@ -3,7 +3,7 @@
 The Gymnasium environments and the live VR trial both run on this.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -31,7 +31,7 @@ from avrgym.tasks.control_loop import ControlLoop, Step
 from avrgym.tasks.human_view import HumanView
 from avrgym.tasks.minds import Minds
 from avrgym.tasks.registry import TASKS, find_environment
-from avrgym.tasks.task import StepResult, TaskState, replace_worlds, state_arrays
+from avrgym.tasks.task import EpisodeStart, StepResult, TaskState, replace_worlds, state_arrays
 
 EFFORT = "action_squared"
 """The reward term of an agent's own effort."""
@@ -234,33 +234,31 @@ class Episodes:
         self.loop.reset(ids)
         return self.observe()[ids]
 
-    def start(self, world: int) -> dict[str, Any]:
-        """How a world's present episode began but for its person, in plain values; as long as no step was evaluated."""
+    def start(self, world: int) -> EpisodeStart:
+        """The start of a world's episode, without its person. Valid until the first step is evaluated."""
         pos_w, q_w = self.simulation.robot_base()
-        return {
-            "robot_pos_w": pos_w[world].tolist(),
-            "robot_q_w": q_w[world].tolist(),
-            "arm_angles_rad": self._arm_start_rad[world].tolist(),
-            "placed_pos_w": {
-                name: pos[world].tolist() for name, pos in self.simulation.placed_pos_w().items()
-            },
-            "memory": {name: array[world].tolist() for name, array in state_arrays(self.task_state).items()},
-        }
+        return EpisodeStart(
+            robot_pos_w=pos_w[world].tolist(),
+            robot_q_w=q_w[world].tolist(),
+            arm_angles_rad=self._arm_start_rad[world].tolist(),
+            placed_pos_w={name: pos[world].tolist() for name, pos in self.simulation.placed_pos_w().items()},
+            memory={name: array[world].tolist() for name, array in state_arrays(self.task_state).items()},
+        )
 
-    def begin_as(self, start: Mapping[str, Any]) -> None:
-        """Begin an episode in the first world, with the fixed person, as ``start`` said.
+    def begin_as(self, start: EpisodeStart) -> None:
+        """Begin an episode in the first world from a stored start, with the fixed person.
 
         Raises:
-            KeyError, TypeError, ValueError: for values that are no start of this environment.
+            KeyError, TypeError, ValueError: for a start of another environment.
         """
         first = np.array([0])
         task_state = {
-            name: np.array(start["memory"][name], array.dtype).reshape(array[:1].shape)
+            name: np.array(start.memory[name], array.dtype).reshape(array[:1].shape)
             for name, array in state_arrays(self.task_state).items()
         }
-        placed = {name: np.array([start["placed_pos_w"][name]]) for name in self.scene.movable}
+        placed = {name: np.array([start.placed_pos_w[name]]) for name in self.scene.movable}
         pos_w, q_w, angles = (
-            np.array([start[name]], float) for name in ("robot_pos_w", "robot_q_w", "arm_angles_rad")
+            np.array([values], float) for values in (start.robot_pos_w, start.robot_q_w, start.arm_angles_rad)
         )
         self._meet(distributions.repeat_person(self.person or Person(), 1))
         self._put(first, Start(self.people, pos_w, q_w, angles, placed), type(self.task_state)(**task_state))

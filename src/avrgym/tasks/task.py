@@ -3,7 +3,10 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, NamedTuple, Protocol, get_args
+from typing import Annotated, Any, NamedTuple, Protocol, get_args
+
+import msgspec
+from msgspec import Meta
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry.arrays import moved_to, namespace
@@ -18,6 +21,18 @@ from avrgym.tasks.observation import Observation
 
 TaskState = Any
 """What a task keeps of an episode from step to step: a dataclass of arrays, world axis first."""
+
+
+class EpisodeStart(msgspec.Struct, frozen=True):
+    """The start of an episode, without its person, in plain numbers: recordings store it."""
+
+    robot_pos_w: Annotated[list[float], Meta(description="Position of the robot's base, m.")]
+    robot_q_w: Annotated[list[float], Meta(description="Orientation of the robot's base: w, x, y, z.")]
+    arm_angles_rad: Annotated[list[float], Meta(description="Joint angles of the robot's arm.")]
+    placed_pos_w: Annotated[
+        dict[str, list[float]], Meta(description="Positions of movable furniture by its name, m.")
+    ]
+    memory: Annotated[dict[str, Any], Meta(description="The state of the task, by field.")]
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,12 @@
-"""What a check of the headset measured, and whether a session may go on with it: in words, with what to do.
+"""Evaluates a headset check: whether a session may begin, and what to do otherwise.
 
-The limits are ours. A display of fewer than 60 Hz flickers; a dropped frame is seen, and one in twenty is more than
-people bear for half an hour; hands that tremble by more than the limits seem to be somebody else's.
+The limits are design choices. A display below 60 Hz flickers. Dropped frames are visible; many people do not bear 5 %
+for half an hour. Jitter above the limits means that tracking is disturbed.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
-import msgspec
-
+from avrgym.recording.configuration import HeadsetCheck, TrackedPart
 from avrgym.texts.interface_texts import ENGLISH, Text
 from avrgym.vr.latency import STAGE_WORDS
 
@@ -16,97 +15,57 @@ MOST_DROPPED = 0.05
 LATEST_MS = 100.0
 LEAST_TRACKED = 0.95
 MOST_JITTER_MM = {"head": 1.0, "controller": 2.0, "hand": 5.0}
-"""By what is tracked; a bare hand is seen by cameras alone."""
+"""By tracked device. Cameras track a bare hand less precisely."""
 LEAST_FRAMES = 30
 
 
-class TrackedPart(msgspec.Struct, frozen=True):
-    """How head or a hand is tracked.
-
-    ``with_``: a ``headset``, a ``controller``, the bare ``hand``, a ``mouse``, or ``none``. ``share`` of the frames in
-    which it was tracked. ``jitter_mm``: how far it strays at rest from parabolas through half a second, root mean
-    square. ``reach_m``: how far from the head a hand was tracked.
-    """
-
-    with_: str = msgspec.field(name="with")
-    share: float
-    jitter_mm: float | None = None
-    reach_m: float | None = None
+def is_ready(check: HeadsetCheck) -> bool:
+    """Whether a session may begin."""
+    return not faults(check)
 
 
-class HeadsetCheck(msgspec.Struct, frozen=True):
-    """The figures of a check.
+def faults(check: HeadsetCheck) -> list[Text]:
+    """The reasons against a session, each with its remedy."""
+    of_parts = (_frame_faults, _latency_faults, _tracking_faults, _sense_faults, _stop_faults)
+    return [fault for faults_of in of_parts for fault in faults_of(check)]
 
-    ``device`` is the device that the browser reports, ``profiles`` its controllers; ``emulated``: there was no
-    headset. ``display_hz`` is ``None`` if the headset does not report it. ``seconds`` were measured, in which so many
-    ``frames`` were drawn, at ``frame_rate_hz`` and with ``dropped_share`` missing. ``latency_ms``: percentiles by stage
-    as of ``vr.latency``. ``haptics`` and ``sound``: the participant felt and heard them; ``None`` where nobody
-    asked.
-    ``stop``: how the participant tried the stop, ``none`` where they did not; ``None`` where nobody asked them to.
-    ``stop_after_s``: the time from the request to the stop; ``None`` where there was no stop.
-    """
 
-    device: str
-    emulated: bool
-    profiles: list[str]
-    display_hz: float | None
-    seconds: float
-    frames: int
-    frame_rate_hz: float
-    dropped_share: float
-    latency_ms: Mapping[str, Mapping[str, float]]
-    head: TrackedPart
-    left: TrackedPart
-    right: TrackedPart
-    haptics: bool | None = None
-    sound: bool | None = None
-    stop: str | None = None
-    stop_after_s: float | None = None
+def verdict(check: HeadsetCheck, most: int) -> Text:
+    """The result for the participant, with at most ``most`` faults and the number of further ones."""
+    found = faults(check)
+    if not found:
+        return Text("headset_ready")
+    text = _in_a_row(found[:most])
+    if len(found) > most:
+        text = Text("more_faults", {"faults": text, "more": str(len(found) - most)})
+    return Text("headset_not_ready", {"faults": text})
 
-    @property
-    def go(self) -> bool:
-        """Whether a session may begin."""
-        return not self.faults()
 
-    def faults(self) -> list[Text]:
-        """What keeps a session from beginning, each with what to do."""
-        of_parts = (_frame_faults, _latency_faults, _tracking_faults, _sense_faults, _stop_faults)
-        return [fault for faults in of_parts for fault in faults(self)]
+def verdict_text(check: HeadsetCheck) -> str:
+    """The result for experimenters, with all faults."""
+    return "Go: the headset is ready." if is_ready(check) else f"No-go. {fault_text(check)}"
 
-    def verdict(self, most: int) -> Text:
-        """What the participant reads: whether they can go on, or so many faults at most and how many more there are."""
-        faults = self.faults()
-        if not faults:
-            return Text("headset_ready")
-        told = _in_a_row(faults[:most])
-        if len(faults) > most:
-            told = Text("more_faults", {"faults": told, "more": str(len(faults) - most)})
-        return Text("headset_not_ready", {"faults": told})
 
-    def words(self) -> str:
-        """Go or no-go, with all faults, for experimenters."""
-        return f"No-go. {self.fault_words}" if self.faults() else "Go: the headset is ready."
+def fault_text(check: HeadsetCheck) -> str:
+    """All faults, in English."""
+    return " ".join(ENGLISH.render(fault) for fault in faults(check))
 
-    @property
-    def fault_words(self) -> str:
-        """All faults, in English."""
-        return " ".join(ENGLISH.render(fault) for fault in self.faults())
 
-    def figures(self) -> str:
-        """All that was measured, in one line."""
-        total = self.latency_ms.get("total_ms")
-        return "; ".join(
-            [
-                f"{self.frame_rate_hz:.0f} frames a second" + _of_display(self.display_hz),
-                f"{100.0 * self.dropped_share:.1f} % dropped",
-                "latency not measured"
-                if total is None
-                else f"pose to picture {total['p50']:.0f} ms, 95 % within {total['p95']:.0f} ({_stages(self)})",
-                *(_part_words(name, part) for name, part in _parts(self)),
-                f"buzz {_felt(self.haptics, 'felt')}, chime {_felt(self.sound, 'heard')}",
-                *([] if self.stop is None else [f"stop tried with: {self.stop}{_after(self.stop_after_s)}"]),
-            ]
-        )
+def measurement_text(check: HeadsetCheck) -> str:
+    """All measurements in one line."""
+    total = check.latency_ms.get("total_ms")
+    return "; ".join(
+        [
+            f"{check.frame_rate_hz:.0f} frames a second" + _of_display(check.display_hz),
+            f"{100.0 * check.dropped_share:.1f} % dropped",
+            "latency not measured"
+            if total is None
+            else f"pose to picture {total['p50']:.0f} ms, 95 % within {total['p95']:.0f} ({_stages(check)})",
+            *(_part_text(name, part) for name, part in _parts(check)),
+            f"buzz {_felt(check.haptics, 'felt')}, chime {_felt(check.sound, 'heard')}",
+            *([] if check.stop is None else [f"stop tried with: {check.stop}{_after(check.stop_after_s)}"]),
+        ]
+    )
 
 
 def _after(seconds: float | None) -> str:
@@ -134,7 +93,7 @@ def _parts(check: HeadsetCheck) -> tuple[tuple[str, TrackedPart], ...]:
     return ("head", check.head), ("left hand", check.left), ("right hand", check.right)
 
 
-def _part_words(name: str, part: TrackedPart) -> str:
+def _part_text(name: str, part: TrackedPart) -> str:
     jitter = "" if part.jitter_mm is None else f", jitter {part.jitter_mm:.2f} mm"
     reach = "" if part.reach_m is None else f", reach {part.reach_m:.2f} m"
     return f"{name} ({part.with_}) tracked {100.0 * part.share:.0f} %{jitter}{reach}"

@@ -9,17 +9,19 @@ import numpy as np
 from msgspec.structs import asdict
 
 from avrgym.models import human
-from avrgym.models.human import JOINTS, Sex
-from avrgym.recording.schema import Answer, BodyTargets, Control, Latency, Metrics, TrackingFrame
+from avrgym.models.human import Sex
+from avrgym.recording.configuration import BodyModel
+from avrgym.recording.schema import Answer, BodyTargets, Control, Latency, Metrics, Outcome, TrackingFrame
 from avrgym.recording.writer import RecordingWriter
+from avrgym.study.design.design import Design
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
 from avrgym.study.storage.answers import record_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
 from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
-from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.latency import STAGES
+from helpers.studies.configurations import trial_configuration
 from helpers.studies.small_studies import fitting_answers
 
 STEPS = 5
@@ -59,7 +61,9 @@ def run_trials(
     for trial in store.remaining_trials(pseudonym)[:count]:
         attempt = begin_attempt(store, session.id, trial.position)
         frames_held = (held or {}).get(trial.position, 0)
-        metrics = record_trial(store.path(attempt.recording), participant, trial, held=frames_held)
+        metrics = record_trial(
+            store.path(attempt.recording), store.design, participant, trial, held=frames_held
+        )
         if not trial.practice:
             for item in ITEMS:
                 record_answer(store, attempt.id, Answer(item, rate(participant, trial, item), 1.0))
@@ -78,6 +82,7 @@ def break_off(store: Store, pseudonym: str) -> TrialAttempt:
 
 def record_trial(
     path: Path,
+    design: Design,
     participant: Participant,
     trial: Trial,
     *,
@@ -85,11 +90,15 @@ def record_trial(
     held: int = 0,
     **changes: Any,
 ) -> Metrics:
-    """Write a trial's recording, of other metadata where ``changes`` say so; gives the trial's metrics.
+    """Write a trial's recording, with ``changes`` to its configuration; returns the trial's metrics.
 
-    The last few frames are ``held``.
+    The last ``held`` frames are not applied.
     """
-    writer = RecordingWriter(path, _metadata(participant, trial) | changes)
+    values = {
+        "simulated": participant.simulated,
+        "person": BodyModel(participant.sex, torso_height_m(participant), "fair"),
+    }
+    writer = RecordingWriter(path, trial_configuration(design, trial, **values | changes))
     rng = np.random.default_rng([participant.number, trial.position, other_course])
     lean_deg, reward = rng.uniform(-5.0, 15.0), 0.0
     for step in range(1, STEPS + 1):
@@ -107,7 +116,7 @@ def record_trial(
         writer.write("/latency", 500_000_000, latency_of(participant))
     writer.write("/answers", 900_000_000, Answer("L1", 4, 1.0))
     metrics = Metrics(STEPS, reward, success=bool(rng.random() < 0.5), seconds=4.0)
-    writer.close({"result": "completed", **asdict(metrics)})
+    writer.close(Outcome(result="completed", **asdict(metrics)))
     return metrics
 
 
@@ -117,20 +126,6 @@ def latency_of(participant: Participant) -> Latency:
     even = [1.0] * len(waits_ms)
     stages = dict.fromkeys(STAGES, even) | {STAGES[-1]: waits_ms}
     return Latency([1, 2, 3], **stages)
-
-
-def _metadata(participant: Participant, trial: Trial) -> dict[str, Any]:
-    task, _ = find_environment(trial.environment)
-    return {
-        "environment": trial.environment,
-        "policy": trial.policy,
-        "seed": trial.seed,
-        "practice": trial.practice,
-        "simulated": participant.simulated,
-        "person": {"sex": participant.sex, "torso_height_m": torso_height_m(participant)},
-        "joints": list(JOINTS),
-        "reward_weights": dict(TASKS[task].weights),
-    }
 
 
 def _control(step: int, reward: float) -> Control:

@@ -11,17 +11,18 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-import msgspec
 import psycopg
 import sqlalchemy as sa
 from msgspec.structs import asdict
 
+from avrgym.recording.configuration import BodyModel
 from avrgym.recording.schema import (
     Answer,
     BodyTargets,
     Control,
     Event,
     Metrics,
+    Outcome,
     Pose,
     Stream,
     StreamSamples,
@@ -35,7 +36,7 @@ from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
-from avrgym.tasks.registry import plugins_of
+from helpers.studies.configurations import trial_configuration
 from helpers.system.processes import die_with_parent
 
 STEPS = 3
@@ -88,26 +89,21 @@ def take_in(store: Store, simulated: bool = True, name: str = "", contact: str =
     return pseudonym
 
 
-def plugins_in(trial: Trial) -> dict[str, Any]:
-    """What recordings store of plug-ins; those of earlier versions store nothing."""
-    return {"plugins": msgspec.to_builtins(plugins_of(trial.environment))}
+def record(
+    store: Store, attempt: TrialAttempt, trial: Trial, *, simulated: bool = True, **changes: Any
+) -> None:
+    """Write the complete recording of an attempt: a few steps and frames, and the answers.
 
-
-def record(store: Store, attempt: TrialAttempt, trial: Trial, *, simulated: bool = True) -> None:
-    """Write the complete recording of an attempt: a few steps and frames, and the answers."""
-    metadata = {
-        "environment": trial.environment,
-        "policy": trial.policy,
-        "seed": trial.seed,
-        "practice": trial.practice,
-        "trial": trial.position,
+    ``changes`` are changes to its configuration.
+    """
+    values = {
         "attempt": attempt.number,
         "simulated": simulated,
-        "joints": ["waist_x", "waist_y"],
-        "person": {"sex": "woman", "torso_height_m": TORSO_HEIGHT_M},
-        **plugins_in(trial),
+        "joints": ("waist_x", "waist_y"),
+        "person": BodyModel("woman", TORSO_HEIGHT_M, "fair"),
     }
-    writer = RecordingWriter(store.path(attempt.recording), metadata)
+    configuration = trial_configuration(store.design, trial, **values | changes)
+    writer = RecordingWriter(store.path(attempt.recording), configuration)
     for step in range(1, STEPS + 1):
         time_ns = step * 100_000_000
         writer.write("/tracking", time_ns, _frame(step))
@@ -122,7 +118,7 @@ def record(store: Store, attempt: TrialAttempt, trial: Trial, *, simulated: bool
     if not trial.practice:
         for value, item in enumerate(store.design.items_at("after_trial"), start=3):
             writer.write("/answers", 400_000_000, Answer(item.id, min(value, item.points), 1.25))
-    writer.close({"result": "completed", **asdict(METRICS)})
+    writer.close(Outcome(result="completed", **asdict(METRICS)))
 
 
 def _frame(step: int) -> TrackingFrame:
@@ -133,10 +129,12 @@ def _frame(step: int) -> TrackingFrame:
     )
 
 
-def run_trial(store: Store, session: StudySession, trial: Trial, *, simulated: bool = True) -> TrialAttempt:
+def run_trial(
+    store: Store, session: StudySession, trial: Trial, *, simulated: bool = True, **changes: Any
+) -> TrialAttempt:
     """One whole trial: attempt, recording, answers, completion."""
     attempt = begin_attempt(store, session.id, trial.position)
-    record(store, attempt, trial, simulated=simulated)
+    record(store, attempt, trial, simulated=simulated, **changes)
     if not trial.practice:
         for value, item in enumerate(store.design.items_at("after_trial"), start=3):
             record_answer(store, attempt.id, Answer(item.id, min(value, item.points), 1.25))
@@ -145,12 +143,12 @@ def run_trial(store: Store, session: StudySession, trial: Trial, *, simulated: b
 
 
 def run_participant(
-    store: Store, pseudonym: str, trials: int | None = None, *, simulated: bool = True
+    store: Store, pseudonym: str, trials: int | None = None, *, simulated: bool = True, **changes: Any
 ) -> None:
     """A session with a participant's remaining trials, or the first few of them."""
     session = open_session(store, pseudonym)
     for trial in store.remaining_trials(pseudonym)[:trials]:
-        run_trial(store, session, trial, simulated=simulated)
+        run_trial(store, session, trial, simulated=simulated, **changes)
     close_session(store, session.id)
 
 

@@ -14,8 +14,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import msgspec
+
 from avrgym.recording.reader import RecordingError, read_recording
-from avrgym.recording.schema import Metrics
+from avrgym.recording.schema import Metrics, Outcome
 from avrgym.recording.writer import RecordingWriter
 from avrgym.study.checking.checks import check_study
 from avrgym.study.export import export_study
@@ -188,19 +190,22 @@ def assert_same(whole: Path, folder: Path) -> int:
         return sum(len(store.attempts(pseudonym)) for pseudonym in people)
 
 
-def recorded_of(store: Store, pseudonym: str) -> Iterator[tuple[dict[str, Any], dict[str, Any] | None, list]]:
+def recorded_of(store: Store, pseudonym: str) -> Iterator[tuple[dict[str, Any], Outcome | None, list]]:
     """All that the recordings of a participant's completed trials hold, but for session, attempt and slow disks."""
     completed = {a.trial: a for a in store.attempts(pseudonym) if a.state == "completed"}
     for trial in store.trials(pseudonym):
         recording = read_recording(store.path(completed[trial.id].recording))
-        metadata = {name: value for name, value in recording.metadata.items() if name not in RUN}
-        metadata["consent"] = {name: value for name, value in metadata["consent"].items() if name not in RUN}
+        values = msgspec.to_builtins(recording.configuration)
+        configuration = {name: value for name, value in values.items() if name not in RUN}
+        configuration["consent"] = {
+            name: value for name, value in values["consent"].items() if name not in RUN
+        }
         messages = [
             message
             for message in recording.messages
             if getattr(message[2], "name", "") != "recording_stalled"
         ]
-        yield metadata, recording.outcome, messages
+        yield configuration, recording.outcome, messages
 
 
 RUN = {
@@ -250,7 +255,7 @@ def _attempt(row: dict[str, str]) -> tuple[str, str, str]:
 def assert_loads(path: Path) -> None:
     """A file reads up to where it was broken off; only one that was killed as it was opened is none yet."""
     try:
-        assert read_recording(path).metadata["simulated"]
+        assert read_recording(path).configuration.simulated
     except RecordingError:
         assert path.stat().st_size < HEADER_BYTES
 

@@ -79,7 +79,7 @@ def driving(plan: SessionPlan) -> Policies:
 def result(recording: Recording) -> str:
     """How an attempt ended, by its recording."""
     assert recording.outcome is not None
-    return recording.outcome["result"]
+    return recording.outcome.result
 
 
 def events(recording: Recording) -> list[str]:

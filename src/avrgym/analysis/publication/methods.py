@@ -180,8 +180,8 @@ def _apparatus(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
     software = versions()
     checked = describe_headset_checks([row for row in analysis.headsets if row.simulated is flow.simulated])
     yield (
-        f"AVR Gym {software['avrgym']} simulated the robots ({', '.join(design.robots)}) and the person's body with "
-        f"MuJoCo {software['mujoco']} (as of this analysis; the report lists recordings of other versions). "
+        f"AVR Gym {software.avrgym} simulated the robots ({', '.join(design.robots)}) and the person's body with "
+        f"MuJoCo {software.mujoco} (as of this analysis; the report lists recordings of other versions). "
         f"Headset and controllers: {design.reporting.headset or missing('headset and controllers')}"
     )
     yield describe_by_design(uses_of(analysis, flow), design, _equipment)
@@ -215,9 +215,7 @@ def _withdrawal(design: Design) -> str:
 def _plugins(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
     """What others than AVR Gym provided, as the recordings store it."""
     used = Counter(
-        f"{each.called}: {each.then}"
-        for each in analysis.observed.plugins
-        if each.simulated is flow.simulated
+        f"{each.label}: {each.then}" for each in analysis.observed.plugins if each.simulated is flow.simulated
     )
     if used:
         said = "; ".join(f"{what}, {count_text(number, 'trial')}" for what, number in sorted(used.items()))

@@ -205,11 +205,11 @@ def _observe_recording(
     except (OSError, RecordingError, StudyError) as error:
         tell(f"cannot be read: {_without_path(error, exported)}", WITHOUT_ALL)
         return replace(row, recorded="unreadable")
-    if recording.metadata.get("simulated") is not row.simulated:
+    if recording.configuration.simulated is not row.simulated:
         tell("and the study differ in whether the participant was simulated", "the trial is not counted")
         return replace(row, recorded="contradictory", counted=False)
     found.plugins.extend(
-        recorded_plugins(recording.metadata, row.participant, row.position, simulated=row.simulated)
+        recorded_plugins(recording.configuration, row.participant, row.position, simulated=row.simulated)
     )
     row = replace(row, held_share=tracking_loss_share(recording))
     left_out = describe_excess_loss(recording, exported.store.design) if row.counted else None
@@ -277,7 +277,7 @@ def _streams(row: TrialRow, recording: Recording) -> list[StreamRow]:
 
 def guard_interventions(recording: Recording) -> int | None:
     """How often a force guard acted; ``None`` where there was none."""
-    if not recording.metadata.get("force_guard"):
+    if not recording.configuration.force_guard:
         return None
     return sum(event.name == INTERVENTION_EVENT for _, event in recording.topics["/events"])
 

@@ -9,7 +9,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.human import JOINT_INDEX, JOINTS, SEXES, People, Posture
+from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control
 from avrgym.vr.session.attempt import versions
@@ -42,21 +42,19 @@ def read_trial_series(recording: Recording, posture: Posture) -> TrialSeries:
     return TrialSeries(
         [time_ns / 1e9 for time_ns, _ in control],
         [step for _, step in control],
-        recording.metadata.get("reward_weights") or {},
+        recording.configuration.reward_weights,
         _body(recording, posture),
     )
 
 
 def version_differences(recording: Recording) -> str:
     """With which versions the trial was recorded, if they are not those that run now; else nothing."""
-    recorded: Mapping[str, str] = recording.metadata.get("versions") or {}
-    present = versions()
-    names = {"avrgym": "AVR Gym", "mujoco": "MuJoCo"}
-    return ", ".join(
-        f"{names[name]} {recorded[name]} (now {now})"
-        for name, now in present.items()
-        if recorded.get(name, now) != now
-    )
+    recorded, present = recording.configuration.versions, versions()
+    pairs = [
+        ("AVR Gym", recorded.avrgym, present.avrgym),
+        ("MuJoCo", recorded.mujoco, present.mujoco),
+    ]
+    return ", ".join(f"{name} {then} (now {now})" for name, then, now in pairs if then != now)
 
 
 def head_centres(people: People, posture: Posture) -> FloatArray:
@@ -68,26 +66,18 @@ def head_centres(people: People, posture: Posture) -> FloatArray:
 
 def _body(recording: Recording, posture: Posture) -> Body | None:
     """From what the body is driven to: calibration and inverse kinematics put the head's centre where it is."""
-    person = _person(recording.metadata)
+    configuration = recording.configuration
+    person = configuration.person
     control, targets = recording.topics["/control"], recording.topics["/body_targets"]
-    if person is None or not control or not targets:
+    if configuration.joints != tuple(JOINTS) or not control or not targets:
         return None
     angles = _held(targets, [time_ns for time_ns, _ in control])
     if angles.shape[1] != len(JOINTS):
         return None
-    sex, torso_height_m = person
     people = People.unimpaired(
-        np.full(len(angles), sex == "woman"), np.full(len(angles), torso_height_m), angles
+        np.full(len(angles), person.sex == "woman"), np.full(len(angles), person.torso_height_m), angles
     )
-    return Body(torso_height_m, head_centres(people, posture), angles[:, WAIST])
-
-
-def _person(metadata: Mapping[str, Any]) -> tuple[str, float] | None:
-    person: Mapping[str, Any] = metadata.get("person") or {}
-    known = person.get("sex") in SEXES and isinstance(person.get("torso_height_m"), float)
-    if not known or metadata.get("joints") != list(JOINTS):
-        return None
-    return person["sex"], person["torso_height_m"]
+    return Body(person.torso_height_m, head_centres(people, posture), angles[:, WAIST])
 
 
 def _held(targets: Sequence[tuple[int, Any]], times_ns: Sequence[int]) -> FloatArray:

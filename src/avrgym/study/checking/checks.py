@@ -89,7 +89,7 @@ def _check_stray(store: Store, name: str) -> Finding:
 
 def _is_completed(path: Path) -> bool:
     try:
-        return read_recording(path).end == "completed"
+        return read_recording(path).result == "completed"
     except (OSError, RecordingError):
         return False
 
@@ -270,10 +270,16 @@ def _differences(
     recording: Recording, stored: Mapping[str, Any], answers: list[GivenAnswer]
 ) -> Iterator[str]:
     """Names of what recording and database tell differently; the latest answers may lack where a crash cut a file."""
-    recorded_values = {**recording.metadata, "torso height": recording.torso_height_m}
-    for name, value in stored.items():
-        if recorded_values.get(name) != value:
-            yield name
+    configuration = recording.configuration
+    recorded_values = {
+        "environment": configuration.environment,
+        "policy": configuration.policy,
+        "seed": configuration.seed,
+        "practice": configuration.practice,
+        "simulated": configuration.simulated,
+        "torso height": configuration.person.torso_height_m,
+    }
+    yield from (name for name, value in stored.items() if recorded_values[name] != value)
     recorded = {answer.item: answer.value for _, answer in recording.topics["/answers"]}
     kept = [answer for answer in answers if answer.item in recorded or recording.outcome is not None]
     if any(recorded.get(answer.item) != answer.value for answer in kept):

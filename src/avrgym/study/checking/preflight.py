@@ -40,7 +40,7 @@ def plugins_needed(store: Store) -> tuple[UsedPlugin, ...]:
         found |= {*plugins_of(environment)}
         with suppress(PolicyError):
             found |= {*plugins_used(environment, load_study_policy(store, environment, name))}
-    return tuple(sorted(found, key=lambda plugin: plugin.called))
+    return tuple(sorted(found, key=lambda plugin: plugin.label))
 
 
 def policy_faults(store: Store) -> Iterator[tuple[str, str]]:

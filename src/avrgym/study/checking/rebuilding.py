@@ -3,7 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,8 @@ import msgspec
 import sqlalchemy as sa
 
 from avrgym.recording import answers_file
-from avrgym.recording.reader import Recording, RecordingError, read_configuration, read_recording
+from avrgym.recording.configuration import Configuration
+from avrgym.recording.reader import Recording, RecordingError, read_header, read_recording
 from avrgym.recording.writer import end_cut_recording
 from avrgym.study.checking.participation_checks import list_fault, recordings_came_back
 from avrgym.study.design.allocation import PlannedTrial, cell_orders, plan_trials
@@ -62,18 +63,26 @@ class RebuildSummary:
 
 @dataclass(frozen=True)
 class _Kept:
-    """A recording in a session's folder; ``began`` is when, as its file's time tells."""
+    """A recording in a session's folder, by its path in the study."""
 
     name: str
     recording: Recording
-    began: datetime
 
     @property
-    def planned(self) -> tuple[Any, ...]:
-        """What a trial was planned with."""
-        return tuple(
-            self.recording.metadata.get(name) for name in ("environment", "policy", "seed", "practice")
-        )
+    def began_at(self) -> datetime:
+        """Start of the trial, UTC."""
+        return self.recording.began_at
+
+    @property
+    def configuration(self) -> Configuration:
+        """The configuration of the trial."""
+        return self.recording.configuration
+
+    @property
+    def planned(self) -> tuple[str, str, int, bool]:
+        """The values of the planned trial."""
+        configuration = self.configuration
+        return configuration.environment, configuration.policy, configuration.seed, configuration.practice
 
 
 def rebuild_study(folder: Path) -> RebuildSummary:
@@ -147,7 +156,7 @@ class _Rebuilding:
     def _beginnings(self) -> dict[int, datetime]:
         """When the first recording of each participant began."""
         kept = {number: _flat(visits) for number, visits in self._visits.items()}
-        return {number: min(each.began for each in own) for number, own in kept.items() if own}
+        return {number: min(each.began_at for each in own) for number, own in kept.items() if own}
 
     def _rebuild_participant(self, connection: sa.Connection, number: int) -> None:
         """A participant with their trials, or the reason why there is none."""
@@ -197,15 +206,13 @@ class _Rebuilding:
     def _load(self, path: Path) -> _Kept | None:
         name = path.relative_to(self._store.folder).as_posix()
         try:
-            if not read_configuration(path).get("simulated"):
+            if not read_header(path).configuration.simulated:
                 end_cut_recording(path)
             recording = read_recording(path)
         except (OSError, RecordingError) as error:
             self._left_out.append(f"{name}: {error}")
             return None
-        lasted = timedelta(seconds=max((time_ns for _, time_ns, _ in recording.messages), default=0) / 1e9)
-        ended = datetime.fromtimestamp(path.stat().st_mtime, UTC)
-        return _Kept(name, recording, recording.began_at or ended - lasted)
+        return _Kept(name, recording)
 
     def _insert(
         self,
@@ -252,12 +259,12 @@ class _Rebuilding:
         kept = _flat(self._visits[number])
         values = participant_values(content) if content and not self._fault else {}
         if kept and not values:
-            metadata = kept[0].recording.metadata
+            configuration = kept[0].configuration
             values = {
-                "simulated": bool(metadata.get("simulated")),
+                "simulated": configuration.simulated,
                 "site": self._store.design.site or None,
-                "sex": metadata["person"]["sex"],
-                "enrolled_at": _stored(min(each.began for each in kept)),
+                "sex": configuration.person.sex,
+                "enrolled_at": _stored(min(each.began_at for each in kept)),
             }
         elif content and not values:
             values = {name: content[name] for name in ("simulated", "sex", "enrolled_at")}
@@ -268,7 +275,7 @@ class _Rebuilding:
         hash_chain.insert(connection, schema.PARTICIPANT, **row)
         self._unknown += state == UNKNOWN
         consents = self._listed.consents(number) if self._listed and not self._fault else []
-        recorded = [each.recording.metadata.get("consent") for each in kept]
+        recorded = [each.configuration.consent for each in kept]
         restore_consents(self._store, connection, number, [*consents, *(each for each in recorded if each)])
         claimed = f"the unsound list has them as {content['state']}" if content and self._fault else ""
         record_event(connection, "participant rebuilt", claimed, {"participant": number})
@@ -290,18 +297,18 @@ class _Rebuilding:
             state="interrupted",
             station=self._store.station,
             process=0,
-            opened_at=_stored(kept[0].began),
+            opened_at=_stored(kept[0].began_at),
             closed_at=now(),
-            headset_check=kept[-1].recording.metadata.get("headset_check"),
+            headset_check=msgspec.to_builtins(kept[-1].configuration.headset_check),
         )
 
     def _insert_attempt(
         self, connection: sa.Connection, trial: int, session: int, number: int, kept: _Kept, *, again: bool
     ) -> bool:
         """Insert an attempt with its answers; whether it completed its trial."""
-        end = kept.recording.end
+        end = kept.recording.result
         answers = kept.recording.topics["/answers"]
-        asked = {item["id"] for item in kept.recording.metadata.get("items", [])}
+        asked = {item.id for item in kept.configuration.items}
         missing = sorted(asked - {answer.item for _, answer in answers})
         completed = end == "completed" and kept.recording.complete and not again
         broken_off = end if end in INCOMPLETE_ENDS else "interrupted"
@@ -315,8 +322,8 @@ class _Rebuilding:
             recording=kept.name,
             sha256=sha256_of(self._store, kept.name),
             metrics=msgspec.to_builtins(kept.recording.metrics),
-            torso_height_m=kept.recording.torso_height_m,
-            started_at=_stored(kept.began),
+            torso_height_m=kept.configuration.person.torso_height_m,
+            started_at=_stored(kept.began_at),
             ended_at=now(),
         )
         self._attempts += 1
@@ -327,7 +334,7 @@ class _Rebuilding:
         latest = {answer.item: (time_ns, answer) for time_ns, answer in answers}
         late = answers_file.answer_times(self._store.folder / kept.name)
         for time_ns, answer in latest.values():
-            given = late.get(answer.item) or _stored(kept.began + timedelta(seconds=time_ns / 1e9))
+            given = late.get(answer.item) or _stored(kept.began_at + timedelta(seconds=time_ns / 1e9))
             row = msgspec.structs.asdict(answer)
             hash_chain.insert(
                 connection, schema.ANSWER, session=session, attempt=attempt, answered_at=given, **row
@@ -350,7 +357,7 @@ def _covers(plan: Plan, kept: Iterable[_Kept]) -> bool:
 
 def _adopt(plan: Plan, kept: Iterable[_Kept]) -> Plan:
     """A plan with the practice robots and seeds of recordings whose version drew them otherwise, by position."""
-    told = {each.recording.metadata.get("trial"): each.planned for each in kept}
+    told = {each.configuration.trial: each.planned for each in kept}
     return tuple(
         _adopt_one(trial, *told[trial.position]) if trial.position in told else trial for trial in plan
     )

@@ -8,9 +8,8 @@ from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.reader import (
     Recording,
     RecordingError,
-    read_configuration,
+    read_header,
     read_recording,
-    torso_height_m,
 )
 from avrgym.recording.schema import Control
 from avrgym.study.storage.answers import answer_moments
@@ -73,11 +72,11 @@ class ExportedAttempt:
         """Whether the recording is here and another than when its trial was completed."""
         return sha256_of(self.store, self.attempt.recording) not in (None, self.attempt.sha256)
 
-    def torso_height_m(self) -> float | None:
-        """The torso height of the person's body in the trial, if row or recording tells it."""
+    def torso_height_m(self) -> float:
+        """Torso height of the participant's body model in the trial."""
         if self.attempt.torso_height_m is not None:
             return self.attempt.torso_height_m
-        return torso_height_m(read_configuration(self.store.path(self.attempt.recording)))
+        return read_header(self.store.path(self.attempt.recording)).configuration.person.torso_height_m
 
     @property
     def _absence(self) -> str:

@@ -1,20 +1,19 @@
 """Decisions about consent texts. Each is stored with the checksum of its text, and the archive stores the text."""
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+import msgspec
 import sqlalchemy as sa
 
+from avrgym.recording.configuration import RecordedConsent
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.rows import Consent, ConsentText, Participant, pseudonym_of
 from avrgym.study.storage.schema import now
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all
 from avrgym.texts.interface_texts import TextsError, normalize_whitespace, read_texts
-
-RECORDED = ("version", "language", "sha256", "at")
-"""Fields of a consent in recordings."""
 
 
 @dataclass(frozen=True)
@@ -75,30 +74,30 @@ def store_consent(
     return Consent(key, at, participant.number, agreed, shown.version, shown.language, sha256)
 
 
-def latest_consent(consents: Iterable[Consent]) -> dict[str, str] | None:
-    """The latest consent as recordings store it, without fields that earlier versions of AVR Gym did not store."""
+def latest_consent(consents: Iterable[Consent]) -> RecordedConsent | None:
+    """The latest consent, as recordings store it."""
     agreed = [each for each in consents if each.agreed]
     if not agreed:
         return None
-    stored = {name: getattr(agreed[-1], name) for name in RECORDED}
-    return {name: value for name, value in stored.items() if value is not None}
+    latest = agreed[-1]
+    return RecordedConsent(latest.at, latest.version, latest.language, latest.sha256)
 
 
 def restore_consents(
-    store: Store, connection: sa.Connection, number: int, recorded: Iterable[Mapping[str, str]]
+    store: Store, connection: sa.Connection, number: int, recorded: Iterable[RecordedConsent]
 ) -> None:
     """Store the consents of a participant from recordings, in order, and the latest one in their row.
 
     The design's text is archived again if they agreed to it.
     """
-    consents = {each["at"]: each for each in recorded}
+    consents = {each.at: each for each in recorded}
     for _, each in sorted(consents.items()):
-        values = {name: each.get(name) for name in RECORDED}
+        values = msgspec.structs.asdict(each)
         hash_chain.insert(connection, schema.CONSENT, participant=number, agreed=True, **values)
-        stored = {f"consent_{name}": each.get(name) for name in ("version", "sha256")}
-        hash_chain.update(connection, schema.PARTICIPANT, number, consented_at=each["at"], **stored)
-        shown = current_text(store, each.get("language", ""))
-        if shown and (shown.version, shown.sha256) == (each.get("version"), each.get("sha256")):
+        row = {"consented_at": each.at, "consent_version": each.version, "consent_sha256": each.sha256}
+        hash_chain.update(connection, schema.PARTICIPANT, number, **row)
+        shown = current_text(store, each.language or "")
+        if shown and (shown.version, shown.sha256) == (each.version, each.sha256):
             _archived(connection, shown, find_all(connection, ConsentText))
 
 

@@ -6,6 +6,7 @@ from dataclasses import asdict
 import sqlalchemy as sa
 
 from avrgym.models.human import SEXES, Sex
+from avrgym.recording.configuration import RecordedConsent
 from avrgym.study.design.allocation import cell_fill_order, least_filled_cell, plan_trials
 from avrgym.study.design.design import Design
 from avrgym.study.design.validation import NAME
@@ -241,7 +242,9 @@ def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
         about = {"participant": participant.number}
         change_state(connection, participant, after, about)
         if participant.consented_at is None:
-            restore_consents(store, connection, participant.number, [{"at": participant.enrolled_at}])
+            restore_consents(
+                store, connection, participant.number, [RecordedConsent(participant.enrolled_at)]
+            )
         record_event(connection, PARTICIPATION_CONFIRMED, evidence, about)
     return after
 

@@ -14,7 +14,7 @@ from importlib.metadata import version
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.recording.reader import RecordingError, read_beginning
+from avrgym.recording.reader import RecordingError, read_header
 from avrgym.study.checking.policy_files import PolicyFile, policy_files
 from avrgym.study.checking.preflight import plugins_needed, policy_faults
 from avrgym.study.design.design import FILE as DESIGN
@@ -168,7 +168,7 @@ def sha256(data: bytes) -> str:
 
 def software_versions() -> dict[str, str]:
     """The versions of what simulates and of what computes the analysis."""
-    return versions() | {name: version(name) for name in ("numpy", "scipy")}
+    return msgspec.structs.asdict(versions()) | {name: version(name) for name in ("numpy", "scipy")}
 
 
 UNKNOWN = "an unknown time"
@@ -297,9 +297,10 @@ def _with_evidence(store: Store, data: bytes, frozen: FrozenPlan) -> FrozenPlan:
 
 
 def _is_before_all(store: Store, moment: datetime) -> bool:
-    """Whether a moment is before the beginning of every recording; one of unknown beginning proves nothing."""
+    """Whether a moment is before the beginning of every recording. False if a recording cannot be read."""
     try:
-        beginnings = [read_beginning(path) for path in (store.folder / RECORDINGS).rglob("*.mcap")]
+        return all(
+            moment < read_header(path).began_at for path in (store.folder / RECORDINGS).rglob("*.mcap")
+        )
     except (OSError, RecordingError):
         return False
-    return all(each is not None and moment < each for each in beginnings)

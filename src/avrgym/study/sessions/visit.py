@@ -153,7 +153,7 @@ class StudyVisit:
         files = msgspec.json.encode(policy_files(self.store)).decode()
         record_session_event(self.store, self.stored.id, POLICIES_USED, files)
         used = {each for key, policy in self.policies.items() for each in plugins_used(key[0], policy)}
-        for each in sorted(used, key=lambda plugin: plugin.called):
+        for each in sorted(used, key=lambda plugin: plugin.label):
             record_session_event(
                 self.store, self.stored.id, "plug-in used", msgspec.json.encode(each).decode()
             )

@@ -159,7 +159,7 @@ def finished_metrics(
         if writer_ended:
             end_cut_recording(path)
         recording = read_recording(path)
-        if not (recording.complete and recording.end == "completed"):
+        if not (recording.complete and recording.result == "completed"):
             return None
         answers = [answer for _, answer in recording.topics["/answers"]]
         for answer in reconcile_answers(store, connection, attempt, answers):

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from avrgym.questionnaires.questionnaire import MOMENTS, MOST_POINTS, Item, Questionnaire
-from avrgym.recording.reader import RecordingError, read_configuration
+from avrgym.recording.reader import RecordingError, read_header
 from avrgym.study.design.comparison import Wordings
 from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import GivenAnswer, Participant, StoredDesign, Trial, TrialAttempt
@@ -280,7 +280,7 @@ class _Reading:
         """The present design with what the recording of an attempt reports."""
         design = self._store.design
         translate = translator(self._store, self._participant.language or design.languages[0], None)
-        configuration = read_configuration(self._store.path(attempt.recording))
+        configuration = read_header(self._store.path(attempt.recording)).configuration
         return design_as_recorded(design, self._trials[attempt.trial], configuration, translate)
 
     @cached_property

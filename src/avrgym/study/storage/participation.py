@@ -18,6 +18,7 @@ from typing import Any
 
 import msgspec
 
+from avrgym.recording.configuration import RecordedConsent
 from avrgym.study.storage import signing
 from avrgym.study.storage.schema import new_salt
 from avrgym.system.files import PRIVATE_FILE, private_opener, write_atomically
@@ -91,17 +92,16 @@ class Participation:
         """Each time that the database was rebuilt."""
         return [each for each in self.without_participant if each["event"] == REBUILT]
 
-    def consents(self, participant: int) -> list[dict[str, str]]:
+    def consents(self, participant: int) -> list[RecordedConsent]:
         """The consents of a participant: when, and to which text."""
         own = [each.content for each in self.entries if each.participant == participant and each.content]
-        names = {
-            "at": "consented_at",
-            "version": "consent_version",
-            "sha256": "consent_sha256",
-            "language": "language",
-        }
         return [
-            {name: each[column] for name, column in names.items() if column in each}
+            RecordedConsent(
+                each["consented_at"],
+                each.get("consent_version"),
+                each.get("language"),
+                each.get("consent_sha256"),
+            )
             for each in own
             if "consented_at" in each
         ]

@@ -7,9 +7,9 @@ from typing import Any
 import msgspec
 
 from avrgym.models.human import Sex
+from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.schema import Answer, Metrics
 from avrgym.study.storage.states import StudyError
-from avrgym.vr.headset_check import HeadsetCheck
 
 RECORDINGS = "recordings"
 

@@ -7,10 +7,9 @@ from typing import Any
 
 import msgspec
 
-from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
-from avrgym.questionnaires.stop_rules import StopRule
-from avrgym.recording.reader import RecordingError, read_configuration
+from avrgym.recording.configuration import Configuration
+from avrgym.recording.reader import RecordingError, read_header
 from avrgym.study.design.comparison import Wordings, design_from_dict
 from avrgym.study.design.design import Design, InclusionQuestion
 from avrgym.study.storage.rows import Participant, StoredDesign, StudySession, Trial, TrialAttempt
@@ -22,48 +21,36 @@ from avrgym.texts.interface_texts import TextsError, normalize_whitespace, read_
 
 Translate = Callable[[str], str]
 AFTER_TRIAL = "after_trial"
-_FIELDS: Mapping[str, tuple[str, Any]] = {
-    "steps": ("trial_steps", int),
-    "force_guard": ("force_guard", bool),
-    "withdraw_after_success": ("withdraw_after_success", bool),
-    "free_movement_s": ("free_movement_s", float),
-    "stop_rules": ("stop_rules", tuple[StopRule, ...]),
-    "furniture": ("furniture", RealFurniture),
-}
-"""The field of a design and its type, by its name in a recording's configuration."""
 
 
 def design_as_recorded(
-    design: Design, trial: Trial, configuration: Mapping[str, Any], translate: Translate
+    design: Design, trial: Trial, configuration: Configuration, translate: Translate
 ) -> Design:
     """A design whose fields are replaced by the configuration in a trial's recording.
 
     Args:
         design: gives the fields that are not recorded.
         trial: the trial.
-        configuration: the configuration in its recording; missing fields change nothing.
+        configuration: the configuration in its recording; fields that are ``None`` change nothing.
         translate: translates a sentence of the design into the words that this participant read.
     """
-    changes: dict[str, Any] = {}
-    for name, (field, kind) in _FIELDS.items():
-        with suppress(KeyError, msgspec.ValidationError, ValueError):
-            changes[field] = msgspec.convert(configuration[name], kind)
+    changes: dict[str, Any] = {
+        "trial_steps": configuration.steps,
+        "force_guard": configuration.force_guard,
+        "withdraw_after_success": configuration.withdraw_after_success,
+        "furniture": configuration.furniture,
+    }
+    if configuration.free_movement_s is not None:
+        changes["free_movement_s"] = configuration.free_movement_s
+    if configuration.stop_rules is not None:
+        changes["stop_rules"] = configuration.stop_rules
     task = find_environment(trial.environment)[0]
-    goal, expected = configuration.get("goal"), design.goals.get(task) or TASKS[task].goal
-    if isinstance(goal, str) and goal not in (expected, translate(expected)):
-        changes["goals"] = {**design.goals, task: goal}
-    items = recorded_items(configuration)
-    if items is not None and not trial.practice:
-        changes["questionnaires"] = _asked(design, trial.seed, items, translate)
+    expected = design.goals.get(task) or TASKS[task].goal
+    if configuration.goal not in (expected, translate(expected)):
+        changes["goals"] = {**design.goals, task: configuration.goal}
+    if not trial.practice:
+        changes["questionnaires"] = _asked(design, trial.seed, configuration.items, translate)
     return msgspec.structs.replace(design, **changes)
-
-
-def recorded_items(configuration: Mapping[str, Any]) -> tuple[Item, ...] | None:
-    """The items after a trial, in the participant's words; ``None`` where its recording does not contain it."""
-    try:
-        return msgspec.convert(configuration["items"], tuple[Item, ...])
-    except (KeyError, msgspec.ValidationError):
-        return None
 
 
 def _asked(
@@ -278,10 +265,12 @@ def _recorded(
     wordings = None if stored is None else stored.wordings
     translate = translator(store, participant.language or design.languages[0], wordings)
     trials = {trial.id: trial for trial in store.trials(participant.pseudonym)}
-    configurations = list[tuple[Trial, dict[str, Any]]]()
+    configurations = list[tuple[Trial, Configuration]]()
     for attempt in attempts:
         with suppress(OSError, RecordingError, StudyError, KeyError):  # other checks report it
-            configurations.append((trials[attempt.trial], read_configuration(store.path(attempt.recording))))
+            configurations.append(
+                (trials[attempt.trial], read_header(store.path(attempt.recording)).configuration)
+            )
     if stored is None:
         for each in configurations:
             design = design_as_recorded(design, *each, translate)

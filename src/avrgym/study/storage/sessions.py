@@ -5,6 +5,7 @@ import os
 import msgspec
 import sqlalchemy as sa
 
+from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.schema import AttemptEnd
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.answers import has_open_questionnaire
@@ -26,7 +27,7 @@ from avrgym.study.storage.store import (
     subject_of,
 )
 from avrgym.system.processes import is_running
-from avrgym.vr.headset_check import HeadsetCheck
+from avrgym.vr.headset_check import measurement_text, verdict_text
 
 
 def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> StudySession:
@@ -121,7 +122,7 @@ def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> N
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         hash_chain.update(connection, schema.SESSION, session.id, headset_check=msgspec.to_builtins(check))
-        detail = f"{check.words()} {check.figures()}"
+        detail = f"{verdict_text(check)} {measurement_text(check)}"
         record_event(connection, "headset checked", detail, subject_of(session))
 
 

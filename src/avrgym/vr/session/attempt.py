@@ -1,11 +1,9 @@
 """One attempt at a trial: its recording, as it happens, and what it gave so far."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import msgspec
 import mujoco
 import numpy as np
 
@@ -14,19 +12,20 @@ from avrgym.geometry.elementary import fingerprint_of_c_library
 from avrgym.models import human
 from avrgym.models.body_names import PARTS
 from avrgym.recording import schema
+from avrgym.recording.configuration import BodyModel, Configuration, HeadsetCheck, Versions
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.writer import RecordingWriter
 from avrgym.system.files import make_private_folder
 from avrgym.system.used_plugins import UsedPlugin, own_version
 from avrgym.tasks.constants import WORLD_VERSION
 from avrgym.tasks.control_loop import ControlStep
-from avrgym.vr.headset_check import HeadsetCheck
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.tracking.tracking_state import Followed
 
-Configuration = Callable[[int], Mapping[str, Any]]
+Configure = Callable[[int], Configuration]
+"""Returns the configuration of the attempt with a number."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +63,14 @@ class Attempt:
     """
 
     def __init__(
-        self, folder: Path, trial: int, configuration: Configuration, began_s: float, *, first_number: int = 1
+        self, folder: Path, trial: int, configure: Configure, began_s: float, *, first_number: int = 1
     ) -> None:
         """Open the recording of the first attempt at this trial that ``folder`` does not hold yet.
 
         Args:
             folder: where recordings go; made when it is missing.
             trial: the trial's number, from 1.
-            configuration: gives what to store with an attempt of a number.
+            configure: returns the configuration of the attempt with a number.
             began_s: now.
             first_number: that of the first attempt that this folder is for; earlier ones are elsewhere.
 
@@ -85,8 +84,8 @@ class Attempt:
         self._told_of_stall = False
         self._targets_rad: FloatArray | None = None
         self._records: list[tuple[str, int, schema.Record]] = []
-        self._finished: dict[str, Any] | None = None
-        self.number, self._recording = _open(folder, trial, configuration, first_number)
+        self._finished: schema.Outcome | None = None
+        self.number, self._recording = _open(folder, trial, configure, first_number)
 
     @property
     def success(self) -> bool:
@@ -181,7 +180,7 @@ class Attempt:
             )
             self.record("/tracking", record, frame.received_s)
 
-    def close(self, result: str, now_s: float) -> RecordingError | None:
+    def close(self, result: schema.AttemptEnd, now_s: float) -> RecordingError | None:
         """End the recording; what keeps it from being complete, if anything does."""
         self.hand_over()
         try:
@@ -190,14 +189,14 @@ class Attempt:
             return error
         return None
 
-    def _outcome(self, result: str, now_s: float) -> dict[str, Any]:
-        return {
-            "result": result,
-            "steps": self.steps,
-            "reward": self.reward,
-            "success": self.success,
-            "seconds": now_s - self.began_s,
-        }
+    def _outcome(self, result: schema.AttemptEnd, now_s: float) -> schema.Outcome:
+        return schema.Outcome(
+            result=result,
+            steps=self.steps,
+            reward=self.reward,
+            success=self.success,
+            seconds=now_s - self.began_s,
+        )
 
 
 def control_record(number: int, step: ControlStep, driver: str, idle: bool) -> schema.Control:
@@ -217,9 +216,9 @@ def control_record(number: int, step: ControlStep, driver: str, idle: bool) -> s
     )
 
 
-def versions() -> dict[str, str]:
-    """What a recording depends on to be stepped again bit by bit."""
-    return {"avrgym": own_version(), "mujoco": mujoco.__version__}
+def versions() -> Versions:
+    """The versions that run now."""
+    return Versions(own_version(), mujoco.__version__)
 
 
 def configuration(
@@ -231,62 +230,51 @@ def configuration(
     session: str,
     plugins: Sequence[UsedPlugin],
     headset: HeadsetCheck | None = None,
-) -> dict[str, Any]:
-    """All that an attempt at the plan's trial ``index`` is run with, in plain values.
-
-    ``start_rad`` are the joint angles of the person that the episode began with, ``start`` is all else that it
-    began with: replay draws nothing. ``headset_check`` is included if the headset was checked before, ``consent``
-    where a study stored one.
-    """
-    trial = plan.trials[index]
-    checked = {} if headset is None else {"headset_check": msgspec.to_builtins(headset)}
-    return {
-        "session": session,
-        "environment": trial.environment,
-        "policy": trial.policy,
-        "seed": trial.seed,
-        "practice": trial.practice,
-        "goal": plan.goal_of(trial),
-        "tracked": list(world.task.tracked),
-        "trial": index + 1,
-        "attempt": attempt,
-        "steps": plan.trial_steps,
-        "simulated": plan.simulated,
-        "person": {
-            "sex": world.person.sex,
-            "torso_height_m": world.person.torso_height_m,
-            "skin_tone": world.person.skin_tone,
-            **({} if world.person.arm_scale == 1.0 else {"arm_scale": world.person.arm_scale}),
-        },
-        "start_rad": world.person.joint_angles_rad.tolist(),
-        "start": world.start,
-        "joints": list(human.JOINTS),
-        "bodies": list(world.bodies),
-        "xr_from_world": {"position": xr_from_world.position, "orientation": xr_from_world.orientation},
-        "language": plan.texts.language,
-        "force_guard": plan.force_guard,
-        "withdraw_after_success": plan.withdraw_after_success,
-        "free_movement_s": plan.free_movement_s,
-        "stop_rules": msgspec.to_builtins(plan.stop_rules.rules),
-        **checked,
-        **({} if plan.consent is None else {"consent": dict(plan.consent)}),
-        "furniture": msgspec.to_builtins(plan.furniture),
-        "reward_weights": dict(world.task.weights),
-        "items": [msgspec.to_builtins(item) for item in plan.items_after(trial)],
-        "versions": versions(),
-        "plugins": msgspec.to_builtins(plugins),
-        "world_version": WORLD_VERSION,
-        "c_library": fingerprint_of_c_library(),
-    }
+) -> Configuration:
+    """The configuration of an attempt at the plan's trial ``index``."""
+    trial, person = plan.trials[index], world.person
+    return Configuration(
+        session=session,
+        environment=trial.environment,
+        policy=trial.policy,
+        seed=trial.seed,
+        practice=trial.practice,
+        goal=plan.goal_of(trial),
+        tracked=tuple(world.task.tracked),
+        trial=index + 1,
+        attempt=attempt,
+        steps=plan.trial_steps,
+        simulated=plan.simulated,
+        person=BodyModel(person.sex, person.torso_height_m, person.skin_tone, person.arm_scale),
+        start_rad=tuple(person.joint_angles_rad.tolist()),
+        start=world.start,
+        joints=tuple(human.JOINTS),
+        bodies=tuple(world.bodies),
+        xr_from_world=schema.Pose(list(xr_from_world.position), list(xr_from_world.orientation)),
+        language=plan.texts.language,
+        force_guard=plan.force_guard,
+        withdraw_after_success=plan.withdraw_after_success,
+        free_movement_s=plan.free_movement_s,
+        stop_rules=plan.stop_rules.rules,
+        headset_check=headset,
+        consent=plan.consent,
+        furniture=plan.furniture,
+        reward_weights=dict(world.task.weights),
+        items=tuple(plan.items_after(trial)),
+        versions=versions(),
+        plugins=tuple(plugins),
+        world_version=WORLD_VERSION,
+        c_library=fingerprint_of_c_library(),
+    )
 
 
-def _open(folder: Path, trial: int, configuration: Configuration, number: int) -> tuple[int, RecordingWriter]:
+def _open(folder: Path, trial: int, configure: Configure, number: int) -> tuple[int, RecordingWriter]:
     """The first attempt from ``number`` on that there is no file of, and its new recording."""
     make_private_folder(folder)
     while True:
         path = folder / f"trial-{trial:02}_attempt-{number}.mcap"
         try:
-            return number, RecordingWriter(path, configuration(number))
+            return number, RecordingWriter(path, configure(number))
         except FileExistsError:
             number += 1
 

@@ -8,7 +8,7 @@ from avrgym.recording import answers_file, schema
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
 from avrgym.vr.session import events
-from avrgym.vr.session.attempt import Attempt, Configuration, Experience
+from avrgym.vr.session.attempt import Attempt, Configure, Experience
 from avrgym.vr.session.events import EventSink
 from avrgym.vr.tracking.frames import Frame
 from avrgym.vr.tracking.tracking_state import Followed
@@ -46,9 +46,9 @@ class AttemptStorage:
         """How the latest attempt has been so far."""
         return Experience() if self._latest is None else self._latest.experience
 
-    def begin(self, trial: int, configuration: Configuration, first_number: int, now_s: float) -> Attempt:
+    def begin(self, trial: int, configure: Configure, first_number: int, now_s: float) -> Attempt:
         """Begin an attempt at a trial, both numbers from 1; see ``Attempt``. ``OSError`` when it cannot be recorded."""
-        attempt = Attempt(self._folder, trial, configuration, now_s, first_number=first_number)
+        attempt = Attempt(self._folder, trial, configure, now_s, first_number=first_number)
         if self.failing:
             self._sink.forget_failures()
         self.attempt = self._latest = attempt

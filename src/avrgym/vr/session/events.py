@@ -11,8 +11,8 @@ from typing import Literal
 
 from avrgym.models.body_names import Part
 from avrgym.models.human import Sex
+from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.schema import Answer, AttemptEnd
-from avrgym.vr.headset_check import HeadsetCheck
 from avrgym.vr.protocol.messages import PhaseName, StopWay, Visibility
 
 Who = Literal["participant", "experimenter"]

@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 
 from avrgym.array_types import FloatArray
+from avrgym.recording.configuration import HeadsetCheck, TrackedPart
 from avrgym.recording.schema import Latency
-from avrgym.vr.headset_check import HeadsetCheck, TrackedPart
 from avrgym.vr.latency import percentiles_ms
 from avrgym.vr.protocol.messages import HeadsetFrames, StopWay, Tracking, XRPose
 

@@ -9,6 +9,7 @@ from avrgym.models.human import Sex
 from avrgym.policies.registry import AnyPolicy, find_for_session
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
 from avrgym.questionnaires.stop_rules import StopRules
+from avrgym.recording.configuration import RecordedConsent
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.texts.interface_texts import ENGLISH, Texts
@@ -70,8 +71,7 @@ class SessionPlan:
     pauses or ends. ``texts``: what the participant reads, in their language, in which goals and items stand already.
     ``headset_check``: before all else the headset is checked so. ``measure_reach``: who is measured also stretches
     their arms, which become as long as theirs. ``open_questionnaire`` comes before all else.
-    ``consent``: what a study stored of the participant's consent, for the recordings (``version``, ``language``,
-    ``sha256`` of the text, ``at``).
+    ``consent``: the participant's consent, for the recordings.
     """
 
     trials: Sequence[TrialPlan]
@@ -92,7 +92,7 @@ class SessionPlan:
     headset_check: HeadsetCheckPlan | None = None
     measure_reach: bool = False
     open_questionnaire: OpenQuestionnaire | None = None
-    consent: Mapping[str, str] | None = None
+    consent: RecordedConsent | None = None
 
     def __post_init__(self) -> None:
         last = len(self.trials) + (self.open_questionnaire is not None)

@@ -11,12 +11,12 @@ from avrgym.models.body_names import Part
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.questionnaires.stop_rules import Verdict
 from avrgym.recording import schema
+from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
 from avrgym.safety.force_guard import INTERVENTION_EVENT, RELEASE_EVENT
 from avrgym.safety.withdrawal import WITHDRAWAL_EVENT
 from avrgym.texts.interface_texts import Text
-from avrgym.vr.headset_check import HeadsetCheck
 from avrgym.vr.latency import is_whole, percentiles_ms
 from avrgym.vr.live_world.drivers import Driver, Operator
 from avrgym.vr.live_world.world import LiveWorld

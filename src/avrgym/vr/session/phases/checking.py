@@ -7,6 +7,7 @@ from typing import Self
 
 from avrgym.questionnaires.questionnaire import Item, translate
 from avrgym.texts.interface_texts import Text
+from avrgym.vr.headset_check import is_ready, verdict
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.headset_measuring import HeadsetMeasurement
@@ -232,14 +233,14 @@ class CheckResult(Checking):
     ) -> None:
         super().__init__(state, measurement)
         self._check = measurement.result(haptics=answers.get(BUZZ.id), sound=answers.get(CHIME.id))
-        self.says = self._check.verdict(FAULTS_SHOWN)
+        self.says = verdict(self._check, FAULTS_SHOWN)
 
     def entered(self) -> None:
         self.state.headset = self._check
         self.state.sink.tell(events.HeadsetChecked(self.state.now_s, self._check))
 
     def ready(self) -> CheckBegins | phases.Calibration | phases.LoadCalibration:
-        if not self._check.go:
+        if not is_ready(self._check):
             return CheckBegins(self.state)
         self.state.headset_checked = True
         return self._calibrate_again()

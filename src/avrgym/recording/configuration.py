@@ -1,0 +1,151 @@
+"""The configuration of a trial, which begins its recording: everything that the trial was run with."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from avrgym.models.furniture.real_furniture import RealFurniture
+from avrgym.models.human import Person, Sex
+from avrgym.questionnaires.questionnaire import Item
+from avrgym.questionnaires.stop_rules import StopRule
+from avrgym.recording.schema import Pose
+from avrgym.system.used_plugins import UsedPlugin
+from avrgym.tasks.task import EpisodeStart
+
+FORMAT_VERSION = 1
+
+
+class BodyModel(msgspec.Struct, frozen=True):
+    """The participant's body model."""
+
+    sex: Sex
+    torso_height_m: Annotated[float, Meta(description="From the hip bone to the centre of the head.")]
+    skin_tone: str
+    arm_scale: Annotated[float, Meta(description="Length of the arms, relative to this torso height.")] = 1.0
+
+
+class Versions(msgspec.Struct, frozen=True):
+    """The software versions that the recorded numbers depend on."""
+
+    avrgym: str
+    mujoco: str
+
+    def __str__(self) -> str:
+        return f"AVR Gym {self.avrgym}, MuJoCo {self.mujoco}"
+
+
+class RecordedConsent(msgspec.Struct, frozen=True, omit_defaults=True):
+    """The participant's consent. Fields that the study did not store are ``None``."""
+
+    at: Annotated[str, Meta(description="ISO 8601, UTC.")]
+    version: str | None = None
+    language: str | None = None
+    sha256: Annotated[str | None, Meta(description="Checksum of the consent text.")] = None
+
+
+class TrackedPart(msgspec.Struct, frozen=True):
+    """The tracking quality of the head or a hand."""
+
+    with_: Annotated[str, Meta(description="`headset`, `controller`, `hand` (bare), `mouse` or `none`.")] = (
+        msgspec.field(name="with")
+    )
+    share: Annotated[float, Meta(description="Share of the frames in which it was tracked.")]
+    jitter_mm: Annotated[
+        float | None,
+        Meta(description="At rest: root-mean-square distance from parabolas through half a second."),
+    ] = None
+    reach_m: Annotated[float | None, Meta(description="Largest distance of the hand from the head.")] = None
+
+
+class HeadsetCheck(msgspec.Struct, frozen=True):
+    """The measurements of the headset check. A value is ``None`` if it was not measured."""
+
+    device: Annotated[str, Meta(description="As the browser reports it.")]
+    emulated: bool
+    profiles: Annotated[list[str], Meta(description="Of the controllers, as the browser reports them.")]
+    display_hz: float | None
+    seconds: Annotated[float, Meta(description="Duration of the measurement.")]
+    frames: int
+    frame_rate_hz: float
+    dropped_share: float
+    latency_ms: Annotated[
+        dict[str, dict[str, float]], Meta(description="Percentiles of each stage of `/latency`.")
+    ]
+    head: TrackedPart
+    left: TrackedPart
+    right: TrackedPart
+    haptics: Annotated[bool | None, Meta(description="Whether the participant felt the vibration.")] = None
+    sound: Annotated[bool | None, Meta(description="Whether the participant heard the sound.")] = None
+    stop: Annotated[str | None, Meta(description="How the participant tried the stop, or `none`.")] = None
+    stop_after_s: Annotated[float | None, Meta(description="From the request to the stop.")] = None
+
+
+class Configuration(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything that a trial was run with. With it, replay recomputes the trial without random numbers.
+
+    Recordings of AVR Gym 0.2 lack the fields that have a default here.
+    """
+
+    format_version: Annotated[int, Meta(description="Version of this table.")] = FORMAT_VERSION
+    session: Annotated[str, Meta(description="Name of the session: `sub-001 ses-01` in a study.")]
+    environment: str
+    policy: str
+    seed: Annotated[int, Meta(description="Seed from which the start of the episode was drawn.")]
+    practice: bool
+    goal: Annotated[str, Meta(description="The instruction, in the participant's language.")]
+    tracked: Annotated[
+        tuple[str, ...], Meta(description="The parts that the task needs: `head`, `left`, `right`.")
+    ]
+    trial: Annotated[int, Meta(description="Number of the trial in the session, from 1.")]
+    attempt: Annotated[int, Meta(description="Number of the attempt at the trial, from 1.")]
+    steps: Annotated[int, Meta(description="Planned number of control steps.")]
+    simulated: Annotated[bool, Meta(description="Whether a program took the participant's place.")]
+    person: BodyModel
+    start_rad: Annotated[
+        tuple[float, ...],
+        Meta(description="The person's joint angles at the start, in the order of `joints`."),
+    ]
+    start: EpisodeStart
+    joints: Annotated[tuple[str, ...], Meta(description="The joints of the person.")]
+    bodies: Annotated[tuple[str, ...], Meta(description="The bodies of the scene.")]
+    xr_from_world: Annotated[Pose, Meta(description="Pose of the simulated world in `local-floor`.")]
+    language: str
+    force_guard: bool
+    withdraw_after_success: bool
+    free_movement_s: Annotated[
+        float | None, Meta(description="Free movement before and after the trial.")
+    ] = None
+    stop_rules: Annotated[tuple[StopRule, ...] | None, Meta(description="The stop rules of the study.")] = (
+        None
+    )
+    headset_check: HeadsetCheck | None = None
+    consent: RecordedConsent | None = None
+    furniture: RealFurniture
+    reward_weights: dict[str, float]
+    items: Annotated[tuple[Item, ...], Meta(description="The questions after the trial, in order.")]
+    versions: Versions
+    plugins: tuple[UsedPlugin, ...]
+    world_version: Annotated[int, Meta(description="Replay needs the same version of the simulated world.")]
+    c_library: Annotated[str, Meta(description="Fingerprint of the rounding of the C library.")]
+
+    @property
+    def start_person(self) -> Person:
+        """The person at the start of the episode; ``ValueError`` for values that the model does not allow."""
+        return Person(**msgspec.structs.asdict(self.person), joint_angles_rad=np.array(self.start_rad, float))
+
+
+def from_metadata(values: Mapping[str, Any]) -> Configuration:
+    """The configuration from a metadata record.
+
+    Raises:
+        ValueError: for missing or invalid fields, or a format newer than this release.
+    """
+    version = values.get("format_version", FORMAT_VERSION)
+    if isinstance(version, int) and version > FORMAT_VERSION:
+        raise ValueError(
+            f"its format version is {version}; this release reads up to {FORMAT_VERSION}: update avrgym"
+        )
+    return msgspec.convert(values, Configuration)

@@ -1,0 +1,58 @@
+"""Configurations of made-up recordings."""
+
+import dataclasses
+from datetime import UTC, datetime
+from typing import Any
+
+from msgspec.structs import replace
+
+from avrgym.models.human import JOINTS
+from avrgym.recording.configuration import BodyModel, Configuration
+from avrgym.recording.reader import Recording, read_header
+from avrgym.study.design.design import Design
+from avrgym.study.storage.rows import Trial
+from avrgym.tasks.registry import TASKS, find_environment, plugins_of
+from helpers.system.places import OLD_RECORDING
+
+
+def configuration(**changes: Any) -> Configuration:
+    """A valid configuration with some changed fields."""
+    return replace(read_header(OLD_RECORDING).configuration, **changes)
+
+
+def made_recording(*messages: tuple[str, int, Any], **changes: Any) -> Recording:
+    """A complete recording of these messages (topic, log_time_ns, record)."""
+    return Recording(configuration(**changes), None, list(messages), True, datetime(2026, 1, 1, tzinfo=UTC))
+
+
+def with_configuration(recording: Recording, **changes: Any) -> Recording:
+    """A recording with changed fields of its configuration."""
+    return dataclasses.replace(recording, configuration=replace(recording.configuration, **changes))
+
+
+def trial_configuration(
+    design: Design, trial: Trial, *, simulated: bool, person: BodyModel, **changes: Any
+) -> Configuration:
+    """The configuration of a trial that follows its design."""
+    task, _ = find_environment(trial.environment)
+    values = {
+        "environment": trial.environment,
+        "policy": trial.policy,
+        "seed": trial.seed,
+        "practice": trial.practice,
+        "goal": design.goals.get(task) or TASKS[task].goal,
+        "trial": trial.position,
+        "steps": design.trial_steps,
+        "simulated": simulated,
+        "person": person,
+        "joints": tuple(JOINTS),
+        "force_guard": design.force_guard,
+        "withdraw_after_success": design.withdraw_after_success,
+        "free_movement_s": design.free_movement_s,
+        "stop_rules": design.stop_rules,
+        "furniture": design.furniture,
+        "reward_weights": dict(TASKS[task].weights),
+        "items": () if trial.practice else design.items_at("after_trial", trial.seed),
+        "plugins": plugins_of(trial.environment),
+    }
+    return configuration(**values | changes)
