@@ -1,7 +1,7 @@
-"""Writes the parts of the reference that follow from the program: ``python scripts/write_reference.py``
+"""Writes the generated parts of the reference: ``python scripts/write_reference.py``
 
-The command line, the messages, the recording, the study file and the policy file, into ``build/reference``, from where
-the pages in ``docs/reference`` take them in.
+Commands, messages, files, policies, populations, tables and errors, into ``build/reference``. The pages in ``docs``
+include them.
 """
 
 import inspect
@@ -22,6 +22,7 @@ from avrgym.questionnaires.stop_rules import StopRule
 from avrgym.recording import schema
 from avrgym.study.design import design
 from avrgym.vr.protocol import messages
+from reference_tables import TABLES
 
 OUT = Path(__file__).parents[1] / "build" / "reference"
 STUDY_TABLES = {
@@ -36,11 +37,11 @@ STUDY_TABLES = {
     "`[database]`": design.DatabaseConfig,
 }
 NAMES: dict[type, str] = {kind: name for name, kind in STUDY_TABLES.items()} | {
-    HumanRole: "what a human's says",
+    HumanRole: "the role of a human",
     messages.XRPose: "a pose",
     schema.Pose: "a pose",
 }
-"""What structs are called where they are fields."""
+"""Names of structs that are fields."""
 WORDS: dict[type[types.Type], str] = {
     types.IntType: "whole number",
     types.FloatType: "number",
@@ -54,7 +55,7 @@ BOUNDS = {"ge": "≥ {}", "le": "≤ {}", "min_length": "at least {} long", "max
 
 
 def main() -> None:
-    """Write every part."""
+    """Write every part into its own file."""
     OUT.mkdir(parents=True, exist_ok=True)
     pages = {
         "commands": commands(get_command(app)),
@@ -65,12 +66,12 @@ def main() -> None:
         "study_file": structs(STUDY_TABLES.items()),
         "policy_file": structs([("The header", PolicyMetadata), ("A human", HumanRole)]),
     }
-    for name, lines in pages.items():
+    for name, lines in (pages | {name: write() for name, write in TABLES.items()}).items():
         (OUT / f"{name}.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def commands(group: Any, *path: str) -> Iterator[str]:
-    """What each command below a group says of itself, in the order of their names."""
+    """The help of each command of a group, sorted by name."""
     for name, command in sorted(group.commands.items()):
         if hasattr(command, "commands"):
             yield from commands(command, *path, name)
@@ -82,7 +83,7 @@ def commands(group: Any, *path: str) -> Iterator[str]:
 def _messages() -> Iterator[str]:
     unions = {
         "From the participant's page": messages.ClientMessage,
-        "From whoever watches and commands": messages.ExperimenterMessage,
+        "From the experimenter's and spectators' pages": messages.ExperimenterMessage,
         "From the server": messages.ServerMessage,
     }
     for title, union in unions.items():
@@ -96,21 +97,21 @@ def _tag(kind: type[messages.Message]) -> str:
 
 
 def structs(named: Iterable[tuple[str, type[msgspec.Struct]]], level: int = 2) -> Iterator[str]:
-    """A section for each struct: what it is, and its fields."""
+    """A section for each struct: its docstring and its fields."""
     for title, kind in named:
-        yield from (f"{'#' * level} {title}", "", words(kind), "")
+        yield from (f"{'#' * level} {title}", "", docstring(kind), "")
         fields = types.type_info(kind).fields  # type: ignore[attr-defined]
         rows = [(f"`{each.encode_name}`", type_words(each.type), _default(each)) for each in fields]
-        yield from table(("field", "holds", "unless given"), rows)
+        yield from table(("field", "type", "default"), rows)
 
 
-def words(thing: Any) -> str:
+def docstring(thing: Any) -> str:
     """A docstring as Markdown."""
     return (inspect.getdoc(thing) or "").replace("``", "`")
 
 
 def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[str]:
-    """A table; nothing where it has no rows. A column that is empty throughout is left out."""
+    """A table in Markdown without its empty columns; nothing if it has no rows."""
     kept = [place for place in range(len(head)) if any(row[place] for row in rows)]
     for row in (head, ("---",) * len(head), *rows) if rows else ():
         yield f"| {' | '.join(_cell(row[place]) for place in kept)} |"
@@ -128,7 +129,7 @@ def _default(field: types.Field) -> str:
 
 
 def type_words(info: types.Type) -> str:
-    """A type as people say it, with what is allowed."""
+    """A type in words, with its bounds."""
     allowed = [
         text.format(value)
         for name, text in BOUNDS.items()

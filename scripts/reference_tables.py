@@ -1,0 +1,247 @@
+"""Tables of the reference that come from records, policy files and source: see ``write_reference``."""
+
+import ast
+import dataclasses
+import inspect
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from avrgym.learning.evaluation import Evaluation, wilson_interval
+from avrgym.people.zoo.partners import OF_ONE_STYLE, ZOOS
+from avrgym.people.zoo.styles import STYLES, Style
+from avrgym.policies.trained import Policy, packaged_policies
+from avrgym.questionnaires.instrument import Instrument
+from avrgym.questionnaires.registry import INSTRUMENTS
+from avrgym.safety.approach_speed import effective_mass_kg
+from avrgym.safety.force_guard import GUARD_SHARE
+from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, blow_speed_m_s
+from avrgym.tasks.episodes import Episodes
+from avrgym.tasks.registry import ENVIRONMENTS, ROBOTS, TASKS
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "src" / "avrgym"
+sys.path.insert(0, str(ROOT / "research"))
+
+from figures_file import name_of, read  # noqa: E402
+from papers_results import SIMULATION, short  # noqa: E402
+from partners import FIGURES_FILE, GROUPS  # noqa: E402
+from policy_tables import settings_table  # noqa: E402
+
+Lines = Iterator[str]
+KINDS = ("original", "revised", "adaptive")
+AXES = ("delay", "amplitude", "tempo")
+
+
+def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> Lines:
+    """A table in Markdown."""
+    for row in (head, ("---",) * len(head), *rows):
+        yield f"| {' | '.join(' '.join(cell.replace('|', '¦').split()) for cell in row)} |"
+    yield ""
+
+
+def _parsed(file: Path) -> ast.Module:
+    return ast.parse(file.read_text("utf-8"))
+
+
+def _sentence(docstring: str | None) -> str:
+    first = " ".join((docstring or "").replace("``", "`").split("\n\n")[0].split())
+    return re.split(r"(?<=[.:]) (?=[A-Z])", first)[0]
+
+
+def observations() -> Lines:
+    """The parts of each task's observation, in order, with their sizes."""
+    rows = []
+    for name, task in TASKS.items():
+        found = task.observation(task.scene(ROBOTS["Jaco"]))
+        parts = ", ".join(f"`{entry.name}` ({entry.size})" for entry in found.entries)
+        rows.append((name, str(found.size), parts))
+    return table(("task", "numbers with the Jaco", "parts in order"), rows)
+
+
+def body_regions() -> Lines:
+    """Force limits by body region, and the contact speeds that reach half of them."""
+    environments = {robot: f"avrgym/Feeding{robot}-v1" for robot in ("Jaco", "PR2")}
+    speeds = {
+        robot: blow_speed_m_s(
+            GUARD_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(Episodes(environment, 1).simulation)
+        )
+        for robot, environment in environments.items()
+    }
+    rows = [
+        (
+            region.name,
+            f"{region.quasi_static_limit_n:g} N",
+            f"{region.transient_limit_n:g} N",
+            f"{region.spring_n_mm:g} N/mm",
+            f"{region.mass_kg:g} kg",
+            *(f"{100 * speeds[robot][number]:.0f} cm/s" for robot in environments),
+            ", ".join(region.geoms),
+        )
+        for number, region in enumerate(BODY_REGIONS)
+    ]
+    head = "region", "quasi-static limit", "transient limit", "spring", "mass"
+    return table((*head, *(f"maximum contact speed, {robot}" for robot in environments), "geoms"), rows)
+
+
+def policies() -> Lines:
+    """Success, force and exceeded limits of every packaged policy with every population that was evaluated."""
+    figures = read(FIGURES_FILE)
+    rows = []
+    for environment, kind, policy in _packaged():
+        found = [figures.get(name_of(environment, kind, group)) for group in GROUPS]
+        cells = ("–" if each is None else _result(each) for each in found)
+        rows.append((short(environment), kind, _result(policy.metadata.measured), *cells))
+    return table(("environment", "policy", "training", *GROUPS), rows)
+
+
+def _result(figures: Mapping[str, Any]) -> str:
+    rate, episodes = figures["success_rate"], figures["episodes"]
+    low, high = (100.0 * end for end in wilson_interval(round(rate * episodes), episodes))
+    over = f"; {figures['episodes_over_limit']}" if "episodes_over_limit" in figures else ""
+    force_n = figures["force_mean_newton"]
+    return f"{100.0 * rate:.1f} % [{low:.0f}, {high:.0f}]; {force_n:.1f} N{over}; {episodes}"
+
+
+def _packaged() -> Iterator[tuple[str, str, Policy]]:
+    for environment in ENVIRONMENTS:
+        files = packaged_policies(environment)
+        for kind in KINDS:
+            if kind in files:
+                yield environment, kind, Policy.load(files[kind])
+
+
+def policy_training() -> Lines:
+    """What each packaged policy reaches on its training population, next to the paper, and how it was trained."""
+    rows = []
+    for environment, kind, policy in _packaged():
+        metadata, paper = policy.metadata, SIMULATION[environment]
+        success, reward = metadata.measured["success_rate"], metadata.measured["reward_mean"]
+        hours = f"{metadata.seconds / 3600:.1f}" if metadata.seconds else "–"
+        training = f"{policy.action_deviation:.2g}", f"{metadata.steps / 1e6:.2f} M", hours
+        results = f"{100 * success:.1f} %", f"{paper.success} %", f"{reward:.0f}", str(paper.reward)
+        rows.append((short(environment), kind, *results, *training))
+    head = "success", "success, paper", "reward", "reward, paper", "noise", "steps", "hours"
+    return table(("environment", "policy", *head), rows)
+
+
+def training_settings() -> Lines:
+    """How the settings of trainings differ between the tasks."""
+    return iter([*settings_table(), ""])
+
+
+def zoo_styles() -> Lines:
+    """What people of each style do, and the sources."""
+    return table(
+        ("style", "behaviour", "sources"),
+        [(f"`{name}`", style.does, style.source) for name, style in STYLES.items()],
+    )
+
+
+def zoo_partners() -> Lines:
+    """Which parameters each style moves along which axis, and how many partners it has."""
+    rows = [
+        (f"`{name}`", *(_ranges(style, axis) for axis in AXES), _counts(name))
+        for name, style in STYLES.items()
+    ]
+    total = " + ".join(str(len(partners)) for partners in ZOOS.values())
+    return table(("style", *AXES, "partners, train + unseen"), [*rows, ("all", "", "", "", total)])
+
+
+def _ranges(style: Style, axis: str) -> str:
+    return ", ".join(f"{trait} {first:g}–{last:g}" for trait, (first, last) in getattr(style, axis).items())
+
+
+def _counts(name: str) -> str:
+    return " + ".join(str(len(OF_ONE_STYLE[f"{zoo}/{name}"])) for zoo in ZOOS)
+
+
+def instruments() -> Lines:
+    """The validated questionnaires, their answers and their scores."""
+    rows = [
+        (f"`{each.name}`", each.title, _answers(each), ", ".join(f"`{name}`" for name in each.scale_names))
+        for each in INSTRUMENTS.values()
+    ]
+    return table(("`use`", "questionnaire", "answers", "scores"), rows)
+
+
+def _answers(instrument: Instrument) -> str:
+    response = instrument.response
+    steps = f" in steps of {response.step}" if response.step != 1 else ""
+    return f"{response.lowest} to {response.highest}{steps}"
+
+
+def evaluation() -> Lines:
+    """The keys of a row of ``avrgym evaluate --json``."""
+    yield " ".join((inspect.getdoc(Evaluation) or "").replace("``", "`").split())
+    yield ""
+    kinds = ((field.name, str(getattr(field.type, "__name__", field.type))) for field in _fields(Evaluation))
+    yield from table(("key", "type"), [(f"`{name}`", f"`{kind}`") for name, kind in kinds])
+
+
+def _fields(kind: Any) -> tuple[Any, ...]:
+    return dataclasses.fields(kind)
+
+
+def analysis_tables() -> Lines:
+    """The tables of an analysis: what a row is, and its columns."""
+    trees = [_parsed(file) for file in sorted((SOURCE / "analysis").rglob("*.py"))]
+    classes = {node.name: node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+    rows = {}
+    for node in (node for tree in trees for node in ast.walk(tree)):
+        match node:
+            case ast.Call(func=ast.Attribute(attr="of"), args=[ast.Constant(value=str(name)), kind, *_]):
+                found = classes.get(ast.unparse(kind).split(".")[-1])
+                if found is not None:
+                    rows[name] = (f"`{name}`", _sentence(ast.get_docstring(found)), _columns(found))
+    return table(("table", "a row", "columns"), [rows[name] for name in sorted(rows)])
+
+
+def _columns(kind: ast.ClassDef) -> str:
+    names = [ast.unparse(node.target) for node in kind.body if isinstance(node, ast.AnnAssign)]
+    return ", ".join(f"`{name}`" for name in names)
+
+
+def errors() -> Lines:
+    """Every message of an error in the source, by package; … stands for names and numbers."""
+    for package in sorted(path for path in SOURCE.iterdir() if path.is_dir() and path.name != "skeletons"):
+        found = {text for file in sorted(package.rglob("*.py")) for text in _messages(_parsed(file))}
+        if found:
+            yield from (f"### {package.name}", "")
+            yield from (f"- `{text}`" for text in sorted(found, key=str.lower))
+            yield ""
+
+
+def _messages(tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args:
+            text = " ".join(_text(node.exc.args[0]).replace("`", "").split())
+            if len(text.strip(" …:;,.")) > 8:
+                yield text
+
+
+def _text(node: ast.expr) -> str:
+    """The text of a string expression; names and numbers as …."""
+    match node:
+        case ast.Constant(value=str(text)):
+            return text
+        case ast.JoinedStr(values=values):
+            return "".join(_text(value) if isinstance(value, ast.Constant) else "…" for value in values)
+        case ast.BinOp(left=left, op=ast.Add(), right=right):
+            return _text(left) + _text(right)
+        case ast.IfExp(body=body):
+            return _text(body)
+        case _:
+            return "…"
+
+
+TABLES = {
+    each.__name__: each
+    for each in (
+        observations, body_regions, policies, policy_training, training_settings, zoo_styles, zoo_partners,
+        instruments, evaluation, analysis_tables, errors,
+    )
+}  # fmt: skip
+"""By the name of the file that they are written to."""
