@@ -1,6 +1,6 @@
-"""What robots do after success in sessions of a simulated participant, with and without the withdrawal.
+"""Contact after success in sessions of a simulated participant, with and without withdrawal.
 
-    python research/after_success.py    prints the table of docs/vr.md; takes half an hour on one core
+    python research/after_success.py    prints the table of the note of 2026-11-27; takes half an hour on one core
 
 Each row is a session of eight trials of 20 s, seeds 0 to 7, with the force guard.
 """

@@ -1,4 +1,6 @@
-"""How often a study's analysis is wrong: the tables of docs/analysis.md. `python research/inference.py TABLE`.
+"""Error rates of a study's analysis: the tables of docs/explanation/statistics.md.
+
+    python research/inference.py TABLE
 
 TABLE is one of stars, success, effects or mixed. Each takes a few minutes of one core.
 """

@@ -1,8 +1,8 @@
 """Original against Revised, like for like: same recipe, same steps, same seeds; only the people in training differ.
 
-    python research/like_for_like.py train    trains what is not trained yet, and goes on where it was cut off
+    python research/like_for_like.py train    trains or continues each policy
     python research/like_for_like.py measure  evaluates each policy with `participants`, a held-out population
-    python research/like_for_like.py table    prints the table of the note of 2026-11-24
+    python research/like_for_like.py table    prints the table of the note of 2026-11-23
 
 Policies are in `runs/like_for_like`, results in `research/like_for_like.json`. Needs the extra `train`.
 """
@@ -26,7 +26,7 @@ STEPS = {"Feeding": 256_000, "Drinking": 64_000, "ScratchItch": 256_000, "BedBat
 EPISODES, SHOWN_SEED = 100, 0
 UNDER_WAY, FIGURES_FILE = Path("runs/like_for_like"), Path(__file__).with_suffix(".json")
 FIGURES = ("episodes", "success_rate", "success_ci95", "reward_mean", "reward_std", "force_mean_newton")
-"""Of each policy with `participants`, as ``evaluate`` has them."""
+"""Stored figures of each evaluation."""
 
 
 HEAD = (
@@ -49,22 +49,22 @@ class Run(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Of the environment, the people and the seed."""
+        """Environment, population and seed."""
         return f"{short(self.environment)}-{self.people}-{self.seed}"
 
     @property
     def policy(self) -> Path:
-        """The file of what was trained."""
+        """The policy's file."""
         return UNDER_WAY / self.name / "policy.safetensors"
 
 
 Figures = Mapping[Run, Mapping[str, object]]
 RUNS = [Run(environment, people, seed) for seed in SEEDS for environment in ENVIRONMENTS for people in PEOPLE]
-"""The first seed's first."""
+"""Trainings of the first seed come first."""
 
 
 def main() -> None:
-    """Do one of the three."""
+    """Run one of the three commands."""
     do: dict[str, Callable[[], None]] = {"train": train_all, "measure": measure_all, "table": print_table}
     if len(sys.argv) != 2 or sys.argv[1] not in do:
         sys.exit(__doc__)
@@ -72,7 +72,7 @@ def main() -> None:
 
 
 def train_all() -> None:
-    """Train what is not trained yet."""
+    """Train or continue every policy."""
     from avrgym.learning import training
 
     for run in RUNS:
@@ -109,7 +109,7 @@ def print_table() -> None:
 
 
 def table() -> Iterator[str]:
-    """Of the seeds the mean, in brackets the least and the most of them, and the mean reward."""
+    """Mean success of the seeds with its range, and mean reward."""
     by_name = read(FIGURES_FILE)
     own: Figures = {run: by_name[_name(run, run.people)] for run in RUNS}
     met: Figures = {run: by_name[_name(run, "participants")] for run in RUNS}
@@ -137,7 +137,7 @@ def _spread(measured: Sequence[Mapping[str, object]]) -> str:
 
 
 def _overall(figures: Figures, people: str, seed: int) -> float:
-    """The success of a seed's policies over all environments."""
+    """Mean success of a seed over all environments."""
     return mean(_success(figures[Run(environment, people, seed)]) for environment in ENVIRONMENTS)
 
 

@@ -1,9 +1,9 @@
-"""Measures every packaged policy anew and writes what it reaches into its file.
+"""Evaluates every packaged policy and writes the results into its file.
 
     python research/measure_policies.py
 
-Needed whenever the world changes; `research/policy_tables.py` then prints the tables of docs/policies.md. Each
-policy meets people like those it was trained on, 1 000 episodes of the stream that no choice has seen, seed 0.
+Run it after every change of the simulated world. Each policy is evaluated with its training population in 1 000
+episodes of the test split, seed 0.
 """
 
 from dataclasses import replace

@@ -1,12 +1,11 @@
-"""What an adaptive policy's memory is worth: the same trainings with it and without it.
+"""Adaptive policies with and without memory: the same trainings with both.
 
-    python research/memory_ablation.py train      trains what is not trained yet, and goes on where it stopped
-    python research/memory_ablation.py measure    has each meet people it was trained with, and who tremble
-    python research/memory_ablation.py table      prints the table of docs/recurrent_recipe.md
+    python research/memory_ablation.py train      trains or continues each policy
+    python research/memory_ablation.py measure    evaluates each with its training population and with tremor
+    python research/memory_ablation.py table      prints the table of the note of 2026-11-27
 
-Without it the same network remembers nothing, for the weights of its recurrent unit are zero and stay so; the critic,
-which no policy contains, keeps its own. Policies lie in `runs/memory_ablation`, figures in
-`research/memory_ablation.json`. Needs the extra `train`.
+Without memory the weights of the recurrent unit are fixed at zero; the critic keeps its own. Policies are in
+`runs/memory_ablation`, results in `research/memory_ablation.json`. Needs the extra `train`.
 """
 
 import sys
@@ -27,7 +26,7 @@ FIGURES = ("episodes", "split", "success_rate", "success_ci95", "force_mean_newt
 
 
 def main() -> None:
-    """Do one of the three."""
+    """Run one of the three commands."""
     do = {"train": train, "measure": measure, "table": lambda: print(*table(), sep="\n")}
     if sys.argv[1:] not in [[each] for each in do]:
         sys.exit(__doc__)
@@ -35,13 +34,13 @@ def main() -> None:
 
 
 def train() -> None:
-    """Train what is not trained yet."""
+    """Train or continue every policy."""
     from avrgym.learning import recurrent_recipe
 
     remembers = recurrent_recipe.RecurrentNetwork
 
     class Forgetful(remembers):
-        """The same network, whose recurrent unit always says zero."""
+        """The same network with a recurrent unit that always returns zero."""
 
         def __init__(self, *sizes) -> None:
             super().__init__(*sizes)
@@ -56,15 +55,15 @@ def train() -> None:
                 if not _has_ended(out):
                     recurrent_recipe.resume(out)
                 continue
-            asked = recurrent_recipe.RecurrentConfiguration(
+            settings = recurrent_recipe.RecurrentConfiguration(
                 environment=environment, steps=STEPS, imitation_share=IMITATION_SHARE, seed=TRAINING_SEED
             )
-            policy = recurrent_recipe.train(asked, out)
+            policy = recurrent_recipe.train(settings, out)
             print(environment, kind, policy.metadata.measured["success_rate"], flush=True)
 
 
 def measure() -> None:
-    """Measure what is not measured yet."""
+    """Evaluate every policy that has no results yet."""
     for environment in ENVIRONMENTS:
         for kind in KINDS:
             for group, (people, impairment) in GROUPS.items():
@@ -79,13 +78,13 @@ def measure() -> None:
 
 
 def table() -> Iterator[str]:
-    """A row for each environment and kind, a column for each group of people, of what is measured."""
-    told = read(FIGURES_FILE)
+    """A row for each environment and kind, a column for each population."""
+    figures = read(FIGURES_FILE)
     yield row("environment", "", *GROUPS)
     yield row(*["---"] * (2 + len(GROUPS)))
     for environment in ENVIRONMENTS:
         for kind in KINDS:
-            found = [told.get(name_of(environment, kind, group)) for group in GROUPS]
+            found = [figures.get(name_of(environment, kind, group)) for group in GROUPS]
             yield row(
                 short(environment),
                 kind,
@@ -94,7 +93,7 @@ def table() -> Iterator[str]:
 
 
 def _has_ended(out: Path) -> bool:
-    """Whether a training left a policy and nothing to go on with."""
+    """Whether a training is complete."""
     return (out / "policy.safetensors").exists() and not (out / "shown").exists()
 
 

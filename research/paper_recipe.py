@@ -4,7 +4,7 @@
                                                       trains for so many steps, the paper's are 10000000, what has had
                                                       fewer, in all environments unless some are named; goes on where
                                                       it stopped
-    python research/paper_recipe.py measure    has each meet people like its own, and `participants`
+    python research/paper_recipe.py measure    evaluates each with its training population and `participants`
     python research/paper_recipe.py table      prints the table of the note of 2026-11-24
 
 Policies are in `runs/paper_recipe`, results in `research/paper_recipe.json`. Needs the extra `train`.
@@ -25,7 +25,7 @@ PEOPLE = ("original", "revised")
 TRAINING_SEED, SHOWN_SEED, EPISODES = 1, 0, 100
 UNDER_WAY, FIGURES_FILE = Path("runs/paper_recipe"), Path(__file__).with_suffix(".json")
 FIGURES = ("episodes", "split", "success_rate", "success_ci95", "reward_mean", "force_mean_newton")
-"""Of each policy with each people, as ``evaluate`` has them."""
+"""Stored figures of each evaluation."""
 HEAD = (
     "environment", "people", "steps", "with people like these", "paper, in simulation",
     "with `participants`", "paper, with people",
@@ -40,17 +40,17 @@ class Run(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Of the environment and the people."""
+        """Environment and population."""
         return f"{short(self.environment)}-{self.people}"
 
     @property
     def policy(self) -> Path:
-        """The file of what was trained."""
+        """The policy's file."""
         return UNDER_WAY / self.name / "policy.safetensors"
 
     @property
     def steps(self) -> int:
-        """How many steps of training it has had."""
+        """Its training steps so far."""
         return Policy.load(self.policy).metadata.steps if self.policy.exists() else 0
 
     def name_with(self, people: str, steps: int) -> str:
@@ -62,7 +62,7 @@ RUNS = [Run(environment, people) for environment in ENVIRONMENTS for people in P
 
 
 def main() -> None:
-    """Do one of the three."""
+    """Run one of the three commands."""
     do: dict[str, Callable[[Sequence[str]], None]] = {
         "train": train,
         "measure": measure,
@@ -74,7 +74,7 @@ def main() -> None:
 
 
 def train(arguments: Sequence[str]) -> None:
-    """Train what has had fewer steps, in all environments unless some are named."""
+    """Train every policy with fewer steps, in all environments unless some are named."""
     from avrgym.learning import training
     from avrgym.learning.configuration import PAPER
 
@@ -88,13 +88,13 @@ def train(arguments: Sequence[str]) -> None:
         if (out / training.CONFIGURATION_FILE).exists():
             policy = training.resume(out, steps=steps)
         else:
-            asked = run.environment, run.people, steps, TRAINING_SEED
-            policy = training.train(training.configuration_for(*asked, settings=PAPER), out)
+            settings = run.environment, run.people, steps, TRAINING_SEED
+            policy = training.train(training.configuration_for(*settings, settings=PAPER), out)
         print(run.name, policy.metadata.measured["success_rate"], flush=True)
 
 
 def measure(_: Sequence[str]) -> None:
-    """Measure what is not measured yet."""
+    """Evaluate every policy that has no results yet."""
     for run in RUNS:
         for people in (run.people, "participants"):
             name = run.name_with(people, run.steps)

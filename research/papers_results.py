@@ -1,4 +1,4 @@
-"""What the paper's policies reached, and how tables name environments."""
+"""Results of the paper, and rows of tables."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ class Reached(NamedTuple):
     """A row of a table of the paper."""
 
     success: int
-    """Of the episodes or trials, in percent."""
+    """Percent of episodes or trials."""
     reward: int
 
 
@@ -48,7 +48,7 @@ VIRTUAL_REALITY = {
 
 
 def short(environment: str) -> str:
-    """An environment's id without what is the same in all."""
+    """An environment's id without namespace and version."""
     return environment.removeprefix("avrgym/").removesuffix("-v1")
 
 

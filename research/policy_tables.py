@@ -1,9 +1,8 @@
-"""What the packaged policies reach, as the tables of docs/policies.md and docs/adaptive.md.
+"""Tables about packaged policies.
 
-python research/policy_tables.py                                   what their own files say
-python research/policy_tables.py settings                          how each task is trained; needs avrgym[train]
-python research/policy_tables.py original.json revised.json       Original against Revised on the same people, of
-                                                                   what `avrgym evaluate --all --json` wrote of each
+python research/policy_tables.py settings                       training settings by task; needs avrgym[train]
+python research/policy_tables.py original.json revised.json     Original against Revised, from two files that
+                                                                `avrgym evaluate --all --json` wrote
 """
 
 import json
@@ -12,36 +11,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from avrgym.learning.evaluation import wilson_interval
-from avrgym.policies.trained import Policy, packaged_policies
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-from papers_results import SIMULATION, short
-
-
-def packaged_table(kind: str) -> Iterator[str]:
-    """The rows of one kind of policy, each on the people it was trained on."""
-    yield "| environment | success | paper | reward | paper | force on the person | chance | steps | hours |"
-    yield "|---|---|---|---|---|---|---|---|---|"
-    for environment in ENVIRONMENTS:
-        file = packaged_policies(environment).get(kind)
-        if file is not None:
-            yield _packaged_row(environment, Policy.load(file))
-
-
-def _packaged_row(environment: str, policy: Policy) -> str:
-    metadata = policy.metadata
-    measured = metadata.measured
-    success = _success(round(measured["success_rate"] * measured["episodes"]), measured["episodes"])
-    paper_success, paper_reward = SIMULATION[environment]
-    hours = f"{metadata.seconds / 3600:.1f}" if metadata.seconds else "–"
-    return (
-        f"| {short(environment)} | {success} | {paper_success} % | {measured['reward_mean']:.0f} | {paper_reward} "
-        f"| {measured['force_mean_newton']:.1f} N | {policy.action_std:.2g} | {metadata.steps / 1e6:.2f} M "
-        f"| {hours} |"
-    )
+from avrgym.tasks.registry import TASKS
+from papers_results import short
 
 
 def comparison_table(original: list[dict], revised: list[dict]) -> Iterator[str]:
-    """Original beside Revised, and both averaged over all environments, which have equally many episodes."""
+    """Original against Revised by environment, and over all environments."""
     yield "| environment | Original | Revised | force, Original | force, Revised |"
     yield "|---|---|---|---|---|"
     for one, other in zip(original, revised, strict=True):
@@ -51,12 +26,12 @@ def comparison_table(original: list[dict], revised: list[dict]) -> Iterator[str]
 
 
 def settings_table() -> Iterator[str]:
-    """What differs between the tasks in how `avrgym train` trains."""
+    """Training settings that differ between the tasks."""
     from avrgym.learning.training import configuration_for
 
     yield (
-        "| task | worlds | minibatch | rounds of imitation | log standard deviation | learning rate "
-        "| last weight of force, 1/N | weight of detours, 1/m | hard episodes |"
+        "| task | worlds | minibatch | imitation rounds | log standard deviation of actions | learning rate "
+        "| final cost of force, 1/N | cost of detours, 1/m | repeated hard episodes |"
     )
     yield "|---|---|---|---|---|---|---|---|---|"
     for task in TASKS:
@@ -85,7 +60,5 @@ if __name__ == "__main__":
     elif sys.argv[1:] == ["settings"]:
         lines = settings_table()
     else:
-        lines = (
-            line for kind in ("original", "revised", "adaptive") for line in ("", kind, *packaged_table(kind))
-        )
+        sys.exit(__doc__)
     print("\n".join(lines))

@@ -14,7 +14,7 @@ PACKAGE = Path(__file__).parents[1] / "src" / "avrgym"
 
 
 def main() -> None:
-    """Print the figures of docs/architecture.md."""
+    """Print the figures of docs/explanation/architecture.md."""
     files = {path: path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
     lengths = {path: len(text.splitlines()) for path, text in files.items()}
     functions = [length for text in files.values() for length in function_lengths(text)]

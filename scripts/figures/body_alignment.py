@@ -1,6 +1,6 @@
-"""How far from the headset's pose the simulated head comes to be: the paper's equations and those of this package.
+"""Error of the simulated head's pose: the paper's equations and those of this package.
 
-python scripts/figures/body_alignment.py docs/pictures/body_alignment.svg      the figure of docs/body_alignment.md
+python scripts/figures/body_alignment.py docs/pictures/body_alignment.svg
 """
 
 import sys

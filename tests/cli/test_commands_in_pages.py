@@ -219,7 +219,14 @@ def test_the_page_runs(page: str, lab: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "page", ["README.md", "docs/analysis.md", "docs/replay.md", "docs/closing_the_loop.md", "docs/study.md"]
+    "page",
+    [
+        "README.md",
+        "docs/reference/analysis.md",
+        "docs/how_to/replay.md",
+        "docs/how_to/fit_people.md",
+        "docs/how_to/design_study.md",
+    ],
 )
 def test_its_python_runs(page: str, lab: Path) -> None:
     """Of pages whose commands are long work, which other tests do."""
@@ -227,9 +234,9 @@ def test_its_python_runs(page: str, lab: Path) -> None:
     (lab / "people.toml").write_text(
         "cooperating = false\n[torso_height_m]\nman = [0.5, 0.6]\nwoman = [0.5, 0.6]\n"
     )
-    if page == "docs/study.md":
+    if page == "docs/how_to/design_study.md":
         shutil.rmtree(lab / "my-study")  # which it makes
-    if page == "docs/analysis.md":  # which looks at people
+    if page == "docs/reference/analysis.md":  # which looks at people
         answers = lab / "my-study" / "analysis" / "tables" / "answers.csv"
         answers.write_text(answers.read_text().replace(",true,true,", ",false,true,"))
     run_page(page, lab, only="python")
@@ -237,7 +244,9 @@ def test_its_python_runs(page: str, lab: Path) -> None:
 
 def test_the_controller_s_python_runs_and_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    mine, export = (text for language, text in blocks(DOCS / "add_a_controller.md") if language == "python")
+    mine, export = (
+        text for language, text in blocks(DOCS / "how_to" / "add_a_controller.md") if language == "python"
+    )
     Path("mine.py").write_text(mine)
     _run(["avrgym", "evaluate", "avrgym/FeedingJaco-v1", "--policy", "mine:Reach", "--episodes", "20"])
     network = torch.nn.Linear(25, 7)

@@ -30,7 +30,7 @@ def code(page: str, word: str) -> str:
 
 def test_a_spec_is_made_again_as_the_page_shows() -> None:
     known: dict[str, Any] = {}
-    exec(code("environments.md", "from_json"), known)
+    exec(code("how_to/gymnasium.md", "from_json"), known)
     assert known["same"].spec.max_episode_steps == 400
 
 
@@ -40,7 +40,7 @@ def test_videos_and_pictures_are_as_the_page_shows(
 ) -> None:
     pytest.importorskip("moviepy")
     monkeypatch.chdir(tmp_path)
-    exec(code("environments.md", "RecordVideo"), {"gym": gym})
+    exec(code("how_to/gymnasium.md", "RecordVideo"), {"gym": gym})
     (video,) = Path("videos").glob("*.mp4")
     assert video.stat().st_size > 1000
     assert capsys.readouterr().out.splitlines()[-1] == "(480, 640, 3) (25,)"
@@ -63,7 +63,7 @@ def run(environment: str) -> Episodes:
 
 def test_a_task_carries_its_own_number_of_particles(monkeypatch: pytest.MonkeyPatch) -> None:
     known: dict[str, Any] = {}
-    exec(code("add_a_task.md", "FOOD"), known)
+    exec(code("how_to/add_a_task.md", "FOOD"), known)
     world = run(add(known["TASTE"], monkeypatch))
     assert world.task_state.eaten.shape == (2, 3)
 

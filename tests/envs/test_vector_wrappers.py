@@ -138,8 +138,8 @@ def test_stable_baselines3_refuses_what_it_cannot_learn_from(how: Any, message: 
 
 
 def test_the_page_says_which_wrapper_takes_which_mode() -> None:
-    page = (DOCS / "environments.md").read_text()
-    table = page.partition("| wrapper |")[2].partition("| library |")[0]
+    page = (DOCS / "how_to" / "gymnasium.md").read_text()
+    table = page.partition("| wrapper |")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| (`\w+`[^|]*) \| ([^|]+) \|", table, re.M)
     said = {
         (name, mode)

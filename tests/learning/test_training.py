@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from helpers.browser.documentation import missing_rows
 from helpers.system.places import DATA
 
 pytest.importorskip("stable_baselines3", reason="training is an extra")
@@ -82,10 +81,6 @@ def test_schedules_go_evenly_from_their_beginning_to_their_end(environment):
         weight[[0, 10, 15, 20, 30]], how.force_weight_per_n * np.array([0.0, 0.0, 0.5, 1.0, 1.0]), atol=1e-12
     )
     assert [at(0) for at in (how.log_std_at, how.learning_rate_at)] == [log_std[0], rate[0]]
-
-
-def test_the_page_of_the_policies_says_how_they_are_trained():
-    assert missing_rows("policies.md", "policy_tables", "settings_table") == []
 
 
 # The wrapper

@@ -1,4 +1,4 @@
-"""The paper's equations of section III, taken literally, beside ours: what docs/body_alignment.md says is so."""
+"""The paper's equations of section III and ours: the results of docs/explanation/body_alignment.md."""
 
 import runpy
 

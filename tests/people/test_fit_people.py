@@ -311,7 +311,7 @@ waist_x = [-5.0, 5]
 
 
 def test_the_example_of_the_documents_is_a_file_of_people() -> None:
-    text = (ROOT / "docs" / "closing_the_loop.md").read_text()
+    text = (ROOT / "docs" / "how_to" / "fit_people.md").read_text()
     (example,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     found = parse_people(example, "example", TASKS)
     assert tuple(found.poses["Feeding"]) == ("waist_x", "head_z")

@@ -364,7 +364,7 @@ def test_a_class_an_instance_a_factory_and_a_function_drive_alike(
 
 def test_the_documented_controller_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the folder where the program runs."""
-    page = (ROOT / "docs" / "add_a_controller.md").read_text()
+    page = (ROOT / "docs" / "how_to" / "add_a_controller.md").read_text()
     code = page.partition("```python\n# mine.py\n")[2].partition("```")[0]
     (tmp_path / "mine.py").write_text(code)
     monkeypatch.chdir(tmp_path)
@@ -374,7 +374,7 @@ def test_the_documented_controller_drives(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_the_page_says_how_many_numbers_are_observed() -> None:
-    page = (ROOT / "docs" / "add_a_controller.md").read_text()
+    page = (ROOT / "docs" / "how_to" / "add_a_controller.md").read_text()
     rows = [
         [cell.strip() for cell in line.split("|")[2:4]]
         for line in page.splitlines()

@@ -19,7 +19,7 @@ PUBLISHED = {
     "godspeed": [1, 2, 3, 4, 5],
     "jian-trust": [1, 2, 3, 4, 5, 6, 7],
 }
-"""The answers to each instrument's items as its source prints them (docs/study.md names the sources)."""
+"""The answers to each instrument's items as its source prints them (docs/how_to/design_study.md names the sources)."""
 SCALES = [(each, scale) for each in INSTRUMENTS.values() for scale in each.scales]
 
 

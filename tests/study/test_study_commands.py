@@ -109,12 +109,12 @@ def test_what_cannot_be_done_is_said_in_one_line(folder: Path, arguments: list[s
     assert message in line
 
 
-def test_the_page_about_studies_leads_from_consent_to_a_session(
+def test_the_page_about_studies_in_python_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     monkeypatch.chdir(tmp_path)
-    page = (ROOT / "docs" / "study.md").read_text()
+    page = (ROOT / "docs" / "how_to" / "study_in_python.md").read_text()
     (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     exec(code, {})
     assert len(capsys.readouterr().out.splitlines()) == 20

@@ -1,4 +1,4 @@
-"""A task of another package, built from docs/add_a_task.md, works wherever an environment's id does."""
+"""A task of another package, built from docs/how_to/add_a_task.md, works wherever an environment's id does."""
 
 import json
 import re
@@ -12,8 +12,8 @@ from avrgym.skeletons.writing import write_skeleton
 from helpers.system.example_package import environment_with, train_and_study
 from helpers.system.places import ROOT
 
-PAGE = (ROOT / "docs" / "add_a_task.md").read_text()
-RECORD, _PARTICLES, CHECK = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
+PAGE = (ROOT / "docs" / "how_to" / "add_a_task.md").read_text()
+_RECORD, _PARTICLES, CHECK = re.findall(r"^```python[^\n]*\n(.*?)^```", PAGE, re.M | re.S)
 ENVIRONMENT = "avrgym/TouchElbowJaco-v1"
 
 
@@ -62,10 +62,6 @@ def _python(installed: Path, *arguments: str) -> "subprocess.CompletedProcess[st
 
 def _avrgym(installed: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
     return _python(installed, "-c", "from avrgym.cli import app; app()", *arguments)
-
-
-def test_the_page_shows_what_the_command_writes(installed):
-    assert (installed / "touch_elbow" / "task.py").read_text() == RECORD
 
 
 def test_the_page_s_own_test_passes(installed):

@@ -189,7 +189,7 @@ def test_the_page_s_search_for_a_seed_pose_ends_with_one_that_has_room(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """With Jaco where many poses are in the table, greatest isotropy alone chooses one of them."""
-    page = (ROOT / "docs" / "add_a_robot.md").read_text()
+    page = (ROOT / "docs" / "how_to" / "add_a_robot.md").read_text()
     (search,) = (
         block for block in re.findall(r"^```python\n(.*?)^```", page, re.M | re.S) if "isotropy" in block
     )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from test_browser_inputs import HEADSETS, WAYS
 
-PAGE = Path(__file__).parents[2] / "docs/vr.md"
+PAGE = Path(__file__).parents[2] / "docs/how_to/connect_headset.md"
 STOPS = {
     "press one": "button",
     "both triggers": "triggers",

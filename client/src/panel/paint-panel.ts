@@ -26,7 +26,7 @@ export const WIDTH = 1536;
 export const HEIGHT = 960;
 
 const MARGIN = 76;
-/** Pixels of words, where there is room for them; `docs/vr.md` says what angles they are. */
+/** Pixels of words, where there is room for them; `docs/reference/tracking.md` says what angles they are. */
 const LABEL = 64;
 const NOTICE = 52;
 const STATEMENT = 72;

@@ -22,32 +22,32 @@ class Block(NamedTuple):
 
 
 def blocks(page: Path) -> list[Block]:
-    """The blocks of a page, in their order; what is indented with a list is moved out of it."""
+    """The blocks of a page in order; indentation of lists is removed."""
     found = _BLOCK.findall(page.read_text())
     return [Block(language, textwrap.dedent(text)) for _, language, text in found]
 
 
 def commands(text: str) -> list[list[str]]:
-    """The words of each line of a block of shell commands, comments and where output goes left out."""
+    """The words of each shell command of a block, without comments and redirections."""
     lines = text.replace("\\\n", " ").splitlines()
     return [words for line in lines if (words := shlex.split(line.partition(" > ")[0], comments=True))]
 
 
-def missing_rows(page: str, script: str, table: str, *arguments: str) -> list[str]:
-    """The rows of a table that a script of ``research`` makes and its page of ``docs`` does not have."""
-    lines = (DOCS / page).read_text().splitlines()
+def missing_rows(note: str, script: str, table: str, *arguments: str) -> list[str]:
+    """The rows of a script's table that a note in ``research`` does not contain."""
+    lines = (ROOT / "research" / note).read_text().splitlines()
     rows = [*runpy.run_path(str(ROOT / "research" / f"{script}.py"))[table](*arguments)]
     assert len(rows) > 2
     return [row for row in rows if row not in lines]
 
 
 def anchors(page: Path) -> set[str]:
-    """What links to the headings of a page end in: their words, joined by hyphens."""
+    """The anchors of a page's headings: their words, joined by hyphens."""
     headings = re.findall(r"^#+ +(.+)$", _BLOCK.sub("", page.read_text()), flags=re.MULTILINE)
     words = (re.sub(r"[^\w\s-]", "", heading).lower() for heading in headings)
     return {re.sub(r"[\s-]+", "-", each.strip()) for each in words}
 
 
 def name_of(page: Path) -> str:
-    """A page as people name it, such as ``docs/vr.md``."""
+    """The path of a page, such as ``docs/how_to/connect_headset.md``."""
     return page.relative_to(ROOT).as_posix()

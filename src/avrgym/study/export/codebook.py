@@ -203,7 +203,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "at": Column("When it was done.", TIME, "UTC", _UTC),
         "person": Column("Who did it, by number; with --free-text by the name of a token or account.", TEXT),
         "known_by": Column("How the person is known.", TEXT, allowed=_one_of(*KNOWN_BY)),
-        "name": Column("What was done or viewed.", TEXT, allowed="see The log in docs/study.md"),
+        "name": Column("What was done or viewed.", TEXT, allowed="see The log in docs/how_to/run_sessions.md"),
         "participant": Column("Pseudonym of its participant.", TEXT, "", "", "it has none"),
         "detail": Column("More about it; refused: it changed nothing.", TEXT, empty="nothing"),
         "completed": Column(

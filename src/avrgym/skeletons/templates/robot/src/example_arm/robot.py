@@ -12,7 +12,7 @@ JOINTS = (
     "shoulder_turn", "shoulder_lift", "upper_arm_turn", "elbow", "forearm_turn", "wrist_lift", "wrist_turn",
 )  # fmt: skip
 SEED_DEG = (-46.0, 72.0, -18.0, -38.0, -38.0, -106.0, 146.0)
-"""Near the poses in which tasks begin; `docs/add_a_robot.md` of AVR Gym says how to find one."""
+"""Near the poses in which tasks begin; `docs/how_to/add_a_robot.md` of AVR Gym says how to find one."""
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
