@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from avrgym.learning.evaluation import Evaluation, wilson_interval
-from avrgym.people.zoo.partners import OF_ONE_STYLE, ZOOS
+from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOOS
 from avrgym.people.zoo.styles import STYLES, Style
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.questionnaires.instrument import Instrument
@@ -155,7 +155,7 @@ def _ranges(style: Style, axis: str) -> str:
 
 
 def _counts(name: str) -> str:
-    return " + ".join(str(len(OF_ONE_STYLE[f"{zoo}/{name}"])) for zoo in ZOOS)
+    return " + ".join(str(len(SINGLE_STYLE_SETS[f"{zoo}/{name}"])) for zoo in ZOOS)
 
 
 def instruments() -> Lines:

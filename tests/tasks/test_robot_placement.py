@@ -198,7 +198,7 @@ def test_the_page_s_search_for_a_seed_pose_ends_with_one_that_has_room(
     moved = replace(mount, pos_w=(mount.pos_w[0] + 0.1, *mount.pos_w[1:]))
     robot = replace(JACO, mounts={**JACO.mounts, "wheelchair": moved})
     assert is_collision_free("Feeding", robot, best(search, robot)).all()
-    without = search.replace("angles = angles[has_room", "# ")
+    without = search.replace("angles = angles[is_collision_free", "# ")
     assert not is_collision_free("Feeding", robot, best(without, robot)).any()
 
 

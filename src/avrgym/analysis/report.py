@@ -281,7 +281,7 @@ METHODS = (
 
 def _methods(analysis: Analysis) -> Markup:
     more = (
-        "docs/reference/analysis.md in AVR Gym's repository says more, and how to recompute every number from tables/. What a "
+        "docs/reference/analysis.md in AVR Gym's repository describes the tables and how to recompute numbers. What a "
         "publication needs besides stands in reporting/index.html."
     )
     return tag(

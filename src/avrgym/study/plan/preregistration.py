@@ -183,7 +183,7 @@ def _inference() -> str:
     return (
         "Two-sided, p below 0.05 after correction for all tests of the hypotheses: paired tests jointly, by flipping "
         "the signs of participants' differences, others by Holm. Wilcoxon's signed-rank test for answers, each "
-        "participant one value, with exact p for up to 50 differences; see docs/reference/analysis.md of AVR Gym for other tests."
+        "participant one value, with exact p for up to 50 differences; docs/reference/analysis.md lists other tests."
     )
 
 
