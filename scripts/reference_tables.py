@@ -17,7 +17,7 @@ from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.safety.approach_speed import effective_mass_kg
 from avrgym.safety.force_guard import GUARD_SHARE
-from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, blow_speed_m_s
+from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, max_impact_speed_m_s
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, ROBOTS, TASKS
 
@@ -65,7 +65,7 @@ def body_regions() -> Lines:
     """Force limits by body region, and the contact speeds that reach half of them."""
     environments = {robot: f"avrgym/Feeding{robot}-v1" for robot in ("Jaco", "PR2")}
     speeds = {
-        robot: blow_speed_m_s(
+        robot: max_impact_speed_m_s(
             GUARD_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(Episodes(environment, 1).simulation)
         )
         for robot, environment in environments.items()
@@ -120,7 +120,7 @@ def policy_training() -> Lines:
         metadata, paper = policy.metadata, SIMULATION[environment]
         success, reward = metadata.measured["success_rate"], metadata.measured["reward_mean"]
         hours = f"{metadata.seconds / 3600:.1f}" if metadata.seconds else "–"
-        training = f"{policy.action_deviation:.2g}", f"{metadata.steps / 1e6:.2f} M", hours
+        training = f"{policy.action_std:.2g}", f"{metadata.steps / 1e6:.2f} M", hours
         results = f"{100 * success:.1f} %", f"{paper.success} %", f"{reward:.0f}", str(paper.reward)
         rows.append((short(environment), kind, *results, *training))
     head = "success", "success, paper", "reward", "reward, paper", "noise", "steps", "hours"
