@@ -11,8 +11,8 @@ from avrgym.study.design import functioning
 from avrgym.study.design.instruments import FOLDER as INSTRUMENTS
 from avrgym.study.design.validation import ValidationError, check_unique
 from avrgym.tasks.registry import TASKS
-from avrgym.texts.interface_texts import FOLDER, TextsError, read_texts
-from avrgym.texts.interface_texts import FOLDER as TEXTS
+from avrgym.texts.interface_texts import TEXTS_FOLDER, TextsError, read_texts
+from avrgym.texts.interface_texts import TEXTS_FOLDER as TEXTS
 
 if TYPE_CHECKING:
     from avrgym.study.design.design import Design
@@ -42,7 +42,7 @@ def check_languages(design: Design, folder: Path) -> None:
         if untranslated:
             named = ", ".join(f'"{sentence}"' for sentence in untranslated[:NAMED])
             more = f" and {len(untranslated) - NAMED} more" if len(untranslated) > NAMED else ""
-            allowed = f"a line for each under [sentences] of {FOLDER}/{language}.toml in the study's folder"
+            allowed = f"a line for each under [sentences] of {TEXTS_FOLDER}/{language}.toml in the study's folder"
             raise ValidationError(
                 ("languages", index),
                 f"no translation into {language} of {named}{more}; allowed: {allowed}",
