@@ -28,7 +28,7 @@ from avrgym.study.storage.session_designs import (
 )
 from avrgym.study.storage.store import Store
 from avrgym.system.toml_lines import Place
-from avrgym.texts.interface_texts import FOLDER as TEXTS
+from avrgym.texts.interface_texts import TEXTS_FOLDER as TEXTS
 from avrgym.texts.interface_texts import TextsError, normalize_whitespace
 
 AT_ADMISSION = ("inclusion", "order of inclusion")
