@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from typer.testing import CliRunner
 
 from helpers.system.places import DATA
 
@@ -13,16 +14,24 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 import torch
 
+from avrgym.cli.main import app
 from avrgym.envs.vector import AssistiveVectorEnv
-from avrgym.learning import training
-from avrgym.learning.configuration import FeedforwardConfiguration
+from avrgym.learning import recurrent_recipe, training
+from avrgym.learning.configuration import FeedforwardConfiguration, Pairing, RecurrentConfiguration
 from avrgym.learning.hyperparameter_files import hyperparameters_text, read_hyperparameters
-from avrgym.learning.hyperparameters import hyperparameters_of
+from avrgym.learning.hyperparameters import RECURRENT, hyperparameters_of
 from avrgym.learning.normaliser import Normaliser, observation_of
 from avrgym.learning.ppo import Agent, export_policy, make_ppo
-from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
+from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out, worlds_of
 from avrgym.learning.stable_baselines import SB3VectorEnv
-from avrgym.learning.training import Progress, configuration_for, resume, stored_configuration, train
+from avrgym.learning.training import (
+    Progress,
+    configuration_for,
+    resume,
+    stored_configuration,
+    train,
+    with_metadata,
+)
 from avrgym.policies.trained import Policy, PolicyMetadata, find_policy
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
@@ -425,6 +434,60 @@ def test_more_worlds_than_memory_are_refused_and_nothing_is_written(tmp_path):
     ):
         train(replace(TINY, num_envs=10**9), tmp_path / "many")
     assert not (tmp_path / "many").exists()
+
+
+# The force guard
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "configuration",
+    [
+        replace(TINY, steps=2 * UPDATE, force_guard=True),
+        replace(TINY, steps=2 * UPDATE, force_guard=True, pairing=Pairing()),
+        RecurrentConfiguration(
+            environment=SCRATCHING, steps=400, num_envs=1, memory_size=4, net_arch=(8,), threads=1,
+            imitation_share=0.5, force_guard=True,
+        ),
+    ],
+    ids=["imitation and PPO", "pair", "adaptive"],
+)  # fmt: skip
+def test_each_recipe_trains_with_the_force_guard_and_resumes(configuration, tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
+    monkeypatch.setattr(
+        recurrent_recipe, "RECURRENT", replace(RECURRENT, gradient_steps=1, last_gradient_steps=1)
+    )
+    guards = []
+
+    def worlds(*arguments, **named):
+        made = worlds_of(*arguments, **named)
+        guards.append(made.loop.guard)
+        return made
+
+    monkeypatch.setattr("avrgym.learning.rollouts.worlds_of", worlds)
+
+    def kill(progress: Progress) -> None:
+        raise Killed
+
+    with pytest.raises(Killed):
+        train(configuration, tmp_path, kill)
+    policy = resume(tmp_path)
+    assert len(guards) >= 2
+    assert all(guard is not None for guard in guards)
+    assert stored_configuration(tmp_path).force_guard
+    assert Policy.load(tmp_path / "policy.safetensors").metadata.force_guard
+    assert "guard_interventions" in policy.metadata.measured
+
+
+def test_evaluate_reports_that_a_policy_was_trained_with_the_guard(tmp_path):
+    policy = Policy.load(find_policy("revised", SCRATCHING))
+    path = str(tmp_path / "guarded.safetensors")
+    with_metadata(policy, force_guard=True).save(path)
+    for file, options, warned in ((path, [], True), (path, ["--force-guard"], False), ("revised", [], False)):
+        arguments = ["evaluate", SCRATCHING, "--policy", file, "--episodes", "1", "--jobs", "1", *options]
+        result = CliRunner().invoke(app, arguments)
+        assert result.exit_code == 0, result.stderr
+        assert ("was trained with the force guard" in result.stderr) == warned
 
 
 # The exported policy

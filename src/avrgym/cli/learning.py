@@ -14,6 +14,7 @@ from avrgym.cli.options import (
     PEOPLE,
     Cluster,
     Engine,
+    ForceGuard,
     Impairment,
     Seed,
     WithdrawAfterSuccess,
@@ -41,7 +42,14 @@ if TYPE_CHECKING:
     from avrgym.learning import training
     from avrgym.learning.configuration import AnyConfiguration
 
-OMITTED = ("force_regions", "plugin_differences", "start_draws_mean", "start_draws_max", "starts_refused")
+OMITTED = (
+    "force_regions",
+    "plugin_differences",
+    "trained_with_force_guard",
+    "start_draws_mean",
+    "start_draws_max",
+    "starts_refused",
+)
 """Keys of the rows of `evaluate` that its table omits."""
 ADAPTIVE, PAPER, PAIR = RECIPES = ("adaptive", "paper", "pair")
 FIXED_BY_RECIPE: dict[str | None, tuple[str, ...]] = {
@@ -56,7 +64,7 @@ OF_RECIPE = {
     "--own-reward": PAIR,
 }
 """Options that only one recipe has."""
-OF_NEW_TRAINING = ("--config", "--num-envs", "--withdraw-after-success", *OF_RECIPE)
+OF_NEW_TRAINING = ("--config", "--num-envs", "--force-guard", "--withdraw-after-success", *OF_RECIPE)
 """Options that a training keeps: ``--resume`` does not take them."""
 
 
@@ -148,6 +156,7 @@ def train(
             "--own-reward", help="With --recipe pair: each agent's reward has its own action penalty only."
         ),
     ] = False,
+    force_guard: ForceGuard = False,
     withdraw_after_success: WithdrawAfterSuccess = False,
     help_config: Annotated[
         bool,
@@ -192,13 +201,14 @@ def train(
             "--imitation-share": imitation_share is not None,
             "--alternate": bool(alternate),
             "--own-reward": own_reward,
+            "--force-guard": force_guard,
             "--withdraw-after-success": withdraw_after_success,
             "--num-envs": num_envs is not None,
             "--jobs": jobs is not None,
         }
         _check_together(recipe, [name for name, is_given in given.items() if is_given], resume=resume)
         check_engine(engine)
-        folder = out or Path("runs") / _run_name(env, people, impairment, recipe, seed)
+        folder = out or Path("runs") / _run_name(env, people, impairment, recipe, seed, guarded=force_guard)
         training = _training()
         if resume:
             configuration = _stored(folder, env, recipe)
@@ -208,6 +218,7 @@ def train(
             options = {
                 "steps": steps,
                 "num_envs": num_envs,
+                "force_guard": force_guard,
                 "withdraw_after_success": withdraw_after_success,
                 "people": people,
                 "impairment": impairment,
@@ -257,7 +268,7 @@ def _configuration(
     from avrgym.learning.hyperparameters import PAPER as OF_PAPER
     from avrgym.learning.hyperparameters import PAPER_STEPS, TRAINING_STEPS
 
-    common = ("steps", "num_envs", "withdraw_after_success")
+    common = ("steps", "num_envs", "force_guard", "withdraw_after_success")
     names = (*common, *(("teacher", "initial", "imitation_share") if recipe == ADAPTIVE else ()))
     given = {name: options[name] for name in names if options[name] is not None}
     if recipe == ADAPTIVE:
@@ -334,16 +345,15 @@ def _progress(env: str, steps: int, folder: Path, recipe: str | None) -> "Genera
         yield report
 
 
-def _run_name(env: str, people: str, impairment: str, recipe: str | None, seed: int) -> str:
+def _run_name(env: str, people: str, impairment: str, recipe: str | None, seed: int, *, guarded: bool) -> str:
     from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 
-    name = env.removeprefix("avrgym/")
-    if recipe == ADAPTIVE:
-        return f"{name}-{recipe}-{seed}"
     population = people.replace("/", "-") if people in NAMED_DISTRIBUTIONS else Path(people).stem
-    impaired = [] if impairment == "none" else [impairment]
-    by_recipe = [] if recipe is None else [recipe]
-    return "-".join([name, population, *impaired, *by_recipe, str(seed)])
+    parts = [env.removeprefix("avrgym/"), *([] if recipe == ADAPTIVE else [population])]
+    parts += [] if impairment == "none" else [impairment]
+    parts += [] if recipe is None else [recipe]
+    parts += ["guarded"] if guarded else []
+    return "-".join([*parts, str(seed)])
 
 
 def fit_people(
@@ -405,12 +415,7 @@ def evaluate(
             "--allow-other-environment", help="Allow a policy that was trained for another environment."
         ),
     ] = False,
-    force_guard: Annotated[
-        bool,
-        typer.Option(
-            "--force-guard", help="Limit contact force and approach speed of the arms, as in live sessions."
-        ),
-    ] = False,
+    force_guard: ForceGuard = False,
     withdraw_after_success: WithdrawAfterSuccess = False,
     engine: Engine = THREADS,
     regions: Annotated[
@@ -466,6 +471,8 @@ def evaluate(
         for row in rows:
             for difference in row["plugin_differences"]:
                 warn(f"{_title(row)}: differs from the policy's training: {difference}")
+            if row["trained_with_force_guard"] and not force_guard:
+                warn(f"{_title(row)}: was trained with the force guard; --force-guard evaluates it so")
             crowded = excess_draws(row["start_draws_mean"], row["start_draws_max"])
             if crowded:
                 warn(f"{_title(row)}: {crowded}; {row['starts_refused']} people were omitted")

@@ -1,4 +1,4 @@
-"""Options that several commands share, and the environments that they name."""
+"""Options that several commands share."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -14,19 +14,23 @@ if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster as ConnectedCluster
 
 PEOPLE = population_names.ALLOWED_PEOPLE
-Policy = Annotated[str, typer.Option(help=f"Who drives: {CHOICES}.")]
+Policy = Annotated[str, typer.Option(help=f"The policy that drives the robot: {CHOICES}.")]
 Impairment = Annotated[
     str,
-    typer.Option(
-        help=f"What keeps people from moving as they want: {', '.join(population_names.IMPAIRMENTS)}."
-    ),
+    typer.Option(help=f"An impairment of the people's motion: {', '.join(population_names.IMPAIRMENTS)}."),
 ]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same metrics.", min=0)]
 WithdrawAfterSuccess = Annotated[
     bool,
     typer.Option(
         "--withdraw-after-success",
-        help="Withdraw the tool and wait after success in tasks that end with it, as live sessions do.",
+        help="Withdraw the tool after success in tasks that end with success, as in live sessions.",
+    ),
+]
+ForceGuard = Annotated[
+    bool,
+    typer.Option(
+        "--force-guard", help="Limit contact force and approach speed of the arms, as in live sessions."
     ),
 ]
 Engine = Annotated[str, typer.Option(help=f"Where physics runs: {ENGINES}.")]
@@ -34,18 +38,18 @@ Cluster = Annotated[
     str | None,
     typer.Option(
         "--cluster",
-        help="Share the work among the workers of a Ray cluster: `local` for one on this computer, `auto`, HOST:PORT "
-        "or ray://HOST:PORT. Changes no result. Needs the extra `cluster`.",
+        help="Run on the workers of a Ray cluster: `local` starts one on this computer; or `auto`, HOST:PORT, "
+        "ray://HOST:PORT. Changes no result. Needs the extra `cluster`.",
         metavar="ADDRESS",
     ),
 ]
 
 
 def chosen_environments(environments: list[str] | None, every: bool) -> list[str]:
-    """The environments that were named, or all.
+    """The named environments, or all.
 
     Raises:
-        ValueError: when none was named or one does not exist, naming those that do.
+        ValueError: without a name, or for an unknown one, naming the known ones.
     """
     from avrgym.tasks.registry import ENVIRONMENTS, find_environment
 
@@ -60,10 +64,10 @@ def chosen_environments(environments: list[str] | None, every: bool) -> list[str
 
 @contextmanager
 def on_cluster(address: str | None, jobs: int | None) -> Generator["ConnectedCluster | None"]:
-    """A connection to the cluster that was asked for, if one was.
+    """A connection to the cluster at an address; None without an address.
 
     Raises:
-        RuntimeError: where no cluster answers.
+        RuntimeError: when no cluster answers.
     """
     if address is None:
         yield None

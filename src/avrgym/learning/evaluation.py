@@ -1,4 +1,4 @@
-"""How well a policy does: many episodes at once, the same figures for the same seed."""
+"""Evaluation of policies over many episodes; the same seed gives the same results."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,6 +11,7 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.people.populations import transferred_people
 from avrgym.policies import registry
+from avrgym.policies.trained import Policy
 from avrgym.safety.region_forces import RegionLoadRecorder, RegionLoads, RegionStatistics, region_statistics
 from avrgym.simulation.engines.engine import check_engine
 from avrgym.system.engines import THREADS
@@ -27,14 +28,14 @@ if TYPE_CHECKING:
 Progress = Callable[[int], None]
 
 MAX_WORLDS = 64
-WORTH_A_PROCESS = 16
-"""How many episodes take longer than a process to start."""
+MIN_EPISODES_PER_PROCESS = 16
+"""Fewer episodes take less time than a process needs to start."""
 QUANTILE = NormalDist().inv_cdf(0.975)
-"""Outside plus and minus so many standard deviations lie 5 % of a normal distribution."""
+"""Standard normal quantile of two-sided 95 % intervals."""
 
 
 class Results(NamedTuple):
-    """Of n episodes: summed reward, success, mean force, what regions bore, interventions, draws of the start; (n,)."""
+    """Results of n episodes, (n,): return, success, mean force, region loads, guard interventions, start draws."""
 
     reward: FloatArray
     success: BoolArray
@@ -47,14 +48,13 @@ class Results(NamedTuple):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The figures of one policy in one environment; force is the mean over all steps.
+    """Results of one policy in one environment; no choice is made with episodes of the ``split`` test.
 
-    No choice is made with episodes of the ``split`` test.
-    ``force_regions`` are the forces by region of the body, ``episodes_over_limit`` counts the episodes in which any
-    region bore more than its limits allow, see ``RegionLoads``. ``guard_interventions`` is how often a force guard
-    acted, per episode; ``None`` without one. ``engine`` and ``device`` say where physics ran. ``plugin_differences``:
-    the plug-ins that are not what the policy was trained with. ``start_draws_mean`` and ``start_draws_max``: how often
-    a start was drawn until all had room. ``starts_refused``: how many draws had none; as many people were left out.
+    ``force_mean_newton`` is the mean over all steps. ``force_regions`` are forces by body region, and
+    ``episodes_over_limit`` counts episodes in which any region exceeded its limits, see ``RegionLoads``.
+    ``guard_interventions`` is the mean number per episode, ``None`` without the force guard. ``plugin_differences``
+    lists plug-ins that changed since the policy's training. A start is drawn again until everything has room:
+    ``start_draws_mean`` and ``start_draws_max`` are draws per episode, ``starts_refused`` counts refused draws.
     """
 
     env: str
@@ -74,6 +74,7 @@ class Evaluation:
     device: str
     force_regions: dict[str, RegionStatistics]
     plugin_differences: list[str]
+    trained_with_force_guard: bool
     start_draws_mean: float
     start_draws_max: int
     starts_refused: int
@@ -81,7 +82,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class _Batch:
-    """Episodes of one environment that run together; numbers of ``episodes`` count from 0."""
+    """Episodes of one environment that run together; ``episodes`` are their numbers, from 0."""
 
     environment_id: str
     policy: TransferredFile
@@ -144,52 +145,48 @@ def evaluate_all(
     withdraw_after_success: bool = False,
     engine: str = THREADS,
 ) -> list[Evaluation]:
-    """Run episodes of 200 steps in each environment, and sum them up.
+    """Evaluate a policy in each environment, with episodes of 200 steps.
 
     Args:
         environment_ids: such as ``avrgym/FeedingJaco-v1``.
-        policy: whatever ``policies.registry.find`` finds, but ``operator``.
-        people: whom to meet, a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a file of people, a trained human
-            or a folder of them.
-        episodes: how many in each, 1 or more.
+        policy: a name or path that ``policies.registry.find`` knows; not ``operator``.
+        people: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a file of people, a trained human or a folder of
+            trained humans.
+        episodes: number per environment, 1 or more.
         seed: of the episodes; another seed gives other people and starts.
-        progress: told again and again how many environment steps were made since it was told last.
+        progress: called repeatedly with the environment steps since the last call.
         impairment: a name in ``people.impairments.IMPAIRMENTS``.
         split: episodes of the test or the validation split, see ``random_streams``.
-        jobs: how many processes share the work and the cores; without it one for each core that has enough to do,
-            and one alone for a device.
-            It changes no figure.
-        cluster: whose workers share the work instead of processes here. It changes no figure.
-        allow_other_environment: whether to run a policy that was trained for another environment.
-        force_guard: whether a ``ForceGuard`` stands between policy and arm.
-        withdraw_after_success: as of ``Episodes``.
-        engine: where physics runs. What is reported of a policy is measured on threads.
+        jobs: number of processes; by default one for each core with enough episodes, and one for a device. Changes no
+            result.
+        cluster: runs the episodes instead of processes on this computer. Changes no result.
+        allow_other_environment: whether to allow a policy that was trained for another environment.
+        force_guard: whether the force guard limits contact force and approach speed.
+        withdraw_after_success: as in ``Episodes``.
+        engine: where physics runs; published results are from threads.
 
     Raises:
-        ValueError: for an unknown name, a policy that cannot run there or fewer than one episode, naming what is
-            allowed.
-        ControllerError: when somebody else's controller fails.
+        ValueError: for an unknown name, a policy that does not fit or fewer than one episode, naming what is allowed.
+        ControllerError: when the controller of another package fails.
     """
     if episodes < 1:
         raise ValueError(f"{episodes} episodes; at least 1 is needed")
-    changed: list[list[str]] = []
+    found: list[registry.Autonomous] = []
     for environment_id in environment_ids:
         find_environment(environment_id)
-        found = registry.find(policy, environment_id, allow_other_environment=allow_other_environment)
-        changed.append(registry.changed_since_training(found, environment_id))
+        found.append(registry.find(policy, environment_id, allow_other_environment=allow_other_environment))
     check_engine(engine)
-    every = len(environment_ids) * episodes
-    there = cores() if cluster is None else cluster.count
-    jobs = jobs or (min(there, max(1, every // WORTH_A_PROCESS)) if engine == THREADS else 1)
-    size = min(MAX_WORLDS, -(-every // jobs))
-    threads = max(1, there // jobs) if cluster is None else 1
-    parts = _parts(episodes, size)
-    driver, whom = TransferredFile.read(policy), transferred_people(people)
+    total = len(environment_ids) * episodes
+    available = cores() if cluster is None else cluster.count
+    jobs = jobs or (min(available, max(1, total // MIN_EPISODES_PER_PROCESS)) if engine == THREADS else 1)
+    threads = max(1, available // jobs) if cluster is None else 1
+    parts = _parts(episodes, min(MAX_WORLDS, -(-total // jobs)))
+    policy_file, population = TransferredFile.read(policy), transferred_people(people)
     batches = [
         _Batch(
             environment_id=environment_id,
-            policy=driver,
-            people=whom,
+            policy=policy_file,
+            people=population,
             impairment=impairment,
             split=split,
             seed=seed,
@@ -206,13 +203,13 @@ def evaluate_all(
     results = _run_batches(batches, jobs, cluster, progress)
     firsts = range(0, len(batches), len(parts))
     return [
-        _sum_up(batches[first], results[first : first + len(parts)], differing)
-        for first, differing in zip(firsts, changed, strict=True)
+        _sum_up(batches[first], results[first : first + len(parts)], of_environment)
+        for first, of_environment in zip(firsts, found, strict=True)
     ]
 
 
 def _parts(episodes: int, size: int) -> list[range]:
-    """Batches of at most that size, as equal as can be, so that no process waits long for another."""
+    """Numbers of episodes in batches of at most that size, which differ by one at most."""
     count = -(-episodes // size)
     bounds = [number * episodes // count for number in range(count + 1)]
     return [range(*bound) for bound in pairwise(bounds)]
@@ -221,20 +218,20 @@ def _parts(episodes: int, size: int) -> list[range]:
 def _run_batches(
     batches: list[_Batch], jobs: int, cluster: "Cluster | None", progress: Progress
 ) -> list[Results]:
-    """The results of each batch, in their order."""
+    """The results of each batch, in order."""
     if cluster is None and (jobs == 1 or len(batches) == 1):
         return [_run_batch(batch, progress) for batch in batches]
-    told = 0
+    reported = 0
 
-    def tell(done: int) -> None:
-        nonlocal told
-        progress(done - told)
-        told = done
+    def report_total(done: int) -> None:
+        nonlocal reported
+        progress(done - reported)
+        reported = done
 
     arguments = [(batch, report) for batch in batches]
     if cluster is not None:
-        return cluster.run_all(_run_batch, arguments, tell)
-    return run_all(_run_batch, arguments, jobs, tell)
+        return cluster.run_all(_run_batch, arguments, report_total)
+    return run_all(_run_batch, arguments, jobs, report_total)
 
 
 def _run_batch(batch: _Batch, progress: Progress) -> Results:
@@ -253,8 +250,8 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
     return _run(world, batch, generators, progress)
 
 
-def _sum_up(batch: _Batch, results: list[Results], changed: list[str]) -> Evaluation:
-    """The figures of one environment from those of its batches."""
+def _sum_up(batch: _Batch, results: list[Results], policy: registry.Autonomous) -> Evaluation:
+    """The results of one environment from those of its batches."""
     reward, success, force, interventions, draws = (
         np.concatenate([getattr(part, name) for part in results])
         for name in ("reward", "success", "force_n", "interventions", "draws")
@@ -277,7 +274,8 @@ def _sum_up(batch: _Batch, results: list[Results], changed: list[str]) -> Evalua
         engine=batch.engine.partition(":")[0],
         device=results[0].device,
         force_regions=region_statistics(loads),
-        plugin_differences=changed,
+        plugin_differences=registry.changed_since_training(policy, batch.environment_id),
+        trained_with_force_guard=isinstance(policy, Policy) and policy.metadata.force_guard,
         start_draws_mean=float(draws.mean()),
         start_draws_max=int(draws.max()),
         starts_refused=int((draws - 1).sum()),
@@ -287,11 +285,11 @@ def _sum_up(batch: _Batch, results: list[Results], changed: list[str]) -> Evalua
 def wilson_interval(successes: float, count: float, quantile: float = QUANTILE) -> tuple[float, float]:
     """The score interval of a proportion, at 95 % (Wilson, J. Am. Stat. Assoc. 22, 1927, p. 209).
 
-    ``count`` may be an effective sample size; ``quantile`` is the standard normal one, or Student's.
+    ``count`` may be an effective sample size; ``quantile`` may be Student's instead of the normal one.
     """
-    share, z_squared_by_count = successes / count, quantile**2 / count
-    middle = share + z_squared_by_count / 2.0
-    half = (z_squared_by_count * (share * (1.0 - share) + z_squared_by_count / 4.0)) ** 0.5
+    proportion, z_squared_by_count = successes / count, quantile**2 / count
+    middle = proportion + z_squared_by_count / 2.0
+    half = (z_squared_by_count * (proportion * (1.0 - proportion) + z_squared_by_count / 4.0)) ** 0.5
     low, high = ((middle + sign * half) / (1.0 + z_squared_by_count) for sign in (-1.0, 1.0))
     return (low if successes > 0 else 0.0), (high if successes < count else 1.0)
 
@@ -299,7 +297,7 @@ def wilson_interval(successes: float, count: float, quantile: float = QUANTILE) 
 def _run(
     world: Episodes, batch: _Batch, generators: list[np.random.Generator], progress: Progress
 ) -> Results:
-    """One batch of episodes."""
+    """Run one batch of episodes."""
     count = len(generators)
     allowed = batch.allow_other_environment
     found = registry.find(batch.policy.local_path(), world.environment_id, allow_other_environment=allowed)

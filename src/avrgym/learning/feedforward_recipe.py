@@ -60,6 +60,8 @@ def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluste
     if configuration.engine == THREADS:
         return
     libraries()
+    if configuration.force_guard:
+        raise ValueError(f"the force guard works on threads only; leave out --engine {configuration.engine}")
     if configuration.pairing is not None or is_trained(people):
         raise ValueError(f"trained humans act on threads only; leave out --engine {configuration.engine}")
     if cluster is not None:

@@ -294,4 +294,5 @@ def worlds_of(
         withdraw_after_success=settings.withdraw_after_success,
         steered=steered,
         by_region=by_region,
+        force_guard=settings.force_guard,
     )

@@ -336,7 +336,8 @@ class _Trainer:
             split=VALIDATION,
             force_guard=configuration.force_guard,
         )
-        return {name: getattr(row, name) for name in MEASURED}
+        names = [*MEASURED, "guard_interventions"] if configuration.force_guard else MEASURED
+        return {name: getattr(row, name) for name in names}
 
     @property
     def _seconds(self) -> float:
