@@ -1,26 +1,28 @@
-"""Laws of the streams: the same names give the same bits, and no episode belongs to two of them."""
+"""The same names and numbers give the same random stream, and no two splits share an episode."""
 
 import numpy as np
 import pytest
 
 from avrgym.learning.evaluation import evaluate
-from avrgym.system.random_streams import TEST, VALIDATION, Split, evaluation_episodes, split_of
+from avrgym.system import random_streams
+from avrgym.system.random_streams import SPLITS, TEST, VALIDATION, Split, evaluation_episodes, split_of
+from helpers.system.places import ROOT
 
 ENVIRONMENT = "avrgym/ScratchItchJaco-v1"
 
 
-def beginnings(split: Split, seed: int, count: int = 300) -> set[bytes]:
+def first_bytes(split: Split, seed: int, count: int = 300) -> set[bytes]:
     return {each.bytes(16) for each in evaluation_episodes(split, seed, range(count))}
 
 
-def test_no_episode_belongs_to_two_streams_or_seeds() -> None:
-    drawn = [beginnings(split, seed) for split in (VALIDATION, TEST) for seed in (0, 1, 7, 2**31)]
+def test_splits_and_seeds_share_no_episode() -> None:
+    drawn = [first_bytes(split, seed) for split in SPLITS for seed in (0, 1, 7, 2**31)]
     assert len(set.union(*drawn)) == 8 * 300
 
 
-def test_no_training_meets_an_episode_of_either(rng: np.random.Generator) -> None:
-    """Whatever seeds it draws: it has no spawn key."""
-    of_streams = beginnings(VALIDATION, 0) | beginnings(TEST, 0)
+def test_training_shares_no_episode_with_a_split(rng: np.random.Generator) -> None:
+    """Whatever its seeds: only the splits have a spawn key."""
+    of_splits = first_bytes(VALIDATION, 0) | first_bytes(TEST, 0)
     seeds = [
         *range(2000),
         *([0, number] for number in range(300)),
@@ -29,23 +31,45 @@ def test_no_training_meets_an_episode_of_either(rng: np.random.Generator) -> Non
     trained_on = {
         np.random.default_rng(seed).bytes(16) for seed in [*seeds, *rng.integers(2**31, size=2000).tolist()]
     }
-    assert not of_streams & trained_on
+    assert not of_splits & trained_on
 
 
-def test_an_episode_is_known_by_stream_seed_and_number() -> None:
+def test_an_episode_follows_from_split_seed_and_number() -> None:
     (alone,) = evaluation_episodes(TEST, 5, [17])
     assert alone.bytes(16) == evaluation_episodes(TEST, 5, range(20))[17].bytes(16)
 
 
-def test_figures_are_of_the_stream_that_they_name() -> None:
-    shown, chosen = (
+def test_results_name_their_split() -> None:
+    test, validation = (
         evaluate(ENVIRONMENT, "zero", "revised", 2, 0, split=split) for split in (TEST, VALIDATION)
     )
-    assert (shown.split, chosen.split) == ("test", "validation")
-    assert shown.reward_mean != chosen.reward_mean
-    assert evaluate(ENVIRONMENT, "zero", "revised", 2, 0) == shown
+    assert (test.split, validation.split) == ("test", "validation")
+    assert test.reward_mean != validation.reward_mean
+    assert evaluate(ENVIRONMENT, "zero", "revised", 2, 0) == test
 
 
-def test_an_unknown_stream_is_refused() -> None:
+def test_an_unknown_split_is_refused() -> None:
     with pytest.raises(ValueError, match="unknown split 'shown'; allowed: validation, test"):
         split_of("shown")
+
+
+def test_all_random_streams_are_in_one_module() -> None:
+    module = "system/random_streams.py"
+    folder = ROOT / "src" / "avrgym"
+    others = [
+        path for path in folder.rglob("*.py") if "skeletons" not in path.parts and path != folder / module
+    ]
+    found = [path for path in others if "default_rng(" in path.read_text(encoding="utf-8")]
+    assert found == []
+
+
+def test_streams_of_a_training_differ() -> None:
+    streams = (
+        random_streams.training_episode(4),
+        random_streams.episode_seeds(4, 0),
+        random_streams.imitation(4, 0),
+        random_streams.hard_episodes(4, 0),
+        random_streams.robot_noise(4, 0, 0),
+        random_streams.human_noise(4, 0, 0),
+    )
+    assert len({stream.bytes(16) for stream in streams}) == len(streams)

@@ -54,6 +54,7 @@ def export_scene(
     import numpy as np
 
     from avrgym.envs.scene_files import MJB, MJCF, START, USD, check_new_folder, write_scene, write_usd
+    from avrgym.system import random_streams
     from avrgym.tasks.episodes import Episodes
 
     with plain_errors():
@@ -61,7 +62,7 @@ def export_scene(
             raise ValueError("usd-core is missing; `pip install avrgym[usd]` brings what --usd needs")
         check_new_folder(out)
         episodes = Episodes(env, 1, distribution=people, impairment=impairment, num_threads=1)
-        episodes.begin(np.array([0]), [np.random.default_rng(seed)])
+        episodes.begin(np.array([0]), [random_streams.episode(seed)])
         write_scene(episodes, out)
         say(f"MJB       {out / MJB}: all that is simulated, no looks")
         say(f"MJCF      {out / MJCF}: with looks; its person gives way less where they are pressed")

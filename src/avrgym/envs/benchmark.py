@@ -14,6 +14,7 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import moved_to
 from avrgym.models.scene import SUBSTEPS
 from avrgym.simulation.engines.engine import Engine
+from avrgym.system import random_streams
 from avrgym.system.engines import THREADS
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
@@ -85,7 +86,7 @@ def measure_simulation(
 def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     """One episode of all worlds, then its physics alone."""
     engine = episodes.simulation.engine
-    drawn = np.random.default_rng(seed).uniform(
+    drawn = random_streams.benchmark_actions(seed).uniform(
         -1.0, 1.0, (steps, episodes.simulation.num_worlds, episodes.action_size)
     )
     actions = moved_to(drawn, episodes.simulation.exemplar)
@@ -110,7 +111,7 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
 
 def _begin(episodes: Episodes, seed: int) -> None:
     worlds = np.arange(episodes.simulation.num_worlds)
-    episodes.begin(worlds, [np.random.default_rng([seed, world]) for world in worlds.tolist()])
+    episodes.begin(worlds, [random_streams.benchmark_episode(seed, world) for world in worlds.tolist()])
 
 
 def _physics_s(engine: Engine, ctrl: Any, step: Callable[[int], None], commands: list[FloatArray]) -> float:

@@ -16,12 +16,11 @@ from avrgym.networks.policy import FILE_SUFFIX, Policy, PolicyError
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS, Distribution, distribution_of, find_distribution
 from avrgym.people.impairments import find_impairment
 from avrgym.people.population_names import Impairment
+from avrgym.system import random_streams
 from avrgym.system.transferred_files import TransferredFile
 
 HUMAN_FILE = "human.safetensors"
 """What a training of robot and human calls the human's file."""
-EXPLORATION_STREAM = 5
-"""Tells the streams of humans' chance from those of trainings, which are drawn from their seeds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,13 +116,13 @@ class TrainedHumans:
         """The first of them everywhere, until episodes ``begin``."""
         self._trained = trained
         self._who = np.zeros(worlds, dtype=np.intp)
-        self._chance = [np.random.default_rng(0)] * worlds
+        self._chance = [random_streams.trained_human_noise(0.0)] * worlds
 
     def begin(self, ids: IntArray, who: IntArray, uniforms: FloatArray) -> None:
         """Begin episodes in worlds ``ids`` (n,) of humans ``who`` (n,), with chance from uniform numbers (n,)."""
         self._who[ids] = who
         for world, uniform in zip(ids.tolist(), uniforms.tolist(), strict=True):
-            self._chance[world] = np.random.default_rng([EXPLORATION_STREAM, int(uniform * 2**53)])
+            self._chance[world] = random_streams.trained_human_noise(uniform)
 
     def act(self, observations: FloatArray) -> FloatArray:
         """Their actions (N, K) for what they observe (N, O), one control step on."""
@@ -143,6 +142,6 @@ class TrainedHumans:
     def go_on_from(self, saved: dict[str, Any]) -> None:
         """Go on from what ``saved`` gave."""
         self._who = saved["who"].copy()
-        self._chance = [np.random.default_rng(0) for _ in saved["chance"]]
+        self._chance = [random_streams.trained_human_noise(0.0) for _ in saved["chance"]]
         for generator, state in zip(self._chance, saved["chance"], strict=True):
             generator.bit_generator.state = state

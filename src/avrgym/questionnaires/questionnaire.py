@@ -5,10 +5,10 @@ from itertools import pairwise
 from typing import Annotated
 
 import msgspec
-import numpy as np
 
 from avrgym.questionnaires.instrument import Instrument, Response
 from avrgym.questionnaires.registry import INSTRUMENTS
+from avrgym.system import random_streams
 from avrgym.texts.interface_texts import Texts
 
 MOMENTS = ("before_session", "after_trial", "after_session")
@@ -109,7 +109,7 @@ LIKERT_ITEMS = (
 
 def items_to_ask(questionnaires: Iterable[Questionnaire], when: str, seed: int) -> tuple[Item, ...]:
     """The items of a moment in the order to ask them; the same seed gives the same order."""
-    rng = np.random.default_rng(seed)
+    rng = random_streams.item_order(seed)
     asked: list[Item] = []
     for questionnaire in questionnaires:
         if when in questionnaire.moments:

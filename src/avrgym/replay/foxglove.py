@@ -43,6 +43,7 @@ from avrgym.recording.reader import Recording
 from avrgym.recording.schema import TOPICS, TrackingFrame, encode, json_schema
 from avrgym.replay.output import check_new
 from avrgym.replay.timeline import recorded_scene, timeline_of
+from avrgym.system import random_streams
 from avrgym.system.files import write_atomically
 from avrgym.vr.scene.body_surfaces import BodySurface, body_surfaces
 from avrgym.vr.scene.export_process import model_with_appearance
@@ -181,7 +182,7 @@ def _clouds(surfaces: Mapping[str, Sequence[BodySurface]]) -> Iterator[tuple[str
     """Points (P, ``POINT_BYTES``) on the surfaces of each body, equally dense everywhere and the same every time."""
     areas = {body: [_areas(surface) for surface in own] for body, own in surfaces.items()}
     density = POINTS / sum(area.sum() for own in areas.values() for area in own)
-    generator = np.random.default_rng(0)
+    generator = random_streams.surface_points()
     for body, own in surfaces.items():
         drawn = [
             _points(surface, area, int(np.ceil(density * area.sum())), generator)

@@ -15,6 +15,7 @@ from avrgym.models.robot import Robot
 from avrgym.people import distributions
 from avrgym.simulation.room import NoRoomError, Room
 from avrgym.simulation.worlds import Simulation
+from avrgym.system import random_streams
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
@@ -56,7 +57,7 @@ def draw_starts(episodes: Episodes) -> StartDraws:
     """Begin an episode in each world, seeded by its number."""
     worlds = np.arange(episodes.simulation.num_worlds)
     try:
-        episodes.begin(worlds, [np.random.default_rng(world) for world in worlds])
+        episodes.begin(worlds, [random_streams.episode(world) for world in worlds.tolist()])
     except NoRoomError as error:
         return StartDraws(float(episodes.draws.mean()), int(episodes.draws.max()), str(error))
     return StartDraws(float(episodes.draws.mean()), int(episodes.draws.max()))

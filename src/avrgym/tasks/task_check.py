@@ -3,6 +3,7 @@
 import numpy as np
 
 from avrgym.array_types import FloatArray
+from avrgym.system import random_streams
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.placement_check import check_starts
@@ -41,7 +42,7 @@ def _check_expert(episodes: Episodes, name: str, expert: Expert) -> None:
 
 def _observations(episodes: Episodes, expert: Expert, where: str) -> FloatArray:
     """What was observed (T, N, O) in episodes led by an expert."""
-    episodes.begin(np.arange(WORLDS), [np.random.default_rng(seed) for seed in range(WORLDS)])
+    episodes.begin(np.arange(WORLDS), [random_streams.episode(seed) for seed in range(WORLDS)])
     steps = [episodes.assess()]
     controller = expert(episodes)
     for _ in range(STEPS):

@@ -14,6 +14,7 @@ from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.distributions import DISTRIBUTIONS, NUM_UNIFORMS, Distribution, sample_people
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.design import Design
+from avrgym.system import random_streams
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
 
@@ -37,9 +38,6 @@ class PersonRow:
 
 
 PEOPLE_PER_TASK = 500
-
-
-SEED = 2020
 
 
 AXES = ("x", "y", "z")
@@ -79,7 +77,7 @@ def sample_training_people(design: Design) -> list[PersonRow]:
 def _people(name: str, task: str, robot: str) -> list[PersonRow]:
     """They come from streams of their own, which depend on nothing but distribution and task."""
     scene = TASKS[task].scene(ROBOTS[robot])
-    rng = np.random.default_rng([SEED, list(TRAINING_PEOPLE).index(name), list(TASKS).index(task)])
+    rng = random_streams.training_people(list(TRAINING_PEOPLE).index(name), list(TASKS).index(task))
     uniforms = rng.random((PEOPLE_PER_TASK, NUM_UNIFORMS))
     drawn = sample_people(
         TRAINING_PEOPLE[name], TASKS[task].pose, scene.posture, furniture_boxes(scene.furniture), uniforms

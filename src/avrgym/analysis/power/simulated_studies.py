@@ -11,6 +11,7 @@ from avrgym.questionnaires.questionnaire import Item
 from avrgym.study.design.allocation import cell_orders, least_filled_cell
 from avrgym.study.design.counterbalancing import Order
 from avrgym.study.design.design import Design
+from avrgym.system import random_streams
 
 Answers = NDArray[np.int_]
 """Of participants who have finished: (participants, tasks, robots, policies, items)."""
@@ -76,13 +77,13 @@ class SimulatedStudies:
         But for chance the last policy is rated ``effect`` points above the middle of the scale, all others there.
         """
         assumed, (tasks, _, policies, _) = self._assumptions, self._shape
-        rng = np.random.default_rng([self._seed, number, 0])
+        rng = random_streams.simulated_study(self._seed, number, 0)
         stays, cells = self._session(participants, number)
         places = self._places[cells]
         drawn = rng.standard_normal((len(stays), 1 + policies + int(np.prod(self._shape))))
         lenience, liking = drawn[:, 0], drawn[:, 1 : 1 + policies]
         noise = drawn[:, 1 + policies :].reshape(-1, *self._shape)
-        of_task = np.random.default_rng([self._seed, number, 1]).standard_normal(tasks)
+        of_task = random_streams.simulated_study(self._seed, number, 1).standard_normal(tasks)
         of_policy = np.where(np.arange(policies) == policies - 1, effect, 0.0)
         shift = (
             assumed.participant_sd * lenience[:, None, None, None]
@@ -103,7 +104,7 @@ class SimulatedStudies:
 
     def objective(self, participants: int, number: int) -> FloatArray:
         """Success, reward and force of the same study, without an effect of policies: (participants, policies, 3)."""
-        rng = np.random.default_rng([self._seed, number, 3])
+        rng = random_streams.simulated_study(self._seed, number, 3)
         return rng.standard_normal((participants, self._shape[2], 3))
 
     def _session(self, participants: int, number: int) -> tuple[BoolArray, IntArray]:
@@ -111,7 +112,7 @@ class SimulatedStudies:
 
         Orders are assigned as in a study: participants who withdraw free theirs.
         """
-        rng = np.random.default_rng([self._seed, number, 2])
+        rng = random_streams.simulated_study(self._seed, number, 2)
         stays: list[bool] = []
         cells: list[int] = []
         while sum(stays) < participants:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import stats
 
 from avrgym.array_types import FloatArray
+from avrgym.system import random_streams
 
 MAX_ENUMERATED = 14
 """Up to so many participants every choice of signs is computed."""
@@ -21,9 +22,6 @@ MAX_ENUMERATED = 14
 
 SAMPLED_FLIPS = 9_999
 """For more participants so many choices are drawn, in addition to the one observed."""
-
-
-SEED = 0
 
 
 TOLERANCE = 1e-9
@@ -62,7 +60,7 @@ def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
 def sign_flips(participants: int) -> FloatArray:
     """Choices of signs (choices, participants), the one observed first; opposite choices count once."""
     if participants > MAX_ENUMERATED:
-        drawn = np.random.default_rng(SEED).integers(0, 2, (SAMPLED_FLIPS, participants))
+        drawn = random_streams.sampled_sign_flips().integers(0, 2, (SAMPLED_FLIPS, participants))
         return np.vstack([np.ones(participants), 1.0 - 2.0 * drawn])
     free = max(participants - 1, 0)
     chosen = np.array(list(product([1.0, -1.0], repeat=free))).reshape(2**free, free)

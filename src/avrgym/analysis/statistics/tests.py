@@ -16,6 +16,7 @@ from scipy.spatial.distance import cdist
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.learning.evaluation import wilson_interval
+from avrgym.system import random_streams
 
 EXACT_SIGNED_RANK = 50
 """Up to so many differences the signed-rank probability is exact: their 2**n signs count exactly in doubles."""
@@ -182,7 +183,7 @@ def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMU
     if not apart.any():
         return StatisticalTest(test, total, note="all values are equal")
     given, between = _energy(apart, np.arange(count)[None])
-    rng = np.random.default_rng(seed)
+    rng = random_streams.permutations(seed)
     drawn = np.stack([rng.permutation(total)[:count] for _ in range(permutations)])
     larger = int((_energy(apart, drawn)[0] >= given[0] - 1e-12).sum())
     p = (1 + larger) / (1 + permutations)

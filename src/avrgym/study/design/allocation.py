@@ -9,6 +9,7 @@ import numpy as np
 
 from avrgym.study.design.counterbalancing import Block, Order, balanced_orders
 from avrgym.study.design.design import Design
+from avrgym.system import random_streams
 from avrgym.tasks.constants import environment_id
 
 
@@ -30,7 +31,7 @@ def cell_orders(design: Design) -> tuple[Order, ...]:
 
 @cache
 def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[Order, ...]:
-    return balanced_orders(tasks, conditions, np.random.default_rng(seed))
+    return balanced_orders(tasks, conditions, random_streams.condition_orders(seed))
 
 
 def least_filled_cell(order: Sequence[int], taken: Iterable[int], elsewhere: Iterable[int] = ()) -> int:
@@ -53,7 +54,7 @@ def cell_fill_order(design: Design, site: str | None) -> list[int]:
     cells = len(cell_orders(design))
     if site is None:
         return list(range(cells))
-    rng = np.random.default_rng([design.seed, _SITES, *site.encode()])
+    rng = random_streams.site_cells(design.seed, site)
     return [int(cell) for cell in rng.permutation(cells)]
 
 
@@ -64,7 +65,7 @@ def plan_trials(
 
     Robots for practice and the trials' seeds differ between participants; the design's seed decides on both.
     """
-    rng = np.random.default_rng([design.seed, participant, *(site or "").encode()])
+    rng = random_streams.trial_seeds(design.seed, participant, site)
     robots_of_tasks = practice_robots(design, participant)
     trials: list[PlannedTrial] = []
     for block in cell_orders(design)[cell]:
@@ -83,13 +84,9 @@ def practice_robots(design: Design, participant: int) -> tuple[str, ...]:
     """
     robots = len(design.robots)
     group, place = divmod(participant - 1, robots)
-    rng = np.random.default_rng([design.seed, _PRACTICE, group])
+    rng = random_streams.practice_robots(design.seed, group)
     shifts = rng.permutation(np.arange(len(design.tasks)) % robots)
     return tuple(design.robots[int(index)] for index in (rng.permutation(robots)[place] + shifts) % robots)
-
-
-_PRACTICE, _SITES = 2**32 - 1, 2**32 - 2
-"""Keep the draws of practice robots and of sites' cells apart from those of participants."""
 
 
 def _conditions(design: Design, block: Block, practice_robot: str) -> list[tuple[str, str, bool]]:

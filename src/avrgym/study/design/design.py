@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
-import numpy as np
 
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import Item, Questionnaire, items_to_ask
@@ -29,6 +28,7 @@ from avrgym.study.design.validation import (
     parse_toml,
     read_text,
 )
+from avrgym.system import random_streams
 from avrgym.system.toml_lines import Place
 from avrgym.tasks.constants import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
@@ -158,7 +158,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     def policy_codes(self) -> dict[str, str]:
         """A letter for each policy, for whoever must not know which it is; the seed decides."""
-        order = np.random.default_rng([self.seed, len(self.policies)]).permutation(len(self.policies))
+        order = random_streams.policy_codes(self.seed, len(self.policies)).permutation(len(self.policies))
         return {policy: chr(ord("A") + place) for policy, place in zip(self.policies, order, strict=True)}
 
     def shown_policy(self, policy: str, practice: bool) -> str:

@@ -26,6 +26,7 @@ from avrgym.study.sessions.visit import StudyVisit, has_remaining
 from avrgym.study.storage.rows import Participant
 from avrgym.study.storage.states import UNKNOWN, StudyError
 from avrgym.study.storage.store import Store
+from avrgym.system import random_streams
 from avrgym.system.jobs import cores, run_all
 from avrgym.tasks.company import find_company
 from avrgym.tasks.registry import TASKS
@@ -216,4 +217,4 @@ def _trials(store: Store, pseudonyms: list[str]) -> tuple[int, int]:
 
 
 def _random(seed: int, number: int) -> np.random.Generator:
-    return np.random.default_rng([seed, number])
+    return random_streams.simulated_answers(seed, number)

@@ -5,6 +5,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.models.scene import CONTROL_STEP_S
+from avrgym.system import random_streams
 from avrgym.tasks import placement
 from avrgym.tasks.experts.robot_clearance import Clearance
 from avrgym.tasks.task import RunningEpisodes
@@ -178,7 +179,7 @@ class MotionPlanner:
 
 def _around(joints: int) -> FloatArray:
     """Where the search begins, ``STARTS`` rows (…, J): radians from where the arm is."""
-    others = np.random.default_rng(0).uniform(-SPREAD_RAD, SPREAD_RAD, (STARTS - 1, joints))
+    others = random_streams.planner_starts().uniform(-SPREAD_RAD, SPREAD_RAD, (STARTS - 1, joints))
     return np.concatenate([np.zeros((1, joints)), others])
 
 

@@ -22,6 +22,7 @@ from websockets.sync.client import ClientConnection, connect
 from avrgym.array_types import FloatArray
 from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.system import random_streams
 from avrgym.system.child_processes import block_terminal_signals
 from avrgym.tasks.registry import sizes
 from avrgym.vr.benchmark.cpu_steal import CpuSteal, Span, outside, within_s
@@ -117,7 +118,7 @@ def _plan(environment_id: str, seconds: float) -> SessionPlan:
 def _untrained(environment_id: str) -> Policy:
     """A network of the size of trained ones, with random weights: it takes the same time."""
     size, actions = sizes(environment_id)
-    random, layers = np.random.default_rng(0), (size, HIDDEN_UNITS, HIDDEN_UNITS, actions)
+    random, layers = random_streams.untrained_weights(), (size, HIDDEN_UNITS, HIDDEN_UNITS, actions)
     return Policy(
         weights=tuple(random.normal(0.0, 0.1, pair) for pair in pairwise(layers)),
         biases=tuple(np.zeros(count) for count in layers[1:]),

@@ -21,6 +21,7 @@ from avrgym.people import cooperation, distributions, impairments
 from avrgym.people.distributions import DISTRIBUTIONS, Distribution
 from avrgym.people.population_names import Impairment
 from avrgym.people.zoo import partner_behaviour, partners
+from avrgym.system import random_streams
 from avrgym.tasks.human_view import HumanView, Seen
 from avrgym.tasks.registry import task_and_scene
 from avrgym.vr.protocol import messages
@@ -86,7 +87,7 @@ def draw_traits(
     trained: Policy | None = None,
 ) -> Traits:
     """Traits of one of a kind of people: without another, of the paper's participants; perhaps of a trained human."""
-    random = np.random.default_rng(seed)
+    random = random_streams.participant_traits(seed)
     heights_m = whom.torso_height_woman_m if sex == "woman" else whom.torso_height_man_m
     traits = Traits(
         sex=sex,
@@ -141,7 +142,7 @@ class SimulatedParticipant:
 
     def __init__(self, traits: Traits, seed: int, furniture: RealFurniture = REAL_AS_VIRTUAL) -> None:
         """Sit on ``furniture`` of their room: how high the head is follows from it."""
-        random = np.random.default_rng([seed, 1])
+        random = random_streams.participant_motion(seed)
         self.traits = traits
         self._random = random
         self._furniture = furniture
@@ -149,8 +150,8 @@ class SimulatedParticipant:
             np.array([*random.uniform(-0.3, 0.3, 2), 0.0]), float(random.uniform(-np.pi, np.pi))
         )
         self._phase = random.uniform(0.0, 2.0 * np.pi, 3)
-        self._chance = np.random.default_rng([seed, 2]).random((1, 4))
-        self._chance_of_actions = np.random.default_rng([seed, 3])
+        self._chance = random_streams.participant_behaviour(seed).random((1, 4))
+        self._chance_of_actions = random_streams.participant_noise(seed)
         self._sequence = -1
         self._measured: dict[str, XRPose] = {}
         self._turned = self._turned_s = 0.0

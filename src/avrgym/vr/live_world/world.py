@@ -10,6 +10,7 @@ from avrgym.models.scene import SUBSTEPS, SceneConfig
 from avrgym.safety.force_guard import ForceGuard
 from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
+from avrgym.system import random_streams
 from avrgym.tasks.control_loop import ControlLoop, ControlStep
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import Task
@@ -101,7 +102,7 @@ class LiveWorld:
             NoRoomError: a ``ValueError``, where the person obstructs every start.
         """
         self._episodes.person = replace(self.person, joint_angles_rad=self.joint_targets_rad)
-        self._generators = [np.random.default_rng(seed)]
+        self._generators = [random_streams.episode(seed)]
         self._episodes.begin(np.array([0]), self._generators)
         self.start = self._episodes.start(0)
         self._retreat = Retreat(self._episodes.simulation)

@@ -6,6 +6,7 @@ import numpy as np
 
 from avrgym.models.human import Person
 from avrgym.policies.registry import find_for_session
+from avrgym.system import random_streams
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import ControlStep
 from avrgym.tasks.episodes import Episodes
@@ -106,7 +107,7 @@ class EnvironmentViewer:
 
     def _begin(self) -> None:
         """Prepare the next episode. It starts when a client has loaded its scene."""
-        generator = np.random.default_rng(self._seed)
+        generator = random_streams.episode(self._seed)
         self._seed += 1
         self._episodes.begin(np.array([0]), [generator])
         self._driver.begin(self._episodes, [generator])
