@@ -10,7 +10,7 @@ import pytest
 from avrgym.models.human import SKIN_TONES
 from avrgym.texts.interface_texts import (
     ENGLISH,
-    FOLDER,
+    TEXTS_FOLDER,
     PAGE_SUFFIX,
     SELECT_BY,
     Text,
@@ -44,8 +44,8 @@ def whole_file(direction: str = "rtl") -> str:
 
 
 def own(folder: Path, language: str, text: str) -> Path:
-    (folder / FOLDER).mkdir(exist_ok=True)
-    (folder / FOLDER / f"{language}.toml").write_text(text, "utf-8")
+    (folder / TEXTS_FOLDER).mkdir(exist_ok=True)
+    (folder / TEXTS_FOLDER / f"{language}.toml").write_text(text, "utf-8")
     return folder
 
 
