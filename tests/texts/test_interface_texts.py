@@ -10,9 +10,9 @@ import pytest
 from avrgym.models.human import SKIN_TONES
 from avrgym.texts.interface_texts import (
     ENGLISH,
-    TEXTS_FOLDER,
     PAGE_SUFFIX,
     SELECT_BY,
+    TEXTS_FOLDER,
     Text,
     TextsError,
     included_languages,
