@@ -312,7 +312,7 @@ REFUSED: list[tuple[Callable[[list[Path]], list[Path]], str]] = [
         r"trial_steps is 200 at atlanta \(line 25\), 100 at berlin \(line 25\); --accept-differences merges",
     ),
     (_other_policies, "studies with other tasks, robots or policies are never merged"),
-    (_edited, "was changed by something other than AVR Gym: .*; `avrgym study check` says more"),
+    (_edited, "was changed by another program: .*; `avrgym study check` says more"),
 ]
 
 
@@ -424,7 +424,7 @@ def test_damage_to_a_merged_study_is_noticed_and_recordings_come_again(sites: li
     assert tree(out) == whole
     with Store(out) as store, store.database._engine.begin() as connection:
         connection.exec_driver_sql("UPDATE participant SET site = 'berlin' WHERE number = 1001")
-    assert any("participant 1001: was changed by something other" in each for each in wrong(out))
+    assert any("participant 1001: was changed by another program" in each for each in wrong(out))
 
 
 # Kills

@@ -28,8 +28,7 @@ from avrgym.study.storage.session_designs import (
 )
 from avrgym.study.storage.store import Store
 from avrgym.system.toml_lines import Place
-from avrgym.texts.interface_texts import TEXTS_FOLDER as TEXTS
-from avrgym.texts.interface_texts import TextsError, normalize_whitespace
+from avrgym.texts.interface_texts import TEXTS_FOLDER, TextsError, normalize_whitespace
 
 AT_ADMISSION = ("inclusion", "order of inclusion")
 """Fields that participants answer before the first session."""
@@ -97,7 +96,7 @@ def _differences(design: Design, wordings: Wordings | None, use: SessionDesign) 
     language = use.language
     for place, here, there in differences(wordings.get(language, {}), use.wordings.get(language, {})):
         if place[0] != "sentences" or place[-1] in _both(design, use.design):
-            yield Difference(f"{TEXTS}/{language}.toml", place, here, there, [])
+            yield Difference(f"{TEXTS_FOLDER}/{language}.toml", place, here, there, [])
 
 
 def _of_sessions(design: Design) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from avrgym.study.design.instruments import FOLDER as INSTRUMENTS
 from avrgym.study.design.validation import ValidationError, check_unique
 from avrgym.tasks.registry import TASKS
 from avrgym.texts.interface_texts import TEXTS_FOLDER, TextsError, read_texts
-from avrgym.texts.interface_texts import TEXTS_FOLDER as TEXTS
 
 if TYPE_CHECKING:
     from avrgym.study.design.design import Design
@@ -42,7 +41,9 @@ def check_languages(design: Design, folder: Path) -> None:
         if untranslated:
             named = ", ".join(f'"{sentence}"' for sentence in untranslated[:NAMED])
             more = f" and {len(untranslated) - NAMED} more" if len(untranslated) > NAMED else ""
-            allowed = f"a line for each under [sentences] of {TEXTS_FOLDER}/{language}.toml in the study's folder"
+            allowed = (
+                f"a line for each under [sentences] of {TEXTS_FOLDER}/{language}.toml in the study's folder"
+            )
             raise ValidationError(
                 ("languages", index),
                 f"no translation into {language} of {named}{more}; allowed: {allowed}",
@@ -90,6 +91,6 @@ def text_files(design: Design, folder: Path) -> list[str]:
     Names are relative to the folder, with ``/``.
     """
     used = dict.fromkeys(each.use for each in design.questionnaires if each.use)
-    names = [f"{TEXTS}/{language}.toml" for language in design.languages]
+    names = [f"{TEXTS_FOLDER}/{language}.toml" for language in design.languages]
     names += [f"{INSTRUMENTS}/{name}.toml" for name in used]
     return [name for name in names if (folder / name).is_file()]

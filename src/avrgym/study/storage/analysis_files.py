@@ -1,4 +1,4 @@
-"""Which files in a folder an analysis made: only they are ever replaced or removed."""
+"""Files that an analysis wrote into a folder. Only these files are ever replaced or removed."""
 
 import json
 import shutil
@@ -6,15 +6,15 @@ from collections.abc import Iterable
 from pathlib import Path
 
 FOLDER = "analysis"
-"""Where in a study's folder its analysis goes."""
+"""The default folder of an analysis, in the study's folder."""
 RESULTS = "results.json"
 UNFINISHED_PREFIX = ".analysis-"
-"""What the folder's name begins with in which an analysis is made; one that was killed leaves it."""
+"""Prefix of the temporary folder of an analysis. A killed analysis leaves it behind."""
 FORMAT_NAME = "avrgym analysis"
 
 
 def previous_files(folder: Path) -> list[str] | None:
-    """The files that an earlier analysis made in a folder, besides its results; ``None`` when there was none."""
+    """Files of an earlier analysis in a folder, without its results; ``None`` if there is none."""
     try:
         results = json.loads((folder / RESULTS).read_bytes())
         return list(map(str, results["files"])) if results["format"].startswith(FORMAT_NAME) else None
@@ -23,14 +23,14 @@ def previous_files(folder: Path) -> list[str] | None:
 
 
 def remove_files(folder: Path, names: Iterable[str]) -> None:
-    """Remove files of a folder by their relative names; one that leads out of it stays."""
+    """Remove files of a folder by their relative names. Names that lead out of it are ignored."""
     for name in names:
         if (folder / name).resolve().is_relative_to(folder.resolve()):
             (folder / name).unlink(missing_ok=True)
 
 
 def remove_analysis(folder: Path) -> None:
-    """Remove what analyses made in a folder, if any did, and nothing else; the results go last."""
+    """Remove only the files that analyses wrote into a folder; the results are removed last."""
     names = previous_files(folder)
     if names is not None:
         remove_files(folder, [*names, RESULTS])
@@ -39,7 +39,7 @@ def remove_analysis(folder: Path) -> None:
 
 
 def unfinished_analyses(folder: Path) -> list[Path]:
-    """The folders that analyses left which were killed, or that one is being made in."""
+    """Temporary folders of analyses that were killed or are running."""
     return sorted(
         path for path in folder.glob(f"{UNFINISHED_PREFIX}*") if path.is_dir() and not path.is_symlink()
     )

@@ -1,4 +1,4 @@
-"""Consequences of a lost database, in the words of report, methods and exports."""
+"""Sentences about a lost database for the report, the methods section and exports."""
 
 from collections.abc import Iterator, Sequence
 
@@ -9,15 +9,15 @@ from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
 
 PARTICIPATION_CONFIRMED = "participation confirmed"
-"""The event that the experimenter confirmed from other records that a participant consented and did not withdraw."""
+"""Event: the experimenter confirmed from other records that a participant consented and did not withdraw."""
 
 
 def describe_data_loss(store: Store) -> tuple[str, ...]:
-    """A sentence or two for each time that a database was rebuilt, and about participants with an unknown state."""
-    return tuple(_words(store))
+    """Sentences about each rebuild of the database, and about participants with an unknown state."""
+    return tuple(_sentences(store))
 
 
-def _words(store: Store) -> Iterator[str]:
+def _sentences(store: Store) -> Iterator[str]:
     sites = {site.number: site.name for site in store.sites()}
     events, people = store.events(), store.participants()
     for event in events:

@@ -213,7 +213,7 @@ class Database:
             heads = self._seal.heads()
             with self._lock() as connection:
                 if self.is_sqlite and self._seal.checksum not in (None, self._checksum(connection)):
-                    yield FILE, "was changed by something other than AVR Gym: its checksum is another"
+                    yield FILE, "was changed by another program: its checksum is another"
                 known = hash_chain.head(connection)
                 lost = hash_chain.missing_heads(connection, heads or ())
         except (IntegrityFileError, StudyError) as error:
@@ -222,7 +222,7 @@ class Database:
         if self._seal.mismatch:
             yield (
                 FILE,
-                f"had been changed by something other than AVR Gym; remove {MISMATCH} once that is clear",
+                f"had been changed by another program; remove {MISMATCH} once that is clear",
             )
         if lost:
             yield "ledger", f"ends with entry {known.number} and lacks what {HEAD} tells of: it was set back"

@@ -1,11 +1,12 @@
-"""The ledger of a study's rows: a hash chain in the database that tells what was changed by anything else.
+"""A hash chain over all rows of a study (table ``ledger``), which reveals changes by other programs.
 
-Each transaction adds an entry for every row that it wrote. An entry holds the checksum of the row as it then was, or
-none where it was deleted, and its digest covers that of the entry before. A row that differs from its latest entry, a
-row without one and an entry without its row were made by something else, and so was a chain that does not fit together.
-Rows hold a random salt, so that the checksum of a deleted one tells nothing about it.
+Each transaction appends an entry for every row that it wrote. An entry contains the checksum of the row, or none after
+its deletion. Its digest covers the digest of the entry before. Another program made a change if a row differs from its
+latest entry, if a row has no entry, if an entry has no row, or if the digests do not match. Rows contain a random salt:
+the checksum of a deleted row reveals nothing about it.
 
-There is no secret: whoever computes the chain anew goes unnoticed, unless an earlier end of it is known elsewhere.
+The chain has no secret: a program that recomputes all digests is detected only by an earlier head that is stored
+elsewhere.
 """
 
 import hashlib
@@ -29,13 +30,13 @@ _WRITTEN = "rows that the transaction wrote"
 
 @dataclass(frozen=True)
 class Head:
-    """The last entry of a chain: how many there are, and its digest."""
+    """The last entry of a chain: its number and its digest."""
 
     number: int = 0
     digest: str = ""
 
     def after(self, table: str, key: int, content: str | None) -> "Head":
-        """The head once an entry has followed."""
+        """The head after another entry."""
         return Head(self.number + 1, _sha256([self.digest, self.number + 1, table, key, content]))
 
 
@@ -43,7 +44,7 @@ class Head:
 
 
 def insert(connection: sa.Connection, table: sa.Table, **values: Any) -> int:
-    """Insert a row within a transaction; its key."""
+    """Insert a row within a transaction and return its key."""
     inserted = connection.execute(sa.insert(table).values(values)).inserted_primary_key
     assert inserted is not None
     _wrote(connection, table, inserted[0])
@@ -64,7 +65,7 @@ def delete(connection: sa.Connection, table: sa.Table, *conditions: sa.ColumnEle
 
 
 def begin_transaction(connection: sa.Connection) -> None:
-    """Begin to note what a transaction writes."""
+    """Begin to collect the rows that a transaction writes."""
     connection.info[_WRITTEN] = set()
 
 
@@ -74,7 +75,7 @@ def written_rows(connection: sa.Connection) -> frozenset[tuple[str, int]]:
 
 
 def append_entries(connection: sa.Connection) -> Head | None:
-    """Add the entries of a transaction to the chain; its new head, if it wrote anything."""
+    """Append the entries of a transaction and return the new head; ``None`` if nothing was written."""
     rows = sorted(connection.info.pop(_WRITTEN))
     if not rows:
         return None
@@ -92,14 +93,14 @@ def append_entries(connection: sa.Connection) -> Head | None:
 
 
 def head(connection: sa.Connection) -> Head:
-    """The end of the chain."""
+    """The last entry of the chain."""
     last = sa.select(LEDGER.c.number, LEDGER.c.digest).order_by(LEDGER.c.number.desc()).limit(1)
     row = connection.execute(last).first()
     return Head(*row) if row else Head()
 
 
 def missing_heads(connection: sa.Connection, known: Collection[Head]) -> list[Head]:
-    """Which of these ends the chain never had."""
+    """Those of these heads that the chain does not contain."""
     first = min((each.number for each in known), default=0)
     later = sa.select(LEDGER.c.number, LEDGER.c.digest).where(LEDGER.c.number >= first)
     held = {number: digest for number, digest in connection.execute(later)} if known else {}
@@ -110,7 +111,7 @@ def missing_heads(connection: sa.Connection, known: Collection[Head]) -> list[He
 
 
 def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
-    """Where, and what is wrong with chain and rows."""
+    """Faults of chain and rows, as pairs of place and message."""
     try:
         entries = _rows(connection, LEDGER)
     except (SQLAlchemyError, ValueError, TypeError) as error:
@@ -130,7 +131,7 @@ def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
 
 
 def unchanged_keys(connection: sa.Connection, table: sa.Table) -> set[int]:
-    """The keys of a table's rows that are as the program wrote them; empty if the ledger cannot be read."""
+    """Keys of a table's unchanged rows; empty if the chain cannot be read."""
     try:
         entries = _rows(connection, LEDGER)
         found = _contents(connection, table)
@@ -141,7 +142,7 @@ def unchanged_keys(connection: sa.Connection, table: sa.Table) -> set[int]:
 
 
 def _first_break(entries: list[sa.RowMapping]) -> int | None:
-    """The number of the first entry that does not follow from those before it."""
+    """The number of the first entry that does not match the entries before it."""
     before = Head()
     for entry in entries:
         after = before.after(entry["table"], entry["key"], entry["content"])
@@ -161,23 +162,23 @@ def _faults_of(
         return
     for key in sorted(expected.keys() | found.keys(), key=str):
         if key not in found:
-            yield f"{table.name} {key}", "is gone: something other than AVR Gym deleted it"
+            yield f"{table.name} {key}", "was deleted by another program"
         elif key not in expected:
-            yield f"{table.name} {key}", "was added by something other than AVR Gym"
+            yield f"{table.name} {key}", "was added by another program"
         elif found[key] != expected[key]:
-            yield f"{table.name} {key}", "was changed by something other than AVR Gym"
+            yield f"{table.name} {key}", "was changed by another program"
 
 
 def primary_key(table: sa.Table) -> sa.Column[int]:
-    """A table's primary key, which is one whole number."""
+    """A table's primary key, an integer."""
     (key,) = table.primary_key.columns
     return key
 
 
 def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> dict[int, str]:
-    """The checksums of a table's rows by key, or of those with these keys.
+    """Checksums of a table's rows by key, all or those with these keys.
 
-    Columns without a value do not count, so that a later version may add some.
+    Columns without a value are ignored: a later version may add columns.
     """
     name = primary_key(table).name
     return {
@@ -189,7 +190,7 @@ def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None
 
 
 def _rows(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> list[sa.RowMapping]:
-    """A table's rows by column; an error leaves the transaction usable."""
+    """A table's rows by column. After an error the transaction can still be used."""
     query = sa.select(table).order_by(primary_key(table))
     if keys is not None:
         query = query.where(primary_key(table).in_(keys))

@@ -1,11 +1,12 @@
-"""What stands beside a study's database to tell that it was changed from outside, or set back.
+"""Files next to the database that reveal changes by other programs and replacement by an older copy.
 
-``study.head`` holds ends of the ledger's chain, a line with number and digest for each transaction since the database
-was last closed. A transaction is noted once it is on disk, so a chain without one of these ends has lost it.
+``study.head`` contains heads of the hash chain: a line with number and digest for each transaction since the database
+was last closed. A head is written after its transaction is on disk. A chain that lacks one of these heads was replaced
+by an older copy.
 
-``study.db.sha256`` is the checksum of SQLite's file, as ``sha256sum`` writes it, while nobody writes to the study: it
-is removed before anything is written and made when a writer is done. One that a writer found wrong is kept as
-``study.db.sha256.mismatch`` until somebody has looked into it.
+``study.db.sha256`` is the checksum of SQLite's file in the format of ``sha256sum``. It exists only while nobody writes:
+it is removed before each write and written again when the writer closes. If a writer finds a different checksum, the
+file becomes ``study.db.sha256.mismatch`` until somebody has found the cause.
 """
 
 import os
@@ -24,12 +25,12 @@ _HEAD_LINE = re.compile(r"([1-9][0-9]{0,17}) ([0-9a-f]{64})")
 
 
 class IntegrityFileError(ValueError):
-    """A file beside the database that is damaged."""
+    """A damaged file next to the database."""
 
 
 class IntegrityFiles:
-    """The files beside the database in a study's folder. Whoever calls a method holds the database's lock for writing,
-    but for ``note`` and ``heads``."""
+    """The files next to the database. Callers hold the database's write lock, except for ``append_head`` and
+    ``read_heads``."""
 
     def __init__(self, folder: Path, database: str) -> None:
         self._folder, self._database = folder, database
@@ -47,12 +48,12 @@ class IntegrityFiles:
         return match[1]
 
     def set_checksum(self, checksum: str) -> None:
-        """Seal the database's file."""
+        """Store the checksum of the database's file."""
         data = f"{checksum}  {self._database}\n".encode()
         write_atomically(self._folder / CHECKSUM, data, mode=PRIVATE_FILE)
 
     def remove_checksum(self, actual: Callable[[], str]) -> None:
-        """Before something is written: remove the seal, or keep it as evidence where the file's checksum is another."""
+        """Remove the checksum before a write, or rename it if the file has a different one."""
         path = self._folder / CHECKSUM
         if not path.exists():
             return
@@ -70,11 +71,11 @@ class IntegrityFiles:
 
     @property
     def mismatch(self) -> bool:
-        """Whether a writer found that the file had been changed."""
+        """Whether a writer found that another program had changed the file."""
         return (self._folder / MISMATCH).exists()
 
     def note(self, head: Head) -> None:
-        """Note the end of the chain after a transaction, which stands whether that succeeds or not."""
+        """Append the head after a transaction. Errors are ignored: the transaction is complete without it."""
         with suppress(OSError, IntegrityFileError):
             if not self._noted:
                 self._cut_unfinished_line()
@@ -83,7 +84,7 @@ class IntegrityFiles:
             file.write(_line(head))
 
     def _cut_unfinished_line(self) -> None:
-        """Remove what a crash may have cut, so that the next line stands by itself."""
+        """Remove an unfinished last line after a crash."""
         path = self._folder / HEAD
         if path.exists() and not path.read_bytes().endswith(b"\n"):
             self.set_heads(self.heads() or ())
@@ -100,12 +101,12 @@ class IntegrityFiles:
         return [Head(int(match[1]), match[2]) for match in found if match]
 
     def set_heads(self, heads: Iterable[Head]) -> None:
-        """Note no other ends than these."""
+        """Replace all stored heads."""
         data = b"".join(map(_line, heads))
         write_atomically(self._folder / HEAD, data, mode=PRIVATE_FILE)
 
     def remove(self) -> None:
-        """Forget everything about a database that is no more."""
+        """Remove all files about a lost database."""
         for name in (HEAD, CHECKSUM, MISMATCH):
             (self._folder / name).unlink(missing_ok=True)
 
@@ -119,7 +120,7 @@ def _text(path: Path) -> str:
 
 
 def _sync(folder: Path) -> None:
-    """Put on disk that a file of a folder has gone, where the system can."""
+    """Flush the removal of a file to disk, if the system can."""
     with suppress(OSError):
         number = os.open(folder, os.O_RDONLY)
         try:

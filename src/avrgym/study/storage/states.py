@@ -1,4 +1,4 @@
-"""The states that a study's things go through, and no others."""
+"""The states of participants, sessions, trials and attempts, and the allowed transitions."""
 
 from collections.abc import Mapping
 
@@ -7,7 +7,7 @@ from avrgym.recording.schema import ATTEMPT_ENDS
 Transitions = Mapping[str, tuple[str, ...]]
 
 UNKNOWN = "unknown"
-"""The state of participants whose consent or withdrawal is unknown, because the database was lost."""
+"""State of a participant after the loss of the database: consent and withdrawal are unknown."""
 
 PARTICIPANT: Transitions = {
     "enrolled": ("consented", "withdrawn"),
@@ -33,19 +33,19 @@ TRANSITIONS: Mapping[str, Transitions] = {
     "trial": TRIAL,
     "attempt": ATTEMPT,
 }
-"""By table: each state, and those that may follow it."""
+"""By table: the states that may follow each state."""
 
 PARTICIPATING = ("allocated", "completed")
-"""States of participants who count in their cell."""
+"""States of participants that count in their cell."""
 
 
 class StudyError(RuntimeError):
-    """Something that a study does not allow, with what it allows; nothing was changed."""
+    """An action that the study does not allow; nothing was changed. The message contains what is allowed."""
 
 
 def check_transition(table: str, what: str, before: str, after: str) -> None:
     """Raise ``StudyError`` unless ``after`` may follow ``before``."""
     allowed = TRANSITIONS[table][before]
     if after not in allowed:
-        follow = " or ".join(allowed) or "nothing: it is final"
-        raise StudyError(f"{what} is {before} and cannot become {after}; what may follow: {follow}")
+        follow = " or ".join(allowed) or "none, this state is final"
+        raise StudyError(f"{what} is {before} and cannot become {after}; allowed: {follow}")

@@ -1,4 +1,4 @@
-"""What a study's folder still tells of its participants where the database is lost."""
+"""Data about participants in a study's folder apart from the database."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +12,7 @@ from avrgym.study.storage.states import StudyError
 
 
 def traces_of_database(folder: Path) -> list[str]:
-    """What is there, in words, that only a study with a database leaves."""
+    """Names of files and folders that exist only if the study had a database."""
     found: list[str] = []
     if identity_file.named_pseudonyms(folder):
         found.append(f"names in {identity_file.identity_path(folder).relative_to(folder)}")
@@ -23,7 +23,7 @@ def traces_of_database(folder: Path) -> list[str]:
 
 
 def used_numbers(folder: Path) -> set[int]:
-    """The numbers of participants in the identity file, the participation list or the folders of recordings."""
+    """Numbers of participants in the identity file, the participation list or the recordings."""
     listed = ParticipationList(folder).read()
     known = set(_numbers([*identity_file.named_pseudonyms(folder), *_names(folder / RECORDINGS)]))
     return known | {each.participant for each in listed.entries if each.participant} if listed else known
