@@ -20,6 +20,7 @@ from avrgym.networks.policy import HumanRole, PolicyMetadata
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.questionnaires.stop_rules import StopRule
 from avrgym.recording import schema
+from avrgym.recording.configuration import BodyModel, Configuration, HeadsetCheck, TrackedPart, Versions
 from avrgym.study.design import design
 from avrgym.vr.protocol import messages
 from reference_tables import TABLES
@@ -36,8 +37,18 @@ STUDY_TABLES = {
     "`[reporting]`": design.Reporting,
     "`[database]`": design.DatabaseConfig,
 }
+RECORDING_PARTS = [
+    ("The configuration", Configuration),
+    ("Versions", Versions),
+    ("The body model", BodyModel),
+    ("The headset check", HeadsetCheck),
+    ("A tracked part", TrackedPart),
+    ("The outcome", schema.Outcome),
+    ("A pose", schema.Pose),
+]
 NAMES: dict[type, str] = {kind: name for name, kind in STUDY_TABLES.items()} | {
     HumanRole: "the role of a human",
+    **{kind: title.lower() for title, kind in RECORDING_PARTS},
     messages.XRPose: "a pose",
     schema.Pose: "a pose",
 }
@@ -61,7 +72,7 @@ def main() -> None:
         "commands": commands(get_command(app)),
         "messages": _messages(),
         "recording": structs(
-            [*((f"`{topic}`", kind) for topic, kind in schema.TOPICS.items()), ("A pose", schema.Pose)]
+            [*RECORDING_PARTS, *((f"`{topic}`", kind) for topic, kind in schema.TOPICS.items())]
         ),
         "study_file": structs(STUDY_TABLES.items()),
         "policy_file": structs([("The header", PolicyMetadata), ("A human", HumanRole)]),
@@ -101,8 +112,11 @@ def structs(named: Iterable[tuple[str, type[msgspec.Struct]]], level: int = 2) -
     for title, kind in named:
         yield from (f"{'#' * level} {title}", "", docstring(kind), "")
         fields = types.type_info(kind).fields  # type: ignore[attr-defined]
-        rows = [(f"`{each.encode_name}`", type_words(each.type), _default(each)) for each in fields]
-        yield from table(("field", "type", "default"), rows)
+        rows = [
+            (f"`{each.encode_name}`", type_words(each.type), _default(each), _description(each.type))
+            for each in fields
+        ]
+        yield from table(("field", "type", "default", "meaning"), rows)
 
 
 def docstring(thing: Any) -> str:
@@ -128,8 +142,15 @@ def _default(field: types.Field) -> str:
     return f"`{msgspec.json.encode(field.default).decode()}`"
 
 
+def _description(info: types.Type) -> str:
+    schema_of = info.extra_json_schema if isinstance(info, types.Metadata) else None
+    return str((schema_of or {}).get("description", ""))
+
+
 def type_words(info: types.Type) -> str:
     """A type in words, with its bounds."""
+    if isinstance(info, types.Metadata):
+        return type_words(info.type)
     allowed = [
         text.format(value)
         for name, text in BOUNDS.items()
