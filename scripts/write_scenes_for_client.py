@@ -36,7 +36,7 @@ def scenes_of(environment: str) -> list[dict[str, Any]]:
     episodes = Episodes(environment, 1, moving=True, num_threads=1)
     policy = load_policy("revised", environment, episodes.observation.size, episodes.action_size)
     generators = [np.random.default_rng(SEED)]
-    episodes.begin(np.array([0]), generators)
+    episodes.reset(np.array([0]), generators)
     simulation = episodes.simulation
     simulation.command_person(episodes.people.joint_angles_rad)
     before = scene_of(f"{environment} before", simulation)

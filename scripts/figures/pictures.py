@@ -97,9 +97,9 @@ class Moment:
 
     def __init__(self, environment_id: str, send: Send) -> None:
         self._send = send
-        self._episodes = Episodes(environment_id, 1, distribution="revised", num_threads=1)
+        self._episodes = Episodes(environment_id, 1, people="revised", num_threads=1)
         seed, steps = MOMENTS[self._episodes.task.name]
-        self._episodes.begin(np.array([0]), [np.random.default_rng(seed)])
+        self._episodes.reset(np.array([0]), [np.random.default_rng(seed)])
         act = self._episodes.task.expert(self._episodes)
         for _ in range(steps):
             self._episodes.step(act(self._episodes.observe()))

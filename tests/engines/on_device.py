@@ -17,8 +17,8 @@ WORLDS = 3
 
 def begun(environment: str, **how: Any) -> Episodes:
     """Partners of the zoo, who look and move, and have just been met."""
-    episodes = Episodes(environment, WORLDS, distribution="zoo/train", num_threads=1, **how)
-    episodes.begin(np.arange(WORLDS), [np.random.default_rng([5, world]) for world in range(WORLDS)])
+    episodes = Episodes(environment, WORLDS, people="zoo/train", num_threads=1, **how)
+    episodes.reset(np.arange(WORLDS), [np.random.default_rng([5, world]) for world in range(WORLDS)])
     return episodes
 
 

@@ -133,6 +133,6 @@ def test_people_who_do_not_move_give_way_as_softly_as_they_would_alone():
     episodes = begun(SCRATCHING, 4)
     bodies = [episodes.simulation.model.body(human.PREFIX + name).id for name in human.BODIES]
     for _ in range(2):
-        episodes.begin(np.arange(4), [np.random.default_rng(seed) for seed in range(4)])
+        episodes.reset(np.arange(4), [np.random.default_rng(seed) for seed in range(4)])
         softness = episodes.simulation.batch.get_model(2).body_invweight0[bodies, 0]
         assert_allclose(softness, INVERSE_MASS_PER_KG)

@@ -38,7 +38,7 @@ REFUSED = """
     for use in (
         lambda: env.step(still),
         lambda: env.reset(seed=1),
-        lambda: bare.begin(np.arange(2), [np.random.default_rng(0)] * 2),
+        lambda: bare.reset(np.arange(2), [np.random.default_rng(0)] * 2),
         lambda: bare.simulation.step(),
     ):
         try:

@@ -29,7 +29,7 @@ def test_guarded_worlds_get_the_same_bits_in_gymnasium_and_in_evaluation() -> No
     env = gym.make_vec(SCRATCHING, num_envs=WORLDS, force_guard=True)
     env.reset(seed=0)
     episodes = Episodes(SCRATCHING, WORLDS, force_guard=True)
-    episodes.begin(np.arange(WORLDS), [np.random.default_rng(seed) for seed in range(WORLDS)])
+    episodes.reset(np.arange(WORLDS), [np.random.default_rng(seed) for seed in range(WORLDS)])
     recorder = RegionLoadRecorder(WORLDS)
     interventions = np.zeros(WORLDS, dtype=int)
     for _ in range(STEPS):

@@ -55,7 +55,7 @@ def add(task: Task, patch: pytest.MonkeyPatch) -> str:
 
 def run(environment: str) -> Episodes:
     world = Episodes(environment, 2, num_threads=1)
-    world.begin(np.arange(2), [np.random.default_rng(seed) for seed in range(2)])
+    world.reset(np.arange(2), [np.random.default_rng(seed) for seed in range(2)])
     for _ in range(STEPS):
         world.step(np.tile(np.array([0.0, 0.5, 0.0, 0.0, 0.0, 1.0, 1.0]), (2, 1)))
     return world

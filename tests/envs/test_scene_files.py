@@ -22,8 +22,8 @@ CHAIR, BED = SCENES
 
 
 def begun(environment: str, impairment: str = "none") -> Episodes:
-    episodes = Episodes(environment, 1, distribution="revised", impairment=impairment, num_threads=1)
-    episodes.begin(np.array([0]), [np.random.default_rng(3)])
+    episodes = Episodes(environment, 1, people="revised", impairment=impairment, num_threads=1)
+    episodes.reset(np.array([0]), [np.random.default_rng(3)])
     return episodes
 
 

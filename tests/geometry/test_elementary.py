@@ -72,10 +72,10 @@ import numpy as np
 from avrgym.tasks.episodes import Episodes
 from avrgym.policies.trained import load_policy
 
-episodes = Episodes("avrgym/FeedingPR2-v1", 4, distribution="participants", num_threads=1)
+episodes = Episodes("avrgym/FeedingPR2-v1", 4, people="participants", num_threads=1)
 policy = load_policy("revised", "avrgym/FeedingPR2-v1", episodes.observation.size, 7)
 generators = [np.random.default_rng(seed) for seed in range(4)]
-observation = episodes.begin(np.arange(4), generators)
+observation = episodes.reset(np.arange(4), generators)
 for _ in range(30):
     action = policy.act(observation, generators).astype(float)
     step = episodes.step(action)

@@ -26,8 +26,8 @@ def imitated(tmp_path_factory) -> tuple[FeedforwardRecipe, list[Update]]:
 @pytest.mark.slow
 def test_the_policy_acts_like_its_expert_with_new_people(imitated):
     policy = imitated[0].policies(PolicyMetadata(environment=FEEDING, people="", steps=0, seed=0))[0]
-    episodes = Episodes(FEEDING, WORLDS, distribution="revised", num_threads=1)
-    episodes.begin(np.arange(WORLDS), [np.random.default_rng([9, i]) for i in range(WORLDS)])
+    episodes = Episodes(FEEDING, WORLDS, people="revised", num_threads=1)
+    episodes.reset(np.arange(WORLDS), [np.random.default_rng([9, i]) for i in range(WORLDS)])
     expert = episodes.task.feedback_expert(episodes)
     demonstrated, imitating = [], []
     for _ in range(40):

@@ -194,14 +194,12 @@ def test_training_makes_the_episodes_of_the_parallel_environment_to_the_bit(envi
 def test_a_trained_human_acts_as_in_the_parallel_environment_to_the_bit(environment, tmp_path, monkeypatch):
     """The same start, the actions that the network says there, and the same worlds after them."""
     human = network(environment, people="zoo/train", impairment="tremor", deviation=0.0)
-    worlds = Episodes(
-        environment, 2, distribution=saved(tmp_path / "human.safetensors", human), num_threads=1
-    )
+    worlds = Episodes(environment, 2, people=saved(tmp_path / "human.safetensors", human), num_threads=1)
     envs = [avrgym.parallel_env(environment, people="zoo/train", impairment="tremor") for _ in range(2)]
     told: list[np.ndarray] = []
-    steer = worlds.steer_people
-    monkeypatch.setattr(worlds, "steer_people", lambda action: (told.append(action), steer(action)))
-    worlds.begin(np.arange(2), [np.random.default_rng(seed) for seed in (3, 4)])
+    steer = worlds.command_people
+    monkeypatch.setattr(worlds, "command_people", lambda action: (told.append(action), steer(action)))
+    worlds.reset(np.arange(2), [np.random.default_rng(seed) for seed in (3, 4)])
     seen = [env.reset(seed=seed)[0] for env, seed in zip(envs, (3, 4), strict=True)]
     robot = np.full(worlds.action_size, 0.3)
     for _ in range(8):
@@ -219,8 +217,8 @@ def test_a_human_s_chance_follows_from_the_world_s_own_stream(tmp_path):
     path = saved(tmp_path / "human.safetensors", network(SCRATCHING, deviation=0.5))
 
     def states(seeds: list[int]) -> list[np.ndarray]:
-        worlds = Episodes(SCRATCHING, len(seeds), distribution=path, num_threads=1)
-        worlds.begin(np.arange(len(seeds)), [np.random.default_rng(seed) for seed in seeds])
+        worlds = Episodes(SCRATCHING, len(seeds), people=path, num_threads=1)
+        worlds.reset(np.arange(len(seeds)), [np.random.default_rng(seed) for seed in seeds])
         for _ in range(5):
             worlds.step(np.zeros((len(seeds), worlds.action_size)))
         return [worlds.simulation.integration_state(world) for world in range(len(seeds))]
@@ -237,14 +235,14 @@ def test_a_copy_of_worlds_with_trained_humans_goes_on_to_the_same_bits(tmp_path)
 
     for seed in range(3):
         saved(tmp_path / f"{seed}.safetensors", network(SCRATCHING, seed=seed, deviation=0.5))
-    worlds = Episodes(SCRATCHING, 3, distribution=str(tmp_path), num_threads=1)
-    worlds.begin(np.arange(3), [np.random.default_rng(seed) for seed in range(3)])
+    worlds = Episodes(SCRATCHING, 3, people=str(tmp_path), num_threads=1)
+    worlds.reset(np.arange(3), [np.random.default_rng(seed) for seed in range(3)])
     action = np.full((3, worlds.action_size), 0.2)
     worlds.step(action)
     twin = copy.deepcopy(worlds)
     for _ in range(4):
         assert_array_equal(worlds.step(action).observation, twin.step(action).observation)
-    assert_array_equal(worlds.observe_as_human(), twin.observe_as_human())
+    assert_array_equal(worlds.observe_human(), twin.observe_human())
 
 
 # Populations
@@ -258,9 +256,9 @@ def test_of_a_population_each_world_meets_one_in_its_own_body_and_alone_or_besid
         saved(tmp_path / place, network(SCRATCHING, of_human=False))
     kinds = find_populations(str(tmp_path), TASKS)
     assert [Path(kind.name).parent.name for kind in kinds] == ["a", "b"]
-    together = Episodes(SCRATCHING, 12, distribution=str(tmp_path), num_threads=1)
-    together.begin(np.arange(12), [np.random.default_rng(seed) for seed in range(12)])
-    alone = Episodes(SCRATCHING, 1, distribution=str(tmp_path), num_threads=1)
+    together = Episodes(SCRATCHING, 12, people=str(tmp_path), num_threads=1)
+    together.reset(np.arange(12), [np.random.default_rng(seed) for seed in range(12)])
+    alone = Episodes(SCRATCHING, 1, people=str(tmp_path), num_threads=1)
     trembling = together.people.tremor_rad.any(axis=1)
     heights = together.people.torso_height_m
     assert 0 < trembling.sum() < 12
@@ -268,7 +266,7 @@ def test_of_a_population_each_world_meets_one_in_its_own_body_and_alone_or_besid
     for _ in range(3):
         together.step(np.zeros((12, together.action_size)))
     for seed in (0, 5):
-        alone.begin(np.array([0]), [np.random.default_rng(seed)])
+        alone.reset(np.array([0]), [np.random.default_rng(seed)])
         for _ in range(3):
             alone.step(np.zeros((1, alone.action_size)))
         assert_array_equal(alone.simulation.integration_state(), together.simulation.integration_state(seed))
@@ -278,8 +276,8 @@ def test_another_impairment_takes_the_place_of_the_human_s_own(tmp_path):
     path = saved(tmp_path / "human.safetensors", network(SCRATCHING, impairment="weakness"))
 
     def people(impairment: str):
-        worlds = Episodes(SCRATCHING, 4, distribution=path, impairment=impairment, num_threads=1)
-        worlds.begin(np.arange(4), [np.random.default_rng(seed) for seed in range(4)])
+        worlds = Episodes(SCRATCHING, 4, people=path, impairment=impairment, num_threads=1)
+        worlds.reset(np.arange(4), [np.random.default_rng(seed) for seed in range(4)])
         return worlds.people
 
     own, tremor = people("none"), people("tremor")
@@ -336,8 +334,8 @@ def test_a_human_keeps_the_bodies_of_a_file_of_people(tmp_path):
     shutil.move(tmp_path / "pair" / "human.safetensors", tmp_path / "human.safetensors")
     shutil.rmtree(tmp_path / "pair")
     (tmp_path / "people.toml").unlink()
-    worlds = Episodes(SCRATCHING, 3, distribution=str(tmp_path / "human.safetensors"), num_threads=1)
-    worlds.begin(np.arange(3), [np.random.default_rng(seed) for seed in range(3)])
+    worlds = Episodes(SCRATCHING, 3, people=str(tmp_path / "human.safetensors"), num_threads=1)
+    worlds.reset(np.arange(3), [np.random.default_rng(seed) for seed in range(3)])
     assert ((worlds.people.torso_height_m >= 0.51) & (worlds.people.torso_height_m <= 0.52)).all()
 
 

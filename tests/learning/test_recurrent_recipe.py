@@ -253,9 +253,9 @@ def test_an_overload_costs_by_the_highest_share_of_a_limit(monkeypatch):
     cost = free.rewards - once.rewards
     assert_allclose(free.rewards - thrice.rewards, 3.0 * cost, atol=1e-4)
 
-    worlds = Episodes(environment, len(seeds), distribution="participants", by_region=True, num_threads=1)
+    worlds = Episodes(environment, len(seeds), people="participants", by_region=True, num_threads=1)
     watch, actor = RegionLoadRecorder(len(seeds)), Actor(policy, len(seeds))
-    seen = worlds.begin(np.arange(len(seeds)), [np.random.default_rng(seed) for seed in seeds])
+    seen = worlds.reset(np.arange(len(seeds)), [np.random.default_rng(seed) for seed in seeds])
     for _ in range(steps):
         action = np.clip(actor.mean(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)
         worlds.command(action)
@@ -277,8 +277,8 @@ def test_newtons_beyond_the_most_are_not_paid_for(monkeypatch):
     free, limited = (
         roll_out(policy, RolloutRequest(place, 0, seeds, rewarded_force_n=each)) for each in (np.inf, most)
     )
-    worlds, actor = Episodes(environment, 2, distribution="revised", num_threads=1), Actor(policy, 2)
-    seen, taken_off = worlds.begin(np.arange(2), [np.random.default_rng(seed) for seed in seeds]), []
+    worlds, actor = Episodes(environment, 2, people="revised", num_threads=1), Actor(policy, 2)
+    seen, taken_off = worlds.reset(np.arange(2), [np.random.default_rng(seed) for seed in seeds]), []
     for _ in range(steps):
         action = np.clip(actor.mean(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)
         step = worlds.step(action)

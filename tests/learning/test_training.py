@@ -398,8 +398,8 @@ def test_force_on_the_person_is_subtracted_from_the_rewards():
 @pytest.mark.slow
 def test_detours_are_subtracted_from_the_rewards_of_all_but_the_last_step():
     plain, weighted = expert_rollout(), expert_rollout(detour_weight_per_m=2.0)
-    worlds = Episodes(SCRATCHING, 2, distribution="participants", impairment="tremor", num_threads=1)
-    worlds.begin(
+    worlds = Episodes(SCRATCHING, 2, people="participants", impairment="tremor", num_threads=1)
+    worlds.reset(
         np.arange(2), [np.random.default_rng(seed) for seed in requests_of((2,), {})[0].episode_seeds]
     )
     expected = np.zeros((EPISODE_STEPS, 2))

@@ -21,7 +21,7 @@ WAIST_X, SHOULDER_Y = JOINT_INDEX["waist_x"], JOINT_INDEX["right_shoulder_y"]
 def upright() -> State:
     """One person who sits upright and looks ahead, to −y."""
     episodes = Episodes("avrgym/FeedingJaco-v1", 1, person=Person("man", 0.6), num_threads=1)
-    episodes.begin(np.array([0]), [np.random.default_rng(0)])
+    episodes.reset(np.array([0]), [np.random.default_rng(0)])
     return episodes.simulation.state()
 
 
@@ -111,8 +111,8 @@ def test_sway_begins_at_rest_and_stays_small():
 
 def test_participants_move_and_everybody_else_does_not():
     def head_path(distribution: str) -> float:
-        episodes = Episodes("avrgym/FeedingJaco-v1", 2, distribution=distribution, num_threads=1)
-        episodes.begin(np.arange(2), [np.random.default_rng(i) for i in range(2)])
+        episodes = Episodes("avrgym/FeedingJaco-v1", 2, people=distribution, num_threads=1)
+        episodes.reset(np.arange(2), [np.random.default_rng(i) for i in range(2)])
         begin = episodes.simulation.state().head_pos_w
         for _ in range(20):
             episodes.step(np.zeros((2, 7)))

@@ -25,8 +25,8 @@ def impaired(group: People, name: str, rng: np.random.Generator) -> People:
 
 
 def begun(impairment: str, people: str = "original") -> Episodes:
-    episodes = Episodes(ENVIRONMENT, 4, distribution=people, impairment=impairment, num_threads=1)
-    episodes.begin(np.arange(4), [np.random.default_rng(i) for i in range(4)])
+    episodes = Episodes(ENVIRONMENT, 4, people=people, impairment=impairment, num_threads=1)
+    episodes.reset(np.arange(4), [np.random.default_rng(i) for i in range(4)])
     return episodes
 
 

@@ -17,8 +17,8 @@ ARRIVED = 8
 
 
 def begun(environment: str, *, moving: bool) -> Episodes:
-    episodes = Episodes(environment, WORLDS, distribution="revised", moving=moving, num_threads=1)
-    episodes.begin(np.arange(WORLDS), [np.random.default_rng(i) for i in range(WORLDS)])
+    episodes = Episodes(environment, WORLDS, people="revised", moving=moving, num_threads=1)
+    episodes.reset(np.arange(WORLDS), [np.random.default_rng(i) for i in range(WORLDS)])
     return episodes
 
 
@@ -53,7 +53,7 @@ def test_static_and_moving_people_weigh_the_same_in_every_part(sex, torso_height
     for moving in (False, True):
         person = Person(sex, torso_height_m)
         episodes = Episodes("avrgym/FeedingJaco-v1", 2, person=person, moving=moving, num_threads=1)
-        episodes.begin(np.arange(2), [np.random.default_rng(i) for i in range(2)])
+        episodes.reset(np.arange(2), [np.random.default_rng(i) for i in range(2)])
         models.append(episodes.simulation.batch.get_model(1))
     for name in human.BODIES:
         static, moving = (model.body(human.PREFIX + name) for model in models)

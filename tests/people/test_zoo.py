@@ -307,8 +307,8 @@ def test_bodies_are_as_their_style_has_them_and_impairments_add_to_it(rng):
 
 def test_joints_move_smoothly_between_control_steps():
     """The speeds of joints change by no more in 10 ms than those of a head in running do (Grossman et al., 1988)."""
-    episodes = Episodes(FEEDING, 6, distribution="zoo/train/cooperating", num_threads=1)
-    episodes.begin(np.arange(6), [np.random.default_rng(i) for i in range(6)])
+    episodes = Episodes(FEEDING, 6, people="zoo/train/cooperating", num_threads=1)
+    episodes.reset(np.arange(6), [np.random.default_rng(i) for i in range(6)])
     simulation = episodes.simulation
     angles = [simulation.person_angles_rad()]
     for _ in range(20):
@@ -321,9 +321,9 @@ def test_joints_move_smoothly_between_control_steps():
 
 
 def test_a_partner_is_the_same_alone_and_among_others(rng):
-    many, alone = (Episodes(FEEDING, count, distribution="zoo/train", num_threads=1) for count in (9, 1))
-    many.begin(np.arange(9), [np.random.default_rng(i) for i in range(9)])
-    alone.begin(np.array([0]), [np.random.default_rng(7)])
+    many, alone = (Episodes(FEEDING, count, people="zoo/train", num_threads=1) for count in (9, 1))
+    many.reset(np.arange(9), [np.random.default_rng(i) for i in range(9)])
+    alone.reset(np.array([0]), [np.random.default_rng(7)])
     for action in rng.uniform(-1.0, 1.0, (25, 9, 7)):
         among, one = many.step(action), alone.step(action[7:8])
         assert_array_equal(among.observation[7], one.observation[0])

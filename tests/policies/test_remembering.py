@@ -86,7 +86,7 @@ def test_each_episode_in_a_simulation_begins_without_memory():
     episodes = []
     for _ in range(2):
         generators = [np.random.default_rng(5)]
-        observation = world.begin(np.array([0]), generators)
+        observation = world.reset(np.array([0]), generators)
         actions = []
         with registry.acting(make_policy(), world, generators) as act:
             for _ in range(5):

@@ -130,7 +130,7 @@ def test_a_new_episode_has_no_way_yet(pushed):
     guard = ForceGuard(episodes.simulation)
     for _ in range(5):
         episodes.step(guard.begin_step(np.ones((1, 7))))
-    episodes.begin(np.array([0]), [np.random.default_rng(1)])
+    episodes.reset(np.array([0]), [np.random.default_rng(1)])
     guard.reset(np.array([0]))
     assert not guard.retracting.any()
     assert not guard.interventions.any()

@@ -23,10 +23,10 @@ RELEASED_N = 1.0
 
 def helped(environment: str, seed: int) -> Episodes:
     """A robot at the end of its trial: it has helped, and its brakes have stopped it."""
-    episodes = Episodes(environment, 1, distribution="revised", moving=True, num_threads=1)
+    episodes = Episodes(environment, 1, people="revised", moving=True, num_threads=1)
     policy = load_policy("revised", environment, episodes.observation.size, episodes.action_size)
     generators = [np.random.default_rng(seed)]
-    episodes.begin(np.array([0]), generators)
+    episodes.reset(np.array([0]), generators)
     episodes.simulation.command_person(episodes.people.joint_angles_rad)
     for _ in range(HELPED_STEPS):
         episodes.step(policy.act(episodes.observe(), generators))
@@ -68,5 +68,5 @@ def test_a_tool_leaves_slowly_and_presses_nobody(environment: str, seed: int) ->
 
 def test_a_tool_that_is_away_stays() -> None:
     episodes = Episodes("avrgym/FeedingJaco-v1", 1, moving=True, num_threads=1)
-    episodes.begin(np.array([0]), [np.random.default_rng(0)])
+    episodes.reset(np.array([0]), [np.random.default_rng(0)])
     assert Retreat(episodes.simulation).action() is None

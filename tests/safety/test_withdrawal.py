@@ -30,12 +30,12 @@ def begun(environment: str, *, withdraws: bool, engine: str = "threads") -> Epis
     episodes = Episodes(
         environment,
         len(SEEDS),
-        distribution="revised",
+        people="revised",
         num_threads=1,
         withdraw_after_success=withdraws,
         engine=engine,
     )
-    episodes.begin(np.arange(len(SEEDS)), generators())
+    episodes.reset(np.arange(len(SEEDS)), generators())
     return episodes
 
 
@@ -131,7 +131,7 @@ def test_a_new_episode_is_driven_by_its_policy() -> None:
     with registry.acting(registry.find("revised", FEEDING), episodes, generators()) as act:
         while not episodes.loop.withdrawing.all():
             episodes.step(act(episodes.observe()).astype(float))
-    episodes.begin(np.array([1]), [np.random.default_rng(8)])
+    episodes.reset(np.array([1]), [np.random.default_rng(8)])
     assert episodes.loop.withdrawing.tolist() == [True, False]
 
 

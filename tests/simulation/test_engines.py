@@ -98,7 +98,7 @@ def test_worlds_go_the_same_way_while_tools_touch_people(
 def test_what_begins_in_one_world_changes_no_other(both: list[Episodes]) -> None:
     simulation = both[1].simulation
     before = [simulation.qpos(world) for world in range(3)]
-    both[1].begin(np.array([1]), [np.random.default_rng(8)])
+    both[1].reset(np.array([1]), [np.random.default_rng(8)])
     after = [simulation.qpos(world) for world in range(3)]
     np.testing.assert_array_equal(before[0], after[0])
     np.testing.assert_array_equal(before[2], after[2])
@@ -112,7 +112,7 @@ def test_a_world_that_is_put_back_goes_the_same_way_again(both: list[Episodes]) 
     saved = simulation.integration_state(2)
     simulation.step(3)
     first = simulation.qpos(2)
-    simulation.restore(saved, 2)
+    simulation.set_integration_state(saved, 2)
     simulation.step(3)
     np.testing.assert_allclose(simulation.qpos(2), first, atol=1e-6)
 
@@ -152,11 +152,11 @@ def test_without_a_gpu_the_engine_says_so() -> None:
 @pytest.fixture(scope="module")
 def there() -> Episodes:
     """Two worlds whose steps stay on the device."""
-    return Episodes(ENVIRONMENT, 2, distribution="revised", engine="warp:cpu", num_threads=1, on_device=True)
+    return Episodes(ENVIRONMENT, 2, people="revised", engine="warp:cpu", num_threads=1, on_device=True)
 
 
 def begin(episodes: Episodes) -> Any:
-    return episodes.begin(np.arange(2), [np.random.default_rng([3, world]) for world in range(2)])
+    return episodes.reset(np.arange(2), [np.random.default_rng([3, world]) for world in range(2)])
 
 
 def tensor(values: Any) -> Any:
@@ -165,7 +165,7 @@ def tensor(values: Any) -> Any:
 
 @with_warp
 def test_steps_on_the_device_go_the_way_of_those_on_threads(there: Episodes) -> None:
-    threads = Episodes(ENVIRONMENT, 2, distribution="revised", num_threads=1)
+    threads = Episodes(ENVIRONMENT, 2, people="revised", num_threads=1)
     np.testing.assert_allclose(begin(there), begin(threads), atol=1e-6)
     expert = threads.task.expert(threads)
     most_n = 0.0

@@ -16,7 +16,7 @@ LEFT_OUT = ("body_gravcomp", "geom_contype", "geom_conaffinity", "body_contype",
 
 def begun(environment: str, *, moving: bool) -> Episodes:
     episodes = Episodes(environment, 1, num_threads=1, moving=moving)
-    episodes.begin(np.array([0]), [np.random.default_rng(3)])
+    episodes.reset(np.array([0]), [np.random.default_rng(3)])
     return episodes
 
 

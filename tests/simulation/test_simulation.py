@@ -32,8 +32,8 @@ def begun(
     seed: int = 0,
     **how,
 ) -> Episodes:
-    episodes = Episodes(environment, worlds, distribution=distribution, num_threads=threads, **how)
-    episodes.begin(np.arange(worlds), [np.random.default_rng(seed + i) for i in range(worlds)])
+    episodes = Episodes(environment, worlds, people=distribution, num_threads=threads, **how)
+    episodes.reset(np.arange(worlds), [np.random.default_rng(seed + i) for i in range(worlds)])
     return episodes
 
 
@@ -67,7 +67,7 @@ def test_two_halves_of_a_control_step_are_the_whole(rng):
 
 def test_a_new_episode_leaves_other_worlds_alone(rng):
     one, other = begun(6), begun(6)
-    other.begin(np.array([1, 4]), [np.random.default_rng(99), np.random.default_rng(98)])
+    other.reset(np.array([1, 4]), [np.random.default_rng(99), np.random.default_rng(98)])
     action = rng.uniform(-1, 1, (6, 7))
     untouched = [0, 2, 3, 5]
     assert_array_equal(one.step(action).observation[untouched], other.step(action).observation[untouched])
@@ -77,7 +77,7 @@ def test_an_episode_does_not_remember_the_one_before(rng):
     fresh, used = begun(4), begun(4, seed=50)
     for action in rng.uniform(-1, 1, (5, 4, 7)):
         used.step(action)
-    used.begin(np.arange(4), [np.random.default_rng(i) for i in range(4)])
+    used.reset(np.arange(4), [np.random.default_rng(i) for i in range(4)])
     assert_array_equal(states(fresh.simulation)[:, 1:], states(used.simulation)[:, 1:])  # less the time
     action = rng.uniform(-1, 1, (4, 7))
     assert_array_equal(fresh.step(action).observation, used.step(action).observation)
@@ -344,7 +344,7 @@ def test_a_warning_would_be_seen(capfd, tmp_path, monkeypatch):
 
 
 def test_a_state_does_not_change_with_the_world(rng):
-    episodes = begun(2, distribution="participants")
+    episodes = begun(2, people="participants")
     state = episodes.simulation.state()
     before = {name: np.copy(value) for name, value in vars(state).items() if isinstance(value, np.ndarray)}
     for action in jerky_actions(rng, 2, 10):

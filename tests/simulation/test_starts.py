@@ -10,7 +10,7 @@ from avrgym.models import collision_bits
 from avrgym.models.human import SEATED_RAD, TORSO_HEIGHT_RANGE_M, Person, joint_angles
 from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
 from avrgym.simulation.room import NoRoomError
-from avrgym.tasks.episodes import MOST_DRAWS, Episodes
+from avrgym.tasks.episodes import MAX_START_DRAWS, Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.live_world.world import LiveWorld
 from helpers.simulation.starts import HAND_AT_THE_ROBOT_RAD, at_once, begun, deepest_overlap_m
@@ -43,7 +43,7 @@ def test_starts_with_overlaps_are_drawn_again():
     false = begun(SCRATCHING, 128, "revised", "limits", checked=False)
     assert deepest_overlap_m(false) > 0.02
     again = begun(SCRATCHING, 128, "revised", "limits")
-    assert 0.05 < (again.draws > 1).mean() < 0.2
+    assert 0.05 < (again.start_draws > 1).mean() < 0.2
     assert deepest_overlap_m(again) == 0.0
     assert at_once(again).max() == 0.0
 
@@ -51,7 +51,7 @@ def test_starts_with_overlaps_are_drawn_again():
 @pytest.mark.parametrize("environment", [SCRATCHING, "avrgym/FeedingPR2-v1"])
 def test_a_start_without_overlap_is_that_of_the_first_draw(environment):
     old, new = (begun(environment, 24, "revised", "limits", checked=checked) for checked in (False, True))
-    first = new.draws == 1
+    first = new.start_draws == 1
     assert first.sum() > 15
     for of in (Episodes.observe, Episodes.marks_w, lambda e: e.simulation.arm_angles_rad()):
         assert_array_equal(of(old)[first], of(new)[first])
@@ -59,12 +59,12 @@ def test_a_start_without_overlap_is_that_of_the_first_draw(environment):
 
 def test_a_world_drawn_again_has_the_same_bits_alone_and_among_others():
     together = begun(SCRATCHING, 64, "revised", "limits", num_threads=2)
-    again = np.nonzero(together.draws > 1)[0]
+    again = np.nonzero(together.start_draws > 1)[0]
     assert len(again) > 2
     for world in again[:3]:
-        alone = Episodes(SCRATCHING, 1, distribution="revised", impairment="limits", num_threads=1)
-        alone.begin(np.array([0]), [np.random.default_rng(int(world))])
-        assert alone.draws[0] == together.draws[world]
+        alone = Episodes(SCRATCHING, 1, people="revised", impairment="limits", num_threads=1)
+        alone.reset(np.array([0]), [np.random.default_rng(int(world))])
+        assert alone.draws[0] == together.start_draws[world]
         assert_array_equal(
             alone.simulation.integration_state(0), together.simulation.integration_state(world)
         )
@@ -76,7 +76,7 @@ def test_a_world_drawn_again_has_the_same_bits_alone_and_among_others():
 def test_everybody_who_sits_upright_finds_room(environment, moving):
     for sex, height in product(("man", "woman"), TORSO_HEIGHT_RANGE_M):
         episodes = Episodes(environment, 1, person=Person(sex, height), moving=moving, num_threads=1)
-        episodes.begin(np.array([0]), [np.random.default_rng(0)])
+        episodes.reset(np.array([0]), [np.random.default_rng(0)])
         assert deepest_overlap_m(episodes) == 0.0
 
 
@@ -89,8 +89,8 @@ def test_everybody_who_sits_upright_finds_room(environment, moving):
 )
 def test_a_person_who_never_has_room_is_refused_in_words(pose, words):
     episodes = Episodes(FEEDING, 2, person=Person("woman", 0.54, pose), num_threads=1)
-    with pytest.raises(ValueError, match=f"none of {MOST_DRAWS} starts has room.*{words}"):
-        episodes.begin(np.arange(2), [np.random.default_rng(i) for i in range(2)])
+    with pytest.raises(ValueError, match=f"none of {MAX_START_DRAWS} starts has room.*{words}"):
+        episodes.reset(np.arange(2), [np.random.default_rng(i) for i in range(2)])
 
 
 @pytest.mark.slow
@@ -118,7 +118,7 @@ def test_fitted_people_find_room_too(tmp_path):
         "right_shoulder_y = [5.0, 40.0]\n"
     )
     episodes = begun(FEEDING, 48, str(file), "tremor")
-    assert (episodes.draws > 1).any()
+    assert (episodes.start_draws > 1).any()
     assert deepest_overlap_m(episodes) == 0.0
     assert at_once(episodes).max() == 0.0
 
@@ -127,7 +127,7 @@ def test_the_check_sees_what_the_simulator_sees():
     """A robot whose contact with the person the simulator reports stands in them, and so says the check."""
     false = begun(SCRATCHING, 128, "revised", "limits", checked=False)
     touched = np.nonzero(at_once(false) > 0.0)[0]
-    judge = Episodes(SCRATCHING, 128, distribution="revised", impairment="limits", num_threads=1)
+    judge = Episodes(SCRATCHING, 128, people="revised", impairment="limits", num_threads=1)
     assert judge._room is not None
     conflicts = judge._room.conflicts(false.simulation.geoms(np.arange(128)))
     assert all(conflicts[world] is not None for world in touched)

@@ -24,7 +24,7 @@ def test_a_stopped_arm_is_slow_after_100_ms_and_never_comes_back(environment: st
 @pytest.mark.parametrize("environment", ["avrgym/FeedingPR2-v1", "avrgym/FeedingJaco-v1"])
 def test_a_brake_holds_more_than_its_motor_gives(environment: str) -> None:
     episodes = Episodes(environment, 1, moving=True)
-    episodes.begin(np.arange(1), [np.random.default_rng(1)])
+    episodes.reset(np.arange(1), [np.random.default_rng(1)])
     simulation, arm = episodes.simulation, episodes.scene.arm
     dofs = [simulation.model.joint(robot.PREFIX + joint).dofadr[0] for joint in arm.joints]
     simulation.halt_robot()
@@ -41,7 +41,7 @@ def test_brakes_that_are_released_leave_no_trace(environment: str) -> None:
     actions = rng.uniform(-1.0, 1.0, (5, 2, 7))
     for braked in (True, False):
         episodes = Episodes(environment, 2, moving=True)
-        episodes.begin(np.arange(2), [np.random.default_rng(world) for world in range(2)])
+        episodes.reset(np.arange(2), [np.random.default_rng(world) for world in range(2)])
         if braked:
             episodes.simulation.halt_robot()
         for action in actions:

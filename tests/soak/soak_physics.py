@@ -42,11 +42,11 @@ def test_nothing_overlaps_and_nothing_presses_at_any_of_100_000_starts(
     file.write_text(FITTED)
     looked, drawn_again = 0, 0
     for people, impairment in product([*DISTRIBUTIONS, str(file)], IMPAIRMENTS):
-        episodes = Episodes(environment, STARTS_OF_A_KIND, distribution=people, impairment=impairment)
+        episodes = Episodes(environment, STARTS_OF_A_KIND, people=people, impairment=impairment)
         generators = [np.random.default_rng([seed, looked]) for seed in range(STARTS_OF_A_KIND)]
-        episodes.begin(np.arange(STARTS_OF_A_KIND), generators)
+        episodes.reset(np.arange(STARTS_OF_A_KIND), generators)
         looked += STARTS_OF_A_KIND
-        drawn_again += int((episodes.draws > 1).sum())
+        drawn_again += int((episodes.start_draws > 1).sum())
         assert deepest_overlap_m(episodes) == 0.0, (people, impairment)
         assert at_once(episodes).max() <= 10.0, (people, impairment)
     print(
@@ -58,9 +58,9 @@ def test_nothing_overlaps_and_nothing_presses_at_any_of_100_000_starts(
 def test_100_000_random_steps_stay_finite_without_a_warning(
     environment: str, rng: np.random.Generator
 ) -> None:
-    episodes = Episodes(environment, RANDOM_WORLDS, distribution="revised")
+    episodes = Episodes(environment, RANDOM_WORLDS, people="revised")
     generators = [np.random.default_rng(world) for world in range(RANDOM_WORLDS)]
-    episodes.begin(np.arange(RANDOM_WORLDS), generators)
+    episodes.reset(np.arange(RANDOM_WORLDS), generators)
     assert_sane(episodes, rng, EPISODE_STEPS)
 
 
@@ -73,7 +73,7 @@ def test_fixed_people_in_any_pose_have_room_or_are_refused(environment: str) -> 
         person = Person(("man", "woman")[number % 2], float(random.uniform(*TORSO_HEIGHT_RANGE_M)), pose)
         episodes = Episodes(environment, 2, person=person, moving=number % 4 > 1, num_threads=1)
         try:
-            episodes.begin(np.arange(2), [np.random.default_rng([number, world]) for world in range(2)])
+            episodes.reset(np.arange(2), [np.random.default_rng([number, world]) for world in range(2)])
         except NoRoomError:
             refused += 1
             continue

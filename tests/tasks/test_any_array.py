@@ -22,7 +22,7 @@ from avrgym.people.population_names import IMPAIRMENTS
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
 from avrgym.simulation.state import State
-from avrgym.tasks.minds import Minds
+from avrgym.tasks.behaviour_model import BehaviourModel
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from helpers.simulation.tensors import assert_alike, single, tensors
 
@@ -148,8 +148,8 @@ def lives(
 ) -> list[Any]:
     """Where people want their joints in each of some control steps."""
     offered, posture = TASKS[task].offered, RECLINED if task == "BedBathing" else SEATED
-    minds = Minds(DISTRIBUTIONS[distribution], who, offered, posture, steered=steered)
-    minds.begin(np.arange(WORLDS), who, uniforms)
+    model = BehaviourModel(DISTRIBUTIONS[distribution], who, offered, posture, human_actions=steered)
+    model.reset(np.arange(WORLDS), who, uniforms)
     joints = cooperation.OFFERED_JOINTS[offered]
 
     def possible(angles: Any) -> Any:
@@ -157,8 +157,8 @@ def lives(
 
     def targets(sight: Any) -> Any:
         if steered:
-            minds.steer(joints, uniforms[:, :1] + 0.0 * who.tremor_rad[:, : len(joints)], possible)
-        return minds.live(lambda: sight, who, possible)
+            model.move_targets(joints, uniforms[:, :1] + 0.0 * who.tremor_rad[:, : len(joints)], possible)
+        return model.step(lambda: sight, who, possible)
 
     return [targets(sight) for sight in sights]
 

@@ -418,8 +418,8 @@ def test_the_person_lies_with_the_right_arm_away_from_the_body():
 
 @pytest.mark.parametrize("robot", [JACO, PR2])
 def test_episodes_begin_with_the_cloth_beside_the_arm(robot):
-    episodes = Episodes(f"avrgym/BedBathing{robot.name}-v1", 16, distribution="revised", num_threads=1)
-    episodes.begin(np.arange(16), [np.random.default_rng(i) for i in range(16)])
+    episodes = Episodes(f"avrgym/BedBathing{robot.name}-v1", 16, people="revised", num_threads=1)
+    episodes.reset(np.arange(16), [np.random.default_rng(i) for i in range(16)])
     seen = episodes.simulation.state()
     hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, WASHCLOTH.grip_pos)
     assert_allclose(hand, np.tile([-0.5, -0.1, 1.0], (16, 1)), atol=0.006)
@@ -447,8 +447,8 @@ def test_the_nightstand_goes_with_the_robot(rng):
 
 @pytest.mark.parametrize("robot", [JACO, PR2])
 def test_the_script_washes_most_people_gently(robot):
-    episodes = Episodes(f"avrgym/BedBathing{robot.name}-v1", 4, distribution="revised", num_threads=2)
-    observation = episodes.begin(np.arange(4), [np.random.default_rng(i) for i in range(4)])
+    episodes = Episodes(f"avrgym/BedBathing{robot.name}-v1", 4, people="revised", num_threads=2)
+    observation = episodes.reset(np.arange(4), [np.random.default_rng(i) for i in range(4)])
     oracle, strongest, step = BedBathingExpert(episodes), 0.0, None
     for _ in range(150):
         step = episodes.step(oracle(observation))

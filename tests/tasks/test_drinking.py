@@ -308,8 +308,8 @@ def test_water_begins_inside_the_cup_without_overlap():
 
 
 def begun(count: int, robot: str = "Jaco") -> Episodes:
-    episodes = Episodes(f"avrgym/Drinking{robot}-v1", count, distribution="revised", num_threads=1)
-    episodes.begin(np.arange(count), [np.random.default_rng(i) for i in range(count)])
+    episodes = Episodes(f"avrgym/Drinking{robot}-v1", count, people="revised", num_threads=1)
+    episodes.reset(np.arange(count), [np.random.default_rng(i) for i in range(count)])
     return episodes
 
 

@@ -22,8 +22,8 @@ SLACK_M = 0.003
 def begun(
     environment: str, worlds: int, *, people: str = "revised", threads: int = 2, first: int = 0
 ) -> Episodes:
-    episodes = Episodes(environment, worlds, distribution=people, num_threads=threads)
-    episodes.begin(np.arange(worlds), [np.random.default_rng(first + i) for i in range(worlds)])
+    episodes = Episodes(environment, worlds, people=people, num_threads=threads)
+    episodes.reset(np.arange(worlds), [np.random.default_rng(first + i) for i in range(worlds)])
     return episodes
 
 

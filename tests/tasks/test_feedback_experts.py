@@ -20,8 +20,8 @@ OUTSIDE_RAD = np.radians(120.0)
 
 def begun(environment: str, count: int) -> Episodes:
     """Episodes with revised people."""
-    episodes = Episodes(environment, count, distribution="revised", num_threads=1)
-    episodes.begin(np.arange(count), [np.random.default_rng([6, i]) for i in range(count)])
+    episodes = Episodes(environment, count, people="revised", num_threads=1)
+    episodes.reset(np.arange(count), [np.random.default_rng([6, i]) for i in range(count)])
     return episodes
 
 

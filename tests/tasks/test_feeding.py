@@ -253,8 +253,8 @@ def test_the_observation_has_the_documented_order():
 
 
 def test_episodes_begin_above_the_bowl_with_a_level_spoon():
-    episodes = Episodes("avrgym/FeedingJaco-v1", 64, distribution="revised", num_threads=1)
-    episodes.begin(np.arange(64), [np.random.default_rng(i) for i in range(64)])
+    episodes = Episodes("avrgym/FeedingJaco-v1", 64, people="revised", num_threads=1)
+    episodes.reset(np.arange(64), [np.random.default_rng(i) for i in range(64)])
     seen = episodes.simulation.state()
     bowl = seen.placed_pos_w[BOWL_BODY] - [-0.15, -0.55, 0.75]
     assert np.abs(bowl).max() <= 0.05

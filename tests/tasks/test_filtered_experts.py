@@ -21,7 +21,7 @@ class Recorder:
 def watched(impairment: str, steps: int):
     """What a steadied expert saw of people at each step, and what there was to see."""
     episodes = Episodes("avrgym/FeedingJaco-v1", 4, impairment=impairment, num_threads=1)
-    episodes.begin(np.arange(4), [np.random.default_rng([3, i]) for i in range(4)])
+    episodes.reset(np.arange(4), [np.random.default_rng([3, i]) for i in range(4)])
     recorders = []
 
     def expert(running):
@@ -71,9 +71,9 @@ def test_the_tool_is_seen_as_it_is():
 def test_a_steadied_expert_often_succeeds(environment, impairment, share):
     """With the PR2's cup in 61 % of many episodes, in the others oftener."""
     episodes = Episodes(
-        f"avrgym/{environment}-v1", 24, distribution="zoo/train", impairment=impairment, num_threads=1
+        f"avrgym/{environment}-v1", 24, people="zoo/train", impairment=impairment, num_threads=1
     )
-    episodes.begin(np.arange(24), [np.random.default_rng([6, i]) for i in range(24)])
+    episodes.reset(np.arange(24), [np.random.default_rng([6, i]) for i in range(24)])
     expert, success = filtered(episodes.task.feedback_expert)(episodes), np.zeros(24, dtype=bool)
     for _ in range(EPISODE_STEPS):
         success = episodes.step(expert(episodes.observe())).success

@@ -24,8 +24,8 @@ YES, NO = np.array([True]), np.array([False])
 
 
 def begun(robot: str, people: str, count: int) -> Episodes:
-    episodes = Episodes(f"avrgym/Drinking{robot}-v1", count, distribution=people, num_threads=1)
-    episodes.begin(np.arange(count), [np.random.default_rng([7, i]) for i in range(count)])
+    episodes = Episodes(f"avrgym/Drinking{robot}-v1", count, people=people, num_threads=1)
+    episodes.reset(np.arange(count), [np.random.default_rng([7, i]) for i in range(count)])
     return episodes
 
 

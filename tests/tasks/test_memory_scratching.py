@@ -19,8 +19,8 @@ INNER_RAD, OUTER_RAD = np.radians(np.linspace([-165.0, -60.0], [-135.0, 60.0], 8
 def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
     """Episodes with itches in the middle of the forearm."""
     count = len(angle_rad)
-    episodes = Episodes(f"avrgym/ScratchItch{robot}-v1", count, distribution="revised", num_threads=1)
-    episodes.begin(np.arange(count), [np.random.default_rng([8, i]) for i in range(count)])
+    episodes = Episodes(f"avrgym/ScratchItch{robot}-v1", count, people="revised", num_threads=1)
+    episodes.reset(np.arange(count), [np.random.default_rng([8, i]) for i in range(count)])
     episodes.task_state = forearm_itch(episodes, angle_rad)
     return episodes
 

@@ -15,8 +15,8 @@ STILL = np.zeros((COUNT, 7))
 
 def begun(count: int = COUNT, robot: str = "Jaco", first: int = 0) -> Episodes:
     """Feeding episodes with revised people, world i from stream ``first`` + i."""
-    episodes = Episodes(f"avrgym/Feeding{robot}-v1", count, distribution="revised", num_threads=1)
-    episodes.begin(np.arange(count), [np.random.default_rng([5, first + i]) for i in range(count)])
+    episodes = Episodes(f"avrgym/Feeding{robot}-v1", count, people="revised", num_threads=1)
+    episodes.reset(np.arange(count), [np.random.default_rng([5, first + i]) for i in range(count)])
     return episodes
 
 

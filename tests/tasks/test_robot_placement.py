@@ -58,7 +58,7 @@ def crowded(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def refused(monkeypatch: pytest.MonkeyPatch) -> None:
     place(monkeypatch, *REFUSED_M)
-    monkeypatch.setattr(episodes, "MOST_DRAWS", FEW_DRAWS)
+    monkeypatch.setattr(episodes, "MAX_START_DRAWS", FEW_DRAWS)
 
 
 @pytest.fixture

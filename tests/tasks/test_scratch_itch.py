@@ -228,8 +228,8 @@ def test_it_itches_on_the_skin_of_either_limb(itches, limb):
 @pytest.fixture(scope="module", params=ROBOTS)
 def episodes(request) -> Episodes:
     """Episodes that have begun, with each robot."""
-    episodes = Episodes(f"avrgym/ScratchItch{request.param}-v1", 6, distribution="revised", num_threads=1)
-    episodes.begin(np.arange(6), [np.random.default_rng(i) for i in range(6)])
+    episodes = Episodes(f"avrgym/ScratchItch{request.param}-v1", 6, people="revised", num_threads=1)
+    episodes.reset(np.arange(6), [np.random.default_rng(i) for i in range(6)])
     return episodes
 
 
@@ -276,8 +276,8 @@ def test_the_tip_is_five_centimetres_past_the_fingers(name):
 
 def test_a_script_scratches_gently():
     """Three people, most of whom it scratches often enough within an episode."""
-    episodes = Episodes("avrgym/ScratchItchJaco-v1", 3, distribution="revised", num_threads=1)
-    observation = episodes.begin(np.arange(3), [np.random.default_rng(i) for i in range(3)])
+    episodes = Episodes("avrgym/ScratchItchJaco-v1", 3, people="revised", num_threads=1)
+    observation = episodes.reset(np.arange(3), [np.random.default_rng(i) for i in range(3)])
     act = episodes.task.expert(episodes)
     for _ in range(EPISODE_STEPS):
         step = episodes.step(act(observation))

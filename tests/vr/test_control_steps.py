@@ -25,8 +25,8 @@ class RepeatedAction:
 
 def persons_joints(*, amended: bool) -> FloatArray:
     """Where the person's right arm is after three control steps of a robot that rests."""
-    episodes = Episodes(ENVIRONMENT, 1, distribution="zoo/train", impairment="tremor", num_threads=1)
-    episodes.begin(np.array([0]), [np.random.default_rng(3)])
+    episodes = Episodes(ENVIRONMENT, 1, people="zoo/train", impairment="tremor", num_threads=1)
+    episodes.reset(np.array([0]), [np.random.default_rng(3)])
     source = RepeatedAction(np.zeros((1, episodes.action_size)), amended=amended)
     for _ in range(3 * SUBSTEPS):
         episodes.loop.tick(source)

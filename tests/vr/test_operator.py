@@ -57,7 +57,7 @@ def test_the_hand_never_exceeds_its_limits_nor_do_the_joints(environment: str) -
     """From any start, whatever is asked, also where the arm is nearly stretched."""
     episodes, rng = Episodes(environment, 1, num_threads=1), np.random.default_rng(0)
     for _ in range(4):
-        episodes.begin(np.array([0]), [rng])
+        episodes.reset(np.array([0]), [rng])
         hand = Hand(episodes.simulation)
         for _ in range(40):
             action = hand.action(*rng.choice([-1.0, 0.0, 1.0], (2, 3)))

@@ -294,14 +294,14 @@ def test_who_was_trained_sees_in_vr_what_they_saw_in_training_and_does_what_they
     task = TASKS[find_environment(environment)[0]]
     traits = draw_traits("man", 3, trained=trained)
     person = Person("man", traits.torso_height_m, task.pose.rest_rad)
-    worlds = Episodes(environment, 1, person=person, steered=True, num_threads=1)
-    worlds.begin(np.array([0]), [np.random.default_rng(0)])
+    worlds = Episodes(environment, 1, person=person, human_actions=True, num_threads=1)
+    worlds.reset(np.array([0]), [np.random.default_rng(0)])
     someone = SimulatedParticipant(traits, 3)
     someone.take_place(environment)
     someone.watch(scene_message(0, worlds, Registration(np.zeros(3), 0.0)))
     for step in range(4):
         someone.watch(State(step, 0.1 * step, -1, b"", [], world_poses(worlds)))
-    (seen,) = worlds.observe_as_human()
+    (seen,) = worlds.observe_human()
     goal = ~np.isnan(worlds.human_view.scale)
     assert_allclose(told[0][0, ~goal], seen[~goal], atol=1e-5)
     assert_allclose(told[0][0, goal], seen[goal], atol=0.03)

@@ -77,7 +77,7 @@ class Replica:
             moving=True,
             num_threads=1,
         )
-        episodes.begin(np.array([0]), [np.random.default_rng(recording.configuration.seed)])
+        episodes.reset(np.array([0]), [np.random.default_rng(recording.configuration.seed)])
         self.model = episodes.simulation.batch.get_model(0)
         self.data = mujoco.MjData(self.model)
         arm = [robot.PREFIX + joint for joint in episodes.scene.arm.joints]

@@ -61,8 +61,8 @@ def export_scene(
         if usd and find_spec("pxr") is None:
             raise ValueError("usd-core is missing; `pip install avrgym[usd]` brings what --usd needs")
         check_new_folder(out)
-        episodes = Episodes(env, 1, distribution=people, impairment=impairment, num_threads=1)
-        episodes.begin(np.array([0]), [random_streams.episode(seed)])
+        episodes = Episodes(env, 1, people=people, impairment=impairment, num_threads=1)
+        episodes.reset(np.array([0]), [random_streams.episode(seed)])
         write_scene(episodes, out)
         say(f"MJB       {out / MJB}: all that is simulated, no looks")
         say(f"MJCF      {out / MJCF}: with looks; its person gives way less where they are pressed")

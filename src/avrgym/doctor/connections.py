@@ -50,7 +50,9 @@ def headset() -> Finding:
     if attached:
         serial, state = attached[0]
         return warning(f"{serial} is attached, but {state}", "put the headset on and allow USB debugging")
-    return warning("adb finds no headset", "connect it by USB in developer mode; see docs/how_to/connect_headset.md")
+    return warning(
+        "adb finds no headset", "connect it by USB in developer mode; see docs/how_to/connect_headset.md"
+    )
 
 
 def port(number: int) -> Finding:

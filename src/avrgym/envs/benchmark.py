@@ -62,7 +62,7 @@ def measure_simulation(
     if num_envs < 1:
         raise ValueError(f"{num_envs} environments; at least 1 is needed")
     episodes = Episodes(
-        environment_id, num_envs, distribution="revised", engine=engine, on_device=engine != THREADS
+        environment_id, num_envs, people="revised", engine=engine, on_device=engine != THREADS
     )
     _run(episodes, seed=0, steps=2)
     runs: list[_Run] = []
@@ -111,7 +111,7 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
 
 def _begin(episodes: Episodes, seed: int) -> None:
     worlds = np.arange(episodes.simulation.num_worlds)
-    episodes.begin(worlds, [random_streams.benchmark_episode(seed, world) for world in worlds.tolist()])
+    episodes.reset(worlds, [random_streams.benchmark_episode(seed, world) for world in worlds.tolist()])
 
 
 def _physics_s(engine: Engine, ctrl: Any, step: Callable[[int], None], commands: list[FloatArray]) -> float:

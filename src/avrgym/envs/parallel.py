@@ -63,10 +63,10 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, FloatArray, Action]):
         self.episodes = Episodes(
             environment_id,
             1,
-            distribution=people,
+            people=people,
             person=as_person(person),
             impairment=impairment,
-            steered=True,
+            human_actions=True,
             num_threads=1,
             force_guard=force_guard,
         )
@@ -95,9 +95,9 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, FloatArray, Action]):
         if seed is not None or self._random is None:
             self._random, _ = seeding.np_random(plain_seed(seed))
         self.agents, self._steps_left = self.possible_agents[:], EPISODE_STEPS
-        self.episodes.begin(np.array([0]), [self._random])
+        self.episodes.reset(np.array([0]), [self._random])
         self.close()
-        start = self.episodes.assess()
+        start = self.episodes.evaluate_state()
         return self._observations(start), {agent: info_of(start) for agent in self.agents}
 
     def step(
@@ -118,7 +118,7 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, FloatArray, Action]):
         if not self.agents:
             raise ResetNeeded(f"no episode is running: reset() begins one, of {EPISODE_STEPS} steps")
         robot, human = self._checked(actions)
-        self.episodes.steer_people(human[None])
+        self.episodes.command_people(human[None])
         step = self.episodes.step(robot[None])
         self._steps_left -= 1
         ended, agents = self._steps_left == 0, self.agents
@@ -134,7 +134,7 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, FloatArray, Action]):
         )
 
     def _observations(self, step: Step) -> dict[str, FloatArray]:
-        return {ROBOT: step.observation[0], HUMAN: self.episodes.observe_as_human()[0]}
+        return {ROBOT: step.observation[0], HUMAN: self.episodes.observe_human()[0]}
 
     def _checked(self, actions: Mapping[str, Action]) -> list[FloatArray]:
         """The actions of robot and human, as numbers."""

@@ -68,7 +68,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self.episodes = Episodes(
             environment_id,
             1,
-            distribution=people,
+            people=people,
             person=as_person(person),
             impairment=impairment,
             num_threads=1,
@@ -84,9 +84,9 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         """Begin an episode; without a seed the random stream goes on. The info is that of the start."""
         super().reset(seed=plain_seed(seed))
         self._steps_left = self.max_episode_steps
-        self.episodes.begin(np.array([0]), [self.np_random])
+        self.episodes.reset(np.array([0]), [self.np_random])
         self.close()
-        start = self.episodes.assess()
+        start = self.episodes.evaluate_state()
         return start.observation[0], info_of(start)
 
     def step(self, action: Float32Array) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:

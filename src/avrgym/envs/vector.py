@@ -84,7 +84,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self.episodes = Episodes(
             environment_id,
             num_envs,
-            distribution=people,
+            people=people,
             person=as_person(person),
             impairment=impairment,
             num_threads=num_threads,
@@ -177,8 +177,8 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         for world in ids.tolist():
             if world in self._cameras:
                 self._cameras.pop(world).close()
-        self.episodes.begin(ids, [self._random.generators[world] for world in ids])
-        start = self.episodes.assess()
+        self.episodes.reset(ids, [self._random.generators[world] for world in ids])
+        start = self.episodes.evaluate_state()
         self._now = start if self._now is None else select_worlds(which, start, self._now)
         return self._now
 

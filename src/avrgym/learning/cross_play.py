@@ -10,9 +10,9 @@ from avrgym.policies import registry
 from avrgym.simulation.engines.engine import check_engine
 from avrgym.system.engines import THREADS
 from avrgym.system.random_streams import TEST, Split
-from avrgym.tasks.company import find_company
 from avrgym.tasks.constants import ENVIRONMENTS, expected_errors
 from avrgym.tasks.registry import find_environment
+from avrgym.tasks.world_people import environment_populations
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
@@ -55,7 +55,9 @@ def cross_play(
     for environment_id in environment_ids:
         find_environment(environment_id)
     find_policy = partial(registry.find, allow_other_environment=allow_other_environment)
-    met_in = {group: _known_in(environment_ids, group, find_company, leave_out) for group in people}
+    met_in = {
+        group: _known_in(environment_ids, group, environment_populations, leave_out) for group in people
+    }
     driven_in = {policy: _known_in(environment_ids, policy, find_policy, leave_out) for policy in policies}
     rows: list[Evaluation] = []
     for group in people:

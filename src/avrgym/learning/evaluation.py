@@ -238,7 +238,7 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
     world = Episodes(
         batch.environment_id,
         len(batch.episodes),
-        distribution=batch.people.local_path(),
+        people=batch.people.local_path(),
         impairment=batch.impairment,
         num_threads=batch.threads,
         by_region=True,
@@ -301,8 +301,8 @@ def _run(
     count = len(generators)
     allowed = batch.allow_other_environment
     found = registry.find(batch.policy.local_path(), world.environment_id, allow_other_environment=allowed)
-    observation = world.begin(np.arange(count), generators)
-    draws = world.draws.astype(np.intp)
+    observation = world.reset(np.arange(count), generators)
+    draws = world.start_draws.astype(np.intp)
     reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
     recorder = RegionLoadRecorder(count)
     with registry.acting(found, world, generators) as act:

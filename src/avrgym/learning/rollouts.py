@@ -140,14 +140,13 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
     """
     count = len(request.episode_seeds)
     by_region = request.overload_weight > 0.0
-    worlds = worlds_of(request.settings, count, steered=len(policies) > 1, by_region=by_region)
+    worlds = worlds_of(request.settings, count, human_actions=len(policies) > 1, by_region=by_region)
     generators = [random_streams.training_episode(int(seed)) for seed in request.episode_seeds]
-    first = worlds.begin(np.arange(count), generators)
+    first = worlds.reset(np.arange(count), generators)
     xp: Any = namespace(first)
     robot = _Agent(policies[0], random_streams.robot_noise, request, first)
     humans = [
-        _Agent(policy, random_streams.human_noise, request, worlds.observe_as_human())
-        for policy in policies[1:]
+        _Agent(policy, random_streams.human_noise, request, worlds.observe_human()) for policy in policies[1:]
     ]
     expert = None if request.expert_drives is None else _expert_for(policies[0], request, worlds)
     returns = force_n = xp.zeros(count, dtype=xp.float64, device=first.device)
@@ -162,7 +161,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
             assert request.expert_drives is not None
             action = np.where(request.expert_drives[:, None], robot.actions[-1], action)
         for human in humans:
-            worlds.steer_people(np.clip(human.act(number), -1.0, 1.0).astype(float))
+            worlds.command_people(np.clip(human.act(number), -1.0, 1.0).astype(float))
         action = xp.astype(xp.clip(action, -1.0, 1.0), first.dtype)
         step, overload = _watched(worlds, action) if by_region else (worlds.step(action), 0.0)
         robot.observe(step.observation)
@@ -170,7 +169,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
         penalty = penalty + request.overload_weight * overload
         robot.rewards.append(step.reward - penalty)
         for human in humans:
-            human.observe(worlds.observe_as_human())
+            human.observe(worlds.observe_human())
             reward = worlds.human_reward(step, human.actions[-1].astype(float), shared=request.shared_reward)
             human.rewards.append(reward - penalty)
         returns = returns + step.reward
@@ -276,7 +275,7 @@ def _excess_reward(limit_n: float, worlds: Episodes, step: Step) -> FloatArray:
 
 @lru_cache(maxsize=2)
 def worlds_of(
-    settings: WorldSettings, count: int, *, steered: bool = False, by_region: bool = False
+    settings: WorldSettings, count: int, *, human_actions: bool = False, by_region: bool = False
 ) -> Episodes:
     """The worlds of a request; a process caches two sizes, since the parts of an update have at most two.
 
@@ -286,13 +285,13 @@ def worlds_of(
     return Episodes(
         settings.environment,
         count,
-        distribution=settings.people.local_path(),
+        people=settings.people.local_path(),
         impairment=settings.impairment,
         num_threads=settings.threads,
         engine=settings.engine,
         on_device=settings.engine != THREADS,
         withdraw_after_success=settings.withdraw_after_success,
-        steered=steered,
+        human_actions=human_actions,
         by_region=by_region,
         force_guard=settings.force_guard,
     )

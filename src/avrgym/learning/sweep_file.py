@@ -12,8 +12,8 @@ from avrgym.learning.hyperparameter_files import changed_hyperparameters, read_t
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 from avrgym.people.impairments import find_impairment
 from avrgym.people.population_names import ORIGINAL
-from avrgym.tasks.company import find_company
 from avrgym.tasks.registry import find_environment
+from avrgym.tasks.world_people import environment_populations
 
 Name = Annotated[str, Meta(pattern="^[A-Za-z0-9_]+$")]
 
@@ -79,7 +79,7 @@ def planned(sweep: Sweep, where: str) -> dict[str, list[Planned]]:
     groups: dict[str, list[Planned]] = {}
     for environment, people in product(dict.fromkeys(sweep.environments), dict.fromkeys(sweep.people)):
         find_environment(environment)
-        find_company(people, environment)
+        environment_populations(people, environment)
         groups[f"{environment} with {people}"] = [
             Planned(
                 "-".join([environment.rpartition("/")[2], _plain(people), recipe, str(seed)]),

@@ -44,9 +44,9 @@ from avrgym.system.files import write_atomically
 from avrgym.system.locks import locked
 from avrgym.system.memory import memory_bytes
 from avrgym.system.random_streams import VALIDATION
-from avrgym.tasks.company import find_company
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import find_environment, plugins_of, sizes
+from avrgym.tasks.world_people import environment_populations
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
@@ -182,7 +182,7 @@ def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyCo
 def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | None") -> None:
     """Refuse a training that cannot run, before anything is written."""
     find_environment(configuration.environment)
-    find_company(people, configuration.environment)
+    environment_populations(people, configuration.environment)
     _check_memory(configuration, cluster)
     if isinstance(configuration, RecurrentConfiguration):
         if cluster is not None:

@@ -113,12 +113,12 @@ class TrainedHumans:
     """Trained humans at work in N worlds: who is in which, and the chance that each acts with."""
 
     def __init__(self, trained: Sequence[Policy], worlds: int) -> None:
-        """The first of them everywhere, until episodes ``begin``."""
+        """The first of them everywhere, until the first ``reset``."""
         self._trained = trained
         self._who = np.zeros(worlds, dtype=np.intp)
         self._chance = [random_streams.trained_human_noise(0.0)] * worlds
 
-    def begin(self, ids: IntArray, who: IntArray, uniforms: FloatArray) -> None:
+    def reset(self, ids: IntArray, who: IntArray, uniforms: FloatArray) -> None:
         """Begin episodes in worlds ``ids`` (n,) of humans ``who`` (n,), with chance from uniform numbers (n,)."""
         self._who[ids] = who
         for world, uniform in zip(ids.tolist(), uniforms.tolist(), strict=True):
@@ -139,7 +139,7 @@ class TrainedHumans:
             "chance": [generator.bit_generator.state for generator in self._chance],
         }
 
-    def go_on_from(self, saved: dict[str, Any]) -> None:
+    def restore(self, saved: dict[str, Any]) -> None:
         """Go on from what ``saved`` gave."""
         self._who = saved["who"].copy()
         self._chance = [random_streams.trained_human_noise(0.0) for _ in saved["chance"]]

@@ -94,7 +94,7 @@ class Playback:
             if topic == "/physics":
                 state = self._advance(time_s, record)
                 if follow and not state.identical:
-                    self.episodes.simulation.restore(state.recorded)
+                    self.episodes.simulation.set_integration_state(state.recorded)
                 yield state
             elif topic == "/control":
                 recomputed = control_record(
@@ -132,7 +132,7 @@ class Playback:
                 f"its states have {len(state)} numbers, this simulator's have {size}: {made_with(self.recording)}"
             )
         self.episodes.simulation.halt_robot()
-        self.episodes.simulation.restore(state)
+        self.episodes.simulation.set_integration_state(state)
         self._begun = True
 
     def _finished_step(self, time_s: float) -> ControlStep:

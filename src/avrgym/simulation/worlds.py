@@ -318,7 +318,7 @@ class Simulation:
         self.engine.hand_back(np.array([world]))
         return self.batch.state[world].copy()
 
-    def restore(self, state: FloatArray, world: int = 0) -> None:
+    def set_integration_state(self, state: FloatArray, world: int = 0) -> None:
         """Put one world into a state that ``integration_state`` gave."""
         self.batch.state[world] = state
         self.batch.forward(np.array([world]), stage=mujoco.mjtStage.mjSTAGE_VEL)
@@ -336,7 +336,7 @@ class Simulation:
             },
         }
 
-    def go_on_from(self, saved: Mapping[str, Mapping[str, NumpyArray]]) -> None:
+    def restore(self, saved: Mapping[str, Mapping[str, NumpyArray]]) -> None:
         """Put all worlds into what ``saved`` gave in a simulation made alike."""
         for again in (False, True):  # constants follow from the fields, of which some are then changed
             for name, array in self._expanded().items():

@@ -57,10 +57,10 @@ def draw_starts(episodes: Episodes) -> StartDraws:
     """Begin an episode in each world, seeded by its number."""
     worlds = np.arange(episodes.simulation.num_worlds)
     try:
-        episodes.begin(worlds, [random_streams.episode(world) for world in worlds.tolist()])
+        episodes.reset(worlds, [random_streams.episode(world) for world in worlds.tolist()])
     except NoRoomError as error:
-        return StartDraws(float(episodes.draws.mean()), int(episodes.draws.max()), str(error))
-    return StartDraws(float(episodes.draws.mean()), int(episodes.draws.max()))
+        return StartDraws(float(episodes.start_draws.mean()), int(episodes.start_draws.max()), str(error))
+    return StartDraws(float(episodes.start_draws.mean()), int(episodes.start_draws.max()))
 
 
 @cache
@@ -72,8 +72,9 @@ def draws_by_body(environment_id: str) -> tuple[tuple[Person, StartDraws], ...]:
 
 def _of_bodies(episodes: Episodes) -> Iterator[tuple[Person, StartDraws]]:
     for sex, height_m in product(SEXES, TORSO_HEIGHT_RANGE_M):
-        episodes.person = Person(sex, height_m, episodes.task.pose.rest_rad)
-        yield episodes.person, draw_starts(episodes)
+        person = Person(sex, height_m, episodes.task.pose.rest_rad)
+        episodes.set_person(person)
+        yield person, draw_starts(episodes)
 
 
 def check_starts(environment_id: str) -> StartDraws:
@@ -85,7 +86,7 @@ def check_starts(environment_id: str) -> StartDraws:
     Raises:
         ValueError: where that is more often than ``MAX_MEAN_DRAWS``, or somebody has no start.
     """
-    drawn = draw_starts(Episodes(environment_id, STARTS, distribution=PEOPLE, num_threads=1))
+    drawn = draw_starts(Episodes(environment_id, STARTS, people=PEOPLE, num_threads=1))
     faults = [
         each.fault for each in (drawn, *(own for _, own in draws_by_body(environment_id))) if each.fault
     ]

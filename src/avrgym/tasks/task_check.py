@@ -42,8 +42,8 @@ def _check_expert(episodes: Episodes, name: str, expert: Expert) -> None:
 
 def _observations(episodes: Episodes, expert: Expert, where: str) -> FloatArray:
     """What was observed (T, N, O) in episodes led by an expert."""
-    episodes.begin(np.arange(WORLDS), [random_streams.episode(seed) for seed in range(WORLDS)])
-    steps = [episodes.assess()]
+    episodes.reset(np.arange(WORLDS), [random_streams.episode(seed) for seed in range(WORLDS)])
+    steps = [episodes.evaluate_state()]
     controller = expert(episodes)
     for _ in range(STEPS):
         steps.append(episodes.step(controller(steps[-1].observation)))

@@ -49,8 +49,8 @@ class Stops:
 def stop_at_random(environment: str, worlds: int, seed: int) -> Stops:
     """Stop as many arms of an environment, each moved in one of ``WAYS``, a third of the people waving their arms."""
     rng = np.random.default_rng(seed)
-    episodes = Episodes(environment, worlds, distribution="revised", moving=True)
-    episodes.begin(np.arange(worlds), [np.random.default_rng([seed, world]) for world in range(worlds)])
+    episodes = Episodes(environment, worlds, people="revised", moving=True)
+    episodes.reset(np.arange(worlds), [np.random.default_rng([seed, world]) for world in range(worlds)])
     simulation, rest_rad = episodes.simulation, episodes.people.joint_angles_rad
     simulation.command_person(rest_rad)
     act = _mixed_actor(episodes, rng)

@@ -31,7 +31,7 @@ def begun(
     episodes = Episodes(
         environment,
         worlds,
-        distribution=people,
+        people=people,
         impairment=impairment,
         num_threads=num_threads,
         by_region=by_region,
@@ -39,7 +39,7 @@ def begun(
     )
     if not checked:
         episodes._conflicts = lambda ids: {}
-    episodes.begin(np.arange(worlds), [np.random.default_rng(seed) for seed in range(worlds)])
+    episodes.reset(np.arange(worlds), [np.random.default_rng(seed) for seed in range(worlds)])
     return episodes
 
 

@@ -15,11 +15,11 @@ WARP = "warp:cpu"
 def on_both(environment: str, worlds: int, people: str = "revised", seed: int = 3) -> list[Episodes]:
     """Episodes on threads and on Warp's own processor device that have begun alike."""
     both = [
-        Episodes(environment, worlds, distribution=people, engine=engine, num_threads=1)
+        Episodes(environment, worlds, people=people, engine=engine, num_threads=1)
         for engine in ("threads", WARP)
     ]
     for episodes in both:
-        episodes.begin(np.arange(worlds), [np.random.default_rng([seed, world]) for world in range(worlds)])
+        episodes.reset(np.arange(worlds), [np.random.default_rng([seed, world]) for world in range(worlds)])
     return both
 
 

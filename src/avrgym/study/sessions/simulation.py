@@ -28,8 +28,8 @@ from avrgym.study.storage.states import UNKNOWN, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system import random_streams
 from avrgym.system.jobs import cores, run_all
-from avrgym.tasks.company import find_company
 from avrgym.tasks.registry import TASKS
+from avrgym.tasks.world_people import environment_populations
 from avrgym.vr.emulation.in_process_client import ANSWER_AFTER_S, STATE_EVERY_TICKS, InProcessClient
 from avrgym.vr.emulation.simulated_participant import (
     PARTICIPANTS,
@@ -103,7 +103,7 @@ def simulate_study(
                 "--cluster local"
             )
         for environment, policy in policies_needed(store):
-            find_company(people, environment)
+            environment_populations(people, environment)
             if isinstance(load_study_policy(store, environment, policy), Operated):
                 raise PolicyError(
                     f"{policy}: nobody drives the robot in a dry run; leave it out of a copy of the study"

@@ -48,7 +48,7 @@ class Driver(Protocol):
         """Whether the robot holds still for want of an action."""
         ...
 
-    def begin(self, episodes: Episodes, generators: Generators) -> None:
+    def reset(self, episodes: Episodes, generators: Generators) -> None:
         """Prepare for the episode that has begun in a world, drawn from its generator."""
         ...
 
@@ -87,7 +87,7 @@ class InTick:
         """Whether the robot holds still for want of an action."""
         return self.failure != ""
 
-    def begin(self, episodes: Episodes, generators: Generators) -> None:
+    def reset(self, episodes: Episodes, generators: Generators) -> None:
         """Prepare for the episode that has begun in a world, drawn from its generator."""
         self.failure, self._act = "", None
         self._begun, self._still = (episodes, generators), still(episodes)
@@ -133,7 +133,7 @@ class Guarded:
         """Whether the robot holds still for want of an action."""
         return self.failure != ""
 
-    def begin(self, episodes: Episodes, generators: Generators) -> None:
+    def reset(self, episodes: Episodes, generators: Generators) -> None:
         """Prepare for the episode that has begun in a world, drawn from its generator."""
         if self._worker.busy:
             self._worker.close()
@@ -291,7 +291,7 @@ class Operator:
         """Whether the robot holds still for want of an action."""
         return self._wish is None
 
-    def begin(self, episodes: Episodes, generators: Generators) -> None:
+    def reset(self, episodes: Episodes, generators: Generators) -> None:
         """Prepare for the episode that has begun in a world."""
         self._hand, self._still = Hand(episodes.simulation), still(episodes)
         self.let_go()

@@ -101,9 +101,9 @@ class LiveWorld:
         Raises:
             NoRoomError: a ``ValueError``, where the person obstructs every start.
         """
-        self._episodes.person = replace(self.person, joint_angles_rad=self.joint_targets_rad)
+        self._episodes.set_person(replace(self.person, joint_angles_rad=self.joint_targets_rad))
         self._generators = [random_streams.episode(seed)]
-        self._episodes.begin(np.array([0]), self._generators)
+        self._episodes.reset(np.array([0]), self._generators)
         self.start = self._episodes.start(0)
         self._retreat = Retreat(self._episodes.simulation)
         self._loop = self._episodes.loop
@@ -134,7 +134,7 @@ class LiveWorld:
         self, driver: Driver, *, force_guard: bool = False, withdraw_after_success: bool = False
     ) -> None:
         """Prepare a driver for the present episode, with the layers of the control loop that are switched on."""
-        driver.begin(self._episodes, self._generators)
+        driver.reset(self._episodes, self._generators)
         self._loop = ControlLoop(
             self._episodes,
             force_guard=force_guard,

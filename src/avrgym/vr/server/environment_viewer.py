@@ -52,7 +52,7 @@ class EnvironmentViewer:
         """
         self.scenes: list[tuple[str, Person]] = []
         self._episodes = Episodes(
-            environment_id, 1, distribution=people, impairment=impairment, num_threads=1, by_region=True
+            environment_id, 1, people=people, impairment=impairment, num_threads=1, by_region=True
         )
         self._policy, self._seed, self._send = policy, seed, send
         self._driver = driver_of(find_for_session(policy, environment_id), beside=True)
@@ -109,8 +109,8 @@ class EnvironmentViewer:
         """Prepare the next episode. It starts when a client has loaded its scene."""
         generator = random_streams.episode(self._seed)
         self._seed += 1
-        self._episodes.begin(np.array([0]), [generator])
-        self._driver.begin(self._episodes, [generator])
+        self._episodes.reset(np.array([0]), [generator])
+        self._driver.reset(self._episodes, [generator])
         self._failure = ""
         self._latest: ControlStep | None = None
         self._steps, self._reward = 0, 0.0

@@ -22,5 +22,5 @@ def test_its_environments_begin() -> None:
     assert "avrgym/FeedingExampleArm-v1" in made
     for environment in made:
         episodes = Episodes(environment, 1)
-        episodes.begin(np.arange(1), [np.random.default_rng(0)])
-        assert np.isfinite(episodes.assess().observation).all()
+        episodes.reset(np.arange(1), [np.random.default_rng(0)])
+        assert np.isfinite(episodes.evaluate_state().observation).all()

@@ -1,0 +1,220 @@
+"""The people of N worlds: drawn from populations, and moved by behaviour models, trained policies or human actions."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from avrgym.array_types import FloatArray, IntArray
+from avrgym.geometry.arrays import choose_index, moved_to
+from avrgym.models.human import People, Person
+from avrgym.models.scene import SceneConfig
+from avrgym.networks.policy import PolicyError
+from avrgym.people import cooperation, distributions, impairments, shoulder_limits
+from avrgym.people.arm_clearance import furniture_boxes
+from avrgym.people.cooperation import PersonObservation
+from avrgym.people.distributions import Pose
+from avrgym.people.populations import Population, TrainedHumans, find_populations
+from avrgym.people.zoo import partners
+from avrgym.simulation.room import SWING_M
+from avrgym.tasks.behaviour_model import BehaviourModel
+from avrgym.tasks.human_view import human_view_of
+from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.task import replace_worlds
+
+NUM_UNIFORMS = distributions.NUM_UNIFORMS + impairments.NUM_UNIFORMS + cooperation.NUM_UNIFORMS
+"""Uniform random numbers for each person: for the body, the impairment and the behaviour."""
+_POPULATION, _EXPLORATION = 2, 3
+"""Indices of a behaviour's uniform numbers: one chooses the population, one seeds the exploration noise of a trained
+human. The behaviour models of trained humans do not use them."""
+
+
+def environment_populations(name_or_path: str, environment_id: str) -> tuple[Population, ...]:
+    """Returns the populations that ``--people`` names, for an environment.
+
+    Raises:
+        ValueError: for unknown people, with the allowed names; for a damaged file; for humans that were trained for
+            another environment or have a network of another size.
+    """
+    populations = find_populations(name_or_path, TASKS)
+    for population in populations:
+        if population.trained is None:
+            continue
+        trained_for = population.trained.metadata.environment
+        if trained_for != environment_id:
+            raise PolicyError(
+                f"{population.name}: a human trained for {trained_for}, not for {environment_id}; allowed: those of "
+                f"`avrgym train {environment_id} --recipe pair`"
+            )
+        view, joints = human_view_of(environment_id)
+        sizes = (population.trained.observation_size, population.trained.action_size)
+        if sizes != (view.size, joints):
+            raise PolicyError(
+                f"{population.name}: a human with {sizes[0]} observations and {sizes[1]} actions; {environment_id} "
+                f"has {view.size} and {joints}"
+            )
+    return populations
+
+
+class WorldPeople:
+    """The people of N worlds. ``people`` are their bodies, on the host.
+
+    ``trained`` are trained policies that move them, if there are any. ``move``: they move during episodes; ``glide``:
+    they move evenly from target to target. ``swing_m`` is the additional room that their motion needs at the start.
+    """
+
+    def __init__(
+        self,
+        name_or_path: str,
+        environment_id: str,
+        scene: SceneConfig,
+        num_worlds: int,
+        *,
+        person: Person | None,
+        impairment: str,
+        driven: bool,
+        human_actions: bool,
+    ) -> None:
+        """Find the populations; ``place`` comes before anything else.
+
+        Args:
+            name_or_path: names the populations, see ``Episodes``.
+            environment_id: such as ``avrgym/FeedingJaco-v1``.
+            scene: the furniture, and the posture of people.
+            num_worlds: N.
+            person: one fixed person instead.
+            impairment: a name in ``people.impairments.IMPAIRMENTS``.
+            driven: whether their joints are driven from outside.
+            human_actions: whether they execute actions.
+
+        Raises:
+            ValueError: for unknown names, and for populations that do not fit the environment.
+        """
+        self.person = person
+        self._task, self._posture = TASKS[find_environment(environment_id)[0]], scene.posture
+        self._furniture = furniture_boxes(scene.furniture)
+        requested = impairments.find_impairment(impairment)
+        self._populations = [
+            replace(population, impairment=population.impaired(requested))
+            for population in environment_populations(name_or_path, environment_id)
+        ]
+        self._policies = [each.trained for each in self._populations if each.trained is not None]
+        by_policy = bool(self._policies) and not (human_actions or driven)
+        self.trained = TrainedHumans(self._policies, num_worlds) if by_policy else None
+        self._actions = human_actions or by_policy
+        are_partners = any(each.distribution.partners is not None for each in self._populations)
+        trembles = any(each.impairment == "tremor" for each in self._populations)
+        self.swing_m = SWING_M if are_partners or trembles else 0.0
+        self.move = not driven and (
+            self._actions
+            or any(
+                each.distribution.moving or each.impairment in impairments.MOVING_IMPAIRMENTS
+                for each in self._populations
+            )
+        )
+        self.glide = self.move and (self._actions or are_partners)
+        self.people = distributions.repeat_person(person or Person(), num_worlds)
+
+    @property
+    def need_host(self) -> bool:
+        """Whether they cannot move on a device."""
+        return bool(self._policies) or self._actions
+
+    @property
+    def spread_arm(self) -> bool:
+        """Whether they hold an arm away from their body at the start."""
+        return self.person is None and any(self._pose(each).spreads_arm for each in self._populations)
+
+    def place(self, exemplar: Any) -> None:
+        """Place their behaviour on the device of an array."""
+        self._exemplar = exemplar
+        self._set_people(self.people)
+        self._behaviour = BehaviourModel(
+            self._populations[0].distribution,
+            self.people,
+            self._task.offered,
+            self._posture,
+            human_actions=self._actions,
+            exemplar=exemplar,
+        )
+
+    def _set_people(self, people: People) -> None:
+        self.people = people
+        self._device_people = moved_to(people, self._exemplar)
+
+    def reset_to_person(self) -> None:
+        """Replace the people of all worlds by the fixed person."""
+        self._set_people(
+            distributions.repeat_person(self.person or Person(), len(self.people.torso_height_m))
+        )
+
+    def reset(self, ids: IntArray, uniforms: FloatArray) -> People:
+        """Draw people for worlds ``ids`` (n,) from uniform numbers (n, ``NUM_UNIFORMS``), and return them."""
+        bounds = np.cumsum([distributions.NUM_UNIFORMS, impairments.NUM_UNIFORMS])
+        for_bodies, for_impairments, for_behaviour = np.split(uniforms, bounds, axis=1)
+        chosen = choose_index(for_behaviour[:, _POPULATION], len(self._populations))
+        people = self._sample(self._populations[0], for_bodies, for_impairments, for_behaviour)
+        for number, population in enumerate(self._populations[1:], start=1):
+            (rows,) = np.nonzero(chosen == number)
+            others = self._sample(population, for_bodies[rows], for_impairments[rows], for_behaviour[rows])
+            people = replace_worlds(people, others, rows)
+        self._set_people(replace_worlds(self.people, people, ids))
+        self._behaviour.reset(ids, people, for_behaviour)
+        if self.trained is not None:
+            self.trained.reset(ids, chosen, for_behaviour[:, _EXPLORATION])
+        return people
+
+    def _sample(
+        self,
+        population: Population,
+        for_bodies: FloatArray,
+        for_impairments: FloatArray,
+        for_behaviour: FloatArray,
+    ) -> People:
+        """Draw people (n,) of a population."""
+        distribution = population.distribution
+        if self.person is not None:
+            people = distributions.repeat_person(self.person, len(for_bodies))
+        else:
+            people = distributions.sample_people(
+                distribution, self._pose(population), self._posture, self._furniture, for_bodies
+            )
+        if distribution.partners is not None:
+            people = partners.apply_partner_bodies(people, distribution.partners.draw(for_behaviour[:, :2]))
+        return impairments.apply_impairment(people, population.impairment, for_impairments)
+
+    def _pose(self, population: Population) -> Pose:
+        return population.distribution.pose_in(self._task.name, self._task.pose)
+
+    def command(self, action: FloatArray) -> None:
+        """Move their joint targets by actions (N, K), see ``Episodes.command_people``."""
+        joints = cooperation.OFFERED_JOINTS[self._task.offered]
+        self._behaviour.move_targets(joints, action, self._limit)
+
+    def step(self, observe: Callable[[], PersonObservation]) -> FloatArray:
+        """Take a control step; returns the joint targets (N, 20) at its end."""
+        return self._behaviour.step(observe, self._device_people, self._limit)
+
+    def _limit(self, joint_angles_rad: FloatArray) -> FloatArray:
+        return reachable_rad(self._device_people, joint_angles_rad)
+
+    def saved(self) -> dict[str, Any]:
+        """Returns everything that the next steps depend on."""
+        return {
+            "people": self.people,
+            "behaviour": self._behaviour.saved(),
+            "trained": None if self.trained is None else self.trained.saved(),
+        }
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Continues from what ``saved`` returned."""
+        self._set_people(saved["people"])
+        self._behaviour.restore(saved["behaviour"])
+        if self.trained is not None:
+            self.trained.restore(saved["trained"])
+
+
+def reachable_rad(people: People, joint_angles_rad: FloatArray) -> FloatArray:
+    """Returns joint angles (N, 20), limited to those that these people can reach."""
+    return shoulder_limits.clip(impairments.clip_to_ranges(people, joint_angles_rad))
