@@ -64,7 +64,7 @@ def test_a_world_drawn_again_has_the_same_bits_alone_and_among_others():
     for world in again[:3]:
         alone = Episodes(SCRATCHING, 1, people="revised", impairment="limits", num_threads=1)
         alone.reset(np.array([0]), [np.random.default_rng(int(world))])
-        assert alone.draws[0] == together.start_draws[world]
+        assert alone.start_draws[0] == together.start_draws[world]
         assert_array_equal(
             alone.simulation.integration_state(0), together.simulation.integration_state(world)
         )
