@@ -239,7 +239,7 @@ def _episodes(configuration: Configuration, by_region: bool) -> Episodes:
         episodes = Episodes(
             configuration.environment, 1, person=person, moving=True, num_threads=1, by_region=by_region
         )
-        episodes.begin_as(configuration.start)
+        episodes.reset_to_start(configuration.start)
     except KeyError as error:
         raise ReplayError(f"its start lacks {error}") from error
     except (TypeError, ValueError) as error:

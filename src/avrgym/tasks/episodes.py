@@ -206,7 +206,7 @@ class Episodes:
         self.loop.reset(ids)
         return self.observe()[ids]
 
-    def start(self, world: int) -> EpisodeStart:
+    def episode_start(self, world: int) -> EpisodeStart:
         """The start of a world's episode, without its person. Valid until the first step is evaluated."""
         pos_w, q_w = self.simulation.robot_base()
         return EpisodeStart(
@@ -217,7 +217,7 @@ class Episodes:
             memory={name: array[world].tolist() for name, array in state_arrays(self.task_state).items()},
         )
 
-    def begin_as(self, start: EpisodeStart) -> None:
+    def reset_to_start(self, start: EpisodeStart) -> None:
         """Begin an episode in the first world from a stored start, with the fixed person.
 
         Raises:

@@ -104,7 +104,7 @@ class LiveWorld:
         self._episodes.set_person(replace(self.person, joint_angles_rad=self.joint_targets_rad))
         self._generators = [random_streams.episode(seed)]
         self._episodes.reset(np.array([0]), self._generators)
-        self.start = self._episodes.start(0)
+        self.start = self._episodes.episode_start(0)
         self._retreat = Retreat(self._episodes.simulation)
         self._loop = self._episodes.loop
         self.hold()
