@@ -20,7 +20,6 @@ from avrgym.analysis.output import write_analysis
 from avrgym.analysis.page.comparisons import n_text
 from avrgym.analysis.page.drawing import Drawing
 from avrgym.analysis.publication.checklist import checklist
-from avrgym.analysis.publication.codebook import UNDESCRIBED, describe_column
 from avrgym.analysis.publication.methods import main_flow, methods
 from avrgym.analysis.publication.tables import latex_table, publication_tables
 from avrgym.analysis.reading.rows import ProblemRow
@@ -195,7 +194,7 @@ def test_latex_escapes_what_it_would_run() -> None:
 
 def test_every_column_of_every_table_is_in_the_codebook(analysis: Analysis, out: Path) -> None:
     book: Any = pd.read_csv(out / "reporting" / "codebook.csv", keep_default_na=False)
-    assert not book["meaning"].isin(["", UNDESCRIBED.meaning]).any()
+    assert (book["meaning"] != "").all()
     listed = {(row.table, row.column) for row in book.itertuples()}
     files = {path.stem: pd.read_csv(path, nrows=1) for path in (out / "tables").glob("*.csv")}
     assert listed == {(name, column) for name, frame in files.items() for column in frame.columns}
@@ -233,10 +232,6 @@ def test_the_data_package_describes_the_files_beside_it(out: Path) -> None:
         for field in fields:
             if field.get("constraints", {}).get("required"):
                 assert (frame[field["name"]] != "").all(), (resource["name"], field["name"])
-
-
-def test_an_unknown_column_is_told_as_such(analysis: Analysis) -> None:
-    assert describe_column("trials", "mood", analysis.design) is UNDESCRIBED
 
 
 def test_a_flow_without_anybody_leaving_tells_of_nobody() -> None:

@@ -10,17 +10,9 @@ from avrgym.study.people.adverse_events import RELATEDNESS, SERIOUSNESS, SEVERIT
 
 Condition = tuple[str | None, str | None]
 """Robot and policy; nothing for practice and for what happened outside trials."""
-
-
 PRACTICE, OUTSIDE = ("practice", None), (None, None)
-
-
 NONE = "No adverse events were recorded."
-
-
 REPORTS_LOST = "The database was rebuilt from the recordings: reports from before that are lost."
-
-
 NEXT_TO_THEM = (
     "Attempts that somebody stopped, interventions of the force guard, and contact forces are measures of the robots. "
     "They are not adverse events, and no adverse event was derived from them."

@@ -2,34 +2,39 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
+from avrgym.analysis.columns import FROM_1, IsSimulated, QuestionnaireName
 from avrgym.analysis.page.elements import Markup, bullet_list, table, tag, warning_box
 from avrgym.study.checking.finding import Finding
 from avrgym.study.design.design import Design
+from avrgym.study.export.codebook import TABLES
 from avrgym.study.storage.item_versions import AnsweredItems, base_name
 from avrgym.study.storage.session_designs import SessionDesign, describe_trials
 from avrgym.study.storage.store import Store
+from avrgym.system.columns import Column
+
+_ITEMS = TABLES["items"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ItemRow:
-    """An item in the words that people, or simulated participants, read; ``version`` counts those of one name from 1.
+    """A version of an item, with the people, or simulated participants, who answered it."""
 
-    ``asked_of`` are the participants who answered it, ``answers`` how many answers they gave.
-    """
-
-    simulated: bool
-    questionnaire: str
-    item: str
-    version: int
-    text: str
-    least: int
-    most: int
-    points: int
-    low: str
-    high: str
-    asked_of: str
-    answers: int
+    simulated: IsSimulated
+    questionnaire: QuestionnaireName
+    item: Annotated[str, _ITEMS["item"]]
+    version: Annotated[
+        int, Column("Version of the item; it grows when an answered item changes.", allowed=FROM_1)
+    ]
+    text: Annotated[str, _ITEMS["text"]]
+    least: Annotated[int, _ITEMS["least"]]
+    most: Annotated[int, _ITEMS["most"]]
+    points: Annotated[int, _ITEMS["points"]]
+    low: Annotated[str, _ITEMS["low"]]
+    high: Annotated[str, _ITEMS["high"]]
+    asked_of: Annotated[str, Column("The participants who answered it.")]
+    answers: Annotated[int, Column("Number of answers to it.", allowed=FROM_1)]
 
 
 def item_rows(store: Store, asked: AnsweredItems) -> list[ItemRow]:
@@ -60,8 +65,6 @@ def item_rows(store: Store, asked: AnsweredItems) -> list[ItemRow]:
 
 
 DIFFERENCES_TITLE = "Differences between participants"
-
-
 DIFFERENCES_NOTICE = (
     "Participants took part with different designs, or with another one than the study's folder contains. The section "
     "below lists each difference. Answers to different items are analysed separately; rewards, success and forces are "

@@ -31,23 +31,15 @@ from avrgym.tasks.registry import TASKS
 
 FITTED_JOINTS = tuple(name for name in JOINTS if not name.startswith("left_"))
 """Waist, head and right arm: what tasks vary. The left arm keeps the task's own pose."""
-
-
 REACHING_JOINTS = {
     "mouth": [JOINT_INDEX[name] for name, joint in JOINTS.items() if joint.body in ("torso", "head")],
     "arm": [JOINT_INDEX[name] for name in JOINTS if name.startswith(("right_shoulder", "right_elbow"))],
     "nothing": [],
 }
 """What people move who bring mouth, arm or nothing to the tool."""
-
-
 MOVED_DEG = 5.0
 """So far a joint goes that is moved on purpose; people who sit still sway less."""
-
-
 BEGINNING_S = 1.0
-
-
 FEW = 8
 """The paper's number of participants; fewer say little about others."""
 

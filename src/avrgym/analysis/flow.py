@@ -139,12 +139,8 @@ def _in(own: Iterable[Participant], state: str) -> int:
 
 BOX_IN, SIDE_IN, GAP_IN, LINE_IN = 2.9, 2.9, 0.22, 0.17
 """Widths of the boxes of steps and of those who leave, the space between boxes, and the height of a line."""
-
-
 LETTERS = 42
 """Number of letters that fit in a line of a box."""
-
-
 UNKNOWN_TEXT = "consent or withdrawal unknown, database lost"
 
 

@@ -3,48 +3,66 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
+from typing import Annotated
 
+from avrgym.analysis.columns import FROM_0, SHARE, IsSimulated, Pseudonym, Session
 from avrgym.analysis.page.elements import Markup, join, number_text, table, tag
 from avrgym.recording.configuration import HeadsetCheck
 from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
+from avrgym.system.columns import Column
 from avrgym.vr.headset_check import fault_text, is_ready
+
+_NOT_MEASURED, _NOT_ASKED = "not measured", "not asked"
+Jitter = Annotated[float | None, Column("Tracking jitter at rest.", unit="mm", empty=_NOT_MEASURED)]
+Reach = Annotated[float | None, Column("Largest distance from the head.", unit="m", empty=_NOT_MEASURED)]
+TrackedWith = Annotated[str, Column("Tracked as controller, hand or mouse.", empty="not tracked")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeadsetRow:
-    """The latest check of the headset in one session; see ``vr.headset_check``.
+    """The latest headset check of a session."""
 
-    ``latency_p50_ms`` and ``latency_p95_ms`` are from pose to picture; ``faults`` in words, empty where it was ready.
-    ``stop_with`` is how the participant stopped the robot in the check (``StopWay``), ``stop_worked`` whether they did
-    within the time, ``stop_after_s`` the seconds from the request to the stop; all empty where no stop was requested.
-    """
-
-    participant: str
-    simulated: bool
-    session: int
-    device: str
-    emulated: bool
-    profiles: str
-    display_hz: float | None
-    frame_rate_hz: float
-    dropped_share: float
-    latency_p50_ms: float | None
-    latency_p95_ms: float | None
-    head_jitter_mm: float | None
-    left_with: str
-    left_jitter_mm: float | None
-    left_reach_m: float | None
-    right_with: str
-    right_jitter_mm: float | None
-    right_reach_m: float | None
-    haptics: bool | None
-    sound: bool | None
-    stop_with: str
-    stop_worked: bool | None
-    stop_after_s: float | None
-    go: bool
-    faults: str
+    participant: Pseudonym
+    simulated: IsSimulated
+    session: Session
+    device: Annotated[str, Column("The device, as the browser reports it.", empty="unknown")]
+    emulated: Annotated[bool, Column("Whether the headset was emulated.")]
+    profiles: Annotated[
+        str, Column("Profiles of the controllers, as the browser reports them.", empty="none")
+    ]
+    display_hz: Annotated[
+        float | None, Column("Refresh rate of the display.", unit="Hz", empty=_NOT_MEASURED)
+    ]
+    frame_rate_hz: Annotated[float, Column("Measured frame rate.", unit="Hz", allowed=FROM_0)]
+    dropped_share: Annotated[float, Column("Share of dropped frames.", allowed=SHARE)]
+    latency_p50_ms: Annotated[
+        float | None, Column("Median latency from pose to picture.", unit="ms", empty=_NOT_MEASURED)
+    ]
+    latency_p95_ms: Annotated[
+        float | None, Column("95th percentile of that latency.", unit="ms", empty=_NOT_MEASURED)
+    ]
+    head_jitter_mm: Jitter
+    left_with: TrackedWith
+    left_jitter_mm: Jitter
+    left_reach_m: Reach
+    right_with: TrackedWith
+    right_jitter_mm: Jitter
+    right_reach_m: Reach
+    haptics: Annotated[bool | None, Column("Whether the participant felt the vibration.", empty=_NOT_ASKED)]
+    sound: Annotated[bool | None, Column("Whether the participant heard the sound.", empty=_NOT_ASKED)]
+    stop_with: Annotated[
+        str, Column("How the participant stopped the robot in the check.", empty="not requested, or not done")
+    ]
+    stop_worked: Annotated[
+        bool | None, Column("Whether the participant stopped the robot in time.", empty="not requested")
+    ]
+    stop_after_s: Annotated[
+        float | None,
+        Column("Time from the request to the stop.", unit="s", empty="not requested, or not done"),
+    ]
+    go: Annotated[bool, Column("Whether the headset was ready.")]
+    faults: Annotated[str, Column("Faults that the check found.", empty="none")]
 
 
 def headset_rows(store: Store) -> list[HeadsetRow]:

@@ -2,10 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
+from avrgym.analysis.columns import FROM_0, IsSimulated
 from avrgym.analysis.page.elements import Markup, group_caption, table, tag
 from avrgym.analysis.reading.rows import TrialRow
 from avrgym.recording.schema import Latency
+from avrgym.system.columns import Column
 from avrgym.vr.latency import STAGE_WORDS, TOTAL, percentiles_ms
 
 Latencies = Mapping[tuple[str, int], Sequence[Latency]]
@@ -14,19 +17,17 @@ Latencies = Mapping[tuple[str, int], Sequence[Latency]]
 
 @dataclass(frozen=True, kw_only=True)
 class LatencyRow:
-    """How long a stage took on the way from pose to picture, or all of them as ``total_ms``.
+    """Duration of a stage from tracked pose to picture, in counted trials."""
 
-    Percentiles are over the pictures of counted trials. ``participant`` is missing for all of a kind
-    together.
-    """
-
-    participant: str | None
-    simulated: bool
-    stage: str
-    pictures: int
-    p50_ms: float
-    p95_ms: float
-    p99_ms: float
+    participant: Annotated[
+        str | None, Column("Pseudonym.", empty="all people, or all simulated participants, together")
+    ]
+    simulated: IsSimulated
+    stage: Annotated[str, Column("Stage from pose to picture; total_ms is the whole.")]
+    pictures: Annotated[int, Column("Number of tracking frames that a picture followed.", allowed=FROM_0)]
+    p50_ms: Annotated[float, Column("Median duration.", unit="ms", allowed=FROM_0)]
+    p95_ms: Annotated[float, Column("95th percentile of the duration.", unit="ms", allowed=FROM_0)]
+    p99_ms: Annotated[float, Column("99th percentile of the duration.", unit="ms", allowed=FROM_0)]
 
 
 def latency_rows(trials: Sequence[TrialRow], latencies: Latencies) -> list[LatencyRow]:

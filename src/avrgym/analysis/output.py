@@ -15,8 +15,6 @@ from avrgym.study.storage.states import StudyError
 from avrgym.system.files import make_private, make_private_folder
 
 REPORT = "report/index.html"
-
-
 FOLDERS = ("report", "tables", "figures", PACK)
 
 

@@ -34,8 +34,6 @@ from avrgym.study.plan.plan import FILE as PLAN_FILE
 from avrgym.study.storage.store import Store
 
 BOTH_UNITS = (TRIAL, PARTICIPANT)
-
-
 Expected = tuple[str, list[str], Question]
 """A hypothesis in words, its measures, and what their tests ask."""
 

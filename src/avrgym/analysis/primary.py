@@ -147,24 +147,14 @@ def _with_roles(
 
 
 PRIMARY_HEADS = ("Question", "What", "Groups", "n", "Medians", "Effect [95 %]", "p", "p, corrected", "")
-
-
 PRIMARY_NUMERIC_COLUMNS = (3, 4, 5, 6, 7)
-
-
 PRIMARY_CAPTION = "Primary results, each participant one value; p corrected over all of them"
-
-
 WITHOUT_PLAN = (
     "Each question has one primary result. No plan names hypotheses, so these are the tests by participant of whether "
     "policies differ in each answer, score and objective measure, of the first answer against the middle of its "
     "scale, and of changes over sessions."
 )
-
-
 WITH_PLAN = "The primary results are the tests of the plan's hypotheses, each participant one value."
-
-
 OTHERS = (
     "Only primary results have stars: * < 0.05, ** < 0.01, *** < 0.001 after correction over all of them. All other "
     "results are sensitivity analyses, secondary, or a supplement, and have none. Stars and figures use "

@@ -3,31 +3,37 @@
 from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
+from avrgym.analysis.columns import FROM_0, IsSimulated, PolicyName, RobotName, TaskName
 from avrgym.analysis.page.elements import Markup, bullet_list, group_caption, table, tag
-from avrgym.study.checking.repeats import AttemptedTrial, Repeat
+from avrgym.study.checking.repeats import REASONS, AttemptedTrial, Repeat
 from avrgym.study.design.design import Design
+from avrgym.system.columns import Column
 
 
 @dataclass(frozen=True, kw_only=True)
 class RepeatRow:
-    """Attempts of one condition that others replaced for one cause; of ``trials`` that were begun, ``repeated`` were.
+    """The attempts of one condition that repeats replaced for one cause."""
 
-    ``success_unknown`` attempts ended without a stored outcome. ``ordered_by`` is empty unless an experimenter did.
-    """
-
-    simulated: bool
-    task: str
-    robot: str
-    policy: str
-    trials: int
-    reason: str
-    cause: str
-    ordered_by: str
-    repeated: int
-    replaced: int
-    replaced_successes: int
-    success_unknown: int
+    simulated: IsSimulated
+    task: TaskName
+    robot: RobotName
+    policy: PolicyName
+    trials: Annotated[
+        int, Column("Number of begun trials of the condition, without practice.", allowed=FROM_0)
+    ]
+    reason: Annotated[str, Column("Reason of the repeats.", allowed=", ".join(REASONS))]
+    cause: Annotated[str, Column("The cause in words.")]
+    ordered_by: Annotated[
+        str, Column("The experimenter who ordered the repeats.", empty="no experimenter did")
+    ]
+    repeated: Annotated[int, Column("Number of trials repeated for this cause.", allowed=FROM_0)]
+    replaced: Annotated[int, Column("Number of attempts that a later attempt replaced.", allowed=FROM_0)]
+    replaced_successes: Annotated[int, Column("Number of replaced attempts with success.", allowed=FROM_0)]
+    success_unknown: Annotated[
+        int, Column("Number of replaced attempts without stored outcome.", allowed=FROM_0)
+    ]
 
 
 def repeat_rows(tried: Iterable[AttemptedTrial]) -> list[RepeatRow]:

@@ -9,7 +9,7 @@ from avrgym.analysis.adverse_events import adverse_events_section
 from avrgym.analysis.answers.scores import scores_section
 from avrgym.analysis.answers.section import answers_section
 from avrgym.analysis.biomechanics.section import biomechanics_section
-from avrgym.analysis.biomechanics.training_people import PEOPLE_PER_TASK, SEED
+from avrgym.analysis.biomechanics.training_people import PEOPLE_PER_TASK
 from avrgym.analysis.designs import (
     DIFFERENCES_TITLE,
     describe_by_design,
@@ -47,6 +47,7 @@ from avrgym.analysis.streams import streams_section
 from avrgym.analysis.study import Analysis
 from avrgym.study.design.design import Design
 from avrgym.study.storage.states import UNKNOWN
+from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
 from avrgym.tasks.registry import TASKS
 
 TITLES = {False: "People", True: "Simulated participants"}
@@ -272,7 +273,7 @@ METHODS = (
     "(Westfall and Young, 1993; Romano and Wolf, 2005). Models and unpaired tests that a plan makes primary are "
     "corrected by Holm; next to paired tests both corrected p are doubled. Rewards that are all equal have no "
     "interval.",
-    f"The training's people: {PEOPLE_PER_TASK} drawn for each task and distribution, with seed {SEED}.",
+    f"The training's people: {PEOPLE_PER_TASK} drawn for each task and distribution, with seed {TRAINING_PEOPLE_SEED}.",
     "Head positions and torso heights: signed-rank as in the paper, each trial paired with an arbitrary person drawn; "
     "Mann-Whitney and the energy distance compare one value per participant with everyone drawn. Means of several "
     "trials spread less than single people, so that a small p need not mean another place.",

@@ -3,10 +3,25 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
+from typing import Annotated
 
 from avrgym.analysis.answers.scores import score_families
 from avrgym.analysis.answers.session_answers import session_families
 from avrgym.analysis.answers.trial_answers import answer_families
+from avrgym.analysis.columns import (
+    EffectHigh,
+    EffectLow,
+    EffectSize,
+    Family,
+    GroupA,
+    GroupB,
+    IsSimulated,
+    MedianA,
+    MedianB,
+    N,
+    Quantity,
+    Zeros,
+)
 from avrgym.analysis.outcomes.outcomes import Outcome, outcome
 from avrgym.analysis.page.elements import (
     Markup,
@@ -20,32 +35,35 @@ from avrgym.analysis.page.elements import (
 from avrgym.analysis.reading.rows import ALL, AnswerRow, ParticipantRow, ScoreRow, TrialRow
 from avrgym.analysis.statistics.comparisons import PARTICIPANT, ComparisonRow
 from avrgym.study.design.design import Design
+from avrgym.system.columns import Column
+
+SiteName = Annotated[str, Column("Site of the participants, or `no site`.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SiteOutcomeRow(Outcome):
-    """A condition's counted trials at one site."""
+    """The counted trials of a condition at one site."""
 
-    site: str
+    site: SiteName
 
 
 @dataclass(frozen=True, kw_only=True)
 class SiteEffectRow:
-    """An effect at one site, each participant one value; see ``ComparisonRow``. It is described, not tested."""
+    """An effect size at one site, with one value for each participant; see ``ComparisonRow``."""
 
-    simulated: bool
-    site: str
-    family: str
-    quantity: str
-    group_a: str
-    group_b: str
-    n: int
-    zeros: int
-    median_a: float | None
-    median_b: float | None
-    effect: float | None
-    effect_low: float | None
-    effect_high: float | None
+    simulated: IsSimulated
+    site: SiteName
+    family: Family
+    quantity: Quantity
+    group_a: GroupA
+    group_b: GroupB
+    n: N
+    zeros: Zeros
+    median_a: MedianA
+    median_b: MedianB
+    effect: EffectSize
+    effect_low: EffectLow
+    effect_high: EffectHigh
 
 
 NO_SITE = "no site"

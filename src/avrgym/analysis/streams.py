@@ -12,8 +12,6 @@ STREAMS_METHOD = (
     "are over trials; streams.csv has every trial. In a gap samples are missing. At a reset the device's clock jumped; "
     "times are corrected by when samples arrived, and all other figures are of corrected times."
 )
-
-
 STREAM_HEADS = (
     "Stream", "Kind", "Trials", "Samples", "Rate promised / Hz", "came / Hz", "Clock offset / ms", "its range, at most",
     "Jitter / ms", "at most", "Gaps", "Clock resets", "furthest / s",

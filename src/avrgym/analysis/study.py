@@ -31,7 +31,6 @@ from avrgym.analysis.biomechanics.biomechanics import (
 from avrgym.analysis.biomechanics.tests import biomechanics_families
 from avrgym.analysis.biomechanics.training_people import (
     PEOPLE_PER_TASK,
-    SEED,
     PersonRow,
     sample_training_people,
 )
@@ -75,20 +74,15 @@ from avrgym.study.storage.data_loss import describe_data_loss
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.session_designs import SessionDesign, recorded_designs
 from avrgym.study.storage.store import Store
+from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
 from avrgym.vr.session.attempt import versions
 
 IN_TABLES_ONLY = ("control_steps", "people")
 """Tables too long for the results' file."""
-
-
 FORMAT = f"{FORMAT_NAME} 1"
-
-
 ANALYSED_SEPARATELY = (
     "answers to different items are analysed separately, everything else is used as recorded"
 )
-
-
 FROM_FILE = "what recordings do not contain is taken from the study's present files"
 
 
@@ -152,8 +146,8 @@ class Analysis:
         if seen.streams:
             yield Table.of("streams", StreamRow, seen.streams)
         if self.functioning:
-            yield Table("functioning", list(TABLES["functioning"]), self.functioning)
-        yield Table("adverse_events", list(TABLES["adverse_events"]), self.adverse_events)
+            yield Table("functioning", TABLES["functioning"], self.functioning)
+        yield Table("adverse_events", TABLES["adverse_events"], self.adverse_events)
         yield Table.of("problems", ProblemRow, seen.problems)
         yield Table.of("objective", ObjectiveRow, self.objective)
         yield from as_tables(list(paper_tables(self.design, self.objective)))
@@ -174,7 +168,7 @@ class Analysis:
         yield Table.of("latency", LatencyRow, self.latency)
         if self.headsets:
             yield Table.of("headset_checks", HeadsetRow, self.headsets)
-        yield control_steps(seen.series, {row.participant: row for row in seen.participants})
+        yield control_steps(seen.series, {row.participant: row for row in seen.participants}, self.design)
 
     def results(self) -> dict[str, Any]:
         """Every number but those of single control steps and of the people drawn, which only tables hold."""
@@ -185,7 +179,7 @@ class Analysis:
             "questionnaires": msgspec.to_builtins(self.design.questionnaires),
             "settings": {
                 "people_per_task": PEOPLE_PER_TASK,
-                "seed": SEED,
+                "seed": TRAINING_PEOPLE_SEED,
                 "permutations": PERMUTATIONS,
                 "exact_signed_rank": EXACT_SIGNED_RANK,
                 "exact_rank_sum": EXACT_RANK_SUM,

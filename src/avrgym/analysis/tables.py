@@ -2,31 +2,34 @@
 
 import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from avrgym.analysis.reading.rows import ParticipantRow
 from avrgym.analysis.reading.trial_series import TrialSeries
+from avrgym.study.design.design import Design
+from avrgym.study.export import codebook
 from avrgym.study.export.separated import neutral
+from avrgym.system.columns import NUMBER, Column, columns_of
 from avrgym.system.files import open_new_csv
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Rows of values by column."""
+    """Rows of values by column, with the description of each column."""
 
     name: str
-    columns: Sequence[str]
+    columns: Mapping[str, Column]
     rows: Iterable[Mapping[str, Any]]
 
     @classmethod
     def of(cls, name: str, kind: type, rows: Sequence[Any]) -> "Table":
         """A table of dataclass rows of one kind."""
-        return cls(name, [column.name for column in fields(kind)], [asdict(row) for row in rows])
+        return cls(name, columns_of(kind), [asdict(row) for row in rows])
 
     def write(self, folder: Path) -> None:
-        """Write the table into a folder; text that a spreadsheet would run as a formula gets an apostrophe."""
+        """Writes the table into a folder. Text that a spreadsheet would run as a formula gets an apostrophe."""
         with open_new_csv(folder / f"{self.name}.csv") as file:
             writer = csv.writer(file)
             writer.writerow(self.columns)
@@ -34,16 +37,20 @@ class Table:
 
 
 def control_steps(
-    series: Mapping[tuple[str, int], TrialSeries], participants: Mapping[str, ParticipantRow]
+    series: Mapping[tuple[str, int], TrialSeries], participants: Mapping[str, ParticipantRow], design: Design
 ) -> Table:
-    """Every control step of every trial with its unweighted reward terms; a term of other tasks is empty."""
-    steps = [step for measured in series.values() for step in measured.steps]
-    terms = sorted({term for step in steps for term in step.reward_terms})
-    columns = [
-        "participant", "site", "simulated", "position", "step", "time_s", "reward", "success", "distance_m",
-        "force_on_person_n", *(f"term_{term}" for term in terms),
-    ]  # fmt: skip
-    return Table("control_steps", columns, _steps(series, participants, terms))
+    """Every control step of every trial, with its unweighted reward terms; terms of other tasks are empty."""
+    recorded = {
+        f"term_{term}" for each in series.values() for step in each.steps for term in step.reward_terms
+    }
+    labels = ("participant", "site", "simulated", "position")
+    metrics = ("step", "time_s", "reward", "success", "distance_m", "force_on_person_n")
+    known = codebook.columns_of("control_steps", design)
+    unknown = Column(
+        "Reward term of another version, not weighted.", NUMBER, "1", empty="the task has no such term"
+    )
+    columns = {name: known.get(name, unknown) for name in (*labels, *metrics, *sorted(recorded))}
+    return Table("control_steps", columns, _steps(series, participants, sorted(recorded)))
 
 
 def _steps(
@@ -51,8 +58,8 @@ def _steps(
     participants: Mapping[str, ParticipantRow],
     terms: Sequence[str],
 ) -> Iterator[Mapping[str, Any]]:
-    for (participant, position), measured in series.items():
-        for time_s, step in zip(measured.times_s, measured.steps, strict=True):
+    for (participant, position), trial in series.items():
+        for time_s, step in zip(trial.times_s, trial.steps, strict=True):
             yield {
                 "participant": participant,
                 "site": participants[participant].site,
@@ -64,5 +71,5 @@ def _steps(
                 "success": step.success,
                 "distance_m": step.distance_m,
                 "force_on_person_n": step.force_on_person_n,
-                **{f"term_{term}": step.reward_terms.get(term) for term in terms},
+                **{term: step.reward_terms.get(term.removeprefix("term_")) for term in terms},
             }

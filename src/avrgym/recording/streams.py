@@ -8,12 +8,13 @@ clock changes by the jump.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.recording.schema import Stream, StreamSamples
+from avrgym.system.columns import Column
 
 GAP_INTERVALS = 5.0
 """Samples of a regular stream that are further apart than so many intervals have others missing between them."""
@@ -132,28 +133,27 @@ def _ahead_s(
     return by_rate_s if abs(by_rate_s - by_arrival_s) <= _gap_s(rate_hz) else by_arrival_s
 
 
+_UNEVEN = "irregular samples, or too few"
+
+
 @dataclass(frozen=True)
 class StreamFigures:
-    """How well the samples of a stream lie in time in one trial.
+    """Timing of the samples of a stream in one trial, by times that are corrected for jumps of the device's clock."""
 
-    ``rate_hz`` is what the device promises, 0 for samples at any time; ``measured_hz`` what came. ``offset_ms`` is the
-    median of what was added to the device's clock, ``offset_range_ms`` from its least to its most. ``jitter_ms`` is
-    the standard deviation of times about even spacing between gaps, ``gaps`` counts these; ``None`` where spacing is
-    not even or samples are few. ``clock_resets`` counts jumps of the device's clock, ``clock_jump_s`` is the furthest;
-    all other figures are of corrected times.
-    """
-
-    stream: str
-    kind: str
-    samples: int
-    rate_hz: float
-    measured_hz: float
-    offset_ms: float
-    offset_range_ms: float
-    jitter_ms: float | None
-    gaps: int | None
-    clock_resets: int
-    clock_jump_s: float
+    stream: Annotated[str, Column("Name of the stream in the study.")]
+    kind: Annotated[str, Column("Kind of measurement, as the device reports it.")]
+    samples: Annotated[int, Column("Number of recorded samples.", allowed="0 and above")]
+    rate_hz: Annotated[float, Column("Nominal sampling rate; 0 for irregular samples.", unit="Hz")]
+    measured_hz: Annotated[float, Column("Measured sampling rate.", unit="Hz")]
+    offset_ms: Annotated[float, Column("Correction of the device's clock: median over the trial.", unit="ms")]
+    offset_range_ms: Annotated[float, Column("Maximum minus minimum of this correction.", unit="ms")]
+    jitter_ms: Annotated[
+        float | None,
+        Column("Standard deviation of sample times about even spacing.", unit="ms", empty=_UNEVEN),
+    ]
+    gaps: Annotated[int | None, Column("Number of gaps with missing samples.", empty=_UNEVEN)]
+    clock_resets: Annotated[int, Column("Number of jumps of the device's clock.", allowed="0 and above")]
+    clock_jump_s: Annotated[float, Column("Largest jump of this clock; negative is backwards.", unit="s")]
 
 
 def described_streams(topics: Topics) -> dict[str, Stream]:

@@ -197,6 +197,10 @@ def sampled_sign_flips() -> Generator:
     return default_rng(0)
 
 
+TRAINING_PEOPLE_SEED = 2020
+"""The seed of the people that participants are compared with, and of the permutations of this comparison."""
+
+
 def training_people(population: int, task: int) -> Generator:
     """People of a training population, as participants are compared with them."""
-    return default_rng([2020, population, task])
+    return default_rng([TRAINING_PEOPLE_SEED, population, task])

@@ -44,12 +44,8 @@ from avrgym.study.design.design import Design
 
 LINE = 0.55
 """The height of a line of an item's words as a share of a bar's."""
-
-
 BRACKET_WIDTH_IN = 0.62
 """The width of a bracket with the result of its test."""
-
-
 MOST_BRACKETS = 6
 """With more comparisons of an item than these, figures show no tests."""
 
@@ -254,8 +250,6 @@ def _brackets(
 
 ROW_WIDTH_IN = 4.2
 """The width of a row of bars."""
-
-
 BAR_WIDTH_IN = 0.34
 """The least width of a bar, which has its mean above it."""
 

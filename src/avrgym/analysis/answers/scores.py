@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
+from typing import Annotated
 
 from avrgym.analysis.answers.session_answers import (
     AFTER,
@@ -13,6 +14,18 @@ from avrgym.analysis.answers.session_answers import (
     values_at,
 )
 from avrgym.analysis.answers.trial_answers import AFTER_TRIAL
+from avrgym.analysis.columns import (
+    IsSimulated,
+    LowerQuartile,
+    Maximum,
+    Mean,
+    Median,
+    Minimum,
+    N,
+    PolicyNameOrNone,
+    QuestionnaireName,
+    UpperQuartile,
+)
 from avrgym.analysis.page.comparisons import TestTables
 from avrgym.analysis.page.elements import Markup, number_text, short_number, table, tag
 from avrgym.analysis.reading.rows import ScoreRow
@@ -29,24 +42,28 @@ from avrgym.analysis.statistics.tests import summary_statistics
 from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
+from avrgym.study.export.codebook import TABLES
+from avrgym.system.columns import Column
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreSummaryRow:
-    """Counted scores of one scale: with a policy after trials, or before or after sessions, or their ``change``."""
+    """Summary of the counted scores of one scale, with a policy or at a moment of sessions."""
 
-    simulated: bool
-    questionnaire: str
-    scale: str
-    moment: str
-    policy: str | None
-    n: int
-    mean: float
-    least: float
-    lower_quartile: float
-    median: float
-    upper_quartile: float
-    most: float
+    simulated: IsSimulated
+    questionnaire: QuestionnaireName
+    scale: Annotated[str, TABLES["scores"]["scale"]]
+    moment: Annotated[
+        str, Column("Moment of the answers.", allowed=f"{BEFORE}, {AFTER_TRIAL}, {AFTER}, {CHANGE}")
+    ]
+    policy: PolicyNameOrNone
+    n: N
+    mean: Mean
+    least: Minimum
+    lower_quartile: LowerQuartile
+    median: Median
+    upper_quartile: UpperQuartile
+    most: Maximum
 
 
 def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[ScoreSummaryRow]:

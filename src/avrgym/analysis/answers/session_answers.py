@@ -3,10 +3,23 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Annotated
 
 import numpy as np
 
 from avrgym.analysis.answers.trial_answers import LikertRow, counts
+from avrgym.analysis.columns import (
+    IsSimulated,
+    ItemName,
+    LowerQuartile,
+    Maximum,
+    Mean,
+    Median,
+    Minimum,
+    N,
+    QuestionnaireName,
+    UpperQuartile,
+)
 from avrgym.analysis.reading.rows import AnswerRow
 from avrgym.analysis.statistics.comparisons import (
     MEAN_DECIMALS,
@@ -19,38 +32,34 @@ from avrgym.analysis.statistics.comparisons import (
 from avrgym.analysis.statistics.tests import signed_rank, summary_statistics
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
+from avrgym.system.columns import Column
+
+BEFORE, AFTER = SESSION_MOMENTS
+CHANGE = "change"
 
 
 @dataclass(frozen=True, kw_only=True)
 class SessionAnswerRow:
-    """Counted answers to one item before or after sessions, one for each participant; or their ``change``.
+    """Summary of the counted answers to one item before or after sessions, one value for each participant.
 
-    The change is that of the participants who answered both times, after less before.
+    The change is the answer after minus the answer before, of participants who answered both times.
     """
 
-    simulated: bool
-    questionnaire: str
-    item: str
-    moment: str
-    n: int
-    mean: float
-    least: int
-    lower_quartile: float
-    median: float
-    upper_quartile: float
-    most: int
-
-
-BEFORE, AFTER = SESSION_MOMENTS
-
-
-CHANGE = "change"
+    simulated: IsSimulated
+    questionnaire: QuestionnaireName
+    item: ItemName
+    moment: Annotated[str, Column("Moment of the answers.", allowed=f"{BEFORE}, {AFTER}, {CHANGE}")]
+    n: N
+    mean: Mean
+    least: Minimum
+    lower_quartile: LowerQuartile
+    median: Median
+    upper_quartile: UpperQuartile
+    most: Maximum
 
 
 MOMENT_LABELS = {BEFORE: "before", AFTER: "after", CHANGE: "change"}
 """What the moments are called in tests, tables and figures."""
-
-
 SessionValues = Mapping[tuple[str, str], Mapping[str, float]]
 """By moment and item, or scale, the value of each participant."""
 

@@ -3,7 +3,27 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
+from typing import Annotated
 
+from avrgym.analysis.columns import (
+    FROM_0,
+    SHARE,
+    IsSimulated,
+    ItemName,
+    LowerQuartile,
+    Maximum,
+    Mean,
+    Median,
+    Minimum,
+    Moment,
+    N,
+    PolicyName,
+    PolicyNameOrNone,
+    QuestionnaireName,
+    RobotName,
+    TaskName,
+    UpperQuartile,
+)
 from avrgym.analysis.reading.rows import ALL, AnswerRow
 from avrgym.analysis.statistics.comparisons import (
     PARTICIPANT,
@@ -21,38 +41,39 @@ from avrgym.analysis.statistics.tests import signed_rank, summary_statistics
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.study.storage.item_versions import base_name
+from avrgym.system.columns import Column
 
 
 @dataclass(frozen=True, kw_only=True)
 class SubjectiveRow:
-    """Counted answers to one item with one policy; ``all`` tasks or robots are taken together."""
+    """Summary of the counted answers to one item with one policy; ``all`` stands for all tasks or robots."""
 
-    simulated: bool
-    item: str
-    policy: str
-    task: str
-    robot: str
-    n: int
-    mean: float
-    least: int
-    lower_quartile: float
-    median: float
-    upper_quartile: float
-    most: int
+    simulated: IsSimulated
+    item: ItemName
+    policy: PolicyName
+    task: TaskName
+    robot: RobotName
+    n: N
+    mean: Mean
+    least: Minimum
+    lower_quartile: LowerQuartile
+    median: Median
+    upper_quartile: UpperQuartile
+    most: Maximum
 
 
 @dataclass(frozen=True, kw_only=True)
 class LikertRow:
-    """How often a value was answered to an item: with a policy, over all tasks and robots, or about sessions."""
+    """Frequency of one value among the answers to an item, with a policy or at a moment of sessions."""
 
-    simulated: bool
-    questionnaire: str
-    moment: str
-    item: str
-    policy: str | None
-    value: int
-    count: int
-    share: float
+    simulated: IsSimulated
+    questionnaire: QuestionnaireName
+    moment: Moment
+    item: ItemName
+    policy: PolicyNameOrNone
+    value: Annotated[int, Column("Value on the item's scale.")]
+    count: Annotated[int, Column("Number of answers with this value.", allowed=FROM_0)]
+    share: Annotated[float, Column("Share of answers with this value.", allowed=SHARE)]
 
 
 AFTER_TRIAL = "after_trial"

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from statistics import fmean, median
+from typing import Annotated
 
 import numpy as np
 
@@ -16,48 +17,62 @@ from avrgym.analysis.biomechanics.training_people import (
     HEIGHT_DISTRIBUTIONS,
     TRAINING_PEOPLE,
     PersonRow,
+    Posture,
     head_position,
     posture_of,
     training_head_positions,
 )
+from avrgym.analysis.columns import (
+    SHARE,
+    IsSimulated,
+    LowerQuartile,
+    Maximum,
+    Mean,
+    Median,
+    Minimum,
+    N,
+    Quantity,
+    UpperQuartile,
+)
 from avrgym.analysis.reading.rows import TrialRow
 from avrgym.array_types import FloatArray
 from avrgym.models.human import SEXES
+from avrgym.system.columns import Column
 
 
 @dataclass(frozen=True, kw_only=True)
 class BiomechanicsRow:
-    """How a measure is distributed: among participants, one value for each, or among people of the training."""
+    """Distribution of a measure among participants, one value for each, or in a training population."""
 
-    simulated: bool
-    quantity: str
-    posture: str
-    people: str
-    n: int
-    mean: float
-    deviation: float | None
-    least: float
-    lower_quartile: float
-    median: float
-    upper_quartile: float
-    most: float
+    simulated: IsSimulated
+    quantity: Quantity
+    posture: Posture
+    people: Annotated[str, Column("Participants, or the training population.")]
+    n: N
+    mean: Mean
+    deviation: Annotated[float | None, Column("Standard deviation.", empty="fewer than two values")]
+    least: Minimum
+    lower_quartile: LowerQuartile
+    median: Median
+    upper_quartile: UpperQuartile
+    most: Maximum
 
 
 @dataclass(frozen=True, kw_only=True)
 class RangeRow:
-    """What range would have covered the participants, and what share of them each distribution's range covers."""
+    """The range of a measure among participants, and the ranges of the training populations."""
 
-    simulated: bool
-    quantity: str
-    n: int
-    least: float
-    most: float
-    original_low: float
-    original_high: float
-    original_covers: float
-    revised_low: float
-    revised_high: float
-    revised_covers: float
+    simulated: IsSimulated
+    quantity: Quantity
+    n: N
+    least: Minimum
+    most: Maximum
+    original_low: Annotated[float, Column("Lower bound in the Original population.")]
+    original_high: Annotated[float, Column("Upper bound in the Original population.")]
+    original_covers: Annotated[float, Column("Share of values within these bounds.", allowed=SHARE)]
+    revised_low: Annotated[float, Column("Lower bound in the Revised population.")]
+    revised_high: Annotated[float, Column("Upper bound in the Revised population.")]
+    revised_covers: Annotated[float, Column("Share of values within these bounds.", allowed=SHARE)]
 
 
 @dataclass(frozen=True, eq=False)

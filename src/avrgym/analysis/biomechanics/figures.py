@@ -19,8 +19,6 @@ from avrgym.models.human import SEXES
 
 SHOWN_PEOPLE = 150
 """How many of the people drawn for each distribution and posture a figure shows."""
-
-
 BIN_M = 0.01
 
 

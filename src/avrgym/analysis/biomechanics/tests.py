@@ -10,7 +10,6 @@ from avrgym.analysis.biomechanics.biomechanics import BodyTrials, participant_he
 from avrgym.analysis.biomechanics.training_people import (
     AXES,
     HEIGHT_DISTRIBUTIONS,
-    SEED,
     TRAINING_PEOPLE,
     PersonRow,
     head_position,
@@ -26,14 +25,11 @@ from avrgym.analysis.statistics.comparisons import (
     corrected_family,
 )
 from avrgym.analysis.statistics.tests import StatisticalTest, energy_test, rank_sum, signed_rank
+from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
 from avrgym.tasks.registry import TASKS
 
 HEIGHTS = Question("torso heights", table="Torso heights and whole head positions")
-
-
 WHOLE_HEADS = Question("whole head positions", table=HEIGHTS.table)
-
-
 HEADS = Question("head positions", table="Head positions by axis")
 
 
@@ -103,7 +99,7 @@ def _unpaired_heads(
 
 def _whole_heads(group: BodyTrials, people: Sequence[PersonRow], posture: str, name: str) -> list[Comparison]:
     own, others = participant_head_positions(group, posture), training_head_positions(people, name, posture)
-    found = energy_test(own, others, SEED)
+    found = energy_test(own, others, TRAINING_PEOPLE_SEED)
     return [_against(group.in_posture(posture), f"head_m, {posture}", own, name, others, found)]
 
 

@@ -3,9 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Annotated
 
 import numpy as np
 
+from avrgym.analysis.columns import FROM_0, IsSimulated, TaskName
 from avrgym.analysis.reading.rows import TrialRow
 from avrgym.analysis.reading.trial_series import WAIST, head_centres
 from avrgym.array_types import FloatArray
@@ -14,46 +16,44 @@ from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.distributions import DISTRIBUTIONS, NUM_UNIFORMS, Distribution, sample_people
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.design import Design
+from avrgym.study.export.codebook import TABLES
 from avrgym.system import random_streams
+from avrgym.system.columns import Column
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+
+Posture = Annotated[str, Column("Posture.", allowed="seated, in bed")]
+WaistAngle = Annotated[float, Column("Waist angle about this axis.", unit="°")]
+HeadCoordinate = Annotated[float, Column("Head centre on this axis of the world frame.", unit="m")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class PersonRow:
-    """Someone drawn from a distribution that policies trained with; ``number`` counts within a task."""
+    """A person sampled from a training population."""
 
-    simulated: bool
-    people: str
-    task: str
-    posture: str
-    number: int
-    sex: str
-    torso_height_m: float
-    waist_x_deg: float
-    waist_y_deg: float
-    waist_z_deg: float
-    head_x_m: float
-    head_y_m: float
-    head_z_m: float
+    simulated: IsSimulated
+    people: Annotated[str, Column("The training population.")]
+    task: TaskName
+    posture: Posture
+    number: Annotated[int, Column("Number of the person within task and population.", allowed=FROM_0)]
+    sex: Annotated[str, TABLES["participants"]["sex"]]
+    torso_height_m: Annotated[float, Column("Torso height, from hip bone to centre of the head.", unit="m")]
+    waist_x_deg: WaistAngle
+    waist_y_deg: WaistAngle
+    waist_z_deg: WaistAngle
+    head_x_m: HeadCoordinate
+    head_y_m: HeadCoordinate
+    head_z_m: HeadCoordinate
 
 
 PEOPLE_PER_TASK = 500
-
-
 AXES = ("x", "y", "z")
-
-
 _ORIGINAL, _REVISED = DISTRIBUTIONS["original"], DISTRIBUTIONS["revised"]
-
-
 TRAINING_PEOPLE: Mapping[str, Distribution] = {
     "original": _ORIGINAL,
     "original, heights varied": replace(_REVISED, waist_deg=_ORIGINAL.waist_deg),
     "revised": _REVISED,
 }
 """The people of the training; the second are the paper's for telling waists from heights."""
-
-
 HEIGHT_DISTRIBUTIONS = ("original", "revised")
 """Those of them whose torso heights differ."""
 

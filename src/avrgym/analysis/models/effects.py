@@ -11,21 +11,11 @@ from avrgym.array_types import FloatArray
 from avrgym.study.design.design import Design
 
 POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER = "policies", "robots", "learning", "order", "carry-over"
-
-
 EFFECTS = (POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER)
-
-
 TASK_GROUPS = "tasks"
 """What models allow for and nobody asks about."""
-
-
 FIRST_TASK, LAST_TASK = "first task", "last task"
-
-
 FIRST_TRIAL, LAST_TRIAL = "first trial of a task", "last trial of a task"
-
-
 Group = tuple[str, str]
 """A kind of effect, and a group of trials in it."""
 

@@ -14,15 +14,9 @@ from avrgym.array_types import FloatArray
 from avrgym.study.design.design import Design
 
 ORDINAL, LOGISTIC, MIXED = "ordinal", "logistic", "mixed"
-
-
 EffectEstimates = Mapping[Effect, Estimate | FitError]
-
-
 RANDOM_EFFECT_OF = {POLICIES: "policy", ROBOTS: "robot"}
 """By kind of effect, the condition to which participants respond differently."""
-
-
 UNRELIABLE = "p is unreliable: no variance of this effect between participants was found"
 
 

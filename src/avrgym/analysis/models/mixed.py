@@ -17,18 +17,10 @@ from avrgym.analysis.models.estimate import Estimate, FitError
 from avrgym.array_types import FloatArray
 
 ITERATIONS = 30
-
-
 HALVINGS = 8
-
-
 CONVERGED = 1e-10
-
-
 SINGULAR = 1e-8
 """A random effect is at zero if its variance is no more than this share of that of single values."""
-
-
 NOT_CONVERGED = "the variances between and within participants cannot be told apart"
 
 

@@ -3,8 +3,25 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import exp
+from typing import Annotated
 
 from avrgym.analysis.answers.trial_answers import AFTER_TRIAL, questionnaires_at
+from avrgym.analysis.columns import (
+    FROM_0,
+    SHARE,
+    Family,
+    GroupA,
+    GroupB,
+    IsSimulated,
+    Note,
+    PHolm,
+    Planned,
+    PPrimary,
+    PValue,
+    Quantity,
+    Role,
+    Stars,
+)
 from avrgym.analysis.models.effects import EFFECTS, Effect, TrialValue, effects
 from avrgym.analysis.models.estimate import Estimate, FitError
 from avrgym.analysis.models.fitting import (
@@ -21,63 +38,75 @@ from avrgym.analysis.statistics.tests import holm
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, Plan
+from avrgym.system.columns import Column
+
+NO_ESTIMATE = "the effect could not be estimated"
+NO_ODDS_RATIO = f"{NO_ESTIMATE}, or the model is mixed"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelRow:
-    """An effect in a model of a ``quantity``: how ``group_a`` differs from ``group_b``, all else being equal.
+    """An effect in a regression model of a ``quantity``: the difference of ``group_a`` from ``group_b``."""
 
-    Effects of one ``family`` are corrected together. ``estimate`` with its 95 % interval is in log odds for an
-    ``ordinal`` or ``logistic`` model, where ``odds_ratio`` stands beside it, and in the quantity's own unit for a
-    ``mixed`` one. ``df`` are the degrees of freedom of Student's t. ``without_one`` counts the models that could be
-    fitted without one participant, with the least and greatest of their estimates and p. ``role`` is what the effect
-    is for its question; ``p_primary`` of primary results is p corrected over all of them, ``mark`` stars it.
-    ``planned`` is ``confirmatory`` where the study's frozen plan names the effect, else ``exploratory``. ``note`` says
-    what was left out, why there is no estimate, or that a mixed model is singular.
-    """
-
-    simulated: bool
-    family: str
-    quantity: str
-    model: str
-    effect: str
-    group_a: str
-    group_b: str
-    participants: int
-    values: int
-    estimate: float | None = None
-    error: float | None = None
-    df: float | None = None
-    low: float | None = None
-    high: float | None = None
-    odds_ratio: float | None = None
-    odds_ratio_low: float | None = None
-    odds_ratio_high: float | None = None
-    p: float | None = None
-    p_holm: float | None = None
-    p_primary: float | None = None
-    mark: str = ""
-    without_one: int = 0
-    without_one_least: float | None = None
-    without_one_most: float | None = None
-    without_one_p_least: float | None = None
-    without_one_p_most: float | None = None
-    role: str = ""
-    planned: str = ""
-    note: str = ""
+    simulated: IsSimulated
+    family: Family
+    quantity: Quantity
+    model: Annotated[str, Column("Kind of model.", allowed="ordinal, logistic, mixed")]
+    effect: Annotated[str, Column("Kind of effect.", allowed=", ".join(EFFECTS))]
+    group_a: GroupA
+    group_b: GroupB
+    participants: Annotated[int, Column("Number of participants with values.", allowed=FROM_0)]
+    values: Annotated[int, Column("Number of trials with values.", allowed=FROM_0)]
+    estimate: Annotated[
+        float | None,
+        Column("Estimate: log odds ratio; of mixed models in the unit of the quantity.", empty=NO_ESTIMATE),
+    ] = None
+    error: Annotated[float | None, Column("Standard error.", "", "1", FROM_0, NO_ESTIMATE)] = None
+    df: Annotated[
+        float | None, Column("Degrees of freedom of Student's t.", "", "1", FROM_0, NO_ESTIMATE)
+    ] = None
+    low: Annotated[
+        float | None, Column("Lower bound of the 95 % confidence interval.", empty=NO_ESTIMATE)
+    ] = None
+    high: Annotated[
+        float | None, Column("Upper bound of the 95 % confidence interval.", empty=NO_ESTIMATE)
+    ] = None
+    odds_ratio: Annotated[
+        float | None, Column("Odds ratio: exp(estimate).", "", "1", FROM_0, NO_ODDS_RATIO)
+    ] = None
+    odds_ratio_low: Annotated[
+        float | None, Column("Lower bound of its 95 % confidence interval.", "", "1", FROM_0, NO_ODDS_RATIO)
+    ] = None
+    odds_ratio_high: Annotated[
+        float | None, Column("Upper bound of its 95 % confidence interval.", "", "1", FROM_0, NO_ODDS_RATIO)
+    ] = None
+    p: PValue = None
+    p_holm: PHolm = None
+    p_primary: PPrimary = None
+    mark: Stars = ""
+    without_one: Annotated[
+        int, Column("Number of leave-one-participant-out models that could be fitted.", allowed=FROM_0)
+    ] = 0
+    without_one_least: Annotated[float | None, Column("Smallest of their estimates.", empty=NO_ESTIMATE)] = (
+        None
+    )
+    without_one_most: Annotated[float | None, Column("Largest of their estimates.", empty=NO_ESTIMATE)] = None
+    without_one_p_least: Annotated[
+        float | None, Column("Smallest of their p values.", allowed=SHARE, empty=NO_ESTIMATE)
+    ] = None
+    without_one_p_most: Annotated[
+        float | None, Column("Largest of their p values.", allowed=SHARE, empty=NO_ESTIMATE)
+    ] = None
+    role: Role = ""
+    planned: Planned = ""
+    note: Note = ""
 
 
 MAX_ORDINAL_POINTS = 11
 """Answers on longer scales are taken for numbers."""
-
-
 SUCCESS, REWARD = "success", "reward"
-
-
 ANSWERS, SCORES, TRIALS = "answers", "scores", "trials"
 """Where the values of a source stand."""
-
-
 TrialKey = tuple[str, int]
 """Pseudonym and position of a trial."""
 

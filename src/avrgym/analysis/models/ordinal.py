@@ -17,18 +17,10 @@ from avrgym.analysis.models.estimate import Estimate, FitError
 from avrgym.array_types import FloatArray, IntArray
 
 ITERATIONS = 60
-
-
 CONVERGED = 1e-12
-
-
 NOT_APART = "effects cannot be told apart"
-
-
 FARTHEST = 12.0
 """Effects of more log odds than this grow without bound: groups are separated."""
-
-
 UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0
 """The power of one minus the leverage that residuals are divided by."""
 

@@ -17,8 +17,6 @@ TITLES = {
     "order": "Order: by when a trial came within its task",
     "carry-over": "Carry-over: by the policy of the trial before",
 }
-
-
 NOTE = (
     "Each model allows for policy, robot, task, the place in the session and the trial before, and takes the trials of "
     "a participant as belonging together. Effects on answers and success are odds ratios: above 1, higher answers or "

@@ -24,8 +24,6 @@ from avrgym.analysis.page.drawing import (
 from avrgym.study.design.design import Design
 
 PERCENTS = (0.0, 0.25, 0.5, 0.75, 1.0)
-
-
 SIMULATION = "simulation"
 """The name of the marks of policies in simulation."""
 

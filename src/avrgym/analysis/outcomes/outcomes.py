@@ -4,7 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations, groupby, product
 from statistics import fmean, stdev
+from typing import Annotated
 
+from avrgym.analysis.columns import FROM_0, SHARE, IsSimulated, PolicyName, RobotName, TaskName
 from avrgym.analysis.reading.rows import ALL, TrialRow
 from avrgym.analysis.statistics.comparisons import (
     PARTICIPANT,
@@ -19,43 +21,85 @@ from avrgym.learning.evaluation import wilson_interval
 from avrgym.policies.trained import FILE_SUFFIX, Policy, PolicyError, find_policy, packaged_policies
 from avrgym.study.design.design import Design
 from avrgym.study.storage.store import Store
+from avrgym.system.columns import Column
 from avrgym.tasks.constants import EPISODE_STEPS, environment_id
+
+_EQUAL = "too few values, or all are equal"
+_ONE_PARTICIPANT = "no trial, or several of one participant"
+_NOT_SIMULATED = "the policy was not evaluated in simulation"
+_NO_REWARDS = f"{_NOT_SIMULATED}, or all rewards are equal"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """A condition's counted trials; intervals are 95 % intervals.
+    """The counted trials of a condition.
 
-    The row of the task ``all`` has no reward: rewards of different tasks cannot be compared.
+    The row of the task ``all`` has no reward, because rewards of different tasks cannot be compared.
     """
 
-    simulated: bool
-    task: str
-    robot: str
-    policy: str
-    trials: int
-    reward_mean: float | None
-    reward_low: float | None
-    reward_high: float | None
-    successes: int
-    success_rate: float | None
-    success_low: float | None
-    success_high: float | None
+    simulated: IsSimulated
+    task: TaskName
+    robot: RobotName
+    policy: PolicyName
+    trials: Annotated[int, Column("Number of counted trials.", allowed=FROM_0)]
+    reward_mean: Annotated[float | None, Column("Mean reward.", empty="no trial, or all tasks together")]
+    reward_low: Annotated[
+        float | None, Column("Lower bound of its 95 % confidence interval (Student's t).", empty=_EQUAL)
+    ]
+    reward_high: Annotated[
+        float | None, Column("Upper bound of its 95 % confidence interval (Student's t).", empty=_EQUAL)
+    ]
+    successes: Annotated[int, Column("Number of successful trials.", allowed=FROM_0)]
+    success_rate: Annotated[
+        float | None, Column("Share of successful trials.", allowed=SHARE, empty="no trial")
+    ]
+    success_low: Annotated[
+        float | None,
+        Column(
+            "Lower bound of its 95 % confidence interval (Wilson).", allowed=SHARE, empty=_ONE_PARTICIPANT
+        ),
+    ]
+    success_high: Annotated[
+        float | None,
+        Column(
+            "Upper bound of its 95 % confidence interval (Wilson).", allowed=SHARE, empty=_ONE_PARTICIPANT
+        ),
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationResult:
-    """What a policy's file says of its own evaluation; ``simulation_note`` why there is nothing, or what to mind."""
+    """The evaluation in simulation that the file of a policy contains."""
 
-    simulation_people: str | None = None
-    simulation_episodes: int | None = None
-    simulation_reward_mean: float | None = None
-    simulation_reward_low: float | None = None
-    simulation_reward_high: float | None = None
-    simulation_success_rate: float | None = None
-    simulation_success_low: float | None = None
-    simulation_success_high: float | None = None
-    simulation_note: str = ""
+    simulation_people: Annotated[
+        str | None, Column("Population of the evaluation.", empty=_NOT_SIMULATED)
+    ] = None
+    simulation_episodes: Annotated[
+        int | None, Column("Number of episodes.", allowed=FROM_0, empty=_NOT_SIMULATED)
+    ] = None
+    simulation_reward_mean: Annotated[
+        float | None, Column("Mean reward in simulation.", empty=_NOT_SIMULATED)
+    ] = None
+    simulation_reward_low: Annotated[
+        float | None, Column("Lower bound of its 95 % confidence interval.", empty=_NO_REWARDS)
+    ] = None
+    simulation_reward_high: Annotated[
+        float | None, Column("Upper bound of its 95 % confidence interval.", empty=_NO_REWARDS)
+    ] = None
+    simulation_success_rate: Annotated[
+        float | None, Column("Share of successful episodes.", allowed=SHARE, empty=_NOT_SIMULATED)
+    ] = None
+    simulation_success_low: Annotated[
+        float | None,
+        Column("Lower bound of its 95 % confidence interval.", allowed=SHARE, empty=_NOT_SIMULATED),
+    ] = None
+    simulation_success_high: Annotated[
+        float | None,
+        Column("Upper bound of its 95 % confidence interval.", allowed=SHARE, empty=_NOT_SIMULATED),
+    ] = None
+    simulation_note: Annotated[
+        str, Column("Why there is no evaluation, or how it differs.", empty="nothing to note")
+    ] = ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,10 +8,12 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
-from avrgym.analysis.outcomes.outcomes import ObjectiveRow
+from avrgym.analysis.outcomes.outcomes import ObjectiveRow, Outcome
 from avrgym.analysis.reading.rows import ALL
 from avrgym.analysis.tables import Table
 from avrgym.study.design.design import Design
+from avrgym.system import columns
+from avrgym.system.columns import columns_of
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,6 @@ def _in_simulation(row: ObjectiveRow) -> Cell:
 
 SIDES: Mapping[str, Callable[[ObjectiveRow], Cell]] = {"simulation": _in_simulation, "VR": _in_vr}
 """Table I's, and which cell of a condition stands there."""
-
-
 Column = tuple[str, str, Callable[[ObjectiveRow], Cell]]
 """Robot and policy, and which cell of that condition."""
 
@@ -104,4 +104,13 @@ def as_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
             for table in own
             for task, cells in table.rows.items()
         ]
-        yield Table(name, ["simulated", "task", *heads], values)
+        labels = {name: columns_of(Outcome)[name] for name in ("simulated", "task")}
+        yield Table(name, labels | {head: _described(head) for head in heads}, values)
+
+
+def _described(head: str) -> columns.Column:
+    condition, _, metric = head.rpartition(" ")
+    meaning = "Mean reward" if metric == "reward" else "Share of successful trials"
+    return columns.Column(
+        f"{meaning}: {condition}.", columns.NUMBER, "1", empty="no value, or all tasks together"
+    )

@@ -12,14 +12,8 @@ from avrgym.analysis.page.elements import Markup, figure, tag
 from avrgym.recording.schema import Control
 
 WIDTH, HEIGHT = 460, 200
-
-
 LEFT, RIGHT, TOP, BOTTOM = 52, 8, 10, 38
-
-
 COLOURS = 6
-
-
 LINES_BELOW = 16
 """The height of a line of the key below a chart with several lines."""
 

@@ -24,24 +24,12 @@ from avrgym.study.design.design import Design
 from avrgym.system.jobs import report, run_all
 
 ALPHA = 0.05
-
-
 GOALS = (0.8, 0.9)
-
-
 CHUNK = 100
 """How many studies a process simulates at a time."""
-
-
 _STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)
-
-
 _LEAST_STEP = 4
-
-
 Probability = float | None
-
-
 Probabilities = Mapping[tuple[str, str], tuple[Probability, Probability]]
 """By test and measure: p, and p corrected over all primary results."""
 

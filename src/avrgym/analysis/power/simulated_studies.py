@@ -15,8 +15,6 @@ from avrgym.system import random_streams
 
 Answers = NDArray[np.int_]
 """Of participants who have finished: (participants, tasks, robots, policies, items)."""
-
-
 POINTS = 7
 """The scale in whose points effects and deviations are given; on others they are stretched with the scale."""
 

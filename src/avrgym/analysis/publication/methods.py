@@ -30,18 +30,12 @@ from avrgym.tasks.registry import TASKS
 from avrgym.vr.session.attempt import versions
 
 SIMULATED = "SIMULATED PARTICIPANTS: all that follows was made up by a program and says nothing about people."
-
-
 LOST_ANSWERS = "The answers from before the database was rebuilt are lost."
-
-
 MOMENTS = {
     "before_session": "before each session",
     "after_trial": "after each trial",
     "after_session": "after each session",
 }
-
-
 Sections = Mapping[str, list[str]]
 """Paragraphs by heading."""
 

@@ -16,20 +16,10 @@ from avrgym.study.export import NOTICE
 from avrgym.study.export.tables import write_csv
 
 FOLDER = "reporting"
-
-
 PAGE = "index.html"
-
-
 DATA_PACKAGE = "datapackage.json"
-
-
 MISSING = re.compile(r"(\[MISSING: [^\]]*\])")
-
-
 NOBODY = "Nobody has taken part yet: there is nothing to report."
-
-
 FILES = (
     "In this folder: methods.md, the same text; flow-*.svg and flow-*.pdf; *.tex, the tables for LaTeX with the "
     "package booktabs (the tables below can be pasted into Word); codebook.csv and schema.json on every column of the "
@@ -60,11 +50,11 @@ def write_publication_files(analysis: Analysis, folder: Path, tables: Path) -> N
 
 
 def _write_codebook(analysis: Analysis, folder: Path, tables: Path) -> None:
-    every, design = list(analysis.tables()), analysis.design
-    write_csv(folder / "codebook.csv", codebook(every, design))
+    every, title = list(analysis.tables()), analysis.design.title
+    write_csv(folder / "codebook.csv", codebook(every))
     for path, content in (
-        (folder / "schema.json", json_schema(every, design)),
-        (tables / DATA_PACKAGE, data_package(every, design, NOTICE)),
+        (folder / "schema.json", json_schema(every, title)),
+        (tables / DATA_PACKAGE, data_package(every, title, NOTICE)),
     ):
         path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 

@@ -13,8 +13,6 @@ from avrgym.study.storage.states import PARTICIPATING
 from avrgym.study.storage.store import Store
 
 ANSWER_COLUMNS = {column.name for column in fields(AnswerRow)}
-
-
 SCORE_COLUMNS = {column.name for column in fields(ScoreRow)}
 
 

@@ -1,208 +1,265 @@
-"""The rows of the analysis' tables. Every row says whether it is about simulated participants.
+"""Rows of the tables that come straight from a study: participants, trials, attempts, answers, scores and problems.
 
-Columns carry their units; what is not known is ``None`` and an empty cell. Positions are in the world's frame, z up,
-the person facing −y.
+Units are in the names of columns. Positions are in the world frame: z points up, the person faces −y.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Annotated
 
+from avrgym.analysis.columns import (
+    FROM_0,
+    SHARE,
+    IsSimulated,
+    Moment,
+    PolicyName,
+    Position,
+    Practice,
+    Pseudonym,
+    RobotName,
+    Session,
+    Site,
+    TaskName,
+)
 from avrgym.recording.streams import StreamFigures
+from avrgym.study.export import codebook
+from avrgym.study.export.codebook import TABLES
+from avrgym.system.columns import Column
+
+ALL = "all"
+"""The label of all tasks, or all robots, together."""
+NOT_COMPLETED = "the trial is not completed"
+NO_RECORDING = "no complete recording contains it"
+_PARTICIPANTS, _TRIALS, _ATTEMPTS = TABLES["participants"], TABLES["trials"], TABLES["attempts"]
+_ANSWERS, _SCORES = TABLES["answers"], TABLES["scores"]
+State = Annotated[str, _PARTICIPANTS["state"]]
+Sex = Annotated[str, _PARTICIPANTS["sex"]]
+Attempts = Annotated[int, Column("Number of attempts.", allowed=FROM_0)]
+AttemptsNotCompleted = Annotated[int, Column("Number of attempts that did not complete it.", allowed=FROM_0)]
+Counted = Annotated[bool, Column("Whether it is in the analyses.")]
+TorsoHeight = Annotated[
+    float | None,
+    Column("Calibrated torso height, from hip bone to centre of the head.", unit="m", empty=NO_RECORDING),
+]
+Distance = Annotated[float | None, Column("Smallest distance to the target.", "", "m", FROM_0, NO_RECORDING)]
+MeanForce = Annotated[
+    float | None, Column("Mean force of robot and tool on the person.", "", "N", FROM_0, NO_RECORDING)
+]
+PeakForce = Annotated[
+    float | None, Column("Largest force of robot and tool on the person.", "", "N", FROM_0, NO_RECORDING)
+]
+HeadPosition = Annotated[
+    float | None,
+    Column("Head centre on this axis of the world frame: mean over the trial.", unit="m", empty=NO_RECORDING),
+]
+WaistMean = Annotated[
+    float | None, Column("Waist angle about this axis: mean over the trial.", unit="°", empty=NO_RECORDING)
+]
+WaistMinimum = Annotated[
+    float | None, Column("Waist angle about this axis: minimum in the trial.", unit="°", empty=NO_RECORDING)
+]
+WaistMaximum = Annotated[
+    float | None, Column("Waist angle about this axis: maximum in the trial.", unit="°", empty=NO_RECORDING)
+]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ParticipantRow:
-    """Someone who takes or took part; ``torso_height_m`` is the median over the counted trials' calibrations.
+class OfParticipant:
+    """The first columns of rows about a participant."""
 
-    ``site`` is where; ``site_participant`` the pseudonym there, in a study that was merged from sites.
-    """
-
-    participant: str
-    site: str | None = None
-    site_participant: str | None = None
-    simulated: bool
-    state: str
-    sex: str
-    age_years: int | None
-    language: str
-    torso_height_m: float | None
-    sessions: int
-    trials: int
-    trials_completed: int
-    trials_missing: int
-    attempts: int
-    attempts_broken_off: int
+    participant: Pseudonym
+    site: Site = None
+    simulated: IsSimulated
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialRow:
-    """A planned trial, run or not.
+class ParticipantRow(OfParticipant):
+    """A participant, including those who withdrew."""
 
-    ``counted``: it enters the analyses; ``left_out`` is why it does not, where its person was held for too large a
-    share, ``held_share``, of the time in which the robot helped. ``recorded`` says how the completed attempt's
-    recording is: ``whole``, ``changed``, ``cut off``, ``missing``, ``unreadable``, ``without a body`` or
-    ``contradictory``.
-    ``reward``, ``success`` and ``seconds`` are those stored when the trial was completed, ``reward_recorded`` is
-    summed from the recording. Distance and force are over the control steps; head and waist are means over them,
-    waists with their ends. ``guard_interventions`` is how often the force guard acted, ``None`` without one.
-    """
-
-    participant: str
-    site: str | None = None
-    simulated: bool
-    participant_state: str
-    sex: str
-    position: int
-    practice: bool
-    task: str
-    robot: str
-    policy: str
-    seed: int
-    state: str
-    attempts: int
-    attempts_broken_off: int
-    counted: bool
-    left_out: str | None = None
-    held_share: float | None = None
-    steps: int | None = None
-    reward: float | None = None
-    success: bool | None = None
-    seconds: float | None = None
-    recording: str | None = None
-    recorded: str | None = None
-    reward_recorded: float | None = None
-    distance_least_m: float | None = None
-    force_mean_n: float | None = None
-    force_peak_n: float | None = None
-    guard_interventions: int | None = None
-    torso_height_m: float | None = None
-    head_x_m: float | None = None
-    head_y_m: float | None = None
-    head_z_m: float | None = None
-    waist_x_deg: float | None = None
-    waist_x_least_deg: float | None = None
-    waist_x_most_deg: float | None = None
-    waist_y_deg: float | None = None
-    waist_y_least_deg: float | None = None
-    waist_y_most_deg: float | None = None
-    waist_z_deg: float | None = None
-    waist_z_least_deg: float | None = None
-    waist_z_most_deg: float | None = None
+    site_participant: Annotated[str | None, _PARTICIPANTS["site_participant"]] = None
+    state: State
+    sex: Sex
+    age_years: Annotated[int | None, _PARTICIPANTS["age_years"]]
+    language: Annotated[str, _PARTICIPANTS["language"]]
+    torso_height_m: Annotated[
+        float | None,
+        Column(
+            "Calibrated torso height, from hip bone to centre of the head: median over counted trials.",
+            unit="m",
+            empty=NO_RECORDING,
+        ),
+    ]
+    sessions: Annotated[int, Column("Number of sessions.", allowed=FROM_0)]
+    trials: Annotated[int, Column("Number of planned trials.", allowed=FROM_0)]
+    trials_completed: Annotated[int, Column("Number of completed trials.", allowed=FROM_0)]
+    trials_missing: Annotated[
+        int, Column("Number of planned trials that were not completed.", allowed=FROM_0)
+    ]
+    attempts: Attempts
+    attempts_broken_off: AttemptsNotCompleted
 
 
 @dataclass(frozen=True, kw_only=True)
-class AttemptRow:
-    """An attempt at a trial, with the metrics that were stored at its end."""
+class TrialRow(OfParticipant):
+    """A planned trial, run or not. Its outcome is that of its completed attempt."""
 
-    participant: str
-    site: str | None = None
-    simulated: bool
-    session: int
-    position: int
-    practice: bool
-    task: str
-    robot: str
-    policy: str
-    attempt: int
-    state: str
-    steps: int | None
-    reward: float | None
-    success: bool | None
-    seconds: float | None
-    recording: str
+    participant_state: State
+    sex: Sex
+    position: Position
+    practice: Practice
+    task: TaskName
+    robot: RobotName
+    policy: PolicyName
+    seed: Annotated[int, _TRIALS["seed"]]
+    state: Annotated[str, _TRIALS["state"]]
+    attempts: Attempts
+    attempts_broken_off: AttemptsNotCompleted
+    counted: Counted
+    left_out: Annotated[
+        str | None,
+        Column("Why a completed trial is not in the analyses.", empty="it is, or is not completed"),
+    ] = None
+    held_share: Annotated[
+        float | None,
+        Column(
+            "Share of the robot's time in which the body model stood still because tracking was lost or jumped.",
+            allowed=SHARE,
+            empty=NO_RECORDING,
+        ),
+    ] = None
+    steps: Annotated[int | None, replace(_ATTEMPTS["steps"], empty=NOT_COMPLETED)] = None
+    reward: Annotated[float | None, replace(_ATTEMPTS["reward"], empty=NOT_COMPLETED)] = None
+    success: Annotated[bool | None, replace(_ATTEMPTS["success"], empty=NOT_COMPLETED)] = None
+    seconds: Annotated[float | None, replace(_ATTEMPTS["seconds"], empty=NOT_COMPLETED)] = None
+    recording: Annotated[str | None, replace(_ATTEMPTS["recording"], empty=NOT_COMPLETED)] = None
+    recorded: Annotated[
+        str | None,
+        Column(
+            "State of the recording.",
+            allowed="whole, changed, cut off, missing, unreadable, without a body, contradictory",
+            empty=NOT_COMPLETED,
+        ),
+    ] = None
+    reward_recorded: Annotated[
+        float | None, Column("Sum of the rewards in the recording.", empty=NO_RECORDING)
+    ] = None
+    distance_least_m: Distance = None
+    force_mean_n: MeanForce = None
+    force_peak_n: PeakForce = None
+    guard_interventions: Annotated[
+        int | None,
+        Column(
+            "Number of interventions of the force guard.", "", "", FROM_0, "no force guard, or no recording"
+        ),
+    ] = None
+    torso_height_m: TorsoHeight = None
+    head_x_m: HeadPosition = None
+    head_y_m: HeadPosition = None
+    head_z_m: HeadPosition = None
+    waist_x_deg: WaistMean = None
+    waist_x_least_deg: WaistMinimum = None
+    waist_x_most_deg: WaistMaximum = None
+    waist_y_deg: WaistMean = None
+    waist_y_least_deg: WaistMinimum = None
+    waist_y_most_deg: WaistMaximum = None
+    waist_z_deg: WaistMean = None
+    waist_z_least_deg: WaistMinimum = None
+    waist_z_most_deg: WaistMaximum = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class AnswerRow:
-    """An answer; one about a whole session has no trial. ``moment`` is when it was asked.
+class AttemptRow(OfParticipant):
+    """An attempt at a trial, with the outcome that was stored at its end."""
 
-    ``value`` is on the item's own scale from ``least`` to ``most``, which has ``points`` values.
+    session: Session
+    position: Position
+    practice: Practice
+    task: TaskName
+    robot: RobotName
+    policy: PolicyName
+    attempt: Annotated[int, codebook.ATTEMPT_NUMBER]
+    state: Annotated[str, _ATTEMPTS["state"]]
+    steps: Annotated[int | None, _ATTEMPTS["steps"]]
+    reward: Annotated[float | None, _ATTEMPTS["reward"]]
+    success: Annotated[bool | None, _ATTEMPTS["success"]]
+    seconds: Annotated[float | None, _ATTEMPTS["seconds"]]
+    recording: Annotated[str, _ATTEMPTS["recording"]]
 
-    ``counted`` as for its trial, for completed attempts; about sessions for the answers that are compared, one for each
+
+@dataclass(frozen=True, kw_only=True)
+class _OfAnswer(OfParticipant):
+    """When, and after which trial, something was answered."""
+
+    counted: Counted
+    session: Session
+    moment: Moment
+    questionnaire: Annotated[
+        str | None, replace(_ANSWERS["questionnaire"], empty="the design has no such item")
+    ]
+    position: Annotated[int | None, _ANSWERS["position"]]
+    task: Annotated[str | None, _ANSWERS["task"]]
+    robot: Annotated[str | None, _ANSWERS["robot"]]
+    policy: Annotated[str | None, _ANSWERS["policy"]]
+    attempt: Annotated[int | None, _ANSWERS["attempt"]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnswerRow(_OfAnswer):
+    """An answer to one item.
+
+    An answer after a completed trial is counted if the trial is. About sessions, one answer is counted for each
     participant, item and moment: the latest after a session, and the latest before that.
     """
 
-    participant: str
-    site: str | None = None
-    simulated: bool
-    counted: bool
-    session: int
-    moment: str
-    questionnaire: str | None
-    position: int | None
-    task: str | None
-    robot: str | None
-    policy: str | None
-    attempt: int | None
-    item: str
-    value: int
-    least: int | None
-    most: int | None
-    points: int | None
-    response_time_s: float
+    item: Annotated[str, _ANSWERS["item"]]
+    value: Annotated[int, _ANSWERS["value"]]
+    least: Annotated[int | None, replace(_ANSWERS["least"], empty="the design has no such item")]
+    most: Annotated[int | None, replace(_ANSWERS["most"], empty="the design has no such item")]
+    points: Annotated[int | None, replace(_ANSWERS["points"], empty="the design has no such item")]
+    response_time_s: Annotated[float, _ANSWERS["response_time_s"]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class TermRow:
-    """What a reward term added up to in a trial; ``weighted_sum`` is its part of the reward."""
+class ScoreRow(_OfAnswer):
+    """A scale of a validated questionnaire, scored from one participant's answers at one time.
 
-    participant: str
-    site: str | None = None
-    simulated: bool
-    position: int
-    term: str
-    sum: float
-    weight: float | None
-    weighted_sum: float | None
+    It is counted if all its answers are.
+    """
+
+    instrument: Annotated[str, _SCORES["instrument"]]
+    scale: Annotated[str, _SCORES["scale"]]
+    score: Annotated[float | None, _SCORES["score"]]
+    least: Annotated[float, _SCORES["least"]]
+    most: Annotated[float, _SCORES["most"]]
+    answered: Annotated[int, _SCORES["answered"]]
+    items: Annotated[int, _SCORES["items"]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TermRow(OfParticipant):
+    """A term of the reward, summed over a trial."""
+
+    position: Position
+    term: Annotated[str, Column("Name of the reward term.")]
+    sum: Annotated[float, Column("Sum over the trial, not weighted.")]
+    weight: Annotated[float | None, Column("Weight of the term.", empty="not recorded")]
+    weighted_sum: Annotated[float | None, Column("Sum times weight.", empty="not recorded")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProblemRow:
-    """Something that is not as it should be, and what the analysis makes of it."""
+    """A problem of the study's data and its consequence for the analysis."""
 
-    simulated: bool | None
-    where: str
-    what: str
-    consequence: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScoreRow:
-    """A scale of an instrument, from the answers of one participant at one time, between ``least`` and ``most``.
-
-    One about a whole session has no trial. ``score`` is missing where answers or weights are that it needs. ``counted``
-    as for the answers that it comes from.
-    """
-
-    participant: str
-    site: str | None = None
-    simulated: bool
-    counted: bool
-    session: int
-    moment: str
-    position: int | None
-    task: str | None
-    robot: str | None
-    policy: str | None
-    attempt: int | None
-    questionnaire: str
-    instrument: str
-    scale: str
-    score: float | None
-    least: float
-    most: float
-    answered: int
-    items: int
+    simulated: Annotated[bool | None, replace(codebook.SIMULATED, empty="it is about the whole study")]
+    where: Annotated[str, Column("Recording, participant or file with the problem.")]
+    what: Annotated[str, Column("The problem.")]
+    consequence: Annotated[str, Column("Its consequence for the analysis.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class StreamRow(StreamFigures):
-    """How well the samples of a stream lie in time in the recording of one completed trial."""
+    """Timing of the samples of a stream in the recording of one completed trial."""
 
-    participant: str
-    site: str | None = None
-    simulated: bool
-    position: int
-
-
-ALL = "all"
-"""Stands for all tasks or all robots, taken together."""
+    participant: Pseudonym
+    site: Site = None
+    simulated: IsSimulated
+    position: Position

@@ -38,14 +38,8 @@ from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS, find_environment
 
 USED = "reward and success are those that were stored with the trial"
-
-
 WITHOUT = f"{USED}; it is missing from the biomechanics"
-
-
 WITHOUT_ALL = f"{USED}; it is missing from the biomechanics and has no time series"
-
-
 TrialKey = tuple[str, int]
 """Pseudonym and position."""
 

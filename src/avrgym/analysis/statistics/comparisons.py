@@ -3,64 +3,75 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import fmean
+from typing import Annotated
 
 import numpy as np
 
+from avrgym.analysis import columns
+from avrgym.analysis.columns import (
+    FROM_0,
+    NOT_TESTED,
+    EffectHigh,
+    EffectLow,
+    EffectSize,
+    GroupA,
+    GroupB,
+    IsSimulated,
+    MedianA,
+    MedianB,
+    Note,
+    PHolm,
+    Planned,
+    PPrimary,
+    PValue,
+    Quantity,
+    Role,
+    Stars,
+    Zeros,
+)
 from avrgym.analysis.statistics.tests import StatisticalTest, holm, signed_rank
+from avrgym.system.columns import Column
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonRow:
-    """A test of ``group_a`` against ``group_b``.
+    """A statistical test of ``group_a`` against ``group_b``, or their description where nothing could be tested."""
 
-    Tests of one ``family`` are corrected together. ``unit`` is what one value stands for. ``n_a`` and ``n_b``
-    values were given, ``n`` went into the test, ``zeros`` differences of zero were left out. ``role`` is what the
-    test is for its question; ``p_primary`` of primary results is p corrected over all of them, ``mark`` stars it.
-    See ``StatisticalTest`` for the others. ``planned`` says what the study's frozen plan has a test
-    as: ``confirmatory``, ``exploratory`` or ``not in the plan``; nothing where no plan was frozen.
-    """
-
-    simulated: bool
-    family: str
-    quantity: str
-    unit: str
-    group_a: str
-    group_b: str
-    test: str
-    n_a: int
-    n_b: int
-    n: int
-    zeros: int
-    median_a: float | None
-    median_b: float | None
-    statistic: float | None
-    method: str
-    p: float | None
-    p_holm: float | None
-    p_primary: float | None = None
-    mark: str = ""
-    effect: float | None
-    effect_low: float | None
-    effect_high: float | None
-    note: str
-    role: str = ""
-    planned: str = ""
+    simulated: IsSimulated
+    family: columns.Family
+    quantity: Quantity
+    unit: Annotated[str, Column("Unit of analysis: each value is of a trial, or of a participant.")]
+    group_a: GroupA
+    group_b: GroupB
+    test: Annotated[str, Column("Name of the test.")]
+    n_a: Annotated[int, Column("Number of values of the first group.", allowed=FROM_0)]
+    n_b: Annotated[int, Column("Number of values of the second group.", allowed=FROM_0)]
+    n: Annotated[int, Column("Number of values or differences in the test.", allowed=FROM_0)]
+    zeros: Zeros
+    median_a: MedianA
+    median_b: MedianB
+    statistic: Annotated[float | None, Column("Test statistic.", empty=NOT_TESTED)]
+    method: Annotated[str, Column("How p was computed.", empty=NOT_TESTED)]
+    p: PValue
+    p_holm: PHolm
+    p_primary: PPrimary = None
+    mark: Stars = ""
+    effect: EffectSize
+    effect_low: EffectLow
+    effect_high: EffectHigh
+    note: Note
+    role: Role = ""
+    planned: Planned = ""
 
 
 TRIAL, PARTICIPANT = "trial", "participant"
 """What one value of a test is of. Trials of one participant are not independent: p by trial is for comparison with the
 paper alone, and gets no stars."""
-
-
 PRIMARY, SENSITIVITY, SECONDARY, SUPPLEMENT = "primary", "sensitivity analysis", "secondary", "supplement"
 """Roles of a result for its question."""
 MIN_PARTICIPANTS = 4
 """With fewer participants nothing is tested or modelled: their differences cannot be estimated."""
-
-
 TOO_FEW = f"fewer than {MIN_PARTICIPANTS} participants"
-
-
 Sample = tuple[str, Sequence[float]]
 """A group's name and its values."""
 
@@ -158,8 +169,6 @@ def _median(values: Sequence[float]) -> float | None:
 
 MEAN_DECIMALS = 9
 """Means over a participant's trials are rounded to so many decimals, so that equal means are equal."""
-
-
 Key = tuple[str, ...]
 
 

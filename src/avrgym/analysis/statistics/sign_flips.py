@@ -18,12 +18,8 @@ from avrgym.system import random_streams
 
 MAX_ENUMERATED = 14
 """Up to so many participants every choice of signs is computed."""
-
-
 SAMPLED_FLIPS = 9_999
 """For more participants so many choices are drawn, in addition to the one observed."""
-
-
 TOLERANCE = 1e-9
 
 

@@ -20,15 +20,9 @@ from avrgym.system import random_streams
 
 EXACT_SIGNED_RANK = 50
 """Up to so many differences the signed-rank probability is exact: their 2**n signs count exactly in doubles."""
-
-
 EXACT_RANK_SUM = 8
 """The rank-sum probability is exact where the smaller sample has at most so many values."""
-
-
 PERMUTATIONS = 9_999
-
-
 MARKS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 

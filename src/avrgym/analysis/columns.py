@@ -1,0 +1,90 @@
+"""Columns that several tables of the analysis share, as types of fields."""
+
+from dataclasses import replace
+from typing import Annotated
+
+from avrgym.study.export import codebook
+from avrgym.study.export.codebook import TABLES
+from avrgym.system.columns import Column
+
+FROM_0, FROM_1, SHARE = "0 and above", "1 and above", "0 to 1"
+ABOUT_SESSIONS = "it is about whole sessions"
+NOT_TESTED = "nothing could be tested"
+_ANSWERS = TABLES["answers"]
+Pseudonym = Annotated[str, codebook.PARTICIPANT_COLUMN]
+Site = Annotated[str | None, codebook.SITE]
+IsSimulated = Annotated[bool, codebook.SIMULATED]
+Session = Annotated[int, codebook.SESSION]
+Position = Annotated[int, codebook.POSITION]
+Practice = Annotated[bool, codebook.PRACTICE]
+TaskName = Annotated[str, codebook.TASK]
+RobotName = Annotated[str, codebook.ROBOT]
+PolicyName = Annotated[str, codebook.POLICY]
+PolicyNameOrNone = Annotated[str | None, replace(codebook.POLICY, empty=ABOUT_SESSIONS)]
+QuestionnaireName = Annotated[str, _ANSWERS["questionnaire"]]
+Moment = Annotated[str, _ANSWERS["moment"]]
+ItemName = Annotated[str, _ANSWERS["item"]]
+N = Annotated[int, Column("Number of values.", allowed=FROM_0)]
+Mean = Annotated[float, Column("Mean.")]
+Minimum = Annotated[float, Column("Minimum.")]
+LowerQuartile = Annotated[float, Column("Lower quartile, by linear interpolation.")]
+Median = Annotated[float, Column("Median.")]
+UpperQuartile = Annotated[float, Column("Upper quartile, by linear interpolation.")]
+Maximum = Annotated[float, Column("Maximum.")]
+Family = Annotated[str, Column("Family of tests that are corrected together.")]
+Quantity = Annotated[str, Column("The quantity; its name ends with its unit.")]
+GroupA = Annotated[str, Column("First group of the comparison.")]
+GroupB = Annotated[str, Column("Second group of the comparison.")]
+Zeros = Annotated[int, Column("Number of differences of zero, which are left out.", allowed=FROM_0)]
+MedianA = Annotated[float | None, Column("Median of the first group.", empty="no values, or positions")]
+MedianB = Annotated[float | None, Column("Median of the second group.", empty="no values, or positions")]
+EffectSize = Annotated[
+    float | None,
+    Column(
+        "Rank-biserial correlation; of energy distances the share of the distance between the groups.",
+        allowed="-1 to 1",
+        empty="no differences",
+    ),
+]
+_NO_INTERVAL = "no effect size, a test by trial, an energy distance, or too few participants"
+EffectLow = Annotated[
+    float | None,
+    Column("Lower bound of its 95 % confidence interval.", allowed="-1 to 1", empty=_NO_INTERVAL),
+]
+EffectHigh = Annotated[
+    float | None,
+    Column("Upper bound of its 95 % confidence interval.", allowed="-1 to 1", empty=_NO_INTERVAL),
+]
+PValue = Annotated[float | None, Column("Two-sided p value.", allowed=SHARE, empty=NOT_TESTED)]
+PHolm = Annotated[
+    float | None, Column("p after Holm's correction within the family.", allowed=SHARE, empty=NOT_TESTED)
+]
+PPrimary = Annotated[
+    float | None,
+    Column(
+        "p after correction over all primary results of the study.",
+        allowed=SHARE,
+        empty="no primary result, or nothing could be tested",
+    ),
+]
+Stars = Annotated[
+    str,
+    Column(
+        "Stars for p_primary: * < 0.05, ** < 0.01, *** < 0.001.", empty="0.05 or more, or no primary result"
+    ),
+]
+Role = Annotated[
+    str,
+    Column("Role for its question.", allowed="primary, sensitivity analysis, secondary, supplement"),
+]
+Planned = Annotated[
+    str,
+    Column(
+        "Status by the frozen plan of the study.",
+        allowed="confirmatory, exploratory, not in the plan",
+        empty="no plan was frozen before the first participant",
+    ),
+]
+Note = Annotated[
+    str, Column("Why nothing was tested or estimated, or what was left out.", empty="nothing to note")
+]
