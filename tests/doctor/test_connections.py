@@ -52,9 +52,9 @@ ATTACHED = "List of devices attached"
     ("listed", "state", "words"),
     [
         (ATTACHED, "warning", "adb finds no headset"),
-        (f"{ATTACHED}\\n1WMHH\\tdevice", "ok", "attached: 1WMHH"),
-        (f"{ATTACHED}\\n1WMHH\\tunauthorized", "warning", "1WMHH is attached, but unauthorized"),
-        (f"{ATTACHED}\\n1WMHH\\toffline\\n2WMHH\\tdevice", "ok", "attached: 2WMHH"),
+        (f"{ATTACHED}\\n1WMHH\\tdevice", "ok", "connected: 1WMHH"),
+        (f"{ATTACHED}\\n1WMHH\\tunauthorized", "warning", "1WMHH is connected, but unauthorized"),
+        (f"{ATTACHED}\\n1WMHH\\toffline\\n2WMHH\\tdevice", "ok", "connected: 2WMHH"),
     ],
 )
 def test_a_headset_on_a_cable(
@@ -86,7 +86,7 @@ def test_firewalls_that_are_on(program: Callable[[str, str], None], tmp_path: Pa
     program("firewall-cmd", '[ "$1" = --state ]')
     assert connections.firewall(8000, ufw).fix == "sudo firewall-cmd --add-port=8000/tcp"
     program("firewall-cmd", '[ "$1" = --state ] || [ "$1" = --query-port=8000/tcp ]')
-    assert connections.firewall(8000, ufw).message == "firewalld lets 8000/tcp pass"
+    assert connections.firewall(8000, ufw).message == "firewalld allows 8000/tcp"
 
 
 def test_a_certificate_is_examined_and_never_made(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_a_sound_computer_has_no_fault_and_nothing_is_left_behind(tmp_path: Path) -> None:
+def test_a_working_computer_has_no_errors_and_no_leftover_files(tmp_path: Path) -> None:
     told = CliRunner().invoke(app, ["doctor", "--json", "found.json"])
     assert told.exit_code == 0, told.output
     rows = json.loads(Path("found.json").read_text())
@@ -27,22 +27,22 @@ def test_a_sound_computer_has_no_fault_and_nothing_is_left_behind(tmp_path: Path
     for row in rows:
         assert row["message"] in told.stdout
         assert row["fix"] in told.stdout
-    assert "a picture was drawn by " in told.stdout
+    assert "a picture was rendered by " in told.stdout
     assert [path.name for path in tmp_path.iterdir()] == ["found.json"]
 
 
-def test_a_fault_ends_with_exit_code_1_and_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_sets_exit_code_1_and_prints_the_fix(monkeypatch: pytest.MonkeyPatch) -> None:
     for screen in SCREEN_VARIABLES:
         monkeypatch.delenv(screen, raising=False)
     monkeypatch.setenv("MUJOCO_GL", "glfw")
     told = CliRunner().invoke(app, ["doctor"])
     assert told.exit_code == 1
-    assert re.search(r"error +OpenGL +no picture can be drawn with MUJOCO_GL=glfw: \w+", told.stdout)
+    assert re.search(r"error +OpenGL +no picture can be rendered with MUJOCO_GL=glfw: \w+", told.stdout)
     assert RENDERING_HINT in told.stdout
     assert "errors: 1" in told.stdout
 
 
-def test_a_check_that_fails_itself_is_a_fault_and_the_others_go_on() -> None:
+def test_an_exception_in_a_check_is_an_error_result() -> None:
     def fail():
         raise OSError("broken installation")
 

@@ -10,7 +10,7 @@ from avrgym.vr.server import web_server
 
 
 @pytest.mark.parametrize(("running", "state"), [("3.10.14", "error"), ("3.11.0", "ok"), ("3.15.0rc1", "ok")])
-def test_an_old_python_is_a_fault(running: str, state: str) -> None:
+def test_an_old_python_is_an_error(running: str, state: str) -> None:
     assert installation.python(running).state == state
 
 
@@ -48,7 +48,7 @@ def test_an_extra_that_is_missing_is_no_trouble_and_one_in_another_version_is() 
     assert installation.extras({"a": other}).fix == "pip install 'numpy>=1000'"
 
 
-def test_a_client_that_is_not_built_is_a_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_client_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(web_server, "STATIC", tmp_path)
     for page in web_server.PAGES:
         assert installation.client().state == "error"

@@ -100,14 +100,14 @@ def test_few_file_handles_are_a_warning() -> None:
 
 def test_a_full_path_with_spaces_is_written_to_and_left_as_it_was(tmp_path: Path) -> None:
     folder = tmp_path / "a study's (own) folder"
-    assert machine.writable(folder).message == f"{folder} can be made"
+    assert machine.writable(folder).message == f"{folder} can be created"
     assert list(tmp_path.iterdir()) == []
     folder.mkdir()
     assert machine.writable(folder).message == str(folder)
     assert list(folder.iterdir()) == []
 
 
-def test_a_folder_of_somebody_else_is_a_fault(ordinary_user: None) -> None:
+def test_a_folder_of_another_user_is_an_error(ordinary_user: None) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         folder.chmod(0o555)
@@ -117,7 +117,7 @@ def test_a_folder_of_somebody_else_is_a_fault(ordinary_user: None) -> None:
         folder.chmod(0o755)
 
 
-def test_a_disk_that_takes_nothing_is_a_fault(tmp_path: Path, small_files: Callable[[int], None]) -> None:
+def test_a_full_disk_is_an_error(tmp_path: Path, small_files: Callable[[int], None]) -> None:
     small_files(1)
     assert machine.writable(tmp_path).state == "error"
     small_files(0)
@@ -126,7 +126,7 @@ def test_a_disk_that_takes_nothing_is_a_fault(tmp_path: Path, small_files: Calla
 
 
 @pytest.mark.parametrize(("free_bytes", "state"), [(5e9, "ok"), (5e8, "warning"), (5e7, "error")])
-def test_little_room_is_a_warning_and_hardly_any_a_fault(free_bytes: float, state: str) -> None:
+def test_low_disk_space_is_a_warning_and_very_low_an_error(free_bytes: float, state: str) -> None:
     assert machine.space(int(free_bytes)).state == state
 
 

@@ -131,14 +131,14 @@ def test_a_study_changes_single_texts_of_a_language(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("language", "text", "words"),
     [
-        ("xx", None, "AVR Gym brings de, en"),
+        ("xx", None, "AVR Gym includes de, en"),
         ("../de", None, "allowed: a tag such as"),
         ("xx", "[session]\npractice = 'x'", "lacks trial, waiting, "),
         ("de", "[page]\nenterr = 'x'", "unknown enterr"),
         ("de", "[page]\nenter = ''", "lacks enter"),
         ("de", "[session]\ntrial = 'x {trial}'", "allowed: {trial}, {trials}"),
-        ("de", "[session]\ntrial = '{trial.__class__} {trials}'", "other names in braces"),
-        ("de", "[session]\ntrial = '{trial!r} {trials}'", "other names in braces"),
+        ("de", "[session]\ntrial = '{trial.__class__} {trials}'", "other placeholders"),
+        ("de", "[session]\ntrial = '{trial!r} {trials}'", "other placeholders"),
         ("de", "[session]\npractice = '{'", "allowed: none"),
         ("de", "direction = 'down'", "allowed: ltr, rtl"),
         ("de", "[page]\nenter = 1", "Expected `str`"),

@@ -48,10 +48,10 @@ export const PHASES_WHERE: Record<"moves" | "can_be_stopped" | "awaits_ready" | 
 /** A pose in WebXR's `local-floor` space: position in metres (y up), orientation x, y, z, w. */
 export type XRPose = [position: Vector3, orientation: Quaternion];
 
-/** A person's measures, metres: what joint angles and the poses of head and hands are computed from.
+/** A person's body dimensions in metres, for inverse and forward kinematics.
  *
- * `hips_pos_w` and `hips_q_w` (w, x, y, z) are where the hips rest in the world; the waist is given in their
- * frame, neck (the head's joints) and right shoulder in the torso's. The head's centre lies so far above the neck. */
+ * `hips_pos_w` and `hips_q_w` (w, x, y, z): the pose of the hips in the world frame. `waist` is in the frame of
+ * the hips, `neck` and `right_shoulder` are in that of the torso. `head_centre_m`: height above the neck. */
 export interface Skeleton {
   hips_pos_w: Vector3;
   hips_q_w: Quaternion;
@@ -64,7 +64,7 @@ export interface Skeleton {
   hand_m: number;
 }
 
-/** How long a stage on the way from poses to pictures takes, percentiles in milliseconds. */
+/** Latency of a stage between tracking and display: percentiles in milliseconds. */
 export interface StageLatency {
   stage: string;
   p50: number;
@@ -72,13 +72,13 @@ export interface StageLatency {
   p99: number;
 }
 
-/** A stream of another device by the study's name for it, and whether it is there. */
+/** A stream of another device by its name in the study, and whether it is available. */
 export interface StreamStatus {
   name: string;
   present: boolean;
 }
 
-/** The first message of a connection. The token is the one in the fragment of the page's address. */
+/** The first message of a connection. `token` is that in the fragment of the page's address. */
 export interface Hello {
   type: "hello";
   protocol: number;
@@ -87,10 +87,10 @@ export interface Hello {
   emulated: boolean;
 }
 
-/** One XR frame. `sequence` counts up by one; `client_time_ms` is the XR frame's time stamp.
+/** The poses of one XR frame. `sequence` increases by one; `client_time_ms` is the XR frame's time stamp.
  *
- * Of a hand that holds a controller the pose is the grip's, of a bare hand the wrist's; a pose that is not tracked is
- * `None`. Which of them each hand is says its modality. */
+ * The pose of a hand is the grip pose of its controller, or the wrist pose of a bare hand, as its modality states.
+ * `None`: not tracked. */
 export interface Tracking {
   type: "tracking";
   sequence: number;
@@ -102,7 +102,7 @@ export interface Tracking {
   right_modality: Modality;
 }
 
-/** How many states this connection has brought so far; it is told after every `STATES_PER_RECEIPT` of them. */
+/** Acknowledges states: the number received so far. It is sent after every `STATES_PER_RECEIPT` states. */
 export interface Receipt {
   type: "receipt";
   states: number;
@@ -113,45 +113,45 @@ export interface Entered {
   type: "entered";
 }
 
-/** The participant left VR (the connection may stay). */
+/** The participant left VR. The connection may remain. */
 export interface Left {
   type: "left";
 }
 
-/** The participant pressed a trigger where the phase asks for it. */
+/** The participant confirmed with a trigger in a phase that waits for it. */
 export interface Ready {
   type: "ready";
 }
 
-/** The client shows the scene of this address. */
+/** The client displays the scene of this address. */
 export interface SceneLoaded {
   type: "scene_loaded";
   url: string;
 }
 
-/** The emergency stop: the robot must hold immediately. `way` is how the participant made it. */
+/** The emergency stop: the robot must hold still immediately. `way`: the participant's action. */
 export interface Stop {
   type: "stop";
   way: StopWay | null;
 }
 
-/** From now on the participant sees the scene, or does not; after each welcome they see it until this arrives. */
+/** The visibility of the scene has changed. After each welcome it is `visible`. */
 export interface VisibilityChanged {
   type: "visibility_changed";
   visibility: Visibility;
 }
 
-/** The participant saw that body or seat do not fit, and wants to be measured again. */
+/** The participant requests a new calibration, because body or seat do not fit. */
 export interface Recalibrate {
   type: "recalibrate";
 }
 
-/** The reference space's origin jumped: earlier registration is void. */
+/** The origin of the reference space has changed, so the registration is invalid. */
 export interface OriginReset {
   type: "origin_reset";
 }
 
-/** The answer to one item of the questionnaire, with the time from its appearance to the press. */
+/** The answer to a questionnaire item, with the response time since its display. */
 export interface Answer {
   type: "answer";
   item: string;
@@ -159,19 +159,19 @@ export interface Answer {
   response_time_s: number;
 }
 
-/** The participant wants to see the question before this one, and to answer it anew. */
+/** The participant requests the previous question, to change the answer. */
 export interface Back {
   type: "back";
 }
 
-/** The body that the participant shall have; one of another sex is measured anew. */
+/** The body model to use. A change of the sex requires a new calibration. */
 export interface ChooseBody {
   type: "choose_body";
   sex: Sex;
   skin_tone: string;
 }
 
-/** How long the frames of the last second took from pose to picture. */
+/** Latencies of the frames of the last second, from tracking to display. */
 export interface Latency {
   type: "latency";
   sequence: number[];
@@ -183,10 +183,10 @@ export interface Latency {
   draw_ms: number[];
 }
 
-/** The frames of the last second while the headset is checked: milliseconds from each to the next, and on what.
+/** Intervals between the frames of the last second during the headset check, and the device.
  *
- * `device` is what the browser says that it is, `profiles` what it says of the controllers; `display_hz` is the
- * display's rate, where it tells. */
+ * `device`: the browser's user agent. `profiles`: input profiles of the controllers. `display_hz`: refresh rate
+ * of the display, if known. */
 export interface HeadsetFrames {
   type: "headset_frames";
   device: string;
@@ -198,33 +198,33 @@ export interface HeadsetFrames {
 
 export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready | SceneLoaded | Stop | VisibilityChanged | Recalibrate | OriginReset | Answer | Back | ChooseBody | Latency | HeadsetFrames;
 
-/** What the experimenter wants of the session.
+/** A command of the experimenter.
  *
- * `stop`: the robot holds at once, and the participant may repeat the trial. `pause`: the same, and no
- * trial begins before `continue`. `repeat`: a new attempt at the trial. `skip`: on to the next one.
- * `end`: the session is over. `recalibrate`: the participant is measured again. */
+ * `stop`: hold the robot immediately; the participant may repeat the trial. `pause`: as stop, and no trial starts
+ * before `continue`. `repeat`: a new attempt at the trial. `skip`: go to the next trial. `end`: end the
+ * session. `recalibrate`: calibrate the participant again. */
 export interface Command {
   type: "command";
   name: CommandName;
 }
 
-/** The torso height that the experimenter measured; the body is made anew with it. */
+/** The torso height measured by the experimenter. The body is rebuilt with it. */
 export interface CorrectTorsoHeight {
   type: "correct_torso_height";
   torso_height_m: number;
 }
 
-/** The same, chosen by the experimenter. */
+/** The body model to use, chosen by the experimenter. */
 export interface ChooseTheirBody {
   type: "choose_body";
   sex: Sex;
   skin_tone: string;
 }
 
-/** How the operator moves the robot's hand, where they drive: many times a second while `engaged`.
+/** Velocity command of the operator for the robot's hand, sent many times a second while `engaged`.
  *
- * Shares of the hand's greatest speeds, in the participant's directions: `linear` ahead, to the left and up,
- * `angular` about these axes. Once the operator is no longer engaged, or silent, the robot holds still. */
+ * Shares of the maximum speeds in the participant's frame: `linear` forward, left and up, `angular` about these
+ * axes. The robot holds still when the operator disengages or sends no commands. */
 export interface Drive {
   type: "drive";
   engaged: boolean;
@@ -232,7 +232,7 @@ export interface Drive {
   angular: Shares;
 }
 
-/** A page that watches shows the scene of this address: an environment on show waits for that, no session does. */
+/** A watching page displays the scene of this address. The environment viewer waits for it; sessions do not. */
 export interface SceneWatched {
   type: "scene_watched";
   url: string;
@@ -240,7 +240,7 @@ export interface SceneWatched {
 
 export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseTheirBody | Drive | SceneWatched;
 
-/** The connection is accepted, as whose; whether a touch is felt and a success heard is the plan's choice. */
+/** The connection is accepted in a role. `haptics` and `sounds`: feedback enabled by the session plan. */
 export interface Welcome {
   type: "welcome";
   protocol: number;
@@ -250,9 +250,7 @@ export interface Welcome {
   sounds: boolean;
 }
 
-/** The participant's language: its tag, how it is written, and the words of their page by key.
- *
- * `direction` is `ltr` or `rtl`, as HTML has it. */
+/** The participant's language: its tag, its direction (`ltr` or `rtl`) and the texts of the page by key. */
 export interface Language {
   type: "language";
   language: string;
@@ -260,7 +258,7 @@ export interface Language {
   words: Record<string, string>;
 }
 
-/** The participant's body, and which tones of skin there are: by name, and red, green, blue in 0..1 of each. */
+/** The participant's body model, and the available skin tones: names and RGB values in [0, 1]. */
 export interface Body {
   type: "body";
   sex: Sex;
@@ -269,14 +267,13 @@ export interface Body {
   skin_tones_rgb: Vector3[];
 }
 
-/** A scene to draw: a GLB whose nodes carry `extras.body`, and where the simulated world stands.
+/** A scene to display: the address of a GLB whose nodes have `extras.body`, and the pose of the world.
  *
- * `xr_from_world` places the simulation's z-up world in the participant's `local-floor` space: apply it
- * to the root node as it is. `bodies` is the order of the poses in every following state; those of
- * `marks` spots on the person follow, of one radius and one colour (red, green, blue in 0..1).
- * `head_bodies` are hidden from the participant's own eyes, which lie at `eyes` in the frame of the first
- * of them (x left, -y ahead, z up). `skeleton` is that of the participant's body, whose bodies' names begin with
- * `person/`. */
+ * `xr_from_world` is the pose of the z-up world frame in `local-floor`; apply it to the root node. `bodies`:
+ * the order of the poses in the following states. The positions of `marks` on the person follow them; all marks
+ * have one radius and colour (RGB in [0, 1]). `head_bodies` are hidden in the first-person view, whose eyes are at
+ * `eyes` in the frame of the first of them (x left, −y forward, z up). `skeleton`: the participant's body
+ * dimensions; names of its bodies begin with `person/`. */
 export interface Scene {
   type: "scene";
   url: string;
@@ -290,24 +287,24 @@ export interface Scene {
   xr_from_world: XRPose;
 }
 
-/** The world goes from where it stands to another place in `local-floor`, evenly, within so many seconds.
+/** Move the world linearly to another pose in `local-floor` within a time.
  *
- * So it follows a participant who has slid on their seat. */
+ * The server sends it when a participant has slid on the seat. */
 export interface Placed {
   type: "placed";
   xr_from_world: XRPose;
   seconds: number;
 }
 
-/** The address of a scene that comes next: a client that fetches it now shows it sooner then. */
+/** The address of the next scene, which the client may fetch in advance. */
 export interface Upcoming {
   type: "upcoming";
   url: string;
 }
 
-/** When a tracking frame passed the server, in seconds of its clock; the state that follows it comes next.
+/** Times of a tracking frame in the server, in seconds of its clock. The first state with it is the next message.
  *
- * When it was received, when that state was handed out, and when it is sent. */
+ * When the frame was received, when that state was computed, and when it was sent. */
 export interface Passed {
   type: "passed";
   tracking_sequence: number;
@@ -316,16 +313,15 @@ export interface Passed {
   sent_s: number;
 }
 
-/** The world at one instant: how it differs from the state that this connection was sent before.
+/** The state of the world at one time, as the difference to the previous state of this connection.
  *
- * After a scene it differs from nothing. `tracking_sequence` is the newest tracking frame that this state already
- * follows, -1 before the first; `joint_targets` are the angles that the person's joints are driven to for it.
- * `held` are the parts of the body that are not, and will not come, where they are tracked: something is in their
- * way, or they are not tracked. Their owner sees them where they are simulated.
+ * The first state after a scene is complete. `tracking_sequence`: the newest tracking frame that this state
+ * includes, -1 before the first. `joint_targets`: target angles of the person's joints. `held`: parts of the body
+ * that cannot follow tracking, because of an obstacle or lost tracking; they are displayed as simulated.
  *
- * `joint_targets` come in steps of 1e-5 rad, one row a joint; `poses` in steps of 0.1 mm and 5e-5, one row of x,
- * y, z, w, x, y, z a body or mark. Rows that are as before are left out, but for the first state: each row begins
- * with how many were, then come its differences in zigzag; all are varints as in Protocol Buffers. */
+ * `joint_targets` has steps of 1e-5 rad and one row per joint. `poses` has steps of 0.1 mm and 5e-5, and one row
+ * x, y, z, w, x, y, z per body or mark. Unchanged rows are omitted: each row begins with the number of omitted rows,
+ * then contains its differences in zigzag encoding. All numbers are varints as in Protocol Buffers. */
 export interface StateChange {
   type: "state";
   sequence: number;
@@ -336,10 +332,10 @@ export interface StateChange {
   poses: Uint8Array;
 }
 
-/** Where the session stands, with the words to show to the participant.
+/** The phase of the session, with the text for the participant.
  *
- * `text` is for somebody in VR who selects by a trigger, `texts_by_input` for other kinds of input, and
- * `page_text` for somebody who takes part on the page, without a headset, where these differ. */
+ * `text` is for VR with a trigger, `texts_by_input` for other kinds of input, and `page_text` for the page
+ * without a headset, if they differ. */
 export interface Phase {
   type: "phase";
   name: PhaseName;
@@ -352,10 +348,10 @@ export interface Phase {
   texts_by_input: Record<string, string>;
 }
 
-/** One item to show and to answer by pointing and pressing the trigger.
+/** A questionnaire item.
  *
- * `labels` are the words on its buttons; where there are none, they are numbered from 1 to `points`. `given` is
- * the participant's earlier answer, where they went back to a question. */
+ * `labels`: texts of the buttons; by default they are numbered from 1 to `points`. `given`: the participant's
+ * earlier answer, after going back. */
 export interface Question {
   type: "question";
   item: string;
@@ -369,11 +365,10 @@ export interface Question {
   given: number | null;
 }
 
-/** What was wrong with a message or a measurement, and what is allowed. The session goes on.
+/** An error in a message or a measurement, and what is allowed. The session continues.
  *
- * `page_message` says it to somebody who takes part without a headset, `messages_by_input` to somebody in VR who
- * selects by another input than a trigger, where these differ. `role`: the person that it concerns. The participant
- * never reads what was wrong with what the experimenter asked for; the experimenter, who helps them, reads both. */
+ * `message` is for VR with a trigger, `page_message` for the page without a headset, and `messages_by_input` for
+ * other kinds of input, if they differ. `role`: the role that receives it. The experimenter receives all problems. */
 export interface Problem {
   type: "problem";
   message: string;
@@ -382,10 +377,10 @@ export interface Problem {
   messages_by_input: Record<string, string>;
 }
 
-/** What the participant feels and hears of one control step.
+/** Haptic and acoustic feedback of one control step.
  *
- * Whether robot or tool touch the left and the right arm, hands included; `events`: how many bites or drops
- * reached the mouth, markers were wiped or scratches made. */
+ * Whether robot or tool touch the left and the right arm, including hands. `events`: the number of bites or drops
+ * in the mouth, wiped markers, or scratches. */
 export interface Feedback {
   type: "feedback";
   left_touched: boolean;
@@ -393,18 +388,16 @@ export interface Feedback {
   events: number;
 }
 
-/** How the session stands, several times a second, for those who watch it; never sent to the participant.
+/** The status of the session, several times a second, for watchers only.
  *
- * `step` counts the attempt's control steps, `reward` sums them up, `success` is so far; distance and force are
- * those of the latest one. `force_region` is the region of the body that bears most now, by its limit, and
- * `force_share` how much of that; empty and 0 where none bears anything. `retracting`: the force guard moves the
- * robot. `withdrawing`: after success the robot withdraws its tool, or waits withdrawn. `tracking_age_s` is the
- * time since the newest usable frame. `untracked_parts` have stale poses; those of them that are in
- * `needed_parts`, which the task needs, hold the robot, and end an attempt after a second. `visibility`: whether
- * the participant sees the scene. `operated`: in this trial the experimenter drives; `idle`: the robot holds
- * still for want of an action. `pause_reason`: the answer for which a stop rule paused the session, empty where
- * none did. `latency`: how late pictures were in the last seconds of which the client told, from pose to picture
- * as `total_ms` and by stage. `streams`: those of other devices. */
+ * `step`: control steps of the attempt. `reward`: their sum. `success`: so far. Distance and force are those of
+ * the latest step. `force_region`: the body region with the highest force relative to its limit; `force_share`:
+ * this ratio; empty and 0 without contact. `retracting`: the force guard moves the robot. `withdrawing`: the robot
+ * withdraws its tool after success, or has withdrawn it. `tracking_age_s`: time since the newest valid frame.
+ * `untracked_parts` have stale poses. Those in `needed_parts` hold the robot, and end the attempt after a second.
+ * `operated`: the experimenter drives the robot in this trial. `idle`: the robot holds still without an action.
+ * `pause_reason`: the answer by which a stop rule paused the session, or empty. `latency`: recent latencies from
+ * tracking to display, in total (`total_ms`) and by stage. `streams`: those of other devices. */
 export interface Status {
   type: "status";
   phase: PhaseName;
@@ -437,7 +430,7 @@ export interface Status {
   streams: StreamStatus[];
 }
 
-/** What the last second's ticks of 10 ms took, for those who watch; ticks given up since the beginning. */
+/** Durations of the ticks of the last second, for watchers, and the number of skipped ticks since the start. */
 export interface Timing {
   type: "timing";
   tick_ms_median: number;

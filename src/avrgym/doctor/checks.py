@@ -1,4 +1,4 @@
-"""All checks of this computer, in the order in which they are told."""
+"""All checks of this computer, in the order of the output."""
 
 import platform
 from collections.abc import Iterator
@@ -37,9 +37,9 @@ CHECKS = (
 
 
 def run_checks(checks: tuple[Check, ...] = CHECKS) -> Iterator[tuple[str, Finding]]:
-    """The name of each check and what it finds; one that fails itself is a fault, and the others go on."""
+    """Yield the name and the result of each check. An exception in a check becomes an error result."""
     for check in checks:
         try:
             yield check.name, check.run()
-        except Exception as failure:  # whatever a broken installation raises
-            yield check.name, error(f"cannot be examined: {failure!r}", "tell us, with this line")
+        except Exception as failure:  # a broken installation may raise anything
+            yield check.name, error(f"the check failed: {failure!r}", "report this line as an issue")

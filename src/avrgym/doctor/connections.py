@@ -1,4 +1,4 @@
-"""What stands between this computer and a headset: browser, cable, port, network, certificate."""
+"""Checks of the connection to a headset: browser, cable, port, network, certificate."""
 
 import re
 import shutil
@@ -18,7 +18,7 @@ UFW = Path("/etc/ufw/ufw.conf")
 
 
 def browser() -> Finding:
-    """Whether `avrgym demo` finds a Chromium that it can drive."""
+    """Whether Playwright and Chromium are installed, for `avrgym demo`."""
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
@@ -30,26 +30,26 @@ def browser() -> Finding:
         with sync_playwright() as playwright:
             found = playwright.chromium.executable_path
     if not Path(found).is_file():
-        return warning("no Chromium is found, so the demo has no browser", "playwright install chromium")
+        return warning("Chromium is not installed, so the demo has no browser", "playwright install chromium")
     return ok(found)
 
 
 def headset() -> Finding:
-    """Whether a headset is attached by a cable and lets this computer in."""
+    """Whether a headset is connected by cable and permits USB debugging."""
     program = shutil.which("adb")
     if program is None:
         return warning(
-            "adb is not installed, which connects a Quest or Pico by cable",
+            "adb is not installed; it connects a Quest or Pico by cable",
             "sudo apt install adb, or Android's platform tools; not needed with --lan or SteamVR",
         )
     ran = subprocess.run([program, "devices"], capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     attached = re.findall(r"^(\S+)\t(.+)$", ran.stdout, re.MULTILINE)
     ready = [serial for serial, state in attached if state == "device"]
     if ready:
-        return ok(f"attached: {', '.join(ready)}")
+        return ok(f"connected: {', '.join(ready)}")
     if attached:
         serial, state = attached[0]
-        return warning(f"{serial} is attached, but {state}", "put the headset on and allow USB debugging")
+        return warning(f"{serial} is connected, but {state}", "put the headset on and allow USB debugging")
     return warning(
         "adb finds no headset", "connect it by USB in developer mode; see docs/how_to/connect_headset.md"
     )
@@ -60,34 +60,34 @@ def port(number: int) -> Finding:
     try:
         listen(LOOPBACK[0], number).close()
     except ServerError as failure:
-        return warning(str(failure).partition(";")[0], "avrgym serve --port 0 takes a free one")
+        return warning(str(failure).partition(";")[0], "avrgym serve --port 0 selects a free one")
     return ok(f"{number} is free")
 
 
 def network(names: Sequence[str]) -> Finding:
-    """Under which address and names headsets of the local network reach this computer."""
+    """Whether this computer has an address in the local network."""
     if not any(re.fullmatch(r"[\d.]+", name) for name in names):
         return warning(
-            "this computer has no address in a network, so --lan reaches nobody",
+            "this computer has no network address, so headsets cannot use --lan",
             "join the headset's network, or use a cable",
         )
     return ok(", ".join(names))
 
 
 def firewall(number: int, ufw: Path = UFW) -> Finding:
-    """Whether a firewall may keep the headsets of the local network from a port."""
+    """Whether a firewall may block a port for headsets of the local network."""
     if ufw.is_file() and re.search(r"^ENABLED=yes", ufw.read_text(), re.MULTILINE):
         return warning(
-            "ufw is on and may keep headsets from --lan",
-            f"sudo ufw allow {number}/tcp, unless you did already",
+            "ufw is active and may block headsets with --lan",
+            f"sudo ufw allow {number}/tcp, if you have not already",
         )
     program = shutil.which("firewall-cmd")
     if program is None or not _succeeds(program, "--state"):
-        return ok("neither ufw nor firewalld is on")
+        return ok("neither ufw nor firewalld is active")
     if _succeeds(program, f"--query-port={number}/tcp"):
-        return ok(f"firewalld lets {number}/tcp pass")
+        return ok(f"firewalld allows {number}/tcp")
     return warning(
-        f"firewalld keeps headsets of the network from {number}/tcp",
+        f"firewalld blocks {number}/tcp for headsets of the network",
         f"sudo firewall-cmd --add-port={number}/tcp",
     )
 
@@ -97,15 +97,15 @@ def _succeeds(*command: str) -> bool:
 
 
 def certificate(wanted: Certificate) -> Finding:
-    """How the certificate of --lan stands."""
+    """Whether the certificate of --lan is valid and private."""
     if not wanted.certificate_file.exists():
-        return ok(f"none yet; --lan makes one in {wanted.certificate_file.parent}")
+        return ok(f"none yet; --lan creates one in {wanted.certificate_file.parent}")
     if any(exposed(wanted.key_file)):
-        return warning(f"others than you can use {wanted.key_file}", f"chmod 600 '{wanted.key_file}'")
+        return warning(f"other users can read {wanted.key_file}", f"chmod 600 '{wanted.key_file}'")
     reason = reason_to_renew(wanted)
     if reason is not None:
         return warning(
             f"{wanted.certificate_file}: {reason}",
-            "nothing to do: --lan makes a new one, and each headset asks once more whether to trust it",
+            "nothing to do: --lan creates a new one, and each headset asks again whether to trust it",
         )
     return ok(f"{wanted.certificate_file}")

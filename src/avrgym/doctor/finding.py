@@ -1,16 +1,16 @@
-"""What a check of this computer is, and what it finds."""
+"""Checks of this computer and their results."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 State = Literal["ok", "warning", "error"]
-"""A fault: something that AVR Gym does fails here. A warning: it does less, or less well, than it could."""
+"""Error: a function of AVR Gym fails on this computer. Warning: a function is limited."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found, and what to do about it in one line; ``fix`` is empty where all is well."""
+    """The result of a check: a message, and how to fix the problem (empty if there is none)."""
 
     state: State
     message: str
@@ -19,22 +19,22 @@ class Finding:
 
 @dataclass(frozen=True)
 class Check:
-    """A question about this computer; ``run`` finds the answer and changes nothing."""
+    """A check of this computer. ``run`` changes nothing."""
 
     name: str
     run: Callable[[], Finding]
 
 
 def ok(message: str) -> Finding:
-    """All is well."""
+    """A result without a problem."""
     return Finding("ok", message)
 
 
 def warning(message: str, fix: str) -> Finding:
-    """Something works less well than it could."""
+    """The result that a function is limited."""
     return Finding("warning", message, fix)
 
 
 def error(message: str, fix: str) -> Finding:
-    """Something does not work."""
+    """The result that a function fails."""
     return Finding("error", message, fix)

@@ -1,4 +1,4 @@
-"""Graphics card and rendering."""
+"""Checks of graphics card and rendering."""
 
 import os
 import shutil
@@ -15,18 +15,18 @@ SCENE = """<mujoco><worldbody><light pos="0 0 3"/><geom size="0.3" rgba="1 0 0 1
 HEIGHT_PX, WIDTH_PX = 48, 64
 KERNEL_DEVICES = Path("/sys/class/drm")
 BY_THE_PROCESSOR = ("llvmpipe", "softpipe", "swrast")
-"""What Mesa calls rendering without a graphics card."""
+"""Names of Mesa's software renderers."""
 
 
 def graphics_card() -> Finding:
-    """Which graphics card there is, and whether its driver answers."""
+    """The graphics card, and whether its driver responds."""
     program = shutil.which("nvidia-smi")
     if program is not None:
         return _nvidia(program)
     drivers = {(device / "device" / "driver").resolve().name for device in KERNEL_DEVICES.glob("renderD*")}
     if drivers:
-        return ok(f"one with the kernel's driver {', '.join(sorted(drivers))}")
-    return ok("none is found; the processor draws, and nothing here needs a graphics card")
+        return ok(f"one with the kernel driver {', '.join(sorted(drivers))}")
+    return ok("none found; the processor renders, which is sufficient")
 
 
 def _nvidia(program: str) -> Finding:
@@ -36,31 +36,31 @@ def _nvidia(program: str) -> Finding:
     if ran.returncode == 0:
         return ok("; ".join(f"{line.replace(', ', ', driver ')}" for line in lines))
     return warning(
-        f"NVIDIA's driver does not answer: {lines[0]}",
-        "restart the computer after an update of the driver or the kernel, else install the driver anew",
+        f"NVIDIA's driver does not respond: {lines[0]}",
+        "restart the computer after an update of driver or kernel, or reinstall the driver",
     )
 
 
 def rendering() -> Finding:
-    """Whether a picture can be drawn, really, and by what."""
+    """Whether MuJoCo can render a picture, and with which renderer."""
     command = [sys.executable, "-m", "avrgym.doctor.graphics"]
     try:
         ran = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     except subprocess.TimeoutExpired:
-        return error(f"no picture was drawn within {TIMEOUT_S:.0f} s", RENDERING_HINT)
+        return error(f"no picture was rendered within {TIMEOUT_S:.0f} s", RENDERING_HINT)
     way = f"MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}"
     if ran.returncode != 0:
-        return error(f"no picture can be drawn with {way}: {_reason(ran)}", RENDERING_HINT)
+        return error(f"no picture can be rendered with {way}: {_reason(ran)}", RENDERING_HINT)
     renderer = ran.stdout.strip()
     slowly = ", by the processor" if renderer.startswith(BY_THE_PROCESSOR) else ""
-    return ok(f"a picture was drawn by {renderer} ({way}{slowly})")
+    return ok(f"a picture was rendered by {renderer} ({way}{slowly})")
 
 
 def _reason(ran: "subprocess.CompletedProcess[str]") -> str:
     if ran.returncode < 0:
         return f"the graphics library ended its process ({signal.strsignal(-ran.returncode)})"
     said = [line for line in ran.stderr.splitlines() if line.strip()]
-    return said[-1] if said else "it does not say why"
+    return said[-1] if said else "no reason was printed"
 
 
 def draw_ball() -> str:

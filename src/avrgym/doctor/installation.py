@@ -1,4 +1,4 @@
-"""Whether what AVR Gym is made of is installed as it asks for."""
+"""Checks of the installation: Python, packages, extras, client and plug-ins."""
 
 import platform
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,31 +13,31 @@ from avrgym.system.extras import DEVELOPER_EXTRAS
 from avrgym.vr.server.web_server import INSTALL_PAGES, PAGES, ServerError, check_page
 
 SHOWN_PACKAGES = ("mujoco", "numpy", "gymnasium")
-"""The packages whose versions most reports of bugs need."""
+"""Packages whose versions are printed, for bug reports."""
 
 
 def python(running: str, asked: str | None = None) -> Finding:
-    """Whether the Python of this version is new enough for AVR Gym, or for what is ``asked``, as in ``>=3.11``."""
+    """Whether a Python version meets AVR Gym's requirement, or the one in ``asked``, such as ``>=3.11``."""
     wanted = asked or metadata("avrgym")["Requires-Python"]
     if SpecifierSet(wanted).contains(running, prereleases=True):
         return ok(f"{running} on {platform.system()} {platform.machine()}")
     return error(
-        f"{running}; AVR Gym asks for {wanted}",
-        "make a virtual environment with a newer Python and install AVR Gym there",
+        f"{running}; AVR Gym requires {wanted}",
+        "create a virtual environment with a newer Python and install AVR Gym there",
     )
 
 
 def packages(wanted: Sequence[Requirement]) -> Finding:
-    """Whether packages are installed in the versions that are asked for, such as ``numpy>=2.0``."""
+    """Whether the installed packages meet requirements such as ``numpy>=2.0``."""
     unmet = [each for each in wanted if _conflicting_version(each) is not None]
     if unmet:
         return error(_list_unmet(unmet), _install(unmet))
     shown = ", ".join(f"{each.name} {version(each.name)}" for each in wanted if each.name in SHOWN_PACKAGES)
-    return ok(f"{len(wanted)} packages are as asked for; {shown}")
+    return ok(f"{len(wanted)} packages meet their requirements; {shown}")
 
 
 def requirements_of(extra: str = "") -> list[Requirement]:
-    """Requirements of the installed AVR Gym, or of one of its extras with the extras that it includes."""
+    """Requirements of the installed AVR Gym, or of one of its extras including the extras that it contains."""
     needed = [Requirement(each) for each in requires("avrgym") or ()]
     own = [each for each in needed if _applies(each, extra) and not (extra and _applies(each, ""))]
     included = (
@@ -51,7 +51,7 @@ def requirements_of(extra: str = "") -> list[Requirement]:
 
 
 def offered_extras() -> list[str]:
-    """The extras of the installed AVR Gym that its users may want."""
+    """The extras of the installed AVR Gym for users."""
     return [
         each for each in metadata("avrgym").get_all("Provides-Extra") or () if each not in DEVELOPER_EXTRAS
     ]
@@ -62,7 +62,7 @@ def _applies(needed: Requirement, extra: str) -> bool:
 
 
 def extras(wanted: Mapping[str, Sequence[Requirement]]) -> Finding:
-    """Which extras are installed, of those with what they ask for; a package in another version is a warning."""
+    """Which of the extras, given with their requirements, are installed. A conflicting version is a warning."""
     wrong = [each for asked in wanted.values() for each in asked if _conflicting_version(each)]
     if wrong:
         return warning(_list_unmet(wrong), _install(wrong))
@@ -70,30 +70,30 @@ def extras(wanted: Mapping[str, Sequence[Requirement]]) -> Finding:
         name for name, asked in wanted.items() if all(_conflicting_version(each) is None for each in asked)
     ]
     missing = [name for name in wanted if name not in there]
-    without = f"; `pip install 'avrgym[{','.join(missing)}]'` brings the others" if missing else ""
+    without = f"; `pip install 'avrgym[{','.join(missing)}]'` installs the others" if missing else ""
     return ok(f"installed: {', '.join(there) or 'none'}{without}")
 
 
 def client() -> Finding:
-    """Whether the browser's pages are there."""
+    """Whether the pages of the browser client are installed."""
     try:
         for page in PAGES:
             check_page(page)
     except ServerError:
         return error("the browser client is missing", INSTALL_PAGES)
-    return ok("the pages of participant, experimenter and replay are there")
+    return ok("the pages of participant, experimenter and replay are installed")
 
 
 def plugins() -> Finding:
-    """Whether what other packages register can be used."""
+    """Whether all plug-ins of other packages can be loaded."""
     skipped = skipped_plugins()
     if skipped:
-        return warning(f"skipped {'; '.join(skipped)}", "mend or uninstall that package; the rest works")
-    return ok("nothing of other packages is broken")
+        return warning(f"skipped {'; '.join(skipped)}", "fix or uninstall that package; the rest works")
+    return ok("all plug-ins can be loaded")
 
 
 def _conflicting_version(wanted: Requirement) -> str | None:
-    """The installed version where it is another than asked for, "" where none is installed, else ``None``."""
+    """The installed version if it conflicts, "" if none is installed, else ``None``."""
     try:
         found = version(wanted.name)
     except PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""Whether this computer keeps up with real time, and has room for what is recorded."""
+"""Checks of real-time performance, limits of the system and disk space."""
 
 import getpass
 import os
@@ -20,18 +20,18 @@ from avrgym.vr.server.real_time_loop import PRIORITY, use_real_time_priority
 
 SLEEPS = 20
 OVERSLEEP_SHARE = 0.2
-"""The part of a tick by which a sleep may be too long at the median."""
+"""Maximum median oversleep, as a share of a tick."""
 BYTES_PER_TRIAL = 1_000_000
 """About what a trial of 20 s leaves: the recordings in ``tests/data/recordings-of-0.1.0`` have 0.8 to 1.0 MB."""
 FEW_TRIALS, VERY_FEW_TRIALS = 1000, 100
 
 
 def processors() -> Finding:
-    """Whether the simulation can have a processor of its own."""
+    """Whether there are at least two processors."""
     count = _processor_count()
     if count > 1:
         return ok(f"{count}")
-    return warning("one, which simulation and server share", "let AVR Gym have two processors or more")
+    return warning("one, shared by simulation and server", "provide two or more processors")
 
 
 def _processor_count() -> int:
@@ -39,20 +39,20 @@ def _processor_count() -> int:
 
 
 def real_time_priority() -> Finding:
-    """Whether the simulation's thread may go before all others, tried in a thread of its own."""
+    """Whether the simulation's thread may have real-time priority."""
     if sys.platform != "linux" or _processor_count() == 1:
-        return ok("the system decides which thread goes first")
+        return ok("not available on this system")
     with ThreadPoolExecutor(1) as thread:
         if thread.submit(use_real_time_priority).result():
-            return ok("the simulation's thread goes before all others")
+            return ok("the simulation's thread may have real-time priority")
     return warning(
-        "the simulation's thread may not go before others, so a busy computer delays it",
+        "the simulation's thread may not have real-time priority, so a busy computer delays it",
         f"put `{_user()} - rtprio {PRIORITY}` into /etc/security/limits.conf and log in again",
     )
 
 
 def _user() -> str:
-    """Whoever runs this; by number where the system has no name for it, as in some containers."""
+    """The name of the current user, or the id if there is no name, as in some containers."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):
@@ -60,7 +60,7 @@ def _user() -> str:
 
 
 def oversleep_s() -> float:
-    """How much longer than asked for the system lets a thread sleep, the median of some short sleeps."""
+    """The median excess duration of sleeps of one tick, seconds."""
     late: list[float] = []
     for _ in range(SLEEPS):
         began = time.monotonic()
@@ -70,17 +70,17 @@ def oversleep_s() -> float:
 
 
 def timer(late_s: float) -> Finding:
-    """Whether sleeps that are so much too long suit a simulation that ticks every 10 ms."""
+    """Whether this excess duration of sleeps permits ticks of 10 ms."""
     told = f"a sleep of {1000 * TICK_S:.0f} ms is {1000 * late_s:.1f} ms too long"
     if late_s <= OVERSLEEP_SHARE * TICK_S:
         return ok(told)
-    return warning(told, "end other programs, and set the computer to its highest performance")
+    return warning(told, "close other programs, and set the computer to its highest performance")
 
 
 def cpu_idle_states(driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENCY_FILE) -> Finding:
     """Whether processors of a virtual machine, which its host gives back late, can be kept from halting."""
     if not driver.exists() or driver.read_text().strip() != cpu_idle.GUEST_IDLE_DRIVER:
-        return ok("idle processors wake at once")
+        return ok("idle processors wake immediately")
     if os.access(latency, os.W_OK, effective_ids=True):
         return ok("the processors of this virtual machine can be kept awake")
     return warning(
@@ -90,46 +90,46 @@ def cpu_idle_states(driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idl
 
 
 def open_file_limit(number: int | None = None) -> Finding:
-    """Whether so many open files, or those that this process may have, are enough for a server."""
+    """Whether the maximum number of open files, by default that of this process, is enough for a server."""
     allowed = max_open_files() if number is None else number
     needed = FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED
     if allowed >= needed:
         return ok(f"{allowed}")
-    return warning(f"{allowed}, which lets fewer browsers in at a time", f"ulimit -n {needed}")
+    return warning(f"{allowed}, which limits the number of browsers", f"ulimit -n {needed}")
 
 
 def writable(folder: Path) -> Finding:
-    """Whether files can be written into a folder and locked there, or where it is missing, whether it can be made."""
+    """Whether files can be written and locked in a folder, or the folder can be created."""
     place = _existing_parent(folder)
     try:
         with TemporaryDirectory(prefix=".avrgym-doctor-", dir=place) as trial:
             write_atomically(Path(trial) / "file", b"written")
             with locked(Path(trial)):
-                return ok(f"{folder}" if place == folder else f"{folder} can be made")
+                return ok(f"{folder}" if place == folder else f"{folder} can be created")
     except OSError as failure:
         return error(
-            f"nothing can be written in {place}: {failure.strerror}",
-            f"choose a folder of your own, or sudo chown {_user()} '{place}'",
+            f"{place} is not writable: {failure.strerror}",
+            f"choose another folder, or sudo chown {_user()} '{place}'",
         )
     except ValueError as failure:
-        return error(str(failure), "a network's file system may lack locks: use a folder on this computer")
+        return error(str(failure), "a network file system may lack locks: use a local folder")
 
 
 def free_space(folder: Path) -> Finding:
-    """Whether there is room for a study's recordings."""
+    """Whether a folder has disk space for the recordings of a study."""
     return space(shutil.disk_usage(_existing_parent(folder)).free)
 
 
 def space(free_bytes: int) -> Finding:
-    """Whether so many bytes are enough for a study's recordings."""
+    """Whether this disk space is enough for the recordings of a study."""
     trials = free_bytes // BYTES_PER_TRIAL
-    told = f"{free_bytes / 1e9:.1f} GB are free, room for about {trials} trials"
-    fix = "make room, or work on another disk"
+    told = f"{free_bytes / 1e9:.1f} GB free, enough for about {trials} trials"
+    fix = "free disk space, or use another disk"
     if trials < VERY_FEW_TRIALS:
         return error(told, fix)
     return warning(told, fix) if trials < FEW_TRIALS else ok(told)
 
 
 def _existing_parent(folder: Path) -> Path:
-    """The folder, or the first above it that is there."""
+    """The folder, or its first existing parent."""
     return next(each for each in (folder, *folder.absolute().parents) if os.path.isdir(each))

@@ -1,7 +1,7 @@
-"""What participants read: each language in one file, the same keys in all.
+"""Interface texts for participants: one file for each language, with the same keys.
 
-A language that AVR Gym brings is a file beside this module. A study adds others, and translations of its own words, in
-``texts/LANGUAGE.toml`` of its folder; see ``read_texts``.
+Included languages are the ``.toml`` files of this package. A study can add languages, and translations of its own
+sentences, in ``texts/LANGUAGE.toml`` of its folder; see ``read_texts``.
 """
 
 import re
@@ -20,10 +20,10 @@ from avrgym.system.files import read_user_text
 
 TEXTS_FOLDER = "texts"
 LANGUAGE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
-"""A language tag as HTML's ``lang`` has it (BCP 47)."""
+"""A BCP 47 language tag, as in HTML's ``lang``."""
 DIRECTIONS = ("ltr", "rtl")
 MAX_LISTED_KEYS = 5
-"""As many missing keys are named; of more, how many there are."""
+"""Maximum number of missing keys in an error message."""
 _NUMBER = re.compile(r"^(\d+)\.(\d+)$")
 OPTIONAL_PAGE_KEYS = (
     "link_ended",
@@ -33,29 +33,28 @@ OPTIONAL_PAGE_KEYS = (
     "wrong_code",
     "too_many_codes",
 )
-"""Keys under ``page`` that languages of earlier studies lack: the English texts are used."""
+"""Keys under ``page`` that a language may lack. Default: the English text."""
 PAGE_SUFFIX = "_page"
-"""A text whose key ends so is for somebody who takes part on the page, without a headset; every key under
-``session`` may have one."""
+"""Suffix of the keys under ``session`` of texts for the page without a headset."""
 SELECT, SELECT_BY = "select", "select_by_"
-"""The name in braces of what a participant does to select, and what the keys of these texts begin with."""
+"""Placeholder for the participant's select action, and prefix of the keys of these actions."""
 DEFAULT_INPUT = "trigger"
 
 
 class TextsError(ValueError):
-    """The texts of a language cannot be used; the message names the file, what is wrong and what is allowed."""
+    """The texts of a language are invalid; the message contains the file, the error and what is allowed."""
 
 
 @dataclass(frozen=True)
 class Text:
-    """Something to say to a participant: the key of its text under ``session``, and what stands in its braces."""
+    """A text for a participant: its key under ``session``, and the values of its placeholders."""
 
     key: str
     values: "Mapping[str, str | Text]" = field(default_factory=dict[str, "str | Text"])
 
 
 class TextsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A file of texts; one of a study may hold any part of them."""
+    """A file of texts. That of a study may contain any part of them."""
 
     name: str = ""
     direction: str = ""
@@ -67,10 +66,11 @@ class TextsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Texts:
-    """All texts in one language, a tag such as ``de``, which is written from left to right (``ltr``) or not (``rtl``).
+    """All texts in one language.
 
-    ``decimal`` is its decimal mark. ``session`` is what the server says, ``page`` what the client does; ``sentences``
-    are translations, by the sentences that tasks, questionnaires and designs have.
+    ``language``: a tag such as ``de``. ``direction``: ``ltr`` or ``rtl``. ``decimal``: the decimal mark. ``session``:
+    texts of the server. ``page``: texts of the client. ``sentences``: translations of the English sentences of tasks,
+    questionnaires and designs.
     """
 
     language: str
@@ -82,7 +82,7 @@ class Texts:
     sentences: Mapping[str, str]
 
     def render(self, text: Text, select_by: str = DEFAULT_INPUT) -> str:
-        """The text for a participant in VR who selects by this kind of input."""
+        """The text for VR with a kind of select input, with its placeholders filled in."""
         select = self.session.get(SELECT_BY + select_by, "")
         values = {name: self._render_value(value, select_by) for name, value in text.values.items()}
         values |= {SELECT: select, SELECT.capitalize(): select[:1].upper() + select[1:]}
@@ -94,28 +94,28 @@ class Texts:
         return _NUMBER.sub(rf"\1{self.decimal}\2", value)
 
     def render_by_input(self, text: Text) -> dict[str, str]:
-        """The texts for a participant in VR by kind of input, where they differ from ``say``."""
+        """The texts for VR by kind of select input, where they differ from ``render``."""
         kinds = [key.removeprefix(SELECT_BY) for key in self.session if key.startswith(SELECT_BY)]
         texts = {kind: self.render(text, kind) for kind in kinds}
         return {kind: rendered for kind, rendered in texts.items() if rendered != self.render(text)}
 
     def render_for_page(self, text: Text) -> str:
-        """What is text to somebody who has no headset."""
+        """The text for the page without a headset."""
         on_page = text.key + PAGE_SUFFIX
         return self.render(Text(on_page, text.values) if on_page in self.session else text)
 
     def translate(self, sentence: str) -> str:
-        """A sentence in this language; as it is where there is no translation."""
+        """The translation of a sentence; the sentence itself if there is none."""
         return self.sentences.get(normalize_whitespace(sentence), sentence)
 
     def untranslated(self, sentences: Collection[str]) -> list[str]:
-        """Which of these have no translation."""
+        """The sentences without a translation."""
         wanted = dict.fromkeys(normalize_whitespace(sentence) for sentence in sentences if sentence.strip())
         return [sentence for sentence in wanted if sentence not in self.sentences]
 
 
 class TextError(ValueError):
-    """What a participant did is not possible; ``text`` tells them so, in their language."""
+    """A participant's action is not possible; ``text`` is the explanation in their language."""
 
     def __init__(self, text: Text) -> None:
         super().__init__(ENGLISH.render(text))
@@ -123,12 +123,12 @@ class TextError(ValueError):
 
 
 def normalize_whitespace(sentence: str) -> str:
-    """A sentence by which its translation is found: lines may be broken anywhere."""
+    """A sentence with single spaces, as a key of translations: line breaks do not matter."""
     return " ".join(sentence.split())
 
 
 def included_languages() -> list[str]:
-    """The languages that AVR Gym brings."""
+    """The languages included in AVR Gym."""
     included = (
         file.name.removesuffix(".toml") for file in files("avrgym.texts").iterdir() if _is_toml(file.name)
     )
@@ -136,21 +136,20 @@ def included_languages() -> list[str]:
 
 
 def read_texts(language: str, folder: Path | None = None) -> Texts:
-    """The texts in a language: AVR Gym's, if it brings this one, and those of a study's folder, which go before.
+    """The texts in a language: those included in AVR Gym, overridden by those of a study's folder.
 
     Raises:
-        TextsError: for a language that neither has, a text that is missing or unknown, or other names in its braces
-            than the English text has.
+        TextsError: for an unknown language, a missing or unknown text, or placeholders that differ from English.
     """
     if not LANGUAGE.fullmatch(language):
-        raise TextsError(f"{language!r} is no language; allowed: a tag such as en, de or pt-BR")
+        raise TextsError(f"{language!r} is not a language tag; allowed: a tag such as en, de or pt-BR")
     own = folder / TEXTS_FOLDER / f"{language}.toml" if folder is not None else None
     included = _read_included(language) if language in included_languages() else TextsFile()
     added = _read_own(own) if own is not None and own.is_file() else TextsFile()
     where = str(own) if own is not None else f"{TEXTS_FOLDER}/{language}.toml in a study's folder"
     if included == added == TextsFile():
         raise TextsError(
-            f"no texts in {language!r}: AVR Gym brings {', '.join(included_languages())}; others stand in {where}"
+            f"no texts in {language!r}: AVR Gym includes {', '.join(included_languages())}; add others in {where}"
         )
     texts = Texts(
         language,
@@ -190,9 +189,9 @@ def _read(text: str, name: str) -> TextsFile:
 
 
 def _check(texts: Texts, where: str) -> None:
-    """Raise ``TextsError`` unless these are all the texts that English has, with the same names in their braces.
+    """Raise ``TextsError`` unless the keys and the placeholders are those of English.
 
-    Texts for the page alone may be added. A language without ``{select}`` needs no words for inputs.
+    Page variants may be added. A language without ``{select}`` needs no select actions.
     """
     if texts.direction not in DIRECTIONS:
         raise TextsError(f"{where}: direction {texts.direction!r}; allowed: {', '.join(DIRECTIONS)}")
@@ -217,7 +216,7 @@ def _check(texts: Texts, where: str) -> None:
             if _names(text) - _SELECTS != names:
                 allowed = ", ".join(f"{{{name}}}" for name in sorted(names)) or "none"
                 raise TextsError(
-                    f"{where}: {key} in [{table}] has other names in braces than English; allowed: {allowed}"
+                    f"{where}: {key} in [{table}] has other placeholders than English; allowed: {allowed}"
                 )
 
 
@@ -225,7 +224,7 @@ _SELECTS = {SELECT, SELECT.capitalize()}
 
 
 def _names(text: str) -> set[str]:
-    """The names in the braces of a text; what else could stand there is none."""
+    """The placeholders of a text, including conversions and format specifications, which are not allowed."""
     try:
         return {
             name + (f"!{how}" if how else "") + (f":{form}" if form else "")
