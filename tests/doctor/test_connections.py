@@ -82,7 +82,7 @@ def test_firewalls_that_are_on(program: Callable[[str, str], None], tmp_path: Pa
     ufw.write_text("ENABLED=no\n")
     assert connections.firewall(8000, ufw).state == "ok"
     program("firewall-cmd", "exit 1")
-    assert connections.firewall(8000, ufw).message == "neither ufw nor firewalld is on"
+    assert connections.firewall(8000, ufw).message == "neither ufw nor firewalld is active"
     program("firewall-cmd", '[ "$1" = --state ]')
     assert connections.firewall(8000, ufw).fix == "sudo firewall-cmd --add-port=8000/tcp"
     program("firewall-cmd", '[ "$1" = --state ] || [ "$1" = --query-port=8000/tcp ]')

@@ -53,7 +53,7 @@ def test_the_papers_study_is_there_in_every_language_brought_along(folder: Path)
         ('["en", "fr"]', {}, "no texts in 'fr'"),
         ('["en", "en"]', {}, "en"),
         ("[]", {}, "languages"),
-        ('["e n"]', {}, "no language"),
+        ('["e n"]', {}, "is not a language tag"),
         (
             BOTH,
             {"Eat the food": "Taste the food"},
