@@ -42,7 +42,7 @@ def scenes_of(environment: str) -> list[dict[str, Any]]:
     before = scene_of(f"{environment} before", simulation)
     for _ in range(HELPED_STEPS):
         episodes.step(policy.act(episodes.observe(), generators))
-    simulation.halt_robot()
+    simulation.brake_robot()
     retreat = Retreat(simulation)
     while (action := retreat.action()) is not None:
         simulation.command_robot(action[None])

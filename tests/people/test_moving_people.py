@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from avrgym.models import human
 from avrgym.models.human import JOINTS, Person
 from avrgym.models.scene import build_spec
-from avrgym.simulation.person_fields import INERTIAL_FIELDS
+from avrgym.simulation.person_model_fields import INERTIAL_FIELDS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 

@@ -139,7 +139,7 @@ def test_a_force_counts_as_held_when_it_lasts_longer_than_half_a_second():
         force_n[20 : 20 + steps] = QUASI_STATIC_LIMIT_N + 0.1
         found = loads(force_n)
         assert found.over_quasi_static.all() == found.over_quasi_static.any() == held
-        assert_allclose(found.held_s, steps * PHYSICS_STEP_S)
+        assert_allclose(found.longest_overload_s, steps * PHYSICS_STEP_S)
     force_n[40] = QUASI_STATIC_LIMIT_N
     assert not loads(force_n).over_quasi_static.any()
 
@@ -160,5 +160,5 @@ def test_loads_sum_up_what_was_borne(rng):
     assert_allclose(found.mean_n[0], force_n.mean(axis=0))
     assert_array_equal(found.peak_n[0], force_n.max(axis=0))
     assert_allclose(found.contact_share[0], (force_n > 0.0).mean(axis=0))
-    joined = RegionLoads.joined([found, loads(force_n[:7])])
-    assert_array_equal(joined.peak_n, [force_n.max(axis=0), force_n[:7].max(axis=0)])
+    concatenate = RegionLoads.concatenate([found, loads(force_n[:7])])
+    assert_array_equal(concatenate.peak_n, [force_n.max(axis=0), force_n[:7].max(axis=0)])

@@ -7,7 +7,7 @@ import pytest
 
 from avrgym.models.scene import CONTROL_STEP_S, SUBSTEPS
 from avrgym.policies.trained import load_policy
-from avrgym.safety.retreat import LONGEST_S, Retreat
+from avrgym.safety.retreat import MAX_DURATION_S, Retreat
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
@@ -30,7 +30,7 @@ def helped(environment: str, seed: int) -> Episodes:
     episodes.simulation.command_person(episodes.people.joint_angles_rad)
     for _ in range(HELPED_STEPS):
         episodes.step(policy.act(episodes.observe(), generators))
-    episodes.simulation.halt_robot()
+    episodes.simulation.brake_robot()
     episodes.simulation.step(BRAKED_STEPS * SUBSTEPS)
     return episodes
 
@@ -56,7 +56,7 @@ def test_a_tool_leaves_slowly_and_presses_nobody(environment: str, seed: int) ->
     episodes = helped(environment, seed)
     before = episodes.simulation.state()
     states = list(retreated(episodes))
-    assert len(states) <= round(LONGEST_S / CONTROL_STEP_S) * SUBSTEPS
+    assert len(states) <= round(MAX_DURATION_S / CONTROL_STEP_S) * SUBSTEPS
     for state in states:
         assert state.total_force_n[0] <= before.total_force_n[0] + RELEASED_N
         if np.linalg.norm(state.tool_pos_w - state.head_pos_w) < 0.3:

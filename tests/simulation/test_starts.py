@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 from avrgym.models import collision_bits
 from avrgym.models.human import SEATED_RAD, TORSO_HEIGHT_RANGE_M, Person, joint_angles
 from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
-from avrgym.simulation.room import NoRoomError
+from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.tasks.episodes import MAX_START_DRAWS, Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.live_world.world import LiveWorld
@@ -95,11 +95,11 @@ def test_a_person_who_never_has_room_is_refused_in_words(pose, words):
 
 @pytest.mark.slow
 def test_no_live_world_begins_inside_the_participant():
-    with pytest.raises(NoRoomError, match="the person's right"):
+    with pytest.raises(NoClearanceError, match="the person's right"):
         LiveWorld(FEEDING, Person("woman", 0.54, HAND_AT_THE_ROBOT_RAD))
     world = LiveWorld(FEEDING, Person("woman", 0.54, SEATED_RAD))
     world.joint_targets_rad = HAND_AT_THE_ROBOT_RAD
-    with pytest.raises(NoRoomError):
+    with pytest.raises(NoClearanceError):
         world.reset(1)
 
 

@@ -27,7 +27,7 @@ def test_a_brake_holds_more_than_its_motor_gives(environment: str) -> None:
     episodes.reset(np.arange(1), [np.random.default_rng(1)])
     simulation, arm = episodes.simulation, episodes.scene.arm
     dofs = [simulation.model.joint(robot.PREFIX + joint).dofadr[0] for joint in arm.joints]
-    simulation.halt_robot()
+    simulation.brake_robot()
     stopped_rad = simulation.arm_angles_rad()
     simulation.batch.bind("qfrc_applied")[:, dofs] = 2.0 * arm.torque_limit_n_m
     simulation.step(round(1.0 / PHYSICS_STEP_S))
@@ -43,7 +43,7 @@ def test_brakes_that_are_released_leave_no_trace(environment: str) -> None:
         episodes = Episodes(environment, 2, moving=True)
         episodes.reset(np.arange(2), [np.random.default_rng(world) for world in range(2)])
         if braked:
-            episodes.simulation.halt_robot()
+            episodes.simulation.brake_robot()
         for action in actions:
             episodes.step(action)
         states.append([episodes.simulation.integration_state(world) for world in range(2)])

@@ -9,7 +9,7 @@ import pytest
 from avrgym.models.human import LOWER_RAD, SEATED_RAD, TORSO_HEIGHT_RANGE_M, UPPER_RAD, Person
 from avrgym.people.distributions import DISTRIBUTIONS
 from avrgym.people.population_names import IMPAIRMENTS
-from avrgym.simulation.room import NoRoomError
+from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
@@ -74,7 +74,7 @@ def test_fixed_people_in_any_pose_have_room_or_are_refused(environment: str) -> 
         episodes = Episodes(environment, 2, person=person, moving=number % 4 > 1, num_threads=1)
         try:
             episodes.reset(np.arange(2), [np.random.default_rng([number, world]) for world in range(2)])
-        except NoRoomError:
+        except NoClearanceError:
             refused += 1
             continue
         assert deepest_overlap_m(episodes) == 0.0

@@ -179,9 +179,7 @@ def test_only_the_stated_transitions_are_allowed(table: str) -> None:
             if after in states[before]:
                 check_transition(table, "it", before, after)
             else:
-                with pytest.raises(
-                    StudyError, match=f"it is {before} and cannot become {after}; allowed"
-                ):
+                with pytest.raises(StudyError, match=f"it is {before} and cannot become {after}; allowed"):
                     check_transition(table, "it", before, after)
 
 

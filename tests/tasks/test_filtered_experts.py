@@ -45,12 +45,12 @@ def test_who_rests_is_seen_as_they_are():
 def test_a_tremor_is_hardly_seen():
     seen, there = watched("tremor", 12)
 
-    def swing_m(states):
+    def extra_clearance_m(states):
         mouths = np.array([state.mouth_pos_w for state in states[6:]])
         return np.ptp(mouths, axis=0).max()
 
-    assert swing_m(there) > 0.005
-    assert swing_m(seen) < 0.2 * swing_m(there)
+    assert extra_clearance_m(there) > 0.005
+    assert extra_clearance_m(seen) < 0.2 * extra_clearance_m(there)
 
 
 def test_the_tool_is_seen_as_it_is():

@@ -256,7 +256,7 @@ def _sum_up(batch: _Batch, results: list[Results], policy: registry.Autonomous) 
         np.concatenate([getattr(part, name) for part in results])
         for name in ("reward", "success", "force_n", "interventions", "draws")
     )
-    loads = RegionLoads.joined([part.loads for part in results])
+    loads = RegionLoads.concatenate([part.loads for part in results])
     return Evaluation(
         env=batch.environment_id,
         policy=batch.policy.name,

@@ -131,7 +131,7 @@ class Playback:
             raise ReplayError(
                 f"its states have {len(state)} numbers, this simulator's have {size}: {made_with(self.recording)}"
             )
-        self.episodes.simulation.halt_robot()
+        self.episodes.simulation.brake_robot()
         self.episodes.simulation.set_integration_state(state)
         self._begun = True
 
@@ -157,7 +157,7 @@ class Playback:
             self.phase = event.detail
         self._stopped = self._stopped or event.name == "robot_holds"
         if self._stopped or (event.name, event.detail) in HALTS:
-            self.episodes.simulation.halt_robot()
+            self.episodes.simulation.brake_robot()
             self._loop.abort_step()
 
 

@@ -1,4 +1,4 @@
-"""Forces on people by region of the body: as they are in a physics step, and what they were over many."""
+"""Contact forces on people by region of the body: sensors, loads over episodes, and statistics."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -48,51 +48,51 @@ class RegionForceSensors:
         self._first_of_region = np.searchsorted([*REGION_OF_GEOM.values()], np.arange(len(BODY_REGIONS)))
 
     def read_n(self) -> FloatArray:
-        """The lengths of the forces of single contacts added up by region, (N, R), in newtons."""
+        """Returns the contact forces by region, (N, R), in newtons: the sum of the lengths of all contacts' forces."""
         on_geoms = norm(self._sensordata[:, self._columns]).cumsum(axis=-1)[..., -1]
         return np.add.reduceat(on_geoms, self._first_of_region, axis=-1)
 
 
 @dataclass(frozen=True)
 class RegionLoads:
-    """What n people's regions bore in an episode each, (n, R).
+    """Loads of the regions of n people, one episode each, (n, R).
 
-    ``mean_n`` and ``peak_n`` are over all physics steps, ``contact_share`` is the share of them with any force, and
-    ``held_s`` how long the force was above the quasi-static limit at a stretch, at most.
+    ``mean_n`` and ``peak_n`` are over all physics steps. ``contact_share`` is the share of physics steps with a force.
+    ``longest_overload_s`` is the longest continuous time above the quasi-static limit.
     """
 
     mean_n: FloatArray
     peak_n: FloatArray
     contact_share: FloatArray
-    held_s: FloatArray
+    longest_overload_s: FloatArray
 
     @property
     def over_quasi_static(self) -> BoolArray:
-        """Where a force was above the quasi-static limit for longer than ``TRANSIENT_S`` without a break."""
-        return self.held_s > TRANSIENT_S
+        """Boolean mask (n, R): a force was above the quasi-static limit for longer than ``TRANSIENT_S``."""
+        return self.longest_overload_s > TRANSIENT_S
 
     @property
     def over_transient(self) -> BoolArray:
-        """Where a force was above the transient limit in any physics step."""
+        """Boolean mask (n, R): a force was above the transient limit in any physics step."""
         return self.peak_n > TRANSIENT_LIMIT_N
 
     @property
     def over_limit(self) -> BoolArray:
-        """Where either limit was exceeded."""
+        """Boolean mask (n, R): a force exceeded either limit."""
         return self.over_quasi_static | self.over_transient
 
     @classmethod
-    def joined(cls, parts: Sequence["RegionLoads"]) -> "RegionLoads":
-        """The loads of all people of several."""
+    def concatenate(cls, parts: Sequence["RegionLoads"]) -> "RegionLoads":
+        """Returns the loads of all people of several objects."""
         return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
 
 @dataclass(frozen=True)
 class RegionStatistics:
-    """What one region bore in a number of episodes, newtons.
+    """Loads of one region over a number of episodes, in newtons.
 
-    The mean over all time, the largest force, the share of time with any, and both limits. ``over_quasi_static`` and
-    ``over_transient`` count the episodes that exceeded each, ``exceedances`` those that exceeded either.
+    Mean over all time, peak force, share of time with contact, and both limits. ``over_quasi_static`` and
+    ``over_transient`` count the episodes above each limit, ``exceedances`` those above either.
     """
 
     mean_n: float
@@ -106,7 +106,7 @@ class RegionStatistics:
 
 
 def region_statistics(loads: RegionLoads) -> dict[str, RegionStatistics]:
-    """The figures of every region, by its name."""
+    """Returns the statistics of every region, by its name."""
     return {
         region.name: RegionStatistics(
             mean_n=float(loads.mean_n[:, index].mean()),
@@ -123,29 +123,31 @@ def region_statistics(loads: RegionLoads) -> dict[str, RegionStatistics]:
 
 
 class RegionLoadRecorder:
-    """Adds up the loads of N people, physics step by physics step."""
+    """Accumulates the loads of N people, physics step by physics step."""
 
     def __init__(self, worlds: int) -> None:
         shape = worlds, len(BODY_REGIONS)
         self._steps = 0
         self._sum_n, self._peak_n = np.zeros(shape), np.zeros(shape)
-        self._touched, self._held, self._longest = (np.zeros(shape, dtype=int) for _ in range(3))
+        self._contact_steps, self._over_limit_steps, self._longest_steps = (
+            np.zeros(shape, dtype=int) for _ in range(3)
+        )
 
     def add(self, force_n: FloatArray) -> None:
-        """Take the forces (N, R) of another physics step."""
+        """Add the forces (N, R) of a physics step."""
         self._steps += 1
         self._sum_n += force_n
         self._peak_n = np.maximum(self._peak_n, force_n)
-        self._touched += force_n > 0.0
-        self._held = np.where(force_n > QUASI_STATIC_LIMIT_N, self._held + 1, 0)
-        self._longest = np.maximum(self._longest, self._held)
+        self._contact_steps += force_n > 0.0
+        self._over_limit_steps = np.where(force_n > QUASI_STATIC_LIMIT_N, self._over_limit_steps + 1, 0)
+        self._longest_steps = np.maximum(self._longest_steps, self._over_limit_steps)
 
     def loads(self) -> RegionLoads:
-        """What they bore so far."""
+        """Returns the loads so far."""
         steps = max(1, self._steps)
         return RegionLoads(
             mean_n=self._sum_n / steps,
             peak_n=self._peak_n,
-            contact_share=self._touched / steps,
-            held_s=self._longest * PHYSICS_STEP_S,
+            contact_share=self._contact_steps / steps,
+            longest_overload_s=self._longest_steps * PHYSICS_STEP_S,
         )

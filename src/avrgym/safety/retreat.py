@@ -1,8 +1,8 @@
-"""How an arm takes its tool away from a person: slowly, straight away from them, with no link coming near them.
+"""Retreat: an arm moves its tool away from a person, slowly, and no link comes near the person.
 
-Ten times a second the joints' speeds solve a small quadratic programme: the tool goes as it shall, as nearly as the
-arm can, while every link keeps out of the person by velocity dampers (Faverjon and Tournassoud, IEEE Int. Conf.
-Robotics and Automation, 1987): the nearer, the slower it may come nearer, and within ``KEPT_M`` not at all.
+Ten times a second a small quadratic programme computes joint speeds. The tool follows its desired velocity closely,
+while velocity dampers keep every link away from the person (Faverjon and Tournassoud, IEEE Int. Conf. Robotics and
+Automation, 1987): the allowed closing speed falls with the gap, and is zero at ``MIN_GAP_M``.
 """
 
 from copy import copy
@@ -18,29 +18,29 @@ from avrgym.models.scene import CONTROL_STEP_S, TOOL
 from avrgym.simulation.worlds import Simulation
 
 SPEED_M_S = 0.08
-"""How fast the tool leaves: near the head it stays below 0.1 m/s, and servos overshoot a little."""
+"""Speed of the tool. Near the head it stays below 0.1 m/s, although servos overshoot a little."""
 CLEAR_M = 0.32
-"""The tool has left when it is so far from the mouth,"""
+"""The retreat is complete when the tool is this far from the mouth,"""
 FREE_M = 0.10
-"""and tool and links so far from the person."""
-LONGEST_S = 6.0
-KEPT_M = 0.01
+"""and tool and hand are this far from the person."""
+MAX_DURATION_S = 6.0
+MIN_GAP_M = 0.01
 NEAR_M = 0.15
-"""Links farther than this from the person move as they like."""
-LEVER_M = 0.2
-"""Turning the tool by one radian counts as much as moving it by this."""
+"""Gaps larger than this do not limit the joint speeds."""
+ROTATION_LEVER_M = 0.2
+"""Weight of rotations: one radian counts as this distance."""
 DAMPING = 0.03
-STOPPING_S = 0.3
-"""What is this much time away, a person or the end of a joint's range, is come to no faster."""
-SOFTNESS = 1e-6
-"""Keeps the programme solvable where links are near in many places at once."""
+BRAKING_TIME_S = 0.3
+"""A gap or a joint range may close in this time at the fastest."""
+REGULARIZATION = 1e-6
+"""Makes the programme solvable if links are near in many places at the same time."""
 
 
 class Near(NamedTuple):
-    """Where the arm is near the person or furniture, L pairs of geoms.
+    """The L pairs of geoms in which the arm is near the person or furniture.
 
-    ``gap_m`` (L,), negative where they touch; ``away_w`` (L, 3) from there to the arm; ``rows`` (L, J) turn the joints'
-    speeds into the speed at which a gap widens; ``of_hand`` (L,): whether it lies between person and hand or tool.
+    ``gap_m`` (L,) is negative where they touch; ``away_w`` (L, 3) is the direction towards the arm; ``rows`` (L, J) map
+    joint speeds to the speed at which a gap opens; ``of_hand`` (L,) marks gaps between the person and hand or tool.
     """
 
     gap_m: FloatArray
@@ -50,7 +50,7 @@ class Near(NamedTuple):
 
 
 class Retreat:
-    """The retreat of one world's arm from wherever it is when it is first asked for an action."""
+    """The retreat of one world's arm; it starts with the first call of ``action``."""
 
     def __init__(
         self,
@@ -61,14 +61,14 @@ class Retreat:
         free_m: float = FREE_M,
         steps: int = 0,
     ) -> None:
-        """Find the arm's links and the person. That takes milliseconds: before an episode, not during one.
+        """Find the arm's links and the person. That takes milliseconds: do it before an episode.
 
         Args:
             simulation: the physics of N worlds.
-            world: which of them.
-            clear_m: the distance from the mouth at which the tool has left.
-            free_m: the distance from the person at which tool and hand have left.
-            steps: control steps that it has taken already.
+            world: the index of the world.
+            clear_m: the distance between mouth and tool at which the retreat is complete.
+            free_m: the distance of tool and hand from the person at which it is complete.
+            steps: number of control steps that it has taken before.
         """
         self._simulation, self._world = simulation, world
         self._clear_m, self._free_m = clear_m, free_m
@@ -86,12 +86,12 @@ class Retreat:
         self._steps = steps
 
     def action(self) -> FloatArray | None:
-        """The action (J,) for the next control step; ``None`` when the tool has left or ``LONGEST_S`` are over."""
+        """Returns the action (J,) for the next control step; ``None`` when complete or after ``MAX_DURATION_S``."""
         self._data.qpos[:] = self._simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         near = self._near()
-        if self._steps * CONTROL_STEP_S >= LONGEST_S or self._has_left(near):
+        if self._steps * CONTROL_STEP_S >= MAX_DURATION_S or self._has_left(near):
             return None
         self._steps += 1
         return self._speeds_rad_s(self._wish_w(near), near) / self._simulation.scene.arm.speed_limit_rad_s
@@ -103,7 +103,9 @@ class Retreat:
         )
 
     def _wish_w(self, near: Near) -> FloatArray:
-        """The tool's velocity (3,): away from the head, and the more from what else of the person the hand is near."""
+        """The desired velocity (3,) of the tool: away from the head and, if the hand is near it, from the rest of the
+        body.
+        """
         away = _unit(self._data.xpos[self._tool] - self._data.site_xpos[self._head])
         if near.of_hand.any():
             nearest = np.where(near.of_hand, near.gap_m, np.inf).argmin()
@@ -111,14 +113,16 @@ class Retreat:
         return SPEED_M_S * _unit(away)
 
     def _speeds_rad_s(self, velocity_w: FloatArray, near: Near) -> FloatArray:
-        """The joints' speeds (J,) that move the tool so and turn it little, as nearly as person and joints let them."""
+        """The joint speeds (J,) closest to a tool velocity without rotation, within the limits of gaps and joint
+        ranges.
+        """
         jacobian = self._jacobian(self._tool, self._data.xpos[self._tool])
-        jacobian[3:] *= LEVER_M
+        jacobian[3:] *= ROTATION_LEVER_M
         angles_rad, joints = self._simulation.arm_angles_rad()[self._world], np.eye(len(self._dofs))
         down_rad, up_rad = angles_rad - self._range_rad[:, 0], self._range_rad[:, 1] - angles_rad
         rows = np.concatenate([near.rows, joints, -joints])
-        room = np.concatenate([near.gap_m - KEPT_M, down_rad, up_rad])
-        least = -np.clip(room / STOPPING_S, 0.0, 10.0)
+        room = np.concatenate([near.gap_m - MIN_GAP_M, down_rad, up_rad])
+        least = -np.clip(room / BRAKING_TIME_S, 0.0, 10.0)
         speeds = _solved(jacobian, np.concatenate([velocity_w, np.zeros(3)]), rows, least)
         limit = self._simulation.scene.arm.speed_limit_rad_s
         excess = np.abs(speeds / limit).max(), np.linalg.norm(jacobian[:3] @ speeds) / SPEED_M_S
@@ -140,22 +144,22 @@ class Retreat:
         return Near(*(np.array(column) for column in zip(*pairs, strict=True)))
 
     def _jacobian(self, body: int, pos_w: FloatArray) -> FloatArray:
-        """The linear and angular velocity (6, J) of a point of a body by the joints' speeds."""
+        """The Jacobian (6, J) of a point of a body: its linear and angular velocity by the joint speeds."""
         jacobian = np.empty((6, self._model.nv))
         mujoco.mj_jac(self._model, self._data, jacobian[:3], jacobian[3:], pos_w, body)
         return jacobian[:, self._dofs]
 
 
 def _solved(task: FloatArray, wish: FloatArray, rows: FloatArray, least: FloatArray) -> FloatArray:
-    """The q (J,) that brings ``task`` (6, J) q nearest to ``wish`` (6,), with ``rows`` (L, J) q at least ``least``.
+    """Returns q (J,) with ``task`` (6, J) q closest to ``wish`` (6,), subject to ``rows`` (L, J) q ≥ ``least``.
 
-    Damped least squares, corrected by what the dual programme, which has but bounds, says of the limits. Without an
-    answer to that, 0, which is always allowed.
+    Damped least squares, corrected by the solution of the dual programme. Returns 0, which is always allowed, if that
+    has no solution.
     """
     weighed = np.linalg.inv(task.T @ task + DAMPING**2 * np.eye(task.shape[1]))
     free = weighed @ task.T @ wish
     count = len(rows)
-    dual = rows @ weighed @ rows.T + SOFTNESS * np.eye(count)
+    dual = rows @ weighed @ rows.T + REGULARIZATION * np.eye(count)
     forces, factor = np.zeros(count), np.empty((count, count + 7))
     lower, upper = np.zeros(count), np.full(count, 1e6)
     rank = mujoco.mju_boxQP(forces, factor, None, dual, rows @ free - least, lower, upper)
@@ -163,7 +167,7 @@ def _solved(task: FloatArray, wish: FloatArray, rows: FloatArray, least: FloatAr
 
 
 def _moved_by(model: mujoco.MjModel, joint: int) -> list[int]:
-    """The geoms that a joint moves and that touch people."""
+    """The geoms that a joint moves and that can touch people."""
     moved = {int(model.jnt_bodyid[joint])}
     for body in range(model.nbody):
         if int(model.body_parentid[body]) in moved:

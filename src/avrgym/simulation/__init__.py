@@ -1,4 +1,4 @@
-"""N worlds of MuJoCo, stepped on threads; its warnings go to the logger ``avrgym.mujoco``."""
+"""Physics of N worlds with MuJoCo; its warnings go to the logger ``avrgym.mujoco``."""
 
 from avrgym.system.mujoco_setup import log_warnings
 

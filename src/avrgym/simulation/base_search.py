@@ -1,8 +1,8 @@
-"""Where a robot's base should stand so that its arm reaches what a task needs.
+"""Search for the pose of a robot's base from which its arm reaches the poses of a task.
 
 Task-centric optimisation (Kapusta and Kemp, "Task-centric optimization of configurations for assistive robots",
-Autonomous Robots 43, 2019), here, as in the reference, over sampled base poses. All candidates of all worlds
-are solved together; a world's result has the same bits alone and among others.
+Autonomous Robots 43, 2019) over sampled base poses, as in the reference. All candidates of all worlds are solved
+together; each world gets the same bits as alone.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from avrgym.models.robot import BaseRange
 
 CANDIDATES = 100
 NUM_UNIFORMS = 3 * CANDIDATES
-"""How many numbers draw the candidates of a world."""
+"""Number of uniform random numbers for the candidates of a world."""
 GOAL_ACCURACY_M, GOAL_ACCURACY_RAD = 0.03, np.radians(15.0)
 START_ITERATIONS, START_TOLERANCE_M = 15, 0.003
 RESTARTS, ENOUGH_CANDIDATES = 2, 10
@@ -27,7 +27,7 @@ GOAL_ITERATIONS, GOAL_TOLERANCE_M = 10, 0.02
 
 @dataclass(frozen=True)
 class BasePoses:
-    """Positions (..., 3) and angles about the vertical (...) of a robot's base, world frame."""
+    """Positions (..., 3) and yaw angles (...) of a robot's base, world frame."""
 
     pos_w: FloatArray
     yaw_rad: FloatArray
@@ -35,11 +35,11 @@ class BasePoses:
 
 @dataclass(frozen=True)
 class Scores:
-    """How each candidate did, (n, C).
+    """Scores of candidates, (n, C).
 
-    ``start_reached``: whether the arm reaches the start pose within 5 mm and 0.05 rad; ``start_error_m``: what
-    is left, a radian counting as 0.3 m. ``goals_reached``: at how many goals the arm arrives from there.
-    ``isotropy``: the sum over the poses that are reached, 0 where the start is not.
+    ``start_reached``: the arm reaches the start pose within 5 mm and 0.05 rad. ``start_error_m``: the residual, in
+    which a radian counts as 0.3 m. ``goals_reached``: number of goals that the arm reaches from there. ``isotropy``:
+    sum over the reached poses, 0 if the start is not reached.
     """
 
     start_reached: BoolArray
@@ -52,8 +52,8 @@ class Scores:
 class BaseChoice:
     """The best candidate of each world: its ``index`` (n,), its pose and the arm's angles (n, J) at the start.
 
-    The start pose is met within 5 mm and 0.05 rad where ``reached`` (n,); elsewhere no candidate reaches it,
-    and this one comes closest.
+    ``reached`` (n,): the start pose is met within 5 mm and 0.05 rad. Elsewhere no candidate reaches it, and this one
+    comes closest.
     """
 
     index: IntArray
@@ -64,7 +64,7 @@ class BaseChoice:
 
 
 def sample(base_range: BaseRange, pos_w: ArrayLike, yaw_rad: float, uniforms: FloatArray) -> BasePoses:
-    """Candidates (n, C) around a nominal position (3,) and yaw, made of uniform numbers (n, 3C)."""
+    """Returns candidates (n, C) around a nominal position (3,) and yaw, from uniform numbers (n, 3C)."""
     ranges = np.array([base_range.x_m, base_range.y_m, base_range.yaw_rad])
     shares = uniforms.reshape(len(uniforms), -1, 3)
     offsets = ranges[:, 0] + (ranges[:, 1] - ranges[:, 0]) * shares
@@ -80,21 +80,21 @@ def search(
     goal_q_w: FloatArray | None,
     seed_rad: FloatArray,
 ) -> BaseChoice:
-    """The candidates from which the arm reaches the start pose, then most goals, and those most freely.
+    """Returns the best candidates: those that reach the start pose, then most goals, then with the highest isotropy.
 
-    A goal counts within 3 cm (reference) and 15°. Among equal numbers of goals the sum of joint-limit-weighted
-    kinematic isotropy over the start pose and the goals that are reached decides. The start pose is sought from
-    the seed pose, the goals from the start pose. In worlds where fewer than ten candidates reach the start from
-    the seed pose, the others try twice more from poses up to 1 rad around it.
+    A goal counts within 3 cm (reference) and 15°. Ties are broken by the sum of the joint-limit-weighted kinematic
+    isotropy over the start pose and the reached goals. Inverse kinematics of the start pose begins at the seed pose,
+    that of the goals at the start pose. In worlds with fewer than ten candidates that reach the start, the other
+    candidates try twice more, from poses up to 1 rad around the seed pose.
 
     Args:
         chain: the arm from the robot's base to its tip.
-        candidates: where the base may stand, (n, C).
-        start_pos_w: (n, 3), where the tip starts.
+        candidates: base poses, (n, C).
+        start_pos_w: (n, 3), start position of the tip.
         start_q_w: (n, 4).
-        goal_pos_w: (n, G, 3), where it should be able to go from there.
-        goal_q_w: (n, G, 4), or None where any rotation will do.
-        seed_rad: (J,), where the search for the start pose begins.
+        goal_pos_w: (n, G, 3), positions that it should reach from there.
+        goal_q_w: (n, G, 4), or None for any rotation.
+        seed_rad: (J,), initial angles of the search for the start pose.
     """
     count, per_world = len(candidates.yaw_rad), candidates.yaw_rad.shape[1]
     bases = BasePoses(candidates.pos_w.reshape(-1, 3), candidates.yaw_rad.reshape(-1))
@@ -117,7 +117,7 @@ def search(
 def _solve_starts(
     chain: Chain, pos: FloatArray, q: FloatArray, seed_rad: FloatArray, per_world: int
 ) -> Solution:
-    """Arms (n C,) at start poses in the candidates' frames, ``per_world`` rows for each world."""
+    """Solve for arm angles (n C,) at start poses in the candidates' frames, ``per_world`` rows for each world."""
     seeds = np.tile(seed_rad, (len(pos), 1))
     arms = _solve_within_reach(chain, pos, q, seeds, START_ITERATIONS, START_TOLERANCE_M)
     around = seed_rad + kinematics.RESTART_SPREAD_RAD * _evenly_spread(RESTARTS * per_world, len(seed_rad))
@@ -133,7 +133,7 @@ def _solve_starts(
 
 
 def _evenly_spread(count: int, dimensions: int) -> FloatArray:
-    """Points (count, dimensions) that fill the cube ±1 evenly.
+    """Points (count, dimensions) that cover the cube ±1 evenly.
 
     Roberts' sequence (2018): steps of powers of 1/x, where x^(dimensions + 1) = x + 1.
     """
@@ -152,7 +152,7 @@ def _score(
     goal_pos_w: FloatArray,
     goal_q_w: FloatArray | None,
 ) -> Scores:
-    """Scores (n C,) of bases whose arms at the start are given."""
+    """Scores (n C,) of bases, given the arm angles at the start."""
     reached = kinematics.accurate(arms)
     rows = np.nonzero(reached)[0]
     goals_reached, isotropy = np.zeros(len(reached), dtype=np.intp), np.zeros(len(reached))
@@ -174,7 +174,7 @@ def _arrive(
     goal_pos_w: FloatArray,
     goal_q_w: FloatArray | None,
 ) -> tuple[BoolArray, FloatArray]:
-    """Which arms (N,) get to their goal from these angles, and how freely they stand there, 0 for others."""
+    """Which arms (N,) reach their goal from these angles, and the isotropy there, 0 for the others."""
     pos = _point_from(bases, goal_pos_w)
     q = None if goal_q_w is None else _rotation_from(bases, goal_q_w)
     arms = _solve_within_reach(chain, pos, q, angles_rad, GOAL_ITERATIONS, GOAL_TOLERANCE_M)
@@ -185,7 +185,7 @@ def _arrive(
 
 
 def _merit(scores: Scores, goals: int) -> FloatArray:
-    """Higher is better. An isotropy is at most 1: the sum of all does not outweigh one goal more."""
+    """Higher is better. An isotropy is at most 1, so the sum of all counts less than one more goal."""
     merit = scores.goals_reached * (goals + 2.0) + scores.isotropy
     return np.where(scores.start_reached, merit, -scores.start_error_m)
 
@@ -198,7 +198,7 @@ def _solve_within_reach(
     iterations: int,
     tolerance: float,
 ) -> Solution:
-    """Inverse kinematics; what lies beyond the arm's reach is not tried and counts as half a turn away too."""
+    """Inverse kinematics; poses out of reach are skipped and get an error of half a turn in addition."""
     beyond_m = norm(pos - chain.pos[0]) - kinematics.reach_m(chain)
     rows = np.nonzero(beyond_m <= 0.0)[0]
     found = kinematics.solve(

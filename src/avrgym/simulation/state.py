@@ -1,4 +1,4 @@
-"""How worlds begin, and what tasks see of them."""
+"""The state of worlds as tasks read it, and their start."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,18 +17,18 @@ class RightArm:
 
 @dataclass(frozen=True)
 class State(RightArm):
-    """What tasks see of N worlds at one instant; metres, seconds, radians, newtons, world frame.
+    """The state of N worlds at one instant; metres, seconds, radians, newtons, world frame.
 
-    Positions are (N, 3), quaternions (N, 4). ``robot_pos_w`` is the robot's torso, or its base where it has none. The
-    pad is what of the tool touches people, see ``Tool``. ``placed_pos_w`` holds the furniture that every episode
-    places, by body. ``particle_*`` have shape (N, K, 3); ``person_segment_w`` (N, G, 2, 3) holds the axes' ends of the
-    G capsules of the person's body, in the order of ``human.GEOMS``, and ``person_radius_m`` (N, G) their radii.
-    ``tool_contact_*`` (N, ``TOOL_CONTACTS``, …) are the tool's strongest contacts with the person; force zero where
-    there is none; normals point from the tool to the person.
+    Positions are (N, 3), quaternions (N, 4). ``robot_pos_w`` is the robot's torso, or its base if it has no torso. The
+    pad is the part of the tool that touches people, see ``Tool``. ``placed_pos_w`` holds the furniture that every
+    episode places, by body. ``particle_*`` have shape (N, K, 3); ``person_segment_w`` (N, G, 2, 3) holds the ends of
+    the axes of the G capsules of the person's body, in the order of ``human.GEOMS``, and ``person_radius_m`` (N, G)
+    their radii. ``tool_contact_*`` (N, ``TOOL_CONTACTS``, …) are the tool's strongest contacts with the person; unused
+    rows have force zero; normals point from the tool to the person.
 
-    Forces on the person, (N,): ``robot_force_n`` and ``tool_force_n`` are the lengths of the net forces of robot with
-    tool and of the tool, in which what presses from two sides cancels out. ``total_force_n`` and ``links_force_n``
-    add up the lengths of the forces of single contacts, of the robot with its tool and of its links alone.
+    Forces on the person, (N,): ``robot_force_n`` and ``tool_force_n`` are the lengths of the net forces of the robot
+    with its tool and of the tool; opposite forces cancel out. ``total_force_n`` and ``links_force_n`` are sums of the
+    lengths of the contacts' forces, of the robot with its tool and of its links alone.
     """
 
     robot_pos_w: FloatArray
@@ -58,10 +58,10 @@ class State(RightArm):
 
 @dataclass(frozen=True)
 class Start:
-    """How n worlds begin.
+    """The start of n worlds.
 
-    The people; the robot's base, (n, 3) and (n, 4); the arm's angles (n, J); places (n, 3) of the scene's
-    movable furniture.
+    The people; the robot's base, (n, 3) and (n, 4); the arm's angles (n, J); positions (n, 3) of the scene's movable
+    furniture.
     """
 
     people: People

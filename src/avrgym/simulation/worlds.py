@@ -27,11 +27,11 @@ from avrgym.models.scene import (
 from avrgym.safety.brakes import Brakes
 from avrgym.safety.region_forces import RegionForceSensors, add_region_sensors
 from avrgym.simulation.engines.engine import Arrays, make_engine
-from avrgym.simulation.idle_parts import without_idle_parts
-from avrgym.simulation.names import Names
-from avrgym.simulation.person_fields import PersonFields
-from avrgym.simulation.room import Geoms
+from avrgym.simulation.model_addresses import Names
+from avrgym.simulation.person_model_fields import PersonModelFields
+from avrgym.simulation.start_clearance import Geoms
 from avrgym.simulation.state import RightArm, Start, State
+from avrgym.simulation.unused_computation import without_unused_computation
 from avrgym.system.engines import THREADS
 from avrgym.system.memory import return_large_blocks
 
@@ -39,16 +39,16 @@ __all__ = ["MAX_LEAD_RAD", "PARKING_W", "RightArm", "Simulation", "Start", "Stat
 
 
 MAX_LEAD_RAD = 0.08
-"""How far a joint's target may run ahead of the joint: it bounds what a blocked servo presses with."""
+"""Maximum lead of a joint's target before the joint: it bounds the force of a blocked servo."""
 
 
 PARKING_W = np.array([4.0, 4.0, 0.1])
-"""Where particles stay that have left the task: far from everything, weightless, so that they touch nothing."""
+"""Place of particles that have left the task: far from everything, weightless, without contacts."""
 
 
 @lru_cache(maxsize=16)
 def _compiled(scene: SceneConfig, moving: bool, by_region: bool, gliding: bool) -> mujoco.MjModel:
-    """The scene's model, see ``Simulation``; whoever would change it copies it."""
+    """The scene's model, see ``Simulation``; copy it before changes."""
     spec = build_spec(scene, Person(), moving=moving, appearance=False)
     compliance.limit_contact_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
     if by_region:
@@ -59,7 +59,7 @@ def _compiled(scene: SceneConfig, moving: bool, by_region: bool, gliding: bool) 
 
 
 class Simulation:
-    """N worlds of a scene, each with a person of its own who is set at every reset."""
+    """N worlds of a scene; each has its own person, who is set at every reset."""
 
     def __init__(
         self,
@@ -76,20 +76,19 @@ class Simulation:
         """Compile the scene.
 
         Args:
-            scene: what stands in it.
+            scene: furniture, robot and tool.
             num_worlds: N.
             moving: whether the people's joints move; else people are static.
             num_threads: threads of the host; 0 takes one per core.
             by_region: whether ``region_force_n`` is measured, which takes time and changes nothing else.
-            gliding: whether moving people go evenly from one target to the next, see ``command_person``.
+            gliding: whether moving people move evenly from one target to the next, see ``command_person``.
             engine: where physics runs, one of ``engines.engine.ENGINES``. Brakes and live sessions need threads.
-            on_device: whether states and commands are tensors on the engine's device, see ``make_engine``. What belongs
-                to how worlds begin stays on the host.
+            on_device: whether states and commands are tensors on the engine's device, see ``make_engine``. Resets run
+                on the host.
 
         Raises:
-            ValueError: for an unknown engine or device, for more worlds than there is memory for, or for what cannot
-                be had on a device.
-            RuntimeError: where what the engine needs is not installed.
+            ValueError: for an unknown engine or device, more worlds than memory allows, or options that a device lacks.
+            RuntimeError: if a package that the engine needs is not installed.
         """
         if by_region and on_device:
             raise ValueError(
@@ -102,13 +101,13 @@ class Simulation:
         self.model = copy(_compiled(scene, moving, by_region, gliding))
         self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
         return_large_blocks()
-        engine_model = without_idle_parts(self.model)
+        engine_model = without_unused_computation(self.model)
         self.engine = make_engine(engine, engine_model, num_worlds, num_threads, on_device=on_device)
         self.batch, self._now = self.engine.batch, self.engine.now
         self._host = Arrays.of(self.batch)
         self._names = Names(self.model, scene)
         self._at = self._names.beside(self.exemplar)
-        self._person = PersonFields(self.batch, scene, moving)
+        self._person = PersonModelFields(self.batch, scene, moving)
         geoms = num_worlds, len(human.GEOMS), 2
         self._segment_w: Any = moved_to(np.zeros((*geoms, 3)), self.exemplar)
         self._capsule_m: Any = moved_to(np.zeros(geoms), self.exemplar)
@@ -119,11 +118,11 @@ class Simulation:
 
     @property
     def exemplar(self) -> Any:
-        """An array of where states and commands are, to bring others there."""
+        """An array with the device and type of states and commands."""
         return self._now.qpos
 
     def reset(self, ids: IntArray, start: Start) -> None:
-        """Put worlds ``ids`` (n,) into their start: at rest, particles on the tool, the arm where it aims."""
+        """Put worlds ``ids`` (n,) into their start: at rest, particles on the tool, servos at their targets."""
         self.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
         names, host = self._names, self._host
         for name, body in names.placed.items():
@@ -144,26 +143,26 @@ class Simulation:
         self._place_particles(ids)
         self.batch.forward(ids)
         self._show_person(ids)
-        self.engine.take_over(ids)
+        self.engine.copy_from_host(ids)
         self._now = self.engine.now
 
     def _show_person(self, ids: IntArray) -> None:
-        """Bring sizes and places of the capsules of people of worlds ``ids`` (n,) to where the states are."""
+        """Copy sizes and places of the people's capsules in worlds ``ids`` (n,) to the device of the states."""
         size_m = self._person.geom_size[np.ix_(ids, self._names.person_geoms)][..., :2]
         self._capsule_m[ids] = moved_to(size_m, self._capsule_m)
         segment_w = _segments(self._host, self._names.person_geoms, size_m[..., 1:], ids)
         self._segment_w[ids] = moved_to(segment_w, self._segment_w)
 
     def geoms(self, ids: IntArray) -> Geoms:
-        """All geoms of worlds ``ids`` (n,), as they are."""
+        """Returns all geoms of worlds ``ids`` (n,)."""
         host = self._host
         return Geoms(host.geom_xpos[ids], host.geom_xmat[ids], self._person.geom_size[ids])
 
     def pose_people(self, ids: IntArray, joint_angles_rad: FloatArray) -> None:
-        """Put moving people of worlds ``ids`` (n,) into poses (n, 20), at once."""
+        """Put moving people of worlds ``ids`` (n,) into poses (n, 20) immediately."""
         self._host.qpos[np.ix_(ids, self._names.person_qpos)] = joint_angles_rad
         self.batch.forward(ids)
-        self.engine.take_over(ids)
+        self.engine.copy_from_host(ids)
 
     def _place_particles(self, ids: IntArray) -> None:
         particles, host = self.scene.tool.particles, self._host
@@ -175,7 +174,7 @@ class Simulation:
         host.qpos[ids[:, None, None], self._names.particle_qpos] = pos
 
     def command_robot(self, action: FloatArray, which: BoolArray | None = None) -> None:
-        """Set the arm's speed for the coming steps: action (N, J) in −1..1 of each joint's speed limit.
+        """Command the arm's joint speeds for the coming steps: actions (N, J), shares −1 to 1 of the speed limits.
 
         ``which`` (N,) limits the command to some worlds; not on a device.
         """
@@ -194,8 +193,8 @@ class Simulation:
         """The joint speeds of actions (n, J), rad/s."""
         return namespace(action).clip(action, -1.0, 1.0) * constant_like(self._speed_limit, action)
 
-    def halt_robot(self) -> None:
-        """Brake the arms: they stop at once and hold where they came to rest. Each servo aims at where its joint is."""
+    def brake_robot(self) -> None:
+        """Brake the arms: they stop and hold their position. Each servo's target becomes the angle of its joint."""
         at = self._at
         if self._brakes is not None:
             self._brakes.engage()
@@ -203,7 +202,7 @@ class Simulation:
         self._now.ctrl[:, at.arm_ctrl] = 0.0
 
     def command_person(self, joint_targets_rad: FloatArray) -> None:
-        """Set the targets (N, 20) of a moving person's servos, to be had at once or, gliding, a control step later."""
+        """Set the targets (N, 20) of a moving person's servos, for now or, gliding, for the end of a control step."""
         at = self._at
         if self._gliding:
             way = joint_targets_rad - self._now.act[:, at.person_act]
@@ -212,12 +211,12 @@ class Simulation:
             self._now.ctrl[:, at.person_ctrl] = joint_targets_rad
 
     def step(self, substeps: int = SUBSTEPS) -> None:
-        """Advance all worlds by physics steps; forces are of the last one, positions of its end."""
+        """Advance all worlds by physics steps; forces are from the last step, positions from its end."""
         self.engine.step(substeps)
         self._now = self.engine.now
 
     def check(self) -> None:
-        """Refuse to go on where steps so far have been no physics; to be asked once an episode, on a device.
+        """Check the steps so far; on a device, call it once an episode.
 
         Raises:
             RuntimeError: see ``Engine.check``.
@@ -225,7 +224,7 @@ class Simulation:
         self.engine.check()
 
     def park(self, gone: BoolArray) -> None:
-        """Take particles (N, K) out of play."""
+        """Remove particles (N, K) from the task."""
         particles, xp, at, now = self.scene.tool.particles, namespace(gone), self._at, self._now
         if particles is None or (xp is np and not gone.any()):
             return
@@ -239,7 +238,7 @@ class Simulation:
         now.qfrc_applied[:, at.particle_dof[:, 2]] = xp.where(gone, weight_n, push)
 
     def state(self) -> State:
-        """The state of all worlds, in arrays of its own."""
+        """Returns the state of all worlds, in new arrays."""
         at, now = self._at, self._now
         sensors, xp = now.sensordata, namespace(now.sensordata)
         by_tool = float_copy(sensors[:, at.tool_contacts]).reshape(self.num_worlds, TOOL_CONTACTS, 9)
@@ -273,60 +272,61 @@ class Simulation:
         )
 
     def region_force_n(self) -> FloatArray:
-        """The forces on each of ``BODY_REGIONS`` in the last physics step, (N, R), added up as ``total_force_n`` is.
+        """Returns the forces on each of ``BODY_REGIONS`` in the last physics step, (N, R), added as in
+        ``total_force_n``.
 
         Raises:
-            RuntimeError: where they are not measured.
+            RuntimeError: if they are not measured.
         """
         if self._region_forces is None:
             raise RuntimeError("forces by region are measured only in simulations made with by_region=True")
         return self._region_forces.read_n()
 
     def right_arm(self) -> RightArm:
-        """The people's right arms, in arrays of their own."""
+        """Returns the people's right arms, in new arrays."""
         return RightArm(self._now.xpos[:, self._at.right_arm], self._now.xquat[:, self._at.right_arm])
 
     def hips(self) -> tuple[FloatArray, FloatArray]:
-        """Where the people's hips are: positions (N, 3), quaternions (N, 4), world frame."""
+        """Returns the people's hips: positions (N, 3), quaternions (N, 4), world frame."""
         body = self._names.hips
         return self._now.xpos[:, body].copy(), self._now.xquat[:, body].copy()
 
     def robot_base(self) -> tuple[FloatArray, FloatArray]:
-        """Where the robots' bases stand: positions (N, 3), quaternions (N, 4), world frame."""
+        """Returns the robots' bases: positions (N, 3), quaternions (N, 4), world frame."""
         body = self._names.robot_base
         return self._body_pos[:, body].copy(), self._body_quat[:, body].copy()
 
     def placed_pos_w(self) -> dict[str, FloatArray]:
-        """Where the furniture stands that every episode places, (N, 3) by body, world frame."""
+        """Returns the positions (N, 3) of the furniture that every episode places, by body, world frame."""
         return {name: self._body_pos[:, body].copy() for name, body in self._names.placed.items()}
 
     def arm_angles_rad(self) -> FloatArray:
-        """Where the arm's joints are, (N, J)."""
+        """Returns the joint angles of the arm, (N, J)."""
         return self._now.qpos[:, self._at.arm_qpos]
 
     def arm_targets_rad(self) -> FloatArray:
-        """Where the arm's servos aim, (N, J): no farther ahead of the joints than a command leaves them."""
+        """Returns the targets of the arm's servos, (N, J), at most ``MAX_LEAD_RAD`` from the joint angles."""
         angles, targets = self.arm_angles_rad(), self._now.act[:, self._at.arm_act]
         return namespace(targets).clip(targets, angles - MAX_LEAD_RAD, angles + MAX_LEAD_RAD)
 
     def controls(self) -> FloatArray:
-        """What all servos are told, (N, nu)."""
+        """Returns the commands of all servos, (N, nu)."""
         return float_copy(self._now.ctrl)
 
     def integration_state(self, world: int = 0) -> FloatArray:
-        """Everything that the next step depends on, as MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
-        self.engine.hand_back(np.array([world]))
+        """Returns everything that the next step depends on, as MuJoCo's ``mjSTATE_INTEGRATION`` vector."""
+        self.engine.copy_to_host(np.array([world]))
         return self.batch.state[world].copy()
 
     def set_integration_state(self, state: FloatArray, world: int = 0) -> None:
-        """Put one world into a state that ``integration_state`` gave."""
+        """Put one world into a state from ``integration_state``."""
         self.batch.state[world] = state
         self.batch.forward(np.array([world]), stage=mujoco.mjtStage.mjSTAGE_VEL)
-        self.engine.take_over(np.array([world]))
+        self.engine.copy_from_host(np.array([world]))
 
     def saved(self) -> dict[str, dict[str, NumpyArray]]:
-        """All that the next steps of all worlds depend on, and what they show now."""
-        self.engine.hand_back(np.arange(self.num_worlds))
+        """Returns everything that the next steps of all worlds depend on, with the present sensor values."""
+        self.engine.copy_to_host(np.arange(self.num_worlds))
         return {
             "fields": {name: array.copy() for name, array in self._expanded().items()},
             "worlds": {
@@ -337,8 +337,8 @@ class Simulation:
         }
 
     def restore(self, saved: Mapping[str, Mapping[str, NumpyArray]]) -> None:
-        """Put all worlds into what ``saved`` gave in a simulation made alike."""
-        for again in (False, True):  # constants follow from the fields, of which some are then changed
+        """Continues from what ``saved`` returned in a simulation with the same arguments."""
+        for again in (False, True):  # set_const computes constants from the fields and changes some fields
             for name, array in self._expanded().items():
                 array[:] = saved["fields"][name]
             if not again:
@@ -348,28 +348,28 @@ class Simulation:
         everywhere = np.arange(self.num_worlds)
         self._show_person(everywhere)
         self._segment_w[:] = moved_to(saved["worlds"]["segment_w"], self._segment_w)
-        self.engine.take_over(everywhere)
-        forces = saved["worlds"]["sensordata"].copy()  # of a step that is not made again
+        self.engine.copy_from_host(everywhere)
+        forces = saved["worlds"]["sensordata"].copy()  # the last step is not repeated
         self._now = replace(self.engine.now, sensordata=moved_to(forces, self.exemplar))
 
     def _expanded(self) -> dict[str, NumpyArray]:
-        """The model's fields of which every world has its own, by name."""
+        """The model fields that each world has its own copy of, by name."""
         names = [name for name in dir(self.model) if isinstance(getattr(self.model, name, None), np.ndarray)]
         names += [f"opt.{name}" for name in dir(self.model.opt) if not name.startswith("_")]
         return {name: self.batch.expand(name) for name in names if _is_expanded(self.batch, name)}
 
     def qpos(self, world: int) -> FloatArray:
-        """The joint coordinates (nq,) of one world."""
+        """Returns the joint coordinates (nq,) of one world."""
         return np.array(to_numpy(self._now.qpos[world]), float)
 
     def body_poses(self, world: int) -> FloatArray:
-        """Poses (B, 7) of one world's ``bodies``: x, y, z, then w, x, y, z; world frame."""
+        """Returns the poses (B, 7) of one world's ``bodies``: x, y, z, then w, x, y, z; world frame."""
         poses = np.empty((len(self.bodies), 7))
         poses[:, :3], poses[:, 3:] = to_numpy(self._now.xpos[world, 1:]), to_numpy(self._now.xquat[world, 1:])
         return poses
 
     def person_angles_rad(self) -> FloatArray:
-        """The joint angles (N, 20) of the moving person."""
+        """Returns the joint angles (N, 20) of moving people."""
         return self._now.qpos[:, self._at.person_qpos]
 
     def _person_segments(self) -> FloatArray:
@@ -379,7 +379,7 @@ class Simulation:
 def _segments(
     arrays: Arrays, geoms: IntArray, half_length_m: FloatArray, ids: IntArray | slice = slice(None)
 ) -> FloatArray:
-    """The axes' ends (n, G, 2, 3) of capsules of worlds ``ids`` (n,), half as long as (n, G, 1)."""
+    """The ends (n, G, 2, 3) of the axes of capsules with half lengths (n, G, 1) in worlds ``ids`` (n,)."""
     axis, centre = arrays.geom_xmat[ids][:, geoms, 2::3], arrays.geom_xpos[ids][:, geoms]
     reach = axis * half_length_m
     return namespace(centre).stack([centre - reach, centre + reach], axis=2)
@@ -388,10 +388,10 @@ def _segments(
 def _is_expanded(batch: Batch, name: str) -> bool:
     try:
         return batch.expanded(name) is not None
-    except (AttributeError, KeyError, TypeError, ValueError):  # none that a batch knows
+    except (AttributeError, KeyError, TypeError, ValueError):  # the batch does not have this field
         return False
 
 
 def _added_up(strongest_first: FloatArray) -> FloatArray:
-    """The sums (N,) of forces (N, C), one after the other, so that empty slots at the end change no bit."""
+    """The sums (N,) of forces (N, C), added in order, so that empty slots at the end change no bit."""
     return namespace(strongest_first).cumulative_sum(strongest_first, axis=-1)[:, -1]

@@ -258,7 +258,7 @@ class ControlLoop:
         self.applied_action = self._executed[0]
         self.braked = hold and not self._executed.any()
         if self.braked:
-            self._simulation.halt_robot()
+            self._simulation.brake_robot()
 
     def _advance(self) -> None:
         self._observation = None

@@ -17,7 +17,7 @@ from avrgym.models.human import People, Person
 from avrgym.people import cooperation
 from avrgym.robots.registry import find_robot
 from avrgym.safety.region_forces import RegionLoadRecorder
-from avrgym.simulation.room import Conflict, NoRoomError, Room
+from avrgym.simulation.start_clearance import Conflict, NoClearanceError, StartClearance
 from avrgym.simulation.worlds import Simulation, Start, State
 from avrgym.system.engines import THREADS
 from avrgym.tasks import world_people
@@ -132,7 +132,7 @@ class Episodes:
             engine=engine,
             on_device=on_device,
         )
-        self._room = Room(
+        self._clearance = StartClearance(
             self.simulation.model,
             base=None if self.scene.mount.on_floor else robot_model.PREFIX + self.scene.robot.base,
             arms=not (moving and person is not None),
@@ -184,10 +184,10 @@ class Episodes:
     def reset(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> FloatArray:
         """Start episodes in worlds ``ids`` (n,), each drawn from its generator; returns observations (n, O).
 
-        A start with overlapping bodies is drawn again from the generator's next numbers, see ``simulation.room``.
+        A start with overlapping bodies is drawn again, see ``simulation.start_clearance``.
 
         Raises:
-            NoRoomError: a ``ValueError``, after ``MAX_START_DRAWS`` invalid starts of a world.
+            NoClearanceError: a ``ValueError``, after ``MAX_START_DRAWS`` invalid starts of a world.
         """
         generator_of = dict(zip(ids.tolist(), generators, strict=True))
         self.start_draws[ids] = 0
@@ -199,7 +199,7 @@ class Episodes:
             invalid = np.array(sorted(conflicts), dtype=np.intp)
             for world in invalid[self.start_draws[invalid] == MAX_START_DRAWS].tolist():
                 person = self.people.person(world)
-                raise NoRoomError(
+                raise NoClearanceError(
                     f"{self.environment_id}: none of {MAX_START_DRAWS} starts has room next to a {person.sex} with a "
                     f"torso of {person.torso_height_m:.2f} m: in the last one {conflicts[world]}"
                 )
@@ -258,17 +258,19 @@ class Episodes:
 
         People who move by themselves may tremble: they reach two more poses within their first control step.
         """
-        found = self._lacking_room(ids)
+        found = self._insufficient_clearance(ids)
         if self._people.move:
             for direction in (-1.0, 1.0):
                 trembling = self.people.joint_angles_rad + direction * self.people.tremor_rad
                 self.simulation.pose_people(ids, reachable_rad(self.people, trembling)[ids])
-                found |= self._lacking_room(ids, self._people.swing_m)
+                found |= self._insufficient_clearance(ids, self._people.extra_clearance_m)
             self.simulation.pose_people(ids, self.people.joint_angles_rad[ids])
         return found
 
-    def _lacking_room(self, ids: IntArray, swing_m: float | None = None) -> dict[int, Conflict]:
-        conflicts = self._room.conflicts(self.simulation.geoms(ids), swing_m=swing_m)
+    def _insufficient_clearance(
+        self, ids: IntArray, extra_clearance_m: float | None = None
+    ) -> dict[int, Conflict]:
+        conflicts = self._clearance.conflicts(self.simulation.geoms(ids), extra_clearance_m=extra_clearance_m)
         return {world: conflict for world, conflict in zip(ids.tolist(), conflicts, strict=True) if conflict}
 
     def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> Step:

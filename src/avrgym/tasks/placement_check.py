@@ -13,7 +13,7 @@ from avrgym.models import robot as models
 from avrgym.models.human import SEXES, TORSO_HEIGHT_RANGE_M, Person, Sex
 from avrgym.models.robot import Robot
 from avrgym.people import distributions
-from avrgym.simulation.room import NoRoomError, Room
+from avrgym.simulation.start_clearance import NoClearanceError, Room
 from avrgym.simulation.worlds import Simulation
 from avrgym.system import random_streams
 from avrgym.tasks import placement
@@ -58,7 +58,7 @@ def draw_starts(episodes: Episodes) -> StartDraws:
     worlds = np.arange(episodes.simulation.num_worlds)
     try:
         episodes.reset(worlds, [random_streams.episode(world) for world in worlds.tolist()])
-    except NoRoomError as error:
+    except NoClearanceError as error:
         return StartDraws(float(episodes.start_draws.mean()), int(episodes.start_draws.max()), str(error))
     return StartDraws(float(episodes.start_draws.mean()), int(episodes.start_draws.max()))
 

@@ -17,7 +17,7 @@ from avrgym.people.cooperation import PersonObservation
 from avrgym.people.distributions import Pose
 from avrgym.people.populations import Population, TrainedHumans, find_populations
 from avrgym.people.zoo import partners
-from avrgym.simulation.room import SWING_M
+from avrgym.simulation.start_clearance import TREMOR_CLEARANCE_M
 from avrgym.tasks.behaviour_model import BehaviourModel
 from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.registry import TASKS, find_environment
@@ -61,7 +61,7 @@ class WorldPeople:
     """The people of N worlds. ``people`` are their bodies, on the host.
 
     ``trained`` are trained policies that move them, if there are any. ``move``: they move during episodes; ``glide``:
-    they move evenly from target to target. ``swing_m`` is the additional room that their motion needs at the start.
+    they move evenly from target to target. ``extra_clearance_m`` is the clearance that their motion needs in addition.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class WorldPeople:
         self._actions = human_actions or by_policy
         are_partners = any(each.distribution.partners is not None for each in self._populations)
         trembles = any(each.impairment == "tremor" for each in self._populations)
-        self.swing_m = SWING_M if are_partners or trembles else 0.0
+        self.extra_clearance_m = TREMOR_CLEARANCE_M if are_partners or trembles else 0.0
         self.move = not driven and (
             self._actions
             or any(

@@ -61,7 +61,7 @@ def stop_at_random(environment: str, worlds: int, seed: int) -> Stops:
     simulation.command_robot(act())
     simulation.step(int(rng.integers(1, SUBSTEPS)))
     before = simulation.state()
-    simulation.halt_robot()
+    simulation.brake_robot()
     pos_w = np.stack(
         [_robot_pos_w(episodes), *(_step(episodes) for _ in range(round(LOOKED_ON_S / PHYSICS_STEP_S)))]
     )

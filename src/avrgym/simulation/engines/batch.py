@@ -1,4 +1,4 @@
-"""MuJoCo's batch, safe where a process forks: its threads stay in the process that made them."""
+"""MuJoCo's batch, made safe for processes that fork: threads do not exist in the forked process."""
 
 import ctypes
 import os
@@ -12,7 +12,7 @@ _LIVING: "WeakSet[ForkSafeBatch]" = WeakSet()
 
 
 class ForkSafeBatch(Batch):
-    """A batch whose calls are refused in a forked process, where they would wait for threads that are not there.
+    """A batch that raises an error in a forked process, where it would wait for missing threads.
 
     A batch of one thread works in both processes.
     """
@@ -46,13 +46,13 @@ class ForkSafeBatch(Batch):
         if self.nthread > 1 and os.getpid() != self._process:
             raise RuntimeError(
                 "these worlds were made before the process forked, and their threads are not in this process; "
-                "make the environment here, go on with copy.deepcopy(env), or start processes by "
+                "make the environment here, use copy.deepcopy(env), or start processes with "
                 'multiprocessing.get_context("spawn")'
             )
 
 
 def _keep_forever() -> None:
-    """In a forked process: never free a batch of the other process, which would wait for its threads to end."""
+    """In a forked process: never free a batch of the parent process, because that waits for its threads to end."""
     for batch in _LIVING:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(batch))
 

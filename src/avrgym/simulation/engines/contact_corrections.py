@@ -1,16 +1,16 @@
-"""What MuJoCo Warp 4.0 makes of contacts otherwise than MuJoCo, corrected before constraints are made of them.
+"""Corrects contacts of MuJoCo Warp 4.0 that differ from MuJoCo's, before constraints are computed.
 
-Of two geoms with different priorities, all that a contact is like is that of the higher one. Warp mixes their stiffness
-and damping nevertheless where either is given directly (``solref`` below zero): it takes the lesser number of both. So
-each such contact gets those of the geom with the higher priority, as the washcloth's on skin.
+The geom with the higher priority determines a contact's parameters in MuJoCo. Warp still mixes stiffness and damping of
+both geoms if either has them directly (``solref`` below zero): it takes the lower value of both. Each such contact,
+such as the washcloth's on skin, therefore gets those of the geom with the higher priority.
 
-MuJoCo's impedance goes from its first to its last value whichever is larger: people give way ever more, see
-``models.yielding``. Warp holds it between the two as if the last were the larger, which makes of ours the last from the
-first touch on. So each contact whose impedance falls gets the one that MuJoCo computes at its depth as a constant, and
-stiffness and damping that make the same of it.
+MuJoCo's impedance changes from its first to its last value, even if that is lower: people become more compliant with
+depth, see ``models.compliance``. Warp clips the impedance as if the last value were the higher one; people's contacts
+then have the last value from the first touch on. Each contact with falling impedance therefore gets MuJoCo's impedance
+at its depth as a constant, with the corresponding stiffness and damping.
 """
 
-# Warp's own language, and a package that is there only with the extra ``gpu``.
+# Warp has its own types, and is installed only with the extra ``gpu``.
 # pyright: basic, reportMissingImports=false, reportInvalidTypeForm=false
 
 from typing import Any
@@ -59,7 +59,7 @@ def _correct(
 
 
 def correct(model: Any, data: Any) -> None:
-    """A contact filter: it changes contacts and leaves out none."""
+    """A contact filter that changes contacts and removes none."""
     contact = data.contact
     wp.launch(
         _correct,

@@ -1,4 +1,4 @@
-"""Where physics runs: what an engine is, and which there are."""
+"""The interface of physics engines, and the available engines."""
 
 from dataclasses import dataclass, fields
 from typing import Any, Protocol
@@ -13,9 +13,9 @@ from avrgym.system.memory import available_bytes
 
 @dataclass(frozen=True)
 class Arrays:
-    """Live arrays of N worlds, named as MuJoCo names them, world axis first; NumPy's, or tensors on a device.
+    """Live arrays of N worlds with MuJoCo's names, world axis first: NumPy arrays, or tensors on a device.
 
-    The first five may be written between steps; the others are what a step leaves.
+    The first five may be written between steps; a step writes the others.
     """
 
     qpos: Any
@@ -32,7 +32,7 @@ class Arrays:
 
     @classmethod
     def of(cls, batch: Batch) -> "Arrays":
-        """Those of a batch."""
+        """Returns the arrays of a batch."""
         return cls(**{name: batch.bind(name) for name in NAMES})
 
 
@@ -44,10 +44,10 @@ class Engine(Protocol):
     """Steps N worlds of one model.
 
     Attributes:
-        name: as it stands in ``--engine``, without its device.
-        device: what computes.
-        batch: the worlds on the host, where episodes begin: with what differs from one to the other in the model.
-        now: the worlds as they are: arrays of ``batch`` itself, copies on the host, or tensors where physics runs.
+        name: its name in ``--engine``, without the device.
+        device: the device that computes.
+        batch: the worlds on the host, where episodes start, with the model fields that differ between worlds.
+        now: the present arrays: those of ``batch``, copies on the host, or tensors on the device.
     """
 
     name: str
@@ -55,27 +55,27 @@ class Engine(Protocol):
     batch: Batch
     now: Arrays
 
-    def take_over(self, ids: IntArray) -> None:
-        """Go on with worlds ``ids`` (n,) as they are in ``batch`` now, models and states."""
+    def copy_from_host(self, ids: IntArray) -> None:
+        """Continue with models and states of worlds ``ids`` (n,) from ``batch``."""
         ...
 
-    def hand_back(self, ids: IntArray) -> None:
-        """Have worlds ``ids`` (n,) in ``batch`` as they are now."""
+    def copy_to_host(self, ids: IntArray) -> None:
+        """Copy the present states of worlds ``ids`` (n,) to ``batch``."""
         ...
 
     def step(self, substeps: int) -> None:
-        """Advance all worlds by physics steps; forces are of the last one, positions and velocities of its end.
+        """Advance all worlds by physics steps; forces are from the last step, positions and velocities from its end.
 
         Raises:
-            RuntimeError: as ``check`` does, unless ``now`` are tensors: asking would wait for the device.
+            RuntimeError: as ``check`` does, unless ``now`` are tensors, where a check would wait for the device.
         """
         ...
 
     def check(self) -> None:
-        """Refuse to go on where steps so far have been no physics.
+        """Check the steps so far.
 
         Raises:
-            RuntimeError: where a world has had more contacts or constraints than the engine has room for.
+            RuntimeError: if a world had more contacts or constraints than the engine has memory for.
         """
         ...
 
@@ -83,20 +83,19 @@ class Engine(Protocol):
 def make_engine(
     engine: str, model: mujoco.MjModel, num_worlds: int, num_threads: int, *, on_device: bool = False
 ) -> Engine:
-    """The engine of that name.
+    """Returns the engine with this name.
 
     Args:
         engine: one of ``ENGINES``.
-        model: what all worlds have in common.
+        model: the model of all worlds.
         num_worlds: N.
         num_threads: threads of the host; 0 takes one per core.
-        on_device: whether ``now`` are PyTorch's tensors on the engine's device, of single precision, from which
-            nothing is copied in a step.
+        on_device: whether ``now`` are PyTorch tensors on the engine's device, in single precision, without copies in a
+            step.
 
     Raises:
-        ValueError: for an unknown engine or device, threads that are to have a device, or more worlds than there is
-            memory for.
-        RuntimeError: where what the engine needs is not installed.
+        ValueError: for an unknown engine or device, threads with a device, or more worlds than memory allows.
+        RuntimeError: if a package that the engine needs is not installed.
     """
     check_engine(engine)
     name, _, device = engine.partition(":")
@@ -112,22 +111,18 @@ def make_engine(
 
 
 def check_engine(engine: str) -> None:
-    """Refuse an engine that there is not.
-
-    Raises:
-        ValueError: naming those there are.
-    """
+    """Raises ``ValueError`` for an unknown engine, with the allowed ones."""
     name, colon, device = engine.partition(":")
     if engine != THREADS and (name != WARP or bool(colon) != bool(device)):
         raise ValueError(f"unknown engine {engine!r}; allowed: {ENGINES}")
 
 
 def check_ready(engine: str) -> None:
-    """Refuse an engine that cannot compute here.
+    """Check that an engine can compute on this machine.
 
     Raises:
         ValueError: for an unknown engine or device.
-        RuntimeError: where what the engine needs is not installed.
+        RuntimeError: if a package that the engine needs is not installed.
     """
     check_engine(engine)
     if engine != THREADS:
@@ -137,11 +132,7 @@ def check_ready(engine: str) -> None:
 
 
 def check_memory(num_worlds: int, bytes_per_world: int, free_bytes: int | None, where: str) -> None:
-    """Refuse more worlds than there is memory for.
-
-    Raises:
-        ValueError: naming how many there is memory for.
-    """
+    """Raises ``ValueError`` for more worlds than memory allows, with the allowed number."""
     if free_bytes is not None and num_worlds * bytes_per_world > free_bytes:
         raise ValueError(
             f"{num_worlds} worlds take {num_worlds * bytes_per_world / 2**30:.1f} GiB of memory on {where}; "
@@ -150,5 +141,5 @@ def check_memory(num_worlds: int, bytes_per_world: int, free_bytes: int | None, 
 
 
 def check_host_memory(num_worlds: int, model: mujoco.MjModel) -> None:
-    """Refuse more worlds than the host has memory for; see ``check_memory``."""
+    """Raises ``ValueError`` for more worlds than the host's memory allows; see ``check_memory``."""
     check_memory(num_worlds, int(mujoco.MjData(model).nbuffer), available_bytes(), "this computer")

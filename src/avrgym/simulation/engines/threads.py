@@ -1,4 +1,4 @@
-"""MuJoCo on the host's threads: to the bit the same on any number of them."""
+"""MuJoCo on threads of the host, with the same bits on any number of threads."""
 
 import mujoco
 from mujoco.batch import Batch
@@ -10,25 +10,25 @@ from avrgym.system.engines import THREADS
 
 
 class Threads:
-    """An ``Engine`` whose worlds are those of its batch."""
+    """An ``Engine`` that steps the worlds of its batch."""
 
     name, device = THREADS, "cpu"
 
     def __init__(self, model: mujoco.MjModel, num_worlds: int, num_threads: int) -> None:
-        """Make the worlds; 0 threads are one per core."""
+        """Make the worlds; with 0 threads, one per core."""
         check_host_memory(num_worlds, model)
         self.batch: Batch = ForkSafeBatch(model, num_worlds, num_threads, persistent=True)
         self.now = Arrays.of(self.batch)
 
-    def take_over(self, ids: IntArray) -> None:
-        """Nothing: they are there."""
+    def copy_from_host(self, ids: IntArray) -> None:
+        """Does nothing: the worlds are on the host."""
 
-    def hand_back(self, ids: IntArray) -> None:
-        """Nothing: they are there."""
+    def copy_to_host(self, ids: IntArray) -> None:
+        """Does nothing: the worlds are on the host."""
 
     def step(self, substeps: int) -> None:
         """See ``Engine``."""
         self.batch.step(nstep=substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def check(self) -> None:
-        """Nothing: the host's memory grows with what a world needs."""
+        """Does nothing: memory on the host grows as needed."""

@@ -1,8 +1,8 @@
 """MuJoCo Warp: the worlds of a batch stepped on a GPU, in single precision. Needs the extra ``gpu``.
 
-Episodes begin on the host, in double precision; ``take_over`` brings the worlds with all that differs between their
-models to the device. Whoever computes there too reads and writes Warp's own memory, as tensors. Warp compiles its
-kernels when a scene is stepped for the first time and keeps them on disk.
+Episodes start on the host, in double precision; ``copy_from_host`` copies worlds and their model fields to the device.
+Code on the device reads and writes Warp's own memory as tensors. Warp compiles its kernels at the first step of a scene
+and caches them on disk.
 """
 
 from copy import copy
@@ -23,13 +23,13 @@ from avrgym.system.engines import WARP
 from avrgym.system.memory import available_bytes
 
 CONTACTS, CONTACTS_PER_PARTICLE = 96, 8
-"""What a world has room for, and how much more for each particle: twice the most that was seen in drinking."""
+"""Memory for contacts in a world, and in addition for each particle: twice the most that was measured in drinking."""
 ROWS_PER_CONTACT = 4
-"""Of the pyramid that stands for a contact's friction cone."""
+"""Sides of the pyramid that approximates a contact's friction cone."""
 SENSOR_CONTACTS = 96
-"""Among how many contacts a sensor finds the strongest."""
+"""Number of contacts among which a sensor finds the strongest."""
 HARMLESS = ("ITERATIONS", "LS_ITERATIONS")
-"""What Warp counts as overflow and is none: the solver stopped at its limit, as it does on threads."""
+"""Overflows that Warp counts although they are none: the solver stopped at its limit, as it does on threads."""
 
 
 class _Libraries(NamedTuple):
@@ -40,10 +40,10 @@ class _Libraries(NamedTuple):
 
 @cache
 def libraries() -> _Libraries:
-    """What the extra brings.
+    """Returns the packages of the extra.
 
     Raises:
-        RuntimeError: where it is not installed.
+        RuntimeError: if it is not installed.
     """
     try:
         warp, torch = import_module("warp"), import_module("torch")
@@ -56,18 +56,18 @@ def libraries() -> _Libraries:
 
 
 class Warp:
-    """An ``Engine`` whose ``now`` are tensors of Warp's memory, or copies on the host, made anew in each step."""
+    """An ``Engine`` with ``now`` as tensors of Warp's memory, or as copies on the host that each step updates."""
 
     name = WARP
 
     def __init__(
         self, model: mujoco.MjModel, num_worlds: int, num_threads: int, device: str, *, on_device: bool
     ) -> None:
-        """Make the worlds on a device, by Warp's name of it; without one on the first GPU.
+        """Make the worlds on a device with Warp's name of it; without a name on the first GPU.
 
         Raises:
-            ValueError: for a device that there is not, or more worlds than there is memory for.
-            RuntimeError: where the extra is not installed.
+            ValueError: for an unknown device, or more worlds than memory allows.
+            RuntimeError: if the extra is not installed.
         """
         self._warp, self._mujoco_warp, self._torch = libraries()
         self._device = find_device(device)
@@ -88,7 +88,7 @@ class Warp:
         self._varying: dict[str, Any] = {}
         self._graphs: dict[int, Any] = {}
 
-    def take_over(self, ids: IntArray) -> None:
+    def copy_from_host(self, ids: IntArray) -> None:
         """See ``Engine``.
 
         Raises:
@@ -109,8 +109,8 @@ class Warp:
             if not self._on_device:
                 getattr(self.now, name)[ids] = values
 
-    def hand_back(self, ids: IntArray) -> None:
-        """See ``Engine``; what follows from positions and velocities is computed anew."""
+    def copy_to_host(self, ids: IntArray) -> None:
+        """See ``Engine``; quantities derived from positions and velocities are computed again."""
         for name in WRITTEN:
             getattr(self._host, name)[ids] = to_numpy(getattr(self.now, name))[ids]
         self._warm_start[ids] = to_numpy(self._tensor("qacc_warmstart"))[ids]
@@ -129,9 +129,9 @@ class Warp:
         self.check()
 
     def _run(self, substeps: int) -> None:
-        """On a GPU the first steps, which load the kernels, are captured as a graph for all later ones.
+        """Step; on a GPU the first steps, which load the kernels, are captured as a graph for all later ones.
 
-        None of the memory that they read ever moves.
+        The addresses of the memory that they read never change.
         """
         if not self._device.is_cuda:
             self._launch(substeps)
@@ -158,7 +158,7 @@ class Warp:
             simulation.sensor_vel(model, data)
 
     def _make_model(self) -> None:
-        """The model on the device, with a row for each world in every field that the batch has such rows of."""
+        """The model on the device, with a row for each world in every field that differs between worlds."""
         model = copy(self.batch.model)
         no_trees_of_geoms = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)  # Warp has none and refuses the flag
         model.opt.disableflags &= ~no_trees_of_geoms
@@ -180,7 +180,7 @@ class Warp:
             )
 
     def check(self) -> None:
-        """See ``Engine``. Warp keeps on the device, from step to step, which buffers were too small."""
+        """See ``Engine``. Warp records on the device which buffers overflowed."""
         flags = self._data.overflow.numpy()
         kinds = [kind for kind in self._mujoco_warp.OverflowType if kind.name not in HARMLESS]
         counts = {kind.name: int(((flags & kind.value) != 0).sum()) for kind in kinds}
@@ -202,11 +202,11 @@ class Warp:
 
     @property
     def _place(self) -> str:
-        """The device by PyTorch's name."""
+        """PyTorch's name of the device."""
         return str(self._warp.device_to_torch(self._device))
 
     def _tensor(self, name: str) -> Any:
-        """The memory of one of the data's arrays (N, ...) as a tensor."""
+        """An array (N, ...) of the data as a tensor of the same memory."""
         return self._warp.to_torch(getattr(self._data, name))
 
     def _put(self, tensor: Any, rows: Any, values: NumpyArray) -> None:
@@ -216,28 +216,28 @@ class Warp:
 
 
 def _has_worlds(field: Field[Any]) -> bool:
-    """Whether a field of Warp's model may differ between worlds, and MuJoCo's may; others count for no step of ours."""
+    """Whether a field may differ between worlds in both models; other fields do not matter in our steps."""
     return field.name in MODEL_FIELDS and tuple(getattr(field.type, "shape", ()))[:1] == ("*",)
 
 
 class Capacity(NamedTuple):
-    """What each world has room for on average, contacts, and at most, rows of constraints."""
+    """Memory of each world: for contacts on average, and for rows of constraints at most."""
 
     contacts: int
     rows: int
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Capacity":
-        """Enough for a scene."""
+        """Returns the capacity that a scene needs."""
         contacts = CONTACTS + CONTACTS_PER_PARTICLE * int((model.geom_contype == PARTICLE.contype).sum())
         return cls(contacts, ROWS_PER_CONTACT * contacts + 2 * int(model.njnt))
 
 
 def _first_gpu(torch: Any) -> str:
-    """Its name.
+    """The name of the first GPU.
 
     Raises:
-        ValueError: where PyTorch can use none.
+        ValueError: if PyTorch finds none.
     """
     if not torch.cuda.is_available():
         raise ValueError(
@@ -248,11 +248,11 @@ def _first_gpu(torch: Any) -> str:
 
 
 def find_device(name: str) -> Any:
-    """The device of that name by Warp's names, the first GPU without one.
+    """Returns the device with this Warp name, or the first GPU without a name.
 
     Raises:
-        ValueError: naming the devices there are.
-        RuntimeError: where the extra is not installed.
+        ValueError: for an unknown device, with the available ones.
+        RuntimeError: if the extra is not installed.
     """
     warp, _, torch = libraries()
     name = name or _first_gpu(torch)

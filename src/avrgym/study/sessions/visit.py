@@ -13,7 +13,7 @@ from avrgym.models.human import Person
 from avrgym.policies.registry import plugins_used
 from avrgym.questionnaires.questionnaire import Item, translate
 from avrgym.recording.schema import Answer, Metrics
-from avrgym.simulation.room import NoRoomError
+from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.study.checking.policy_files import POLICIES_USED as POLICIES_USED
 from avrgym.study.checking.policy_files import policy_files
 from avrgym.study.checking.preflight import load_study_policy
@@ -143,7 +143,7 @@ class StudyVisit:
                 streams=streams,
                 state_every_ticks=state_every_ticks,
             )
-        except NoRoomError as error:
+        except NoClearanceError as error:
             raise StudyError(
                 f"{self.identifier} cannot begin: {error}; `avrgym study check` lists who has no start"
             ) from error

@@ -99,7 +99,7 @@ class LiveWorld:
         ``seed`` determines the start and the exploration noise of a policy.
 
         Raises:
-            NoRoomError: a ``ValueError``, where the person obstructs every start.
+            NoClearanceError: a ``ValueError``, where the person obstructs every start.
         """
         self._episodes.set_person(replace(self.person, joint_angles_rad=self.joint_targets_rad))
         self._generators = [random_streams.episode(seed)]
@@ -116,7 +116,7 @@ class LiveWorld:
 
     def hold(self) -> None:
         """Stop the robot in its place; a control step that has begun is dropped."""
-        self._episodes.simulation.halt_robot()
+        self._episodes.simulation.brake_robot()
         self._loop.abort_step()
         self._retreated_ticks: int | None = None
 

@@ -8,7 +8,7 @@ from statistics import median
 from typing import Self
 
 from avrgym.models import human
-from avrgym.simulation.room import NoRoomError
+from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.texts.interface_texts import Text, TextError
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
@@ -165,7 +165,7 @@ class Loading(InVR, ABC):
                 return self
             try:
                 state.worlds.change()
-            except NoRoomError as error:
+            except NoClearanceError as error:
                 state.report(f"the robot has no room to begin: {error}")
                 return phases.Paused(state, Text("no_room"))
             except Exception as error:  # whatever a compiler or a file may raise

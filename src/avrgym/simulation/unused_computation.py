@@ -1,4 +1,4 @@
-"""Parts of a scene that take time in every physics step and move nothing: steps without them give the same bits."""
+"""Removes computation without effect from a model: physics steps give the same bits in less time."""
 
 from copy import copy
 
@@ -8,12 +8,11 @@ import numpy as np
 from avrgym.array_types import BoolArray
 
 
-def without_idle_parts(model: mujoco.MjModel) -> mujoco.MjModel:
-    """A copy of a model that does not hold up what stands fast, and does not look for contacts that cannot be.
+def without_unused_computation(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Returns a copy of a model without useless gravity compensation and impossible contacts.
 
-    Gravity compensation of a body that is fixed to the world acts on no joint. A geom touches nothing if all that its
-    contact bits let it touch is fixed to what it is fixed to itself. Where the person is still, most of a robot on a
-    floor is such.
+    Gravity compensation of a body fixed to the world acts on no joint. A geom touches nothing if everything that its
+    contact bits allow is fixed to the same body. With a static person that is most of a robot on the floor.
     """
     model = copy(model)
     model.body_gravcomp[model.body_weldid == 0] = 0.0
@@ -29,7 +28,7 @@ def without_idle_parts(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def _may_touch(model: mujoco.MjModel) -> BoolArray:
-    """Which geoms (G, G) may touch each other, by their contact bits and by what they are fixed to."""
+    """Which geoms (G, G) may touch each other, by their contact bits and the bodies that they are fixed to."""
     meets = (model.geom_contype[:, None] & model.geom_conaffinity) != 0
     fixed_to = model.body_weldid[model.geom_bodyid]
     return (meets | meets.T) & (fixed_to[:, None] != fixed_to)

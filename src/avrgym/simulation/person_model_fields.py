@@ -1,4 +1,4 @@
-"""What of the model differs from world to world: the people in it."""
+"""Model fields that differ between worlds: those of the people."""
 
 from functools import lru_cache
 
@@ -9,11 +9,11 @@ from avrgym.array_types import FloatArray, IntArray
 from avrgym.models import compliance, human
 from avrgym.models.human import People, Person
 from avrgym.models.scene import SceneConfig
-from avrgym.simulation.names import actuators
+from avrgym.simulation.model_addresses import actuators
 
 
-class PersonFields:
-    """Per-world model fields of the people."""
+class PersonModelFields:
+    """Writes the model fields of the people of each world."""
 
     def __init__(self, batch: Batch, scene: SceneConfig, moving: bool) -> None:
         model = batch.get_model(0)
@@ -53,7 +53,7 @@ class PersonFields:
             )
 
     def give_way(self, ids: IntArray) -> None:
-        """Soften the contacts of people whose constants were just recomputed."""
+        """Make the contacts of people compliant, after ``set_const`` has computed constants."""
         self._inverse_mass[ids[:, None], self._ids, 0] += compliance.INVERSE_MASS_PER_KG
 
     def _write_dynamics(self, ids: IntArray, people: People) -> None:

@@ -1,4 +1,4 @@
-"""Addresses in a scene's model of everything that is read or written, found once by name."""
+"""Addresses in a scene's model of everything that is read or written, looked up once by name."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -60,7 +60,7 @@ class Names:
         self.tool_velocity = _sensor(model, TOOL_VELOCITY_SENSOR)
 
     def beside(self, array: Any) -> "Names":
-        """The same addresses, for arrays that are where another is."""
+        """Returns the same addresses, as arrays on the device of another array."""
         there = copy(self)
         for name, addresses in vars(self).items():
             if isinstance(addresses, np.ndarray):

@@ -1,0 +1,198 @@
+"""Clearance at the start of an episode: between robot, tool, particles, person and furniture."""
+
+from collections.abc import Iterable, Sequence
+from copy import copy
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from avrgym.array_types import FloatArray, IntArray
+from avrgym.geometry.transforms import norm
+from avrgym.models import collision_bits, human
+from avrgym.models.collision_bits import CollisionBits
+from avrgym.models.human import RIGHT_ARM
+from avrgym.people.arm_clearance import PAIRS
+
+Clearances = dict[tuple[int, int], float]
+"""Minimum distance of two geoms in metres, by their ids."""
+
+PERSON_CLEARANCE_M = 0.01
+"""Of robot, tool and particles from the person."""
+FURNITURE_CLEARANCE_M = 0.005
+"""Of robot, tool and particles from furniture."""
+TREMOR_CLEARANCE_M = 0.03
+"""Additional clearance for people with tremor: their limbs overshoot the extreme poses."""
+PADDING_DEPTH_M = 0.02
+"""Allowed depth of arms in furniture: armrests and mattresses are soft. The support of the body is not checked."""
+
+_SPHERE, _CAPSULE, _CYLINDER = (
+    int(kind)
+    for kind in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER)
+)
+
+
+class NoClearanceError(ValueError):
+    """No start without overlapping bodies was found; the message names a pair that overlaps."""
+
+
+@dataclass(frozen=True)
+class Geoms:
+    """All geoms of n worlds: centres (n, G, 3), orientations (n, G, 9) row by row, sizes (n, G, 3); world frame."""
+
+    pos_w: FloatArray
+    mat_w: FloatArray
+    size_m: FloatArray
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """Two bodies, by name, that are too close: their gap, negative where they overlap, and the minimum."""
+
+    first: str
+    second: str
+    gap_m: float
+    clearance_m: float
+
+    def __str__(self) -> str:
+        where = f"{100.0 * abs(self.gap_m):.1f} cm {'inside' if self.gap_m < 0.0 else 'from'}"
+        return f"{self.first} is {where} {self.second}"
+
+
+class StartClearance:
+    """Measures the gaps between all bodies of a scene that must not overlap at the start."""
+
+    def __init__(self, model: mujoco.MjModel, *, base: str | None, arms: bool, offered: bool) -> None:
+        """Find the pairs.
+
+        Args:
+            model: the scene.
+            base: the body by which the robot is mounted on furniture, if it is.
+            arms: whether the person's arms must not overlap furniture.
+            offered: whether the right arm must touch neither padding nor the rest of the body.
+        """
+        self._model, self._data = copy(model), mujoco.MjData(model)
+        self._geom_types = model.geom_type
+        to_person = _robot_to_person(model)
+        self._pairs = (
+            to_person
+            | _robot_to_furniture(model, base)
+            | _arms_to_furniture(model, arms=arms, offered=offered)
+        )
+        self._person_pairs = len(to_person)
+        self._first, self._second = np.array([*self._pairs]).T
+        self._clearance_m = np.array([*self._pairs.values()])
+
+    def conflicts(self, geoms: Geoms, *, extra_clearance_m: float | None = None) -> list[Conflict | None]:
+        """Returns for each of n worlds the pair with the least clearance below its minimum, or ``None``.
+
+        With ``extra_clearance_m``, only the pairs of robot and person are measured, with a minimum higher by this
+        distance.
+        """
+        reach = _bounding_radius_m(self._geom_types, geoms.size_m)
+        count = len(self._pairs) if extra_clearance_m is None else self._person_pairs
+        clearance_m = self._clearance_m[:count] + (extra_clearance_m or 0.0)
+        first, second = self._first[:count], self._second[:count]
+        apart = norm(geoms.pos_w[:, first] - geoms.pos_w[:, second])
+        near = apart - reach[:, first] - reach[:, second] < clearance_m
+        return [
+            self._conflict(geoms, world, np.nonzero(pairs)[0], clearance_m)
+            for world, pairs in enumerate(near)
+        ]
+
+    def _conflict(
+        self, geoms: Geoms, world: int, pairs: IntArray, clearance_m: FloatArray
+    ) -> Conflict | None:
+        """The pair with the least clearance, of those whose bounding spheres are too close."""
+        if not len(pairs):
+            return None
+        self._model.geom_size[:] = geoms.size_m[world]
+        self._data.geom_xpos[:], self._data.geom_xmat[:] = geoms.pos_w[world], geoms.mat_w[world]
+        gaps = np.array([self._gap_m(pair, float(clearance_m[pair])) for pair in pairs])
+        lacking = gaps - clearance_m[pairs]
+        worst = lacking.argmin()
+        if lacking[worst] >= 0.0:
+            return None
+        pair = pairs[worst]
+        names = self._name(self._first[pair]), self._name(self._second[pair])
+        return Conflict(*names, float(gaps[worst]), float(clearance_m[pair]))
+
+    def _gap_m(self, pair: int, up_to_m: float) -> float:
+        first, second = int(self._first[pair]), int(self._second[pair])
+        return mujoco.mj_geomDistance(self._model, self._data, first, second, max(up_to_m, 0.0), None)
+
+    def _name(self, geom: int) -> str:
+        """A readable name."""
+        owner, _, part = _body(self._model, geom).rpartition("/")
+        words = (part if owner else self._model.geom(geom).name).replace("_", " ")
+        return {"person": "the person's ", "robot": "the robot's "}.get(owner, "the ") + words
+
+
+def _bounding_radius_m(geom_types: NDArray[np.int32], size_m: FloatArray) -> FloatArray:
+    """The radii (n, G) of the bounding spheres of geoms."""
+    x, y, z = np.moveaxis(size_m, -1, 0)
+    conditions = [geom_types == _SPHERE, geom_types == _CAPSULE, geom_types == _CYLINDER]
+    return np.select(
+        np.broadcast_arrays(*conditions), [x, x + y, np.hypot(x, y)], np.sqrt(x * x + y * y + z * z)
+    )
+
+
+def _robot_to_person(model: mujoco.MjModel) -> Clearances:
+    """The clearances of robot, tool and particles from the person."""
+    return _pairs(_robot(model), _geoms(model, collision_bits.PERSON), PERSON_CLEARANCE_M)
+
+
+def _robot_to_furniture(model: mujoco.MjModel, base: str | None) -> Clearances:
+    """The clearances of the same, except for a mounted base, from furniture."""
+    loose = [geom for geom in _robot(model) if _body(model, geom) != base]
+    return _pairs(loose, _geoms(model, collision_bits.FURNITURE), FURNITURE_CLEARANCE_M)
+
+
+def _robot(model: mujoco.MjModel) -> list[int]:
+    """The geoms of the robot, its tool and its particles."""
+    return [
+        geom
+        for bits in (collision_bits.ROBOT, collision_bits.TOOL, collision_bits.HULL, collision_bits.PARTICLE)
+        for geom in _geoms(model, bits)
+    ]
+
+
+def _arms_to_furniture(model: mujoco.MjModel, *, arms: bool, offered: bool) -> Clearances:
+    """The clearances of the person's arms from furniture, and of an offered arm also from the rest of the body."""
+    furniture = _geoms(model, collision_bits.FURNITURE)
+    limbs = [f"{side}_{part}" for side in ("right", "left") for part in ("upper_arm", "forearm", "hand")]
+    clearances = _pairs(_parts(model, limbs), furniture, -PADDING_DEPTH_M) if arms else {}
+    if offered:
+        kept_free = _geoms(model, collision_bits.NO_COLLISION)
+        clearances |= _pairs(_parts(model, RIGHT_ARM), [*furniture, *kept_free], 0.0)
+        clearances |= _named_pairs(model, PAIRS, 0.0)
+    return clearances
+
+
+def _named_pairs(model: mujoco.MjModel, pairs: Iterable[tuple[str, str]], clearance_m: float) -> Clearances:
+    return {(_parts(model, [first])[0], _parts(model, [second])[0]): clearance_m for first, second in pairs}
+
+
+def _pairs(first: Iterable[int], second: Sequence[int], clearance_m: float) -> Clearances:
+    return {(a, b): clearance_m for a in first for b in second}
+
+
+def _geoms(model: mujoco.MjModel, bits: CollisionBits) -> list[int]:
+    """The collision geoms with these collision bits, without the floor."""
+    return [
+        geom
+        for geom in range(model.ngeom)
+        if model.geom_contype[geom] == bits.contype
+        and model.geom_group[geom] == collision_bits.COLLISION_GROUP
+        and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
+    ]
+
+
+def _parts(model: mujoco.MjModel, names: Iterable[str]) -> list[int]:
+    """Geoms of the person's body."""
+    return [model.geom(human.PREFIX + name).id for name in names]
+
+
+def _body(model: mujoco.MjModel, geom: int) -> str:
+    return model.body(model.geom_bodyid[geom]).name
