@@ -30,9 +30,9 @@ def test_nothing_overlaps_and_nothing_presses_at_any_start(environment, whom, im
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_whatever_may_touch_the_person_is_measured(environment):
     episodes = Episodes(environment, 1)
-    model, room = episodes.simulation.model, episodes._room
+    model, clearance = episodes.simulation.model, episodes._clearance
     assert room is not None
-    measured = set(zip(room._first.tolist(), room._second.tolist(), strict=True))
+    measured = set(zip(clearance._first.tolist(), room._second.tolist(), strict=True))
     person = np.nonzero(model.geom_contype == collision_bits.PERSON.contype)[0]
     touching = np.nonzero(model.geom_conaffinity & collision_bits.PERSON.contype)[0]
     assert {(first, second) for first in touching.tolist() for second in person.tolist()} <= measured
@@ -128,7 +128,7 @@ def test_the_check_sees_what_the_simulator_sees():
     false = begun(SCRATCHING, 128, "revised", "limits", checked=False)
     touched = np.nonzero(at_once(false) > 0.0)[0]
     judge = Episodes(SCRATCHING, 128, people="revised", impairment="limits", num_threads=1)
-    assert judge._room is not None
-    conflicts = judge._room.conflicts(false.simulation.geoms(np.arange(128)))
+    assert judge._clearance is not None
+    conflicts = judge._clearance.conflicts(false.simulation.geoms(np.arange(128)))
     assert all(conflicts[world] is not None for world in touched)
     assert all("person's right hand" in str(conflicts[world]) for world in touched)
