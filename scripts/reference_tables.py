@@ -100,9 +100,10 @@ def policies() -> Lines:
 def _result(figures: Mapping[str, Any]) -> str:
     rate, episodes = figures["success_rate"], figures["episodes"]
     low, high = (100.0 * end for end in wilson_interval(round(rate * episodes), episodes))
-    over = f"; {figures['episodes_over_limit']}" if "episodes_over_limit" in figures else ""
-    force_n = figures["force_mean_newton"]
-    return f"{100.0 * rate:.1f} % [{low:.0f}, {high:.0f}]; {force_n:.1f} N{over}; {episodes}"
+    lines = [f"{100.0 * rate:.1f} % [{low:.0f}, {high:.0f}]", f"{figures['force_mean_newton']:.1f} N"]
+    over = figures.get("episodes_over_limit")
+    lines.append(f"{episodes} episodes" if over is None else f"{over} of {episodes}")
+    return "<br>".join(lines)
 
 
 def _packaged() -> Iterator[tuple[str, str, Policy]]:

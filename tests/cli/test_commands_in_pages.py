@@ -4,10 +4,6 @@ They run in empty folders with smaller numbers. Tests in ``tests/vr`` and ``test
 command lines are parsed.
 """
 
-import ast
-import errno
-import os
-import re
 import shutil
 import tomllib
 import warnings
@@ -99,25 +95,6 @@ def test_additions_to_a_study_are_valid(page: str) -> None:
         ):
             text += added
     assert parse_design(text).questionnaires
-
-
-def test_listed_errors_exist_in_the_source() -> None:
-    """Every constant part of a listed message is in a text of the source."""
-    interface = " ".join(file.read_text("utf-8") for file in (ROOT / "src").rglob("texts/*.toml"))
-    systems = os.strerror(errno.ENOENT).lower()
-    texts = " ".join([*_texts(ROOT / "src"), interface, systems]).replace("`", "")
-    quoted = re.findall(r"^\| `([^|]+)` \|", (DOCS / "reference" / "errors.md").read_text(), re.M)
-    assert len(quoted) > 10
-    parts = [part.strip() for message in quoted for part in re.split(r"…|\[…\]", message)]
-    assert [part for part in parts if len(part) > 3 and part not in texts] == []
-
-
-def _texts(folder: Path) -> Iterator[str]:
-    """Every string constant of the source, parts of f-strings included."""
-    for file in folder.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                yield node.value
 
 
 # Pages that are run
