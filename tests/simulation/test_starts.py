@@ -31,8 +31,8 @@ def test_nothing_overlaps_and_nothing_presses_at_any_start(environment, whom, im
 def test_whatever_may_touch_the_person_is_measured(environment):
     episodes = Episodes(environment, 1)
     model, clearance = episodes.simulation.model, episodes._clearance
-    assert room is not None
-    measured = set(zip(clearance._first.tolist(), room._second.tolist(), strict=True))
+    assert clearance is not None
+    measured = set(zip(clearance._first.tolist(), clearance._second.tolist(), strict=True))
     person = np.nonzero(model.geom_contype == collision_bits.PERSON.contype)[0]
     touching = np.nonzero(model.geom_conaffinity & collision_bits.PERSON.contype)[0]
     assert {(first, second) for first in touching.tolist() for second in person.tolist()} <= measured

@@ -13,7 +13,7 @@ from avrgym.models import robot as models
 from avrgym.models.human import SEXES, TORSO_HEIGHT_RANGE_M, Person, Sex
 from avrgym.models.robot import Robot
 from avrgym.people import distributions
-from avrgym.simulation.start_clearance import NoClearanceError, Room
+from avrgym.simulation.start_clearance import NoClearanceError, StartClearance
 from avrgym.simulation.worlds import Simulation
 from avrgym.system import random_streams
 from avrgym.tasks import placement
@@ -137,5 +137,5 @@ def _clear(task: str, robot: Robot, angles_rad: FloatArray, sex: Sex) -> BoolArr
         ),
     )
     base = None if mount.on_floor else models.PREFIX + robot.base
-    room = Room(simulation.model, base=base, arms=False, offered=False)
-    return np.array([each is None for each in room.conflicts(simulation.geoms(np.arange(count)))], bool)
+    clearance = StartClearance(simulation.model, base=base, arms=False, offered=False)
+    return np.array([each is None for each in clearance.conflicts(simulation.geoms(np.arange(count)))], bool)
