@@ -19,7 +19,7 @@ from avrgym.people.people_file import PeopleFileError, read_people
 from avrgym.study.checking.checks import check_study
 from avrgym.study.design.design import DesignError, read_design
 from avrgym.study.export import export_study
-from avrgym.study.export.tables import write_csv
+from avrgym.study.export.table_files import write_csv
 from avrgym.study.plan.deviations import deviations
 from avrgym.study.plan.frozen_plan import read_frozen_plan
 from avrgym.study.storage import database

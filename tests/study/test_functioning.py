@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from avrgym.cli import app
 from avrgym.study.design.functioning import DECLINED, DEVICES, LEVELS, QUESTIONS, sentences
 from avrgym.study.export import export_study
-from avrgym.study.export.functioning import LEAST, functioning_rows, suppress
+from avrgym.study.export.functioning import LEAST, functioning_counts, suppress
 from avrgym.study.export.records import Extras
 from avrgym.study.people.functioning import Functioning, record_functioning
 from avrgym.study.people.participants import enrol
@@ -126,7 +126,7 @@ def test_no_hidden_group_of_fewer_follows_from_the_total() -> None:
 def test_an_export_contains_counts_and_what_persons_answered_only_on_request(
     store: Store, tmp_path: Path
 ) -> None:
-    rows = {(row["question"], row["answer"]): row["people"] for row in functioning_rows(store)}
+    rows = {(row.question, row.answer): row.people for row in functioning_counts(store)}
     assert rows["seeing", "none"] == "7"
     assert rows["walking", "some"] == rows["walking", "none"] == "suppressed"
     assert rows["devices", f"12: {DEVICES['12']}"] == "7"

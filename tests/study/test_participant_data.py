@@ -144,10 +144,10 @@ def test_the_command_states_whether_the_name_is_there(store: Store, tmp_path: Pa
 
 def test_who_changed_an_answer_can_be_deleted_and_their_events_are_theirs(store: Store) -> None:
     changed = [
-        row for row in event_rows(store, store.participants(), WITHOUT) if row["name"] == "answer changed"
+        row for row in event_rows(store, store.participants(), WITHOUT) if row.name == "answer changed"
     ]
-    assert [row["participant"] for row in changed] == ["sub-001", "sub-002"]
+    assert [row.participant for row in changed] == ["sub-001", "sub-002"]
     delete_participant(store, "sub-001")
     assert [each.pseudonym for each in store.participants()] == ["sub-002"]
-    names = [(row["participant"], row["name"]) for row in event_rows(store, store.participants(), WITHOUT)]
+    names = [(row.participant, row.name) for row in event_rows(store, store.participants(), WITHOUT)]
     assert [who for who, name in names if name == "answer changed"] == ["sub-002"]

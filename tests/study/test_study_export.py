@@ -19,8 +19,7 @@ import pytest
 from avrgym.robots.registry import find_robot
 from avrgym.study.export import FORMATS, export_study
 from avrgym.study.export.lerobot import statistics
-from avrgym.study.export.separated import neutral
-from avrgym.study.export.tables import write_csv
+from avrgym.study.export.table_files import spreadsheet_safe, write_csv
 from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.states import StudyError
@@ -184,7 +183,7 @@ def test_no_spreadsheet_runs_a_text(tmp_path: Path, text: str) -> None:
     with open(tmp_path / "a.csv", encoding="utf-8-sig", newline="") as file:
         (_, row) = csv.reader(file)
     assert row == ["'" + text, "-1.5", "true", ""]
-    assert neutral("plain - text") == "plain - text"
+    assert spreadsheet_safe("plain - text") == "plain - text"
 
 
 # BIDS

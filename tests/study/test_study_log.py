@@ -24,7 +24,7 @@ from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.dashboard.request_log import LiveLog
 from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.export import export_study
-from avrgym.study.export.codebook import KNOWN_BY, TABLES
+from avrgym.study.export.codebook import TABLES
 from avrgym.study.export.records import Extras
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people import experimenters
@@ -42,6 +42,7 @@ from avrgym.study.storage import database, hash_chain, schema
 from avrgym.study.storage.audit_log import (
     ACCOUNT,
     ADD_EXPERIMENTER,
+    KNOWN_BY,
     OWN_TOKEN,
     REFUSED,
     SHARED_TOKEN,

@@ -156,11 +156,11 @@ def _see(attempt: ExportedAttempt) -> TrialPose:
 
 def _seen(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
     times_s, targets_deg = _targets(recording)
-    offered = REACHING_JOINTS[TASKS[attempt.task].offered]
+    offered = REACHING_JOINTS[TASKS[attempt.trial.task].offered]
     return TrialPose(
         participant=attempt.participant.pseudonym,
         sex=recording.configuration.person.sex,
-        task=attempt.task,
+        task=attempt.trial.task,
         torso_height_m=recording.configuration.person.torso_height_m,
         beginning_deg=_mean(times_s, targets_deg, times_s[0] + BEGINNING_S),
         mean_deg=_mean(times_s, targets_deg, times_s[-1]),

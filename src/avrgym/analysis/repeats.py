@@ -40,7 +40,7 @@ def repeat_rows(tried: Iterable[AttemptedTrial]) -> list[RepeatRow]:
     """The rows of all conditions in which something was repeated."""
     conditions = defaultdict[tuple[bool, str, str, str], list[AttemptedTrial]](list)
     for each in tried:
-        condition = (each.participant.simulated, each.task, each.robot, each.trial.policy)
+        condition = (each.participant.simulated, each.trial.task, each.trial.robot, each.trial.policy)
         conditions[condition].append(each)
     return [row for condition, own in sorted(conditions.items()) for row in _rows(condition, own)]
 

@@ -66,7 +66,7 @@ from avrgym.study.checking.repeat_checks import check_repeats, is_simulated
 from avrgym.study.checking.repeats import attempted_trials
 from avrgym.study.design.design import Design
 from avrgym.study.export.codebook import TABLES
-from avrgym.study.export.functioning import functioning_rows
+from avrgym.study.export.functioning import functioning_counts
 from avrgym.study.export.records import WITHOUT, adverse_event_rows
 from avrgym.study.export.scores import uses_instruments
 from avrgym.study.storage.analysis_files import FORMAT_NAME
@@ -248,8 +248,8 @@ def analyse(
         latency=latency_rows(observed.trials, observed.latencies),
         rebuilt_at=store.rebuilt_at(),
         log=study_log(store),
-        adverse_events=list(adverse_event_rows(store, store.participants(), WITHOUT)),
-        functioning=list(functioning_rows(store)) if store.design.ask_functioning else [],
+        adverse_events=[vars(row) for row in adverse_event_rows(store, store.participants(), WITHOUT)],
+        functioning=[vars(row) for row in functioning_counts(store)] if store.design.ask_functioning else [],
         losses=describe_data_loss(store),
         repeats=repeat_rows(attempted_trials(store)),
         repeat_findings=[f"{each.where}: {each.what}" for each in check_repeats(store)],

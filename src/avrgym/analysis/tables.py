@@ -9,8 +9,8 @@ from typing import Any
 from avrgym.analysis.reading.rows import ParticipantRow
 from avrgym.analysis.reading.trial_series import TrialSeries
 from avrgym.study.design.design import Design
-from avrgym.study.export import codebook
-from avrgym.study.export.separated import neutral
+from avrgym.study.export.codebook import table_columns
+from avrgym.study.export.table_files import spreadsheet_safe
 from avrgym.system.columns import NUMBER, Column, columns_of
 from avrgym.system.files import open_new_csv
 
@@ -33,7 +33,7 @@ class Table:
         with open_new_csv(folder / f"{self.name}.csv") as file:
             writer = csv.writer(file)
             writer.writerow(self.columns)
-            writer.writerows([neutral(row[column]) for column in self.columns] for row in self.rows)
+            writer.writerows([spreadsheet_safe(row[column]) for column in self.columns] for row in self.rows)
 
 
 def control_steps(
@@ -45,7 +45,7 @@ def control_steps(
     }
     labels = ("participant", "site", "simulated", "position")
     metrics = ("step", "time_s", "reward", "success", "distance_m", "force_on_person_n")
-    known = codebook.columns_of("control_steps", design)
+    known = table_columns("control_steps", design)
     unknown = Column(
         "Reward term of another version, not weighted.", NUMBER, "1", empty="the task has no such term"
     )

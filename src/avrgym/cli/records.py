@@ -124,7 +124,9 @@ def adverse_events(
     with plain_errors():
         check_json(json_file)
         with Store(folder) as store:
-            rows = list(adverse_event_rows(store, store.participants(), Extras(free_text=True)))
+            rows = [
+                vars(row) for row in adverse_event_rows(store, store.participants(), Extras(free_text=True))
+            ]
             noticed = [
                 {"participant": person.pseudonym, **asdict(each)}
                 for person in store.participants()

@@ -13,7 +13,7 @@ from avrgym.analysis.publication.methods import SIMULATED, Sections, main_flow, 
 from avrgym.analysis.publication.tables import PublicationTable, latex_table, publication_tables
 from avrgym.analysis.study import Analysis
 from avrgym.study.export import NOTICE
-from avrgym.study.export.tables import write_csv
+from avrgym.study.export.table_files import write_csv
 
 FOLDER = "reporting"
 PAGE = "index.html"

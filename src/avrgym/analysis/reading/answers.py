@@ -37,14 +37,14 @@ class ParticipantAnswers:
     def rows(self) -> Iterator[AnswerRow]:
         """Every answer, in the order they were given."""
         for answer in self._answers:
-            columns = {name: value for name, value in answer.columns().items() if name in ANSWER_COLUMNS}
+            columns = {name: value for name, value in vars(answer.row()).items() if name in ANSWER_COLUMNS}
             yield AnswerRow(counted=answer.given.id in self._counted, **columns)
 
     def scores(self) -> Iterator[ScoreRow]:
         """Every score; it counts if all its answers do."""
         for score in scores_of(self._store, self._participant, self._answers, self._asked):
             counted = all(answer.given.id in self._counted for answer in score.answers)
-            columns = {name: value for name, value in score.columns().items() if name in SCORE_COLUMNS}
+            columns = {name: value for name, value in vars(score.row()).items() if name in SCORE_COLUMNS}
             yield ScoreRow(counted=counted, **columns)
 
     def problems(self) -> Iterator[ProblemRow]:

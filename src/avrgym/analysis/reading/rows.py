@@ -21,8 +21,8 @@ from avrgym.analysis.columns import (
     TaskName,
 )
 from avrgym.recording.streams import StreamFigures
-from avrgym.study.export import codebook
 from avrgym.study.export.codebook import TABLES
+from avrgym.study.export.rows import AttemptNumber
 from avrgym.system.columns import Column
 
 ALL = "all"
@@ -176,7 +176,7 @@ class AttemptRow(OfParticipant):
     task: TaskName
     robot: RobotName
     policy: PolicyName
-    attempt: Annotated[int, codebook.ATTEMPT_NUMBER]
+    attempt: AttemptNumber
     state: Annotated[str, _ATTEMPTS["state"]]
     steps: Annotated[int | None, _ATTEMPTS["steps"]]
     reward: Annotated[float | None, _ATTEMPTS["reward"]]
@@ -249,7 +249,7 @@ class TermRow(OfParticipant):
 class ProblemRow:
     """A problem of the study's data and its consequence for the analysis."""
 
-    simulated: Annotated[bool | None, replace(codebook.SIMULATED, empty="it is about the whole study")]
+    simulated: Annotated[bool | None, replace(_ATTEMPTS["simulated"], empty="it is about the whole study")]
     where: Annotated[str, Column("Recording, participant or file with the problem.")]
     what: Annotated[str, Column("The problem.")]
     consequence: Annotated[str, Column("Its consequence for the analysis.")]

@@ -35,7 +35,7 @@ from avrgym.study.storage.rows import Participant, Trial
 from avrgym.study.storage.sites import SITE_DIFFERS
 from avrgym.study.storage.states import PARTICIPATING, StudyError
 from avrgym.study.storage.store import Store
-from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.registry import TASKS
 
 USED = "reward and success are those that were stored with the trial"
 WITHOUT = f"{USED}; it is missing from the biomechanics"
@@ -145,7 +145,7 @@ def _refusal(changed: Sequence[ExportedAttempt]) -> str:
 
 
 def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAttempt]) -> TrialRow:
-    task, robot = find_environment(trial.environment)
+    task, robot = trial.task, trial.robot
     takes_part = participant.state in PARTICIPATING
     return TrialRow(
         participant=participant.pseudonym,
@@ -313,7 +313,7 @@ def _terms(row: TrialRow, measured: TrialSeries) -> list[TermRow]:
 def _attempt(exported: ExportedAttempt) -> AttemptRow:
     attempt = exported.attempt
     metrics = asdict(attempt.metrics)
-    return AttemptRow(**exported.labels(), state=attempt.state, **metrics, recording=attempt.recording)
+    return AttemptRow(**vars(exported.labels()), state=attempt.state, **metrics, recording=attempt.recording)
 
 
 def _participant(store: Store, participant: Participant, found: StudyData) -> ParticipantRow:

@@ -96,7 +96,7 @@ def _by_condition(trials: Sequence[AttemptedTrial], design: Design) -> Iterator[
     found = list(_unequal("policy", trials, policy, POLICY_ALPHA))
     if len(design.robots) > 1 and not found:
         found = list(
-            _unequal("condition", trials, lambda each: f"{each.robot} {policy(each)}", CONDITION_ALPHA)
+            _unequal("condition", trials, lambda each: f"{each.trial.robot} {policy(each)}", CONDITION_ALPHA)
         )
     yield from found
 
@@ -145,7 +145,7 @@ def _p(
     """p of the exact test for this number of repeated trials of a group, within each participant and task."""
     blocks: Mapping[Hashable, list[AttemptedTrial]] = defaultdict(list)
     for each in trials:
-        blocks[each.participant.number, each.task].append(each)
+        blocks[each.participant.number, each.trial.task].append(each)
     sizes = [(len(own), sum(map(in_group, own)), sum(map(drawn, own))) for own in blocks.values()]
     return draws_p(sizes, sum(in_group(each) and drawn(each) for each in trials))
 

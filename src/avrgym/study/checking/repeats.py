@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from avrgym.study.storage.audit_log import describe_person, site_names
 from avrgym.study.storage.rows import LogEntry, Participant, StudyEvent, Trial, TrialAttempt
 from avrgym.study.storage.store import Store
-from avrgym.tasks.registry import find_environment
 
 TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN = "technical", "participant", "experimenter", "unknown"
 REASONS = (TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN)
@@ -74,14 +73,6 @@ class AttemptedTrial:
     trial: Trial
     attempts: Sequence[TrialAttempt]
     repeats: Sequence[Repeat]
-
-    @property
-    def task(self) -> str:
-        return find_environment(self.trial.environment)[0]
-
-    @property
-    def robot(self) -> str:
-        return find_environment(self.trial.environment)[1]
 
     @property
     def ordered(self) -> int:

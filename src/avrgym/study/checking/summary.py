@@ -13,7 +13,6 @@ from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Tombstone, Trial, TrialAttempt
 from avrgym.study.storage.states import PARTICIPATING, UNKNOWN
 from avrgym.study.storage.store import Store, find_all
-from avrgym.tasks.registry import find_environment
 
 
 @dataclass(frozen=True)
@@ -174,7 +173,7 @@ def _completed_attempts(store: Store, connection: sa.Connection) -> dict[Conditi
 
 def _condition(store: Store, trial: Trial, participant: Participant) -> Condition:
     policy = store.design.shown_policy(trial.policy, trial.practice)
-    return *find_environment(trial.environment), policy, participant.simulated
+    return trial.task, trial.robot, policy, participant.simulated
 
 
 def _answers_by_attempt(connection: sa.Connection) -> dict[int | None, list[GivenAnswer]]:

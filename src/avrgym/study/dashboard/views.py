@@ -28,7 +28,6 @@ from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Note, Participant, Trial, TrialAttempt
 from avrgym.study.storage.states import PARTICIPANT
 from avrgym.study.storage.store import Store
-from avrgym.tasks.registry import find_environment
 from avrgym.texts.interface_texts import read_texts
 from avrgym.vr.server.session_links import SessionLinks
 
@@ -234,8 +233,8 @@ def _scores(store: Store, participant: Participant) -> Iterator[ScoreView]:
         return
     attempts, asked = list(attempts_of(store, participant)), AnsweredItems(store, [participant])
     for score in scores_of(store, participant, answers_of(store, participant, attempts, asked), asked):
-        row = score.columns()
-        yield ScoreView(**{name: row[name] for name in ScoreView.__dataclass_fields__})
+        row = score.row()
+        yield ScoreView(**{name: getattr(row, name) for name in ScoreView.__dataclass_fields__})
 
 
 def _adverse_events(store: Store, pseudonym: str) -> Iterator[AdverseEventView]:
@@ -249,7 +248,7 @@ def _adverse_events(store: Store, pseudonym: str) -> Iterator[AdverseEventView]:
 
 
 def _trial(design: Design, trial: Trial, attempts: list[TrialAttempt], left: set[int]) -> TrialView:
-    task, robot = find_environment(trial.environment)
+    task, robot = trial.task, trial.robot
     metrics = next((attempt.metrics for attempt in attempts if attempt.state == "completed"), Metrics())
     return TrialView(
         position=trial.position,

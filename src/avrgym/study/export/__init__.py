@@ -70,7 +70,7 @@ def export_study(
             f"{data_format} cannot contain free text and data on health; allowed: {', '.join(WITH_RECORDS)}"
         )
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise StudyError(f"{out} holds something already; choose another folder")
+        raise StudyError(f"{out} is not empty; choose another folder")
     write = _writer(data_format)
     if data_format in WITH_RECORDS:
         write = partial(write, extras=extras)
@@ -91,12 +91,15 @@ def _refusal(left_out: Sequence[LeftOut]) -> str:
 def _write(
     store: Store, write: Write, sound: Sequence[ExportedAttempt], left_out: Sequence[LeftOut], folder: Path
 ) -> None:
-    from avrgym.study.export.tables import write_csv
+    from avrgym.study.export.rows import LeftOutRow
+    from avrgym.study.export.table_files import write_csv
 
     write(store, sound, folder)
     _add_losses(store, folder)
     if left_out:
-        write_csv(folder / LEFT_OUT, [each.exported.labels() | {"why": each.why} for each in left_out])
+        write_csv(
+            folder / LEFT_OUT, [LeftOutRow(**vars(each.exported.labels()), why=each.why) for each in left_out]
+        )
 
 
 def _add_losses(store: Store, folder: Path) -> None:

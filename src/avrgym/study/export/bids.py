@@ -15,8 +15,8 @@ from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.schema import Event, Pose, TrackingFrame
 from avrgym.study.export import LEFT_OUT, NOTICE
 from avrgym.study.export.physio import Series, corrected_marks, marks, recorded_series
-from avrgym.study.export.records import WITHOUT, Extras, records_of, write_table
-from avrgym.study.export.separated import cell, write_json, write_rows
+from avrgym.study.export.records import WITHOUT, Extras, record_tables, write_table
+from avrgym.study.export.table_files import tsv_cell, write_json, write_tsv
 from avrgym.study.export.trials import ExportedAttempt
 from avrgym.study.storage.answers import answer_moments
 from avrgym.study.storage.item_versions import AnsweredItems
@@ -52,7 +52,7 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extr
         _write_session(list(session), folder)
     _write_answers(store, completed, folder / "phenotype")
     (folder / RECORDS).mkdir()
-    for name, rows in records_of(store, extras).items():
+    for name, rows in record_tables(store, extras).items():
         write_table(folder / RECORDS, name, rows)
 
 
@@ -114,7 +114,11 @@ def _scan(exported: ExportedAttempt) -> dict[str, Any]:
     return {
         "filename": f"motion/{_run_name(exported)}_motion.tsv",
         "acq_time": f"{moment}Z",
-        **{name: labels[name] for name in ("simulated", "practice", "task", "robot", "policy")},
+        "simulated": labels.simulated,
+        "practice": labels.practice,
+        "task": labels.task,
+        "robot": labels.robot,
+        "policy": labels.policy,
         "reward": metrics.reward,
         "success": metrics.success,
     }
@@ -122,7 +126,7 @@ def _scan(exported: ExportedAttempt) -> dict[str, Any]:
 
 def _run_name(exported: ExportedAttempt) -> str:
     return (
-        f"{exported.participant.pseudonym}_{exported.session.name}_task-{exported.task}"
+        f"{exported.participant.pseudonym}_{exported.session.name}_task-{exported.trial.task}"
         f"_tracksys-{TRACKING_SYSTEM}_run-{exported.trial.position:02}"
     )
 
@@ -132,7 +136,7 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
     topics = exported.read_whole().topics
     frames = [frame for _, frame in topics["/tracking"]]
     channels = list(_channels())
-    write_rows(folder / f"{name}_motion.tsv", [_row(frame, frames[0]) for frame in frames])
+    write_tsv(folder / f"{name}_motion.tsv", [_row(frame, frames[0]) for frame in frames])
     _write_table(folder / f"{name}_channels.tsv", channels)
     write_json(folder / f"{name}_channels.json", _reference_frame())
     write_json(folder / f"{name}_motion.json", _sidecar(exported, frames, len(channels)))
@@ -145,10 +149,10 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
 
 def _write_series(series: Series, exported: ExportedAttempt, path: Path) -> None:
     """Write samples without a heading, packed without a date so that the same study gives the same bytes."""
-    lines = ("\t".join(cell(value) for value in row) + "\n" for row in series.rows())
+    lines = ("\t".join(tsv_cell(value) for value in row) + "\n" for row in series.rows())
     data = gzip.compress("".join(lines).encode(), mtime=0)
     path.with_suffix(".tsv.gz").write_bytes(data)
-    write_json(path.with_suffix(".json"), {"TaskName": exported.task, **series.sidecar()})
+    write_json(path.with_suffix(".json"), {"TaskName": exported.trial.task, **series.sidecar()})
 
 
 def _write_events(
@@ -208,8 +212,8 @@ def _sidecar(exported: ExportedAttempt, frames: Sequence[TrackingFrame], channel
     rate_hz = (len(frames) - 1) / duration_s if duration_s > 0 else 0.0
     points = len(TRACKED)
     return {
-        "TaskName": exported.task,
-        "TaskDescription": f"A virtual {exported.robot} helps the participant: {exported.task}.",
+        "TaskName": exported.trial.task,
+        "TaskDescription": f"A virtual {exported.trial.robot} helps the participant: {exported.trial.task}.",
         "SamplingFrequency": rate_hz,
         "SamplingFrequencyEffective": rate_hz,
         "RecordingDuration": duration_s,
@@ -283,7 +287,7 @@ def _rows_of_answers(
     scales = {item.id: questionnaire.scale_of(item) for item in questionnaire.items}
     people = {person.number: person for person in store.participants()}
     for number, own in groupby(attempts, key=lambda exported: exported.participant.number):
-        about = {e.attempt.id: f"{e.task}_{e.robot}_{e.trial.policy}" for e in own}
+        about = {e.attempt.id: f"{e.trial.task}_{e.trial.robot}_{e.trial.policy}" for e in own}
         participant = people[number]
         sessions = {session.id: session.name for session in store.sessions(participant.pseudonym)}
         row: dict[str, Any] = {"participant_id": participant.pseudonym, "simulated": participant.simulated}
@@ -302,4 +306,4 @@ def _rows_of_answers(
 
 def _write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     names = list(rows[0]) if rows else []
-    write_rows(path, [names, *(list(row.values()) for row in rows)])
+    write_tsv(path, [names, *(list(row.values()) for row in rows)])

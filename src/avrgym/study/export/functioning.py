@@ -1,9 +1,9 @@
 """Functioning and assistive devices of analysed people, as counts without small groups."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 from avrgym.study.design.functioning import DECLINED, DEVICES, LEVELS, QUESTIONS
+from avrgym.study.export.rows import FunctioningCountRow, FunctioningRow
 from avrgym.study.people.functioning import Functioning
 from avrgym.study.storage.rows import Participant
 from avrgym.study.storage.states import PARTICIPATING
@@ -15,21 +15,18 @@ SUPPRESSED = "suppressed"
 NOT_ASKED = "not asked"
 
 
-def functioning_rows(store: Store) -> Iterator[dict[str, Any]]:
+def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
     """A row for each answer that each question allows, with how many of the people analysed gave it."""
     given = [_answers(person) for person in store.participants() if _is_analysed(store, person)]
     for question in QUESTIONS:
         levels = [answers.levels[question] if answers else NOT_ASKED for answers in given]
         kinds = [*LEVELS, NOT_ASKED]
         for level, number in zip(kinds, suppress([levels.count(each) for each in kinds]), strict=True):
-            yield {"question": question, "answer": level, "people": _shown(number)}
+            yield FunctioningCountRow(question, level, _shown(number))
     for device in DEVICES:
         number = sum(answers is not None and device in answers.devices for answers in given)
-        yield {
-            "question": "devices",
-            "answer": device if device == DECLINED else f"{device}: {DEVICES[device]}",
-            "people": _shown(suppress([number, len(given) - number])[0]),
-        }
+        answer = device if device == DECLINED else f"{device}: {DEVICES[device]}"
+        yield FunctioningCountRow("devices", answer, _shown(suppress([number, len(given) - number])[0]))
 
 
 def suppress(counts: Sequence[int], least: int = LEAST) -> list[int | None]:
@@ -43,18 +40,18 @@ def suppress(counts: Sequence[int], least: int = LEAST) -> list[int | None]:
     return [None if place in hidden else number for place, number in enumerate(counts)]
 
 
-def individual_rows(store: Store, *, free_text: bool) -> Iterator[dict[str, Any]]:
+def functioning_rows(store: Store, *, free_text: bool) -> Iterator[FunctioningRow]:
     """The answers of each person."""
     for person in store.participants():
         answers = _answers(person)
         if answers is not None:
-            yield {
-                "participant": person.pseudonym,
-                "site": person.site,
+            yield FunctioningRow(
+                participant=person.pseudonym,
+                site=person.site,
                 **{question: answers.levels[question] for question in QUESTIONS},
-                "devices": ", ".join(answers.devices) or None,
-                "diagnosis": (answers.diagnosis or None) if free_text else None,
-            }
+                devices=", ".join(answers.devices) or None,
+                diagnosis=(answers.diagnosis or None) if free_text else None,
+            )
 
 
 def _answers(person: Participant) -> Functioning | None:

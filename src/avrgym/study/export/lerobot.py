@@ -59,7 +59,7 @@ def _write_dataset(attempts: Sequence[ExportedAttempt], folder: Path) -> None:
 
 
 def _task(exported: ExportedAttempt) -> str:
-    return f"The {exported.robot} helps a person: {exported.task}."
+    return f"The {exported.trial.robot} helps a person: {exported.trial.task}."
 
 
 def _columns(exported: ExportedAttempt, episode: int, start: int, task: int) -> Columns:
@@ -89,7 +89,9 @@ def _episode(
         for feature, values in columns.items()
         for name, value in statistics(values).items()
     }
-    labels = {f"study/{name}": "" if value is None else value for name, value in exported.labels().items()}
+    labels = {
+        f"study/{name}": "" if value is None else value for name, value in vars(exported.labels()).items()
+    }
     return {
         "episode_index": number,
         "tasks": [_task(exported)],
@@ -148,7 +150,7 @@ def _info(attempts: Sequence[ExportedAttempt], whole: Columns, tasks: int) -> di
     names = _names(attempts[0])
     return {
         "codebase_version": VERSION,
-        "robot_type": attempts[0].robot,
+        "robot_type": attempts[0].trial.robot,
         "total_episodes": len(attempts),
         "total_frames": len(whole["index"]),
         "total_tasks": tasks,
@@ -171,8 +173,8 @@ def _feature(values: NumpyArray, names: Sequence[str] | None) -> dict[str, Any]:
 
 def _names(exported: ExportedAttempt) -> dict[str, list[str]]:
     """What the numbers of a feature are; a recording of another version may have others, which stay without names."""
-    task = TASKS[exported.task]
-    scene = task.scene(find_robot(exported.robot))
+    task = TASKS[exported.trial.task]
+    scene = task.scene(find_robot(exported.trial.robot))
     return {"observation.state": number_names(task.observation(scene)), "action": list(scene.arm.joints)}
 
 

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -10,11 +11,11 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import msgspec
 
 from avrgym.study.export.codebook import TABLES, codebook
-from avrgym.study.export.consents import write_consent_texts
-from avrgym.study.export.log import log_rows
-from avrgym.study.export.records import WITHOUT, Extras, adverse_event_rows, event_rows, note_rows
-from avrgym.study.export.scores import scales, uses_instruments
-from avrgym.study.export.tables import items_of, tables_of_people, write_csv
+from avrgym.study.export.records import WITHOUT, Extras, adverse_event_rows, event_rows, log_rows, note_rows
+from avrgym.study.export.rows import EventRow
+from avrgym.study.export.scores import scale_rows, uses_instruments
+from avrgym.study.export.table_files import write_csv
+from avrgym.study.export.tables import item_rows, participant_tables, write_consent_texts
 from avrgym.study.export.trials import attempts_of
 from avrgym.study.storage import identity_file
 from avrgym.study.storage.item_versions import AnsweredItems
@@ -93,35 +94,35 @@ def _write(store: Store, person: Participant, folder: Path) -> None:
             (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 
 
-def _tables(store: Store, person: Participant) -> dict[str, Iterable[Mapping[str, Any]]]:
+def _tables(store: Store, person: Participant) -> dict[str, Iterable[Any]]:
     attempts = list(attempts_of(store, person))
     completed = [each for each in attempts if each.attempt.state == "completed"]
     asked = AnsweredItems(store)
     heights = {each.attempt.id: each.attempt.torso_height_m for each in attempts}
-    tables: dict[str, Iterable[Mapping[str, Any]]] = {
+    tables: dict[str, Iterable[Any]] = {
         name: _own(rows, person)
-        for name, rows in tables_of_people(store, attempts, completed, heights, asked).items()
+        for name, rows in participant_tables(store, attempts, completed, heights, asked).items()
     }
     everything, design = Extras(free_text=True), asked.design
     return {
         **tables,
-        "items": items_of(design),
-        **({"scales": scales(design)} if uses_instruments(design) else {}),
+        "items": item_rows(design),
+        **({"scales": scale_rows(design)} if uses_instruments(design) else {}),
         "events": _own(map(_without_others, event_rows(store, [person], everything)), person),
         "notes": note_rows(store, [person]),
         "adverse_events": [
-            row | {"recorded_by": None} for row in adverse_event_rows(store, [person], everything)
+            replace(row, recorded_by=None) for row in adverse_event_rows(store, [person], everything)
         ],
         "log": _own(log_rows(store, WITHOUT), person),
     }
 
 
-def _own(rows: Iterable[Mapping[str, Any]], person: Participant) -> Iterator[Mapping[str, Any]]:
-    return (row for row in rows if row["participant"] == person.pseudonym)
+def _own(rows: Iterable[Any], person: Participant) -> Iterator[Any]:
+    return (row for row in rows if row.participant == person.pseudonym)
 
 
-def _without_others(row: Mapping[str, Any]) -> Mapping[str, Any]:
-    return {**row, "detail": None} if row["name"] in NAMES_OTHERS else row
+def _without_others(row: EventRow) -> EventRow:
+    return replace(row, detail=None) if row.name in NAMES_OTHERS else row
 
 
 def _pack(store: Store, person: Participant, folder: Path, archive: Path) -> list[str]:

@@ -74,7 +74,7 @@ def _write_demonstration(group: h5py.Group, exported: ExportedAttempt) -> int:
     """Write one trial; the number of its samples."""
     steps = [control for _, control in exported.control_steps()]
     observations = np.array([control.observation for control in steps])
-    for name, value in exported.labels().items():
+    for name, value in vars(exported.labels()).items():
         group.attrs[name] = "" if value is None else value
     group.attrs["seed"] = exported.trial.seed
     group.attrs["num_samples"] = len(steps)

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import msgspec
 
-from avrgym.questionnaires.instrument import Instrument, Scale
+from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design.design import Design
+from avrgym.study.export.rows import ScaleRow, ScoreRow
 from avrgym.study.export.trials import ExportedAnswer
 from avrgym.study.storage.answers import sessions_of_visit
 from avrgym.study.storage.item_versions import AnsweredItems
@@ -29,26 +29,20 @@ class Score:
     value: float | None
     answers: tuple[ExportedAnswer, ...]
 
-    def columns(self) -> dict[str, Any]:
-        """The score as tables have it."""
-        labels = self.answers[-1].columns()
-        of_trial = ("position", "practice", "task", "robot", "policy", "attempt")
+    def row(self) -> ScoreRow:
+        """The row of this score in tables."""
         least, most = self.instrument.range_of(self.scale)
         items = self.instrument.items_of(self.scale)
-        return {
-            **{
-                name: labels[name]
-                for name in ("participant", "site", "simulated", "session", *of_trial, "moment")
-            },
-            "questionnaire": self.questionnaire.name,
-            "instrument": self.instrument.name,
-            "scale": self.scale,
-            "score": self.value,
-            "least": least,
-            "most": most,
-            "answered": sum(answer.given.item in items for answer in self.answers),
-            "items": len(items),
-        }
+        return ScoreRow(
+            **vars(self.answers[-1].labels()),
+            instrument=self.instrument.name,
+            scale=self.scale,
+            score=self.value,
+            least=least,
+            most=most,
+            answered=sum(answer.given.item in items for answer in self.answers),
+            items=len(items),
+        )
 
 
 def scores_of(
@@ -78,39 +72,35 @@ def scores_of(
     ]
 
 
-def scales(design: Design) -> Iterator[dict[str, Any]]:
-    """A row for every scale of every instrument of a design: how it is scored, and where that is written."""
+def scale_rows(design: Design) -> Iterator[ScaleRow]:
+    """A row for every scale of the design's validated questionnaires."""
     for questionnaire in design.questionnaires:
         instrument = questionnaire.instrument
         for name in instrument.scale_names if instrument else ():
             assert instrument is not None
             scale = next((each for each in instrument.scales if each.name == name), None)
             least, most = instrument.range_of(name)
-            yield {
-                "questionnaire": questionnaire.name,
-                "instrument": instrument.name,
-                "title": instrument.title,
-                "scale": name,
-                **_rule(scale),
-                "items": ", ".join(scale.items if scale else instrument.items_of(name)),
-                "least": least,
-                "most": most,
-                "missing": instrument.missing,
-                "source": instrument.source,
-                "licence": instrument.licence,
-            }
+            yield ScaleRow(
+                questionnaire=questionnaire.name,
+                instrument=instrument.name,
+                title=instrument.title,
+                scale=name,
+                of=scale.of if scale else "weighted mean",
+                factor=scale.factor if scale else 1.0,
+                reversed=", ".join(scale.reversed) if scale else "",
+                offset=scale.offset if scale else 0,
+                items=", ".join(scale.items if scale else instrument.items_of(name)),
+                least=least,
+                most=most,
+                missing=instrument.missing,
+                source=instrument.source,
+                licence=instrument.licence,
+            )
 
 
 def uses_instruments(design: Design) -> bool:
     """Whether any questionnaire of a design scores itself."""
     return any(questionnaire.instrument is not None for questionnaire in design.questionnaires)
-
-
-def _rule(scale: Scale | None) -> dict[str, Any]:
-    if scale is None:
-        return {"of": "weighted mean", "factor": 1.0, "reversed": "", "offset": 0}
-    reversed_items = ", ".join(scale.reversed)
-    return {"of": scale.of, "factor": scale.factor, "reversed": reversed_items, "offset": scale.offset}
 
 
 def _is_of_instrument(answer: ExportedAnswer) -> bool:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.reader import (
@@ -12,13 +11,13 @@ from avrgym.recording.reader import (
     read_recording,
 )
 from avrgym.recording.schema import Control
+from avrgym.study.export.rows import AnswerLabels, AnswerRow, AttemptLabels
 from avrgym.study.storage.answers import answer_moments
 from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, sha256_of
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import GivenAnswer, Participant, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.tasks.registry import find_environment
 
 
 @dataclass(frozen=True)
@@ -33,17 +32,9 @@ class ExportedAttempt:
     answers: tuple[GivenAnswer, ...]
 
     @property
-    def task(self) -> str:
-        return find_environment(self.trial.environment)[0]
-
-    @property
-    def robot(self) -> str:
-        return find_environment(self.trial.environment)[1]
-
-    @property
     def scene(self) -> str:
         """Task and robot in one word."""
-        return self.task + self.robot
+        return self.trial.task + self.trial.robot
 
     def read(self) -> Recording:
         """Read the recording as far as it goes; it is large, and nothing keeps it."""
@@ -87,20 +78,20 @@ class ExportedAttempt:
         """The control steps with their times in seconds; raises what ``read_whole`` does."""
         return [(time_ns / 1e9, control) for time_ns, control in self.read_whole().topics["/control"]]
 
-    def labels(self) -> dict[str, Any]:
-        """What tells this attempt from all others, for the rows of tables."""
-        return {
-            "participant": self.participant.pseudonym,
-            "site": self.participant.site,
-            "simulated": self.participant.simulated,
-            "session": self.session.number,
-            "position": self.trial.position,
-            "practice": self.trial.practice,
-            "task": self.task,
-            "robot": self.robot,
-            "policy": self.trial.policy,
-            "attempt": self.attempt.number,
-        }
+    def labels(self) -> AttemptLabels:
+        """The labels that identify this attempt in tables."""
+        return AttemptLabels(
+            participant=self.participant.pseudonym,
+            site=self.participant.site,
+            simulated=self.participant.simulated,
+            session=self.session.number,
+            position=self.trial.position,
+            practice=self.trial.practice,
+            task=self.trial.task,
+            robot=self.trial.robot,
+            policy=self.trial.policy,
+            attempt=self.attempt.number,
+        )
 
 
 def all_attempts(store: Store) -> Iterator[ExportedAttempt]:
@@ -145,27 +136,37 @@ class ExportedAnswer:
     questionnaire: Questionnaire
     item: Item
 
-    def columns(self) -> dict[str, Any]:
-        """The answer as tables have it."""
-        labels = {} if self.exported is None else self.exported.labels()
+    def labels(self) -> AnswerLabels:
+        """The labels of this answer in tables."""
+        attempt = self.exported
+        return AnswerLabels(
+            participant=self.participant.pseudonym,
+            site=self.participant.site,
+            simulated=self.participant.simulated,
+            session=self.session.number,
+            position=attempt and attempt.trial.position,
+            practice=attempt and attempt.trial.practice,
+            task=attempt and attempt.trial.task,
+            robot=attempt and attempt.trial.robot,
+            policy=attempt and attempt.trial.policy,
+            attempt=attempt and attempt.attempt.number,
+            moment=self.moment,
+            questionnaire=self.questionnaire.name,
+        )
+
+    def row(self) -> AnswerRow:
+        """The row of this answer in tables."""
         scale = self.questionnaire.scale_of(self.item)
-        of_trial = ("position", "practice", "task", "robot", "policy", "attempt")
-        return {
-            "participant": self.participant.pseudonym,
-            "site": self.participant.site,
-            "simulated": self.participant.simulated,
-            "session": self.session.number,
-            **{name: labels.get(name) for name in of_trial},
-            "moment": self.moment,
-            "questionnaire": self.questionnaire.name,
-            "item": self.item.id,
-            "value": scale.counts_as(self.given.value),
-            "least": scale.lowest,
-            "most": scale.highest,
-            "points": scale.points,
-            "response_time_s": self.given.response_time_s,
-            "answered_at": self.given.answered_at,
-        }
+        return AnswerRow(
+            **vars(self.labels()),
+            item=self.item.id,
+            value=scale.counts_as(self.given.value),
+            least=scale.lowest,
+            most=scale.highest,
+            points=scale.points,
+            response_time_s=self.given.response_time_s,
+            answered_at=self.given.answered_at,
+        )
 
 
 def answers_of(

@@ -10,6 +10,7 @@ from avrgym.models.human import Sex
 from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.schema import Answer, Metrics
 from avrgym.study.storage.states import StudyError
+from avrgym.tasks.registry import find_environment
 
 RECORDINGS = "recordings"
 
@@ -126,6 +127,16 @@ class Trial:
     seed: int
     practice: bool
     state: str
+
+    @property
+    def task(self) -> str:
+        """Name of the task."""
+        return find_environment(self.environment)[0]
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot."""
+        return find_environment(self.environment)[1]
 
     def __str__(self) -> str:
         return f"trial {self.position} of {pseudonym_of(self.participant)}"

@@ -16,7 +16,7 @@ from avrgym.study.storage.rows import Participant, StoredDesign, StudySession, T
 from avrgym.study.storage.sites import SITE_DIFFERS
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.registry import TASKS
 from avrgym.texts.interface_texts import TextsError, normalize_whitespace, read_texts
 
 Translate = Callable[[str], str]
@@ -44,7 +44,7 @@ def design_as_recorded(
         changes["free_movement_s"] = configuration.free_movement_s
     if configuration.stop_rules is not None:
         changes["stop_rules"] = configuration.stop_rules
-    task = find_environment(trial.environment)[0]
+    task = trial.task
     expected = design.goals.get(task) or TASKS[task].goal
     if configuration.goal not in (expected, translate(expected)):
         changes["goals"] = {**design.goals, task: configuration.goal}

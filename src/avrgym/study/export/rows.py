@@ -1,0 +1,456 @@
+"""The rows of the exported tables. Each field carries the description of its column."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from avrgym.models.human import SEXES
+from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS
+from avrgym.questionnaires.registry import INSTRUMENTS
+from avrgym.robots.registry import ROBOTS
+from avrgym.study.design.functioning import LEVELS
+from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES
+from avrgym.study.storage.audit_log import KNOWN_BY
+from avrgym.study.storage.states import ATTEMPT, PARTICIPANT, TRIAL
+from avrgym.system.columns import TIME, Column
+from avrgym.tasks.registry import TASKS
+
+_FROM_0, _FROM_1 = "0 and above", "1 and above"
+_SESSION_ANSWER = "the answer is about a whole session"
+_NO_TRIAL = "it was in no trial"
+_NO_SESSION = "it is about no session"
+_WHOLE_STUDY = "it is about the whole study"
+_NO_METRICS = "the attempt did not end with metrics"
+_NO_RESULTS = "no results were viewed"
+
+
+def _one_of(*values: str) -> str:
+    return ", ".join(values)
+
+
+def _utc(meaning: str, empty: str = "") -> Column:
+    return Column(meaning, TIME, "UTC", "ISO 8601", empty)
+
+
+def _participant(empty: str = "") -> Column:
+    return Column("Pseudonym of the participant.", allowed="sub-001, sub-002 and so on", empty=empty)
+
+
+def _simulated(empty: str = "") -> Column:
+    return Column("Whether a program took the place of a person.", empty=empty)
+
+
+def _session(empty: str = "") -> Column:
+    return Column("Number of the participant's session.", allowed=_FROM_1, empty=empty)
+
+
+def _position(empty: str = "") -> Column:
+    return Column(
+        "Position of the trial in the participant's order, with practice.", allowed=_FROM_1, empty=empty
+    )
+
+
+def _practice(empty: str = "") -> Column:
+    return Column("Whether it was a practice trial, which has no questionnaire.", empty=empty)
+
+
+def _task(empty: str = "") -> Column:
+    return Column("Task of the robot.", allowed=_one_of(*TASKS), empty=empty)
+
+
+def _robot(empty: str = "") -> Column:
+    return Column("Robot.", allowed=_one_of(*ROBOTS), empty=empty)
+
+
+def _policy(empty: str = "") -> Column:
+    return Column("Policy that controlled the robot.", allowed="the design's policies", empty=empty)
+
+
+def _attempt(empty: str = "") -> Column:
+    return Column("Number of the attempt at the trial.", allowed=_FROM_1, empty=empty)
+
+
+Pseudonym = Annotated[str, _participant()]
+Site = Annotated[
+    str | None,
+    Column("Site of the participation.", allowed="letters, digits, - and _", empty="no site was given"),
+]
+IsSimulated = Annotated[bool, _simulated()]
+Session = Annotated[int, _session()]
+Position = Annotated[int, _position()]
+Practice = Annotated[bool, _practice()]
+TaskName = Annotated[str, _task()]
+RobotName = Annotated[str, _robot()]
+PolicyName = Annotated[str, _policy()]
+AttemptNumber = Annotated[int, _attempt()]
+Reward = Annotated[float | None, Column("Sum of the rewards of all control steps.", empty=_NO_METRICS)]
+Moment = Annotated[str, Column("Time of the questions.", allowed=_one_of(*MOMENTS))]
+QuestionnaireName = Annotated[str, Column("Name of the questionnaire.")]
+InstrumentName = Annotated[
+    str, Column("The validated questionnaire that it uses.", allowed=_one_of(*INSTRUMENTS))
+]
+LowestScore = Annotated[float, Column("Lowest possible score.")]
+HighestScore = Annotated[float, Column("Highest possible score.")]
+
+
+@dataclass(frozen=True)
+class ParticipantRow:
+    """One participant."""
+
+    participant: Pseudonym
+    site: Site
+    site_participant: Annotated[
+        str | None, Column("Pseudonym of the participant at the site.", empty="not merged from sites")
+    ]
+    simulated: IsSimulated
+    state: Annotated[str, Column("State of the participation.", allowed=_one_of(*PARTICIPANT))]
+    sex: Annotated[str, Column("Sex of the body model.", allowed=_one_of(*SEXES))]
+    age_years: Annotated[int | None, Column("Age at enrolment.", unit="year", empty="not given")]
+    language: Annotated[str, Column("Language of the texts.", allowed="a language tag")]
+    torso_height_m: Annotated[
+        float | None,
+        Column(
+            "Torso height, hip bone to centre of the head, as calibrated: median over the exported completed trials.",
+            unit="m",
+            empty="no completed trial was exported",
+        ),
+    ]
+    cell: Annotated[
+        int | None, Column("Number of the order of trials.", allowed=_FROM_0, empty="no order yet")
+    ]
+    consent_version: Annotated[
+        str | None, Column("Version of the consent text that was agreed to.", empty="no consent")
+    ]
+    consented_at: Annotated[str | None, _utc("Time of the consent.", "no consent")]
+
+
+@dataclass(frozen=True)
+class ConsentRow:
+    """One decision of a participant about a consent text."""
+
+    participant: Pseudonym
+    site: Site
+    simulated: IsSimulated
+    decision: Annotated[int, Column("Number of the participant's decision.", allowed=_FROM_1)]
+    agreed: Annotated[bool, Column("Whether the participant agreed.")]
+    version: Annotated[
+        str | None, Column("Version of the consent text.", empty="not stored by the version of AVR Gym")
+    ]
+    language: Annotated[
+        str | None,
+        Column("Language of the consent text.", allowed="a language tag", empty="the design's first"),
+    ]
+    decided_at: Annotated[str, _utc("Time of the decision.")]
+    sha256: Annotated[
+        str | None,
+        Column("Checksum of the consent text.", allowed="64 hexadecimal digits", empty="not stored"),
+    ]
+    text: Annotated[str | None, Column("File of the consent text in the export.", empty="text not archived")]
+
+
+@dataclass(frozen=True)
+class TrialRow:
+    """One planned trial."""
+
+    participant: Pseudonym
+    site: Site
+    simulated: IsSimulated
+    position: Position
+    practice: Practice
+    environment: Annotated[
+        str, Column("The Gymnasium environment of task and robot.", allowed="see avrgym envs")
+    ]
+    policy: PolicyName
+    seed: Annotated[int, Column("Seed of the trial's start and of exploration noise.", allowed=_FROM_0)]
+    state: Annotated[str, Column("State of the trial.", allowed=_one_of(*TRIAL))]
+    attempts: Annotated[int, Column("Number of attempts.", allowed=_FROM_0)]
+    recording: Annotated[
+        str | None,
+        Column("File of the recording in the study's folder.", empty="the trial is not completed"),
+    ]
+
+
+@dataclass(frozen=True)
+class AttemptLabels:
+    """The labels that identify one attempt."""
+
+    participant: Pseudonym
+    site: Site
+    simulated: IsSimulated
+    session: Session
+    position: Position
+    practice: Practice
+    task: TaskName
+    robot: RobotName
+    policy: PolicyName
+    attempt: AttemptNumber
+
+
+@dataclass(frozen=True)
+class AttemptRow(AttemptLabels):
+    """One attempt at a trial."""
+
+    state: Annotated[str, Column("How the attempt ended, or that it runs.", allowed=_one_of(*ATTEMPT))]
+    started_at: Annotated[str, _utc("Start of the attempt.")]
+    ended_at: Annotated[str | None, _utc("End of the attempt.", "it runs")]
+    steps: Annotated[
+        int | None, Column("Number of control steps of 0.1 s.", allowed=_FROM_0, empty=_NO_METRICS)
+    ]
+    reward: Reward
+    success: Annotated[bool | None, Column("Whether the robot has succeeded.", empty=_NO_METRICS)]
+    seconds: Annotated[
+        float | None, Column("Duration of the attempt.", unit="s", allowed=_FROM_0, empty=_NO_METRICS)
+    ]
+    torso_height_m: Annotated[
+        float | None,
+        Column("Torso height of the body model.", unit="m", empty="not completed, or left out"),
+    ]
+    recording: Annotated[str, Column("File of the recording in the study's folder.")]
+    sha256: Annotated[
+        str | None,
+        Column("Checksum of the closed recording.", allowed="64 hexadecimal digits", empty="not closed"),
+    ]
+
+
+@dataclass(frozen=True)
+class LeftOutRow(AttemptLabels):
+    """One attempt whose recording was left out."""
+
+    why: Annotated[str, Column("Why the recording was left out.")]
+
+
+@dataclass(frozen=True)
+class ControlStepRow(AttemptLabels):
+    """One control step. The export adds columns for reward terms and actions."""
+
+    step: Annotated[int, Column("Number of the control step in the trial.", allowed=_FROM_1)]
+    time_s: Annotated[
+        float, Column("End of the step, from the start of the attempt.", unit="s", allowed=_FROM_0)
+    ]
+    reward: Annotated[float, Column("Weighted sum of the reward terms.")]
+    success: Annotated[bool, Column("Whether the robot has succeeded so far.")]
+    distance_m: Annotated[
+        float, Column("Distance to the target, as the task defines it.", unit="m", allowed=_FROM_0)
+    ]
+    force_on_person_n: Annotated[
+        float, Column("Contact force of robot and tool on the person.", unit="N", allowed=_FROM_0)
+    ]
+
+
+@dataclass(frozen=True)
+class AnswerLabels:
+    """The labels of an answer; those about a whole session have no trial."""
+
+    participant: Pseudonym
+    site: Site
+    simulated: IsSimulated
+    session: Session
+    position: Annotated[int | None, _position(_SESSION_ANSWER)]
+    practice: Annotated[bool | None, _practice(_SESSION_ANSWER)]
+    task: Annotated[str | None, _task(_SESSION_ANSWER)]
+    robot: Annotated[str | None, _robot(_SESSION_ANSWER)]
+    policy: Annotated[str | None, _policy(_SESSION_ANSWER)]
+    attempt: Annotated[int | None, _attempt(_SESSION_ANSWER)]
+    moment: Moment
+    questionnaire: QuestionnaireName
+
+
+@dataclass(frozen=True)
+class AnswerRow(AnswerLabels):
+    """One answer to an item."""
+
+    item: Annotated[
+        str,
+        Column("The item. A changed item is another version; items has the texts.", allowed="see items"),
+    ]
+    value: Annotated[int, Column("The answer on the item's own scale.", allowed="least to most")]
+    least: Annotated[int, Column("Lowest value of the scale of this version.")]
+    most: Annotated[int, Column("Highest value of the scale of this version.")]
+    points: Annotated[int, Column("Number of values of the scale.", allowed="2 to 101")]
+    response_time_s: Annotated[
+        float,
+        Column(
+            "Time from the appearance of the item to the answer. Time in which the participant could not see or answer "
+            "it is left out: menus over VR, a removed headset, a page in the background, lost tracking or connection.",
+            unit="s",
+            allowed=_FROM_0,
+        ),
+    ]
+    answered_at: Annotated[str, _utc("Time of storage.")]
+
+
+@dataclass(frozen=True)
+class ItemRow:
+    """One item of a questionnaire."""
+
+    questionnaire: QuestionnaireName
+    when: Annotated[str, Column("One or several times of the questions.", allowed=_one_of(*MOMENTS))]
+    order: Annotated[str, Column("Order of the items.", allowed=_one_of(*ITEM_ORDERS))]
+    item: Annotated[str, Column("Name of the item.")]
+    text: Annotated[str, Column("Text of the item.")]
+    least: Annotated[int, Column("Lowest value of the scale.")]
+    most: Annotated[int, Column("Highest value of the scale.")]
+    points: Annotated[int, Column("Number of values of the scale, in equal steps.", allowed="2 to 101")]
+    low: Annotated[str, Column("Label of the lowest value.")]
+    high: Annotated[str, Column("Label of the highest value.")]
+
+
+@dataclass(frozen=True)
+class ScoreRow(AnswerLabels):
+    """One score of a validated questionnaire."""
+
+    instrument: InstrumentName
+    scale: Annotated[str, Column("Name of the score; scales has its computation.", allowed="see scales")]
+    score: Annotated[
+        float | None,
+        Column("The score.", allowed="least to most", empty="required answers or weights are missing"),
+    ]
+    least: LowestScore
+    most: HighestScore
+    answered: Annotated[int, Column("Number of answered items of the scale.", allowed=_FROM_0)]
+    items: Annotated[int, Column("Number of items of the scale.", allowed=_FROM_1)]
+
+
+@dataclass(frozen=True)
+class ScaleRow:
+    """One scale of a validated questionnaire, and its computation."""
+
+    questionnaire: QuestionnaireName
+    instrument: InstrumentName
+    title: Annotated[str, Column("Title of the validated questionnaire.")]
+    scale: Annotated[str, Column("Name of the score.")]
+    of: Annotated[str, Column("Function of the item values.", allowed="mean, sum, weighted mean")]
+    factor: Annotated[float, Column("Factor of the result.")]
+    reversed: Annotated[str, Column("Reversed items: least + most − value.", empty="none")]
+    offset: Annotated[int, Column("Added to each item value after reversal.", unit="1")]
+    items: Annotated[str, Column("Items; one that is listed twice counts twice.", allowed="see items")]
+    least: LowestScore
+    most: HighestScore
+    missing: Annotated[str, Column("Effect of a missing answer.", allowed="no score, centre")]
+    source: Annotated[str, Column("Publication of questionnaire and scoring.")]
+    licence: Annotated[str, Column("Licence of the texts.")]
+
+
+@dataclass(frozen=True)
+class LogRow:
+    """One entry of the audit log."""
+
+    entry: Annotated[int, Column("Number of the entry; those of a merged site begin at a multiple of 10^9.")]
+    site: Site
+    at: Annotated[str, _utc("Time of the action.")]
+    person: Annotated[str, Column("Person, by number; with --free-text, by the name of a token or account.")]
+    known_by: Annotated[str, Column("How the person is identified.", allowed=_one_of(*KNOWN_BY))]
+    name: Annotated[str, Column("The action.", allowed="see The log in docs/study.md")]
+    participant: Annotated[str | None, Column("Pseudonym of its participant.", empty="it has none")]
+    detail: Annotated[
+        str | None, Column("Further information; refused: the action changed nothing.", empty="nothing")
+    ]
+    completed: Annotated[
+        int | None,
+        Column(
+            "Number of participants who had completed the study when results were viewed.",
+            allowed=_FROM_0,
+            empty=_NO_RESULTS,
+        ),
+    ]
+    planned: Annotated[
+        int | None, Column("Planned number of participants then.", allowed=_FROM_1, empty=_NO_RESULTS)
+    ]
+
+
+@dataclass(frozen=True)
+class EventRow:
+    """One event of the study."""
+
+    participant: Annotated[str | None, _participant(_WHOLE_STUDY)]
+    session: Annotated[int | None, _session(_NO_SESSION)]
+    position: Annotated[int | None, _position(_NO_TRIAL)]
+    attempt: Annotated[int | None, _attempt(_NO_TRIAL)]
+    simulated: Annotated[bool | None, _simulated(_WHOLE_STUDY)]
+    at: Annotated[str, _utc("Time of storage.")]
+    name: Annotated[str, Column("Name of the event.")]
+    detail: Annotated[
+        str | None, Column("Further information.", empty="nothing, or free text without --free-text")
+    ]
+
+
+@dataclass(frozen=True)
+class AdverseEventRow:
+    """One report of an adverse event."""
+
+    participant: Pseudonym
+    site: Site
+    simulated: IsSimulated
+    event: Annotated[int, Column("Number of the adverse event in the study.", allowed=_FROM_1)]
+    report: Annotated[int, Column("Number of the report of this event; the last is valid.", allowed=_FROM_1)]
+    recorded_at: Annotated[str, _utc("Time of the report.")]
+    recorded_by: Annotated[
+        str | None, Column("Author of the report.", empty="nobody was named, or without --free-text")
+    ]
+    began_at: Annotated[str, _utc("Start of the event.")]
+    position: Annotated[int | None, _position(_NO_TRIAL)]
+    practice: Annotated[bool | None, _practice(_NO_TRIAL)]
+    task: Annotated[str | None, _task(_NO_TRIAL)]
+    robot: Annotated[str | None, _robot(_NO_TRIAL)]
+    policy: Annotated[str | None, _policy(_NO_TRIAL)]
+    description: Annotated[str | None, Column("Description of the event.", empty="without --free-text")]
+    severity: Annotated[
+        str, Column("Grade of CTCAE 5.0, from 1 to 5 in words.", allowed=_one_of(*SEVERITIES))
+    ]
+    seriousness: Annotated[str, Column("Criterion of ICH E2A, or none.", allowed=_one_of(*SERIOUSNESS))]
+    relatedness: Annotated[
+        str, Column("Attribution to the study, as NCI's CTEP grades it.", allowed=_one_of(*RELATEDNESS))
+    ]
+    action: Annotated[str | None, Column("Action taken.", empty="nothing, or without --free-text")]
+    outcome: Annotated[str, Column("Outcome of ICH E2B(R3).", allowed=_one_of(*OUTCOMES))]
+
+
+@dataclass(frozen=True)
+class FunctioningCountRow:
+    """The number of people who gave one answer about functioning."""
+
+    question: Annotated[str, Column("The domain of the Washington Group Short Set, or devices.")]
+    answer: Annotated[str, Column("A level of difficulty, or a class of ISO 9999.")]
+    people: Annotated[
+        str,
+        Column(
+            "Number of analysed people who gave this answer.",
+            allowed="a number from 5 on, 0, or suppressed where a group of fewer than 5 could be identified",
+        ),
+    ]
+
+
+def _difficulty(domain: str) -> Column:
+    return Column(f"Difficulty in {domain}.", allowed=_one_of(*LEVELS))
+
+
+@dataclass(frozen=True)
+class FunctioningRow:
+    """The answers of one person about functioning."""
+
+    participant: Pseudonym
+    site: Site
+    seeing: Annotated[str, _difficulty("seeing")]
+    hearing: Annotated[str, _difficulty("hearing")]
+    walking: Annotated[str, _difficulty("walking")]
+    remembering: Annotated[str, _difficulty("remembering")]
+    self_care: Annotated[str, _difficulty("self-care")]
+    communicating: Annotated[str, _difficulty("communicating")]
+    devices: Annotated[
+        str | None,
+        Column("Classes of assistive products by their numbers in ISO 9999.", empty="nothing named"),
+    ]
+    diagnosis: Annotated[
+        str | None, Column("The diagnosis in the person's words.", empty="not given, or without --free-text")
+    ]
+
+
+@dataclass(frozen=True)
+class NoteRow:
+    """One note of an experimenter."""
+
+    participant: Pseudonym
+    site: Site
+    simulated: IsSimulated
+    session: Annotated[int | None, _session(_NO_SESSION)]
+    at: Annotated[str, _utc("Time of writing.")]
+    text: Annotated[str, Column("The note.")]

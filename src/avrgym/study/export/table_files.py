@@ -1,0 +1,62 @@
+"""Files of tables: CSV, and tab-separated values with JSON for BIDS."""
+
+import csv
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from avrgym.system.files import open_new_csv
+from avrgym.system.type_guards import is_table
+
+FORMULA_PREFIXES = ("=", "+", "-", "@", "\t", "\r", "\n")
+"""First characters of texts that a spreadsheet would run as a formula."""
+
+
+def write_csv(path: Path, rows: Iterable[Any], columns: Iterable[str] = ()) -> None:
+    """Write rows of equal columns, which are dataclasses or mappings.
+
+    An empty table has a heading only if ``columns`` are given.
+    """
+    heading = list(columns)
+    with open_new_csv(path) as file:
+        writer = csv.writer(file)
+        for number, row in enumerate(map(as_mapping, rows)):
+            if number == 0:
+                heading = []
+                writer.writerow(row)
+            writer.writerow(spreadsheet_safe(value) for value in row.values())
+        if heading:
+            writer.writerow(heading)
+
+
+def as_mapping(row: Any) -> Mapping[str, Any]:
+    """The values of a row by column."""
+    return row if is_table(row) else vars(row)
+
+
+def write_tsv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
+    """Write rows with tabs between values; a missing value is ``n/a``."""
+    with open(path, "x", encoding="utf-8", newline="") as file:
+        for row in rows:
+            file.write("\t".join(tsv_cell(value) for value in row) + "\n")
+
+
+def tsv_cell(value: Any) -> str:
+    """A value without tabs and line breaks."""
+    text = " ".join(str(spreadsheet_safe(value)).split()) if value is not None else ""
+    return text or "n/a"
+
+
+def spreadsheet_safe(value: Any) -> Any:
+    """A value of a table: ``true`` and ``false`` for booleans, an apostrophe before text that looks like a formula."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str) and value.startswith(FORMULA_PREFIXES):
+        return f"'{value}"
+    return value
+
+
+def write_json(path: Path, values: Mapping[str, Any]) -> None:
+    """Write values as indented JSON."""
+    path.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
