@@ -3,49 +3,26 @@
 from dataclasses import replace
 from typing import Annotated
 
+from avrgym.study.export import rows
 from avrgym.study.export.codebook import TABLES
-from avrgym.study.export.rows import (
-    AttemptNumber as AttemptNumber,
-)
-from avrgym.study.export.rows import (
-    IsSimulated as IsSimulated,
-)
-from avrgym.study.export.rows import (
-    Moment as Moment,
-)
-from avrgym.study.export.rows import (
-    PolicyName as PolicyName,
-)
-from avrgym.study.export.rows import (
-    Position as Position,
-)
-from avrgym.study.export.rows import (
-    Practice as Practice,
-)
-from avrgym.study.export.rows import (
-    Pseudonym as Pseudonym,
-)
-from avrgym.study.export.rows import (
-    QuestionnaireName as QuestionnaireName,
-)
-from avrgym.study.export.rows import (
-    RobotName as RobotName,
-)
-from avrgym.study.export.rows import (
-    Session as Session,
-)
-from avrgym.study.export.rows import (
-    Site as Site,
-)
-from avrgym.study.export.rows import (
-    TaskName as TaskName,
-)
 from avrgym.system.columns import Column
 
 FROM_0, FROM_1, SHARE = "0 and above", "1 and above", "0 to 1"
 ABOUT_SESSIONS = "it is about whole sessions"
 NOT_TESTED = "nothing could be tested"
 _ANSWERS = TABLES["answers"]
+AttemptNumber = rows.AttemptNumber
+IsSimulated = rows.IsSimulated
+Moment = rows.Moment
+PolicyName = rows.PolicyName
+Position = rows.Position
+Practice = rows.Practice
+Pseudonym = rows.Pseudonym
+QuestionnaireName = rows.QuestionnaireName
+RobotName = rows.RobotName
+Session = rows.Session
+Site = rows.Site
+TaskName = rows.TaskName
 PolicyNameOrNone = Annotated[str | None, replace(TABLES["attempts"]["policy"], empty=ABOUT_SESSIONS)]
 ItemName = Annotated[str, _ANSWERS["item"]]
 N = Annotated[int, Column("Number of values.", allowed=FROM_0)]

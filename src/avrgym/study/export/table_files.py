@@ -30,7 +30,7 @@ def write_csv(path: Path, rows: Iterable[Any], columns: Iterable[str] = ()) -> N
             writer.writerow(heading)
 
 
-def as_mapping(row: Any) -> Mapping[str, Any]:
+def as_mapping(row: object) -> Mapping[str, Any]:
     """The values of a row by column."""
     return row if is_table(row) else vars(row)
 
