@@ -235,7 +235,7 @@ def test_changed_recordings_are_named_and_nothing_is_analysed(store: Store, tmp_
     assert result.exit_code == 1
     for position in (1, 2):
         name = attempt(store, "sub-001", position).recording
-        assert f"{name} was changed: its checksum is another" in result.stderr
+        assert f"{name} was changed: its checksum differs" in result.stderr
     assert "--skip-damaged" in result.stderr
     assert not (tmp_path / "out").exists()
 
@@ -250,7 +250,7 @@ def test_nothing_of_changed_recordings_is_used_where_they_are_skipped(store: Sto
     assert float(changed["reward"]) == attempt(store, "sub-001", 1).metrics.reward
     assert {row["position"] for row in read_table(tmp_path / "out", "control_steps")} == {"2"}
     (problem,) = read_table(tmp_path / "out", "problems")
-    assert problem["what"] == "was changed: its checksum is another"
+    assert problem["what"] == "was changed: its checksum differs"
 
 
 # Policies
@@ -330,5 +330,5 @@ def test_the_command_writes_into_the_study_and_its_figures_to_a_file(store: Stor
 def test_the_command_refuses_in_one_line(tmp_path: Path) -> None:
     result = avrgym("analyze", tmp_path)
     assert result.exit_code == 1
-    assert "holds no study.toml" in result.stderr
+    assert "contains no study.toml" in result.stderr
     assert len(result.stderr.splitlines()) == 1

@@ -68,10 +68,10 @@ def replace(path: Path) -> None:
 
 
 DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
-    "cut": (cut, "was changed: its checksum is another"),
-    "empty": (lambda path: path.write_bytes(b""), "was changed: its checksum is another"),
-    "flipped": (flip, "was changed: its checksum is another"),
-    "another": (replace, "was changed: its checksum is another"),
+    "cut": (cut, "was changed: its checksum differs"),
+    "empty": (lambda path: path.write_bytes(b""), "was changed: its checksum differs"),
+    "flipped": (flip, "was changed: its checksum differs"),
+    "another": (replace, "was changed: its checksum differs"),
     "missing": (Path.unlink, "is missing"),
 }
 
@@ -109,7 +109,7 @@ def test_damaged_recordings_can_be_left_out_and_are_listed(folder: Path, data_fo
     out = folder.parent / "out"
     (row,) = rows(out / LEFT_OUT)
     assert (row["participant"], row["position"], row["why"]) == (
-        "sub-001", "2", f"{BROKEN} was changed: its checksum is another",
+        "sub-001", "2", f"{BROKEN} was changed: its checksum differs",
     )  # fmt: skip
     assert exported_trials(out, data_format) == 2 * TRIALS - 1
 

@@ -83,7 +83,7 @@ def test_a_new_study_is_written_once(tmp_path: Path) -> None:
     assert study("new", tmp_path / "study").exit_code == 0
     again = study("new", tmp_path / "study")
     assert again.exit_code == 1
-    assert "holds study.toml already" in again.stderr
+    assert "contains study.toml already" in again.stderr
     status = study("status", tmp_path / "study")
     assert status.exit_code == 0
     assert "0 of 8 participants completed" in status.stdout
@@ -92,12 +92,12 @@ def test_a_new_study_is_written_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["status", "nowhere"], "nowhere holds no study.toml; `avrgym study new nowhere` writes one"),
-        (["check", "nowhere"], "holds no study.toml"),
+        (["status", "nowhere"], "nowhere contains no study.toml; `avrgym study new nowhere` writes one"),
+        (["check", "nowhere"], "contains no study.toml"),
         (["export", "STUDY", "--format", "xlsx", "--out", "new"], "unknown format 'xlsx'; allowed: csv, bids"),
         (["export", "STUDY", "--format", "csv", "--out", "STUDY"], "holds something already"),
         (["delete-participant", "STUDY", "sub-009"], "there is no sub-009"),
-        (["delete-participant", "STUDY", "../x"], "'../x' is no participant; allowed: sub-001"),
+        (["delete-participant", "STUDY", "../x"], "'../x' is not a pseudonym; allowed: sub-001"),
         (["status", "STUDY", "--json", "no/such/file.json"], "there is no folder no/such"),
     ],
 )  # fmt: skip
@@ -151,7 +151,7 @@ def _mark(store: Store, simulated: bool) -> None:
 
 DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
     "missing": (lambda s: s.path(FIRST).unlink(), FIRST, "is missing"),
-    "changed": (lambda s: _flip(s.path(FIRST)), FIRST, "its checksum is another"),
+    "changed": (lambda s: _flip(s.path(FIRST)), FIRST, "its checksum differs"),
     "empty": (lambda s: s.path(FIRST).write_bytes(b""), FIRST, "does not load"),
     "stray": (lambda s: s.path("recordings/x.mcap").write_bytes(b""), "recordings/x.mcap", "belongs to no attempt"),
     "link": (lambda s: s.path("recordings/x").symlink_to("/"), "recordings/x", "belongs to no attempt"),

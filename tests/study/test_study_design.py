@@ -56,7 +56,7 @@ def test_every_setting_is_explained() -> None:
 @pytest.mark.parametrize("held", ["study.toml", "study.db", "recordings", "private"])
 def test_a_folder_that_holds_a_study_stays_as_it_is(tmp_path: Path, held: str) -> None:
     (tmp_path / held).write_text("precious")
-    with pytest.raises(StudyError, match=f"holds {held} already; choose another folder"):
+    with pytest.raises(StudyError, match=f"contains {held} already; choose another folder"):
         create_study(tmp_path)
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(held, "precious")]
 

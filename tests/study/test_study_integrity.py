@@ -146,7 +146,7 @@ def test_the_end_of_chain_and_rows_cannot_be_cut_together(folder: Path) -> None:
         "DELETE FROM note",
         "DELETE FROM ledger WHERE number = (SELECT max(number) FROM ledger)",
     )
-    assert "it was set back" in str(wrong(folder))
+    assert "an older copy replaced it" in str(wrong(folder))
 
 
 def test_rows_that_are_read_are_checked(folder: Path) -> None:
@@ -227,10 +227,10 @@ def test_a_database_set_back_to_an_older_copy_is_noticed(on_sqlite: Path, tmp_pa
         add_note(store, "sub-002", "a later note")
     for name in ("study.db", "study.db.sha256"):
         shutil.copy(tmp_path / name, on_sqlite)
-    assert "it was set back" in str(wrong(on_sqlite))
+    assert "an older copy replaced it" in str(wrong(on_sqlite))
     with Store(on_sqlite) as store:
         add_note(store, "sub-002", "it goes on")
-    assert "it was set back" in str(wrong(on_sqlite))
+    assert "an older copy replaced it" in str(wrong(on_sqlite))
 
 
 @pytest.mark.slow

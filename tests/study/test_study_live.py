@@ -120,7 +120,7 @@ def test_there_is_no_visit_without_consent(store: Store) -> None:
     pseudonym = enrol(store, "woman")
     for prepare in (lambda: None, lambda: record_consent(store, pseudonym)):
         prepare()
-        with pytest.raises(StudyError, match="only the allocated have sessions"):
+        with pytest.raises(StudyError, match="only allocated participants"):
             StudyVisit(store, pseudonym)
     assert (store.sessions(pseudonym), digests(store.folder)) == ([], {})
 
@@ -165,7 +165,7 @@ def test_the_next_visit_goes_on_with_order_seeds_and_attempts(store: Store) -> N
     assert states(store) == ["completed", "stopped", "completed", "completed"]
     assert [attempt.number for attempt in store.attempts(pseudonym)] == [1, 1, 2, 1]
     assert wrong(store) == []
-    with pytest.raises(StudyError, match="is completed; only the allocated have sessions"):
+    with pytest.raises(StudyError, match="is completed; only allocated participants"):
         StudyVisit(store, pseudonym)
 
 

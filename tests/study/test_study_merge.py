@@ -186,7 +186,7 @@ def test_nobody_takes_part_in_a_merged_study(sites: list[Path], out: Path) -> No
             lambda: add_note(store, "sub-1002", "x"),
         ):
             with pytest.raises(
-                StudyError, match="merged from sites: people take part there; then merge again"
+                StudyError, match="merged from sites: change the study of the site, then merge again"
             ):
                 action()
     assert contents(out) == before
@@ -306,7 +306,7 @@ REFUSED: list[tuple[Callable[[list[Path]], list[Path]], str]] = [
     (_copied, "are the same site; allowed: each once"),
     (_same_name, "have the site 'atlanta': give each another `site` in its study.toml"),
     (_no_name, "'our site' is no name of a site; give it one as `site`"),
-    (_nothing, "empty holds no study.toml"),
+    (_nothing, "empty contains no study.toml"),
     (
         _longer_trials,
         r"trial_steps is 200 at atlanta \(line 25\), 100 at berlin \(line 25\); --accept-differences merges",
@@ -418,7 +418,7 @@ def test_damage_to_a_merged_study_is_noticed_and_recordings_come_again(sites: li
     first.write_bytes(first.read_bytes()[:-1])
     second.unlink()
     found = wrong(out)
-    assert f"{first.relative_to(out)}: was changed: its checksum is another" in found
+    assert f"{first.relative_to(out)}: was changed: its checksum differs" in found
     assert f"{second.relative_to(out)}: is missing" in found
     merge_studies(sites, out)
     assert tree(out) == whole

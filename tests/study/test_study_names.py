@@ -45,7 +45,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def locked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A study whose names need a passphrase that is not at hand."""
+    """A study with names that need a passphrase, which is missing."""
     monkeypatch.setenv(PASSPHRASE, SECRET)
     with Store(folder) as store:
         enrol(store, "woman", name=NAME, contact=CONTACT)
@@ -114,7 +114,7 @@ def test_without_the_key_file_a_study_goes_on_and_keeps_its_names(folder: Path) 
         assert len(store.participants()) == 1
         assert enrol(store, "man") == "sub-002"
         key.write_text("ab" * 32)
-        with pytest.raises(KeyUnavailable, match="is wrong; nothing was changed"):
+        with pytest.raises(KeyUnavailable, match=r"is wrong\. Nothing was changed"):
             identity_file.read_identities(folder)
         lost.replace(key)
         assert identity_file.read_identities(folder)["sub-001"].name == NAME
@@ -156,7 +156,7 @@ def test_names_behind_a_passphrase_reach_nothing_when_it_is_missing_or_wrong(
             assert refused.exit_code == 1
             (line,) = refused.stderr.splitlines()
             assert words in line
-            assert "nothing was changed" in line
+            assert "Nothing was changed" in line
             assert "Zora" not in refused.output
     assert contents(locked) == before
     assert "was not searched for people who take part twice" in notes(locked)

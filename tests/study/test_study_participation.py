@@ -252,8 +252,8 @@ def test_without_a_sound_list_nobody_is_analysed_until_confirmed(folder: Path, f
     assert {"sub-001", "sub-002"} <= set(wrong(folder))
     assert words in losses(folder)
     assert "sub-001" in losses(folder)
-    assert [path.name for path in folder.glob(f"{FILE}.unsound-*")] == (
-        [] if forgery == "removed" else [f"{FILE}.unsound-1"]
+    assert [path.name for path in folder.glob(f"{FILE}.invalid-*")] == (
+        [] if forgery == "removed" else [f"{FILE}.invalid-1"]
     )
     assert rebuild_again(folder)
     assert words in losses(folder)
@@ -266,12 +266,12 @@ def rebuild_again(folder: Path) -> bool:
 
 
 @pytest.mark.parametrize("forgery", FORGERIES)
-def test_next_to_the_database_an_unsound_list_is_replaced(folder: Path, forgery: str) -> None:
+def test_next_to_the_database_an_invalid_list_is_replaced(folder: Path, forgery: str) -> None:
     forge, _ = FORGERIES[forgery]
     forge(folder)
     assert states(folder) == STATES
-    kept = [path.name for path in folder.glob(f"{FILE}.unsound-*")]
-    assert kept == ([] if forgery in ("removed", "set back") else [f"{FILE}.unsound-1"])
+    kept = [path.name for path in folder.glob(f"{FILE}.invalid-*")]
+    assert kept == ([] if forgery in ("removed", "set back") else [f"{FILE}.invalid-1"])
     assert list(wrong(folder)) == kept
     lose(folder)
     assert states(folder) == STATES
@@ -380,9 +380,9 @@ def test_the_list_outlasts_a_rebuilding_that_a_kill_broke_off(folder: Path) -> N
     process.join()
     assert process.exitcode == -signal.SIGKILL
     assert (folder / "study.db").exists()
-    with pytest.raises(StudyError, match=r"is lost or empty, but there are .* `avrgym study rebuild"):
+    with pytest.raises(StudyError, match=r"is missing or empty, but there are .* `avrgym study rebuild"):
         Store(folder)
-    assert not list(folder.glob("*.unsound-*"))
+    assert not list(folder.glob("*.invalid-*"))
     rebuild_study(folder)
     assert states(folder) == STATES | {"sub-005": "allocated"}
 
@@ -407,12 +407,12 @@ def test_a_kill_in_the_first_enrolment_keeps_no_study_from_opening(tmp_path: Pat
         assert enrol(store, "man") == ("sub-002" if written else "sub-001")
 
 
-def test_bytes_that_are_no_text_make_a_list_unsound(folder: Path) -> None:
+def test_bytes_that_are_not_text_make_a_list_invalid(folder: Path) -> None:
     data = (folder / FILE).read_bytes()
     (folder / FILE).write_bytes(data.replace(b"sha256", b"sha25\xff", 1))
     with Store(folder) as store:
         withdraw(store, "sub-005")
-        assert [path.name for path in folder.glob("*.unsound-*")] == [f"{FILE}.unsound-1"]
+        assert [path.name for path in folder.glob("*.invalid-*")] == [f"{FILE}.invalid-1"]
     (folder / FILE).write_bytes(data.replace(b"sha256", b"sha25\xff", 1))
     assert "is damaged in line 1" in lose(folder).lost
 

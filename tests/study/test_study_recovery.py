@@ -119,7 +119,7 @@ def _facts(row: object) -> dict:
 def test_a_database_that_is_there_is_not_rebuilt(old: Path) -> None:
     with Store(old) as opened:
         before = opened.participants()
-    with pytest.raises(StudyError, match="has a database; only a lost one is made anew"):
+    with pytest.raises(StudyError, match="has a database; only a lost one is rebuilt"):
         rebuild_study(old)
     with Store(old) as opened:
         assert opened.participants() == before
@@ -152,7 +152,7 @@ def test_a_study_that_cannot_be_written_is_read(
     refused = avrgym("study", "enrol", folder, "--body", "man")
     assert refused.exit_code == 1
     (line,) = refused.stderr.splitlines()
-    assert line.endswith("cannot be written: the study is only read there")
+    assert line.endswith("cannot be written: copy the study to a folder that can be written")
     assert contents(folder) == before
 
 

@@ -142,7 +142,7 @@ def test_who_withdraws_is_withdrawn_after_their_session_has_ended(store: Store, 
 
 def test_a_session_that_cannot_be_changes_nothing(store: Store, loop: Loop) -> None:
     pseudonym = enrol(store, "man")
-    with pytest.raises(StudyError, match="is enrolled; only the allocated have sessions"):
+    with pytest.raises(StudyError, match="is enrolled; only allocated participants"):
         loop.ask(loop.sessions.begin, pseudonym)
     assert (loop.sessions.participant, store.sessions(pseudonym)) == (None, [])
 

@@ -214,7 +214,7 @@ def test_someone_is_enrolled_and_asked_on_the_command_line(folder: Path) -> None
 def test_nobody_is_served_who_may_not_take_part(folder: Path) -> None:
     study("enrol", folder, "--body", "man")
     for pseudonym, why in (
-        ("sub-001", "is enrolled; only the allocated"),
+        ("sub-001", "is enrolled; only allocated participants"),
         ("sub-002", "there is no sub-002"),
     ):
         served = CliRunner().invoke(

@@ -185,13 +185,13 @@ def test_only_the_stated_transitions_are_allowed(table: str) -> None:
 
 def test_there_is_no_trial_without_consent(store: Store) -> None:
     pseudonym = enrol(store, "woman")
-    refused(store, lambda: open_session(store, pseudonym), "is enrolled; only the allocated have sessions")
+    refused(store, lambda: open_session(store, pseudonym), "is enrolled; only allocated participants")
     answers = fitting_answers(store)
     refused(
         store, lambda: record_inclusion(store, pseudonym, answers), "is enrolled and cannot become allocated"
     )
     record_consent(store, pseudonym)
-    refused(store, lambda: open_session(store, pseudonym), "is consented; only the allocated have sessions")
+    refused(store, lambda: open_session(store, pseudonym), "is consented; only allocated participants")
     refused(store, lambda: record_consent(store, pseudonym), "is consented and cannot become consented")
     record_inclusion(store, pseudonym, answers)
     open_session(store, pseudonym)
@@ -243,7 +243,7 @@ def test_withdrawal_in_mid_trial_ends_attempt_and_session_for_good(store: Store)
 def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
     pseudonym, other = take_in(store), take_in(store)
     session = open_session(store, pseudonym)
-    refused(store, lambda: open_session(store, pseudonym), "is open at .*; close it there, or take over")
+    refused(store, lambda: open_session(store, pseudonym), "is open at .*; close it there first")
     refused(store, lambda: begin_attempt(store, session.id, 9), "there is no trial 9")
     refused(store, lambda: begin_attempt(store, 99, 1), "there is no session 99")
     refused(store, lambda: add_note(store, other, "x", session.id), "is not one of sub-002")
@@ -256,7 +256,7 @@ def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
     refused(store, lambda: skip_trial(store, session.id, 1), "is completed and cannot become skipped")
     attempt = begin_attempt(store, session.id, 2)
     refused(store, lambda: begin_attempt(store, session.id, 2), "is running and cannot become running")
-    refused(store, lambda: begin_attempt(store, session.id, 3), "still runs; end it before")
+    refused(store, lambda: begin_attempt(store, session.id, 3), "is running; end it before")
     refused(
         store, lambda: end_attempt(store, attempt.id, "completed"), "allowed: stopped, paused, interrupted"
     )
@@ -268,16 +268,22 @@ def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
     refused(
         store, lambda: record_answer(store, attempt.id, Answer("L1", 8, 1.0)), "whole numbers from 1 to 7"
     )
-    refused(store, lambda: record_answer(store, attempt.id, Answer("L1", 3, -1.0)), "no response time")
+    refused(
+        store,
+        lambda: record_answer(store, attempt.id, Answer("L1", 3, -1.0)),
+        "response time is -1.0; allowed",
+    )
     for item in ITEMS[:3]:
         record_answer(store, attempt.id, Answer(item, 3, 1.0))
     refused(store, lambda: record_answer(store, attempt.id, Answer("L1", 4, 1.0)), "L1 is answered already")
-    refused(store, lambda: complete_attempt(store, attempt.id, METRICS), "there is no recordings/sub-001")
+    refused(
+        store, lambda: complete_attempt(store, attempt.id, METRICS), "cannot be completed: recordings/sub-001"
+    )
     record(store, attempt, first)
     refused(
         store,
         lambda: complete_attempt(store, attempt.id, Metrics(reward=float("nan"))),
-        "reward: nan is no metric",
+        "reward is nan; allowed",
     )
     complete_attempt(store, attempt.id, METRICS)
     refused(store, lambda: complete_attempt(store, attempt.id, METRICS), "is completed; it must be running")
@@ -314,7 +320,7 @@ def test_an_attempt_takes_the_file_that_was_opened_for_it(store: Store, tmp_path
     ):
         if path.name == "x.mcap":
             path.write_bytes(b"")
-        refused(store, lambda path=path: begin_attempt(store, session.id, 1, path), "is no file in")
+        refused(store, lambda path=path: begin_attempt(store, session.id, 1, path), "is not a file in")
     opened = folder / "trial-01_attempt-7.mcap"
     opened.write_bytes(b"")
     attempt = begin_attempt(store, session.id, 1, opened)
@@ -338,7 +344,9 @@ def test_the_protocol_stays_as_it_is_once_someone_has_an_order(kind: str, tmp_pa
     with Store(folder) as store:
         take_in(store)
     make_study(folder, tasks='["Drinking"]', seed="5")
-    with pytest.raises(StudyError, match=r"tasks changed after the first participant; it was \['Feeding'\]"):
+    with pytest.raises(
+        StudyError, match=r"tasks changed after the first participant; allowed: \['Feeding'\]"
+    ):
         Store(folder)
     make_study(folder, tasks='["Feeding"]', seed="5", title='"Another title"')
     Store(folder).close()
@@ -656,7 +664,7 @@ def test_a_study_of_a_newer_version_is_refused_and_left_alone(
 
 
 def test_a_folder_without_a_design_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(StudyError, match=r"holds no study.toml; `avrgym study new"):
+    with pytest.raises(StudyError, match=r"contains no study.toml; `avrgym study new"):
         Store(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
@@ -664,7 +672,9 @@ def test_a_folder_without_a_design_is_refused(tmp_path: Path) -> None:
 def test_a_database_that_cannot_be_reached_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = small_study(tmp_path)
     monkeypatch.setenv(database.URL_VARIABLE, "mysql://host/name")
-    with pytest.raises(StudyError, match="AVRGYM_STUDY_DATABASE: not a database; allowed: postgresql://"):
+    with pytest.raises(
+        StudyError, match="AVRGYM_STUDY_DATABASE is not a database URL; allowed: postgresql://"
+    ):
         Store(folder)
     monkeypatch.setenv(database.URL_VARIABLE, f"postgresql://nobody@/none?host={tmp_path}")
     with pytest.raises(StudyError, match=r"the study's database: .*connection"):

@@ -31,7 +31,7 @@ def check_participation(store: Store) -> Iterator[Finding]:
 
 
 def _check_list(store: Store) -> Iterator[Finding]:
-    for path in store.database.participation.set_aside_before():
+    for path in store.database.participation.invalid_copies():
         yield Finding(path.name, f"is an invalid {FILE} that was replaced; remove it once the cause is clear")
     listed = store.participation()
     if listed is None:
@@ -88,7 +88,7 @@ def list_fault(store: Store, listed: Participation | None, beginnings: Mapping[i
         return "is missing"
     if listed.fault:
         return listed.fault
-    if not listed.is_signed_here():
+    if not listed.is_signed_by_user():
         return f"is not signed with this user's key ({user_data_folder() / signing.KEY})"
     if not store.database.is_sqlite:
         return "may lack what other stations stored in PostgreSQL"

@@ -98,7 +98,7 @@ def rebuild_study(folder: Path) -> RebuildSummary:
     """
     _refuse_if_present(folder)
     IntegrityFiles(folder, FILE).remove()
-    with Store(folder, anew=True) as store:
+    with Store(folder, rebuild=True) as store:
         rebuilding = _Rebuilding(store)
         with store.database.write() as connection:
             rebuilding.rebuild(connection)
@@ -110,7 +110,7 @@ def _refuse_if_present(folder: Path) -> None:
         raise StudyError(f"{folder} holds no {DESIGN}, which a study begins with")
     if not database_url(read_design(folder / DESIGN).database.url) and not (folder / FILE).exists():
         return
-    with Store(folder, anew=True) as store:
+    with Store(folder, rebuild=True) as store:
         if store.participants() or store.tombstones():
             raise StudyError(f"{folder} has a database; only a lost one is made anew")
 
@@ -143,7 +143,7 @@ class _Rebuilding:
             hash_chain.insert(connection, schema.EVENT, at=each["at"], name=REBUILT, detail=each["detail"])
         record_event(connection, REBUILT, f"lost: {self._lost}", {})
         if self._fault and self._listed:
-            self._store.database.participation.set_aside()
+            self._store.database.participation.rename_invalid()
         for number in self._visits:
             self._rebuild_participant(connection, number)
 
@@ -277,7 +277,7 @@ class _Rebuilding:
         consents = self._listed.consents(number) if self._listed and not self._fault else []
         recorded = [each.configuration.consent for each in kept]
         restore_consents(self._store, connection, number, [*consents, *(each for each in recorded if each)])
-        claimed = f"the unsound list has them as {content['state']}" if content and self._fault else ""
+        claimed = f"the invalid list contains the state {content['state']}" if content and self._fault else ""
         record_event(connection, "participant rebuilt", claimed, {"participant": number})
         return {
             _planned(trial): hash_chain.insert(

@@ -1,4 +1,4 @@
-"""Answers: what counts as one, and that none is lost: one that the participant changed stands in an event."""
+"""Answers to questionnaires. An earlier value of a changed answer is stored in an event."""
 
 import math
 from collections import Counter
@@ -25,19 +25,18 @@ from avrgym.study.storage.store import (
 )
 
 ANSWER_CHANGED = "answer changed"
-"""The event of an answer that a participant changed; its detail is the item and both answers."""
+"""Event: a participant changed an answer; the detail contains the item and both values."""
 ANSWERED = "answered"
-"""With a moment after it: the event of an answer about a session, whose detail is the item."""
+"""Event, followed by a moment: an answer about a session; the detail is the item."""
 QUESTIONNAIRE_OPEN, QUESTIONNAIRE_LEFT = "questionnaire open", "questionnaire left"
-"""The events of a trial that is complete before every item is answered, and of items that nobody asks any more."""
+"""Events: a trial was completed with unanswered items, and the experimenter skipped these items."""
 
 
 def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
-    """Store one answer to an item that is asked after a trial.
+    """Store an answer to an item after a trial.
 
     Raises:
-        StudyError: unless the attempt runs or its questionnaire is open, or for an answer that is none or was given
-            already.
+        StudyError: unless the attempt is running or its questionnaire open, or for an invalid or second answer.
     """
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
@@ -48,11 +47,11 @@ def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
 
 
 def change_answer(store: Store, attempt_id: int, answer: Answer) -> None:
-    """Store that a participant went back and changed an answer; an event keeps the earlier one.
+    """Store a changed answer; an event contains the earlier value.
 
     Raises:
-        StudyError: unless the attempt runs or its questionnaire was open, and the item was answered, or for an answer
-            that is none.
+        StudyError: unless the attempt is running or its questionnaire was open, if the item was not answered, or for an
+            invalid answer.
     """
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
@@ -62,7 +61,7 @@ def change_answer(store: Store, attempt_id: int, answer: Answer) -> None:
 
 
 def change_session_answer(store: Store, session_id: int, answer: Answer, when: str) -> None:
-    """Store that a participant went back and changed an answer about a session, as ``change_answer``."""
+    """Store a changed answer about a session, like ``change_answer``."""
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         answers = find_all(connection, GivenAnswer, session=session.id, attempt=None)
@@ -72,10 +71,10 @@ def change_session_answer(store: Store, session_id: int, answer: Answer, when: s
 
 
 def record_session_answer(store: Store, session_id: int, answer: Answer, when: str | None = None) -> None:
-    """Store one answer to an item that is asked before or after a session; ``when`` is for one that is asked at both.
+    """Store an answer to an item before or after a session; ``when`` is necessary if the item is in both.
 
     Raises:
-        StudyError: unless the session is open, or for an answer that is none or was given already.
+        StudyError: unless the session is open, or for an invalid or second answer.
     """
     moment = when or _only_moment(store.design, answer.item)
     with store.database.write() as connection:
@@ -90,29 +89,30 @@ def record_session_answer(store: Store, session_id: int, answer: Answer, when: s
 def answer_moments(
     design: Design, answers: Iterable[GivenAnswer], events: Iterable[StudyEvent]
 ) -> dict[int, str]:
-    """When each answer was given, one of ``MOMENTS``, by its id; answers and events in the order they were stored.
+    """The moment of each answer, one of ``MOMENTS``, by its id; arguments are in order of storage.
 
-    What an answer about a session was about, its event says. One of an earlier AVR Gym has none: then each item was
-    asked at one moment.
+    The moment of an answer about a session is in its event; studies of earlier versions have no such events.
     """
-    said: dict[tuple[int | None, str], list[str]] = {}
+    of_events: dict[tuple[int | None, str], list[str]] = {}
     for event in events:
         if event.name.startswith(f"{ANSWERED} "):
-            said.setdefault((event.session, event.detail), []).append(event.name.removeprefix(f"{ANSWERED} "))
+            of_events.setdefault((event.session, event.detail), []).append(
+                event.name.removeprefix(f"{ANSWERED} ")
+            )
     moments: dict[int, str] = {}
     for answer in reversed(list(answers)):
         if answer.attempt is not None:
             moments[answer.id] = "after_trial"
         else:
-            own = said.get((answer.session, answer.item))
+            own = of_events.get((answer.session, answer.item))
             moments[answer.id] = own.pop() if own else _only_moment(design, answer.item)
     return moments
 
 
 def sessions_of_visit(sessions: Sequence[StudySession], session_id: int) -> list[int]:
-    """The ids of a session and of those before it that crashes broke off: together they are one visit.
+    """The ids of a session and of the interrupted sessions before it, which are one visit.
 
-    ``sessions`` are a participant's, in order.
+    ``sessions`` are those of a participant, in order.
     """
     ids: list[int] = []
     for session in sessions:
@@ -127,9 +127,9 @@ def sessions_of_visit(sessions: Sequence[StudySession], session_id: int) -> list
 def reconcile_answers(
     store: Store, connection: sa.Connection, attempt: TrialAttempt, recorded: Sequence[Answer]
 ) -> list[Answer]:
-    """Store the recorded answers that a killed program did not; returns stored answers that the recording lacks.
+    """Store recorded answers that the database lacks; return stored answers that the recording lacks.
 
-    Of each item, the source with more answers is newer: answers are only added or changed.
+    For each item the source with more answers is newer: answers are only added or changed.
     """
     items, event = (
         store.design.items_at("after_trial"),
@@ -143,11 +143,11 @@ def reconcile_answers(
         if earlier >= counts.get(answer.item, 0):
             change = _change if any(each.item == answer.item for each in given) else _insert_answer
             change(connection, items, given, answer, event)
-    kept = Counter(answer.item for answer in recorded)
+    recorded_counts = Counter(answer.item for answer in recorded)
     return [
         Answer(each.item, each.value, each.response_time_s)
         for each in before
-        if counts[each.item] > kept[each.item]
+        if counts[each.item] > recorded_counts[each.item]
     ]
 
 
@@ -157,7 +157,7 @@ def _changes(connection: sa.Connection, attempt: TrialAttempt, item: str) -> int
 
 
 def answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str]]:
-    """Moment and item of every question about a session that was answered in its visit."""
+    """Moment and item of each question about a session that was answered in its visit."""
     pseudonym = pseudonym_of(session.participant)
     visit = sessions_of_visit(store.sessions(pseudonym), session.id)
     answers = [
@@ -168,20 +168,20 @@ def answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str
 
 
 def _only_moment(design: Design, item_id: str) -> str:
-    """The moment before or after a session at which an item is asked; the first, where it is asked at both."""
+    """The moment of an item before or after a session; the first if it has both."""
     questionnaire = design.questionnaire_of(item_id)
     moments = questionnaire.moments if questionnaire else ()
     return next((moment for moment in SESSION_MOMENTS if moment in moments), SESSION_MOMENTS[-1])
 
 
 def attempts_with_open_questionnaire(store: Store, attempts: Iterable[TrialAttempt]) -> list[TrialAttempt]:
-    """Those of a participant's attempts that completed their trial and whose questionnaire is still to be answered."""
+    """Attempts that completed their trial and have unanswered items."""
     with store.database.read() as connection:
         return [attempt for attempt in attempts if has_open_questionnaire(store, connection, attempt)]
 
 
 def has_open_questionnaire(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> bool:
-    """Whether an attempt completed its trial and its questionnaire is still to be answered."""
+    """Whether an attempt completed its trial and has unanswered items that were not skipped."""
     names = _events_of(connection, attempt.id) if attempt.state == "completed" else set[str]()
     return (
         QUESTIONNAIRE_OPEN in names
@@ -191,7 +191,7 @@ def has_open_questionnaire(store: Store, connection: sa.Connection, attempt: Tri
 
 
 def skip_questionnaire(store: Store, attempt_id: int, items: Sequence[str]) -> None:
-    """Store that the experimenter went on without the answers to these items; nobody asks for them any more."""
+    """Store that the experimenter skipped these items."""
     with store.database.write() as connection:
         attempt = _find_answerable(connection, attempt_id)
         record_event(
@@ -203,12 +203,12 @@ def skip_questionnaire(store: Store, attempt_id: int, items: Sequence[str]) -> N
 
 
 def was_left_open(connection: sa.Connection, attempt: TrialAttempt) -> bool:
-    """Whether an attempt completed its trial before every item was answered."""
+    """Whether an attempt completed its trial with unanswered items."""
     return QUESTIONNAIRE_OPEN in _events_of(connection, attempt.id)
 
 
 def _find_answerable(connection: sa.Connection, attempt_id: int) -> TrialAttempt:
-    """An attempt that runs, or whose questionnaire was open when it had completed its trial."""
+    """A running attempt, or one that completed its trial with unanswered items."""
     found = find(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
     if found.state == "completed" and was_left_open(connection, found):
         return found
@@ -220,7 +220,7 @@ def _events_of(connection: sa.Connection, attempt_id: int) -> set[str]:
 
 
 def unanswered_items(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> list[str]:
-    """The items that are still to be answered before an attempt completes its trial."""
+    """The unanswered items of an attempt; empty for practice trials."""
     trial = find(connection, Trial, "trial", id=attempt.trial)
     if trial.practice:
         return []
@@ -238,7 +238,7 @@ def _change(
     _check(items, answer)
     earlier = next((each for each in given if each.item == answer.item), None)
     if earlier is None:
-        raise StudyError(f"{answer.item} is not answered yet; only an answer that was given can be changed")
+        raise StudyError(f"{answer.item} is not answered yet; allowed: items with an answer")
     changed = {"value": answer.value, "response_time_s": answer.response_time_s, "answered_at": now()}
     hash_chain.update(connection, schema.ANSWER, earlier.id, **changed)
     record_event(connection, ANSWER_CHANGED, f"{answer.item} from {earlier.value} to {answer.value}", event)
@@ -251,18 +251,18 @@ def _insert_answer(
     answer: Answer,
     about: Mapping[str, int],
 ) -> None:
-    """Store an answer, unless it is none or its item was answered before."""
+    """Store an answer; ``StudyError`` for an invalid or second answer."""
     _check(items, answer)
     if any(earlier.item == answer.item for earlier in given):
-        raise StudyError(f"{answer.item} is answered already; only the participant changes it, by going back")
+        raise StudyError(f"{answer.item} is answered already; the participant can go back and change it")
     hash_chain.insert(connection, schema.ANSWER, **asdict(answer), answered_at=now(), **about)
 
 
 def _check(items: tuple[Item, ...], answer: Answer) -> None:
-    """``StudyError`` for what answers none of these items."""
+    """Raise ``StudyError`` for an answer that fits none of these items."""
     try:
         validate_answer(items, answer.item, answer.value)
     except ValueError as error:
         raise StudyError(str(error)) from None
     if not 0 <= answer.response_time_s < math.inf:
-        raise StudyError(f"{answer.response_time_s!r} is no response time; allowed: seconds from 0")
+        raise StudyError(f"response time is {answer.response_time_s!r}; allowed: seconds from 0")

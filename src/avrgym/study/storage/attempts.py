@@ -1,4 +1,4 @@
-"""Attempts at trials: each has one recording, and completes its trial or is followed by another."""
+"""Attempts at trials: each has one recording, and completes its trial or is followed by another attempt."""
 
 import hashlib
 import math
@@ -32,11 +32,11 @@ from avrgym.study.storage.store import (
 from avrgym.system.files import make_private_folder
 
 INCOMPLETE_ENDS: tuple[AttemptEnd, ...] = tuple(end for end in ATTEMPT_ENDS if end != "completed")
-"""How an attempt may end that does not complete its trial."""
+"""End states of attempts that do not complete their trial."""
 NO_METRICS = Metrics()
-"""Of an attempt that gave none."""
-CHECKSUM_DIFFERS = "was changed: its checksum is another"
-"""What is wrong with a recording that is not as it was when its attempt ended."""
+"""Metrics of an attempt without results."""
+CHECKSUM_DIFFERS = "was changed: its checksum differs"
+"""Fault of a recording that changed after the end of its attempt."""
 
 
 def begin_attempt(
@@ -47,18 +47,18 @@ def begin_attempt(
     *,
     torso_height_m: float | None = None,
 ) -> TrialAttempt:
-    """Begin the next attempt at a trial by its position.
+    """Begin the next attempt at a trial.
 
     Args:
         store: the study.
-        session_id: the session, which must be open.
-        position: that of the trial, which must be planned or skipped.
-        recording: the file that was opened for it, within the session's folder; without one the next free
-            name there is given, the folder is made and the file is not.
-        torso_height_m: that of the body that the participant has in it, if it is known.
+        session_id: an open session.
+        position: the position of a planned or skipped trial.
+        recording: the opened file in the session's folder; default: the next free name. The folder is created, the
+            file is not.
+        torso_height_m: the torso height of the simulated body, if it is known.
 
     Raises:
-        StudyError: when something else runs in the session, or the file lies elsewhere.
+        StudyError: when another attempt runs in the session, or the file is in another folder.
     """
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
@@ -84,31 +84,33 @@ def begin_attempt(
 
 
 def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
-    """Complete a trial: its recording is closed. Its questionnaire is open until every item is answered.
+    """Complete an attempt and its trial after its recording was closed. Its questionnaire may still be open.
 
     Args:
         store: the study.
-        attempt_id: the attempt that runs.
-        metrics: what it gave.
+        attempt_id: a running attempt.
+        metrics: its results.
 
     Raises:
-        StudyError: unless it runs and has its recording.
+        StudyError: unless it is running and has a recording.
     """
     with store.database.write() as connection:
         attempt = find_running_attempt(connection, attempt_id)
         if not store.path(attempt.recording).is_file():
-            raise StudyError(f"{attempt} is not complete: there is no {attempt.recording}")
+            raise StudyError(f"{attempt} cannot be completed: {attempt.recording} is missing")
         finish_attempt(store, connection, attempt, "completed", metrics)
 
 
 def end_attempt(store: Store, attempt_id: int, state: AttemptEnd, metrics: Metrics = NO_METRICS) -> None:
-    """End an attempt that does not complete its trial, as ``INCOMPLETE_ENDS`` names it; the trial is planned again.
+    """End an attempt in a state of ``INCOMPLETE_ENDS``; its trial is planned again.
 
     Raises:
-        StudyError: unless the attempt runs, or for another state.
+        StudyError: unless the attempt is running, or for another state.
     """
     if state not in INCOMPLETE_ENDS:
-        raise StudyError(f"an attempt does not break off as {state!r}; allowed: {', '.join(INCOMPLETE_ENDS)}")
+        raise StudyError(
+            f"{state!r} is not an end state of an incomplete attempt; allowed: {', '.join(INCOMPLETE_ENDS)}"
+        )
     with store.database.write() as connection:
         finish_attempt(store, connection, find_running_attempt(connection, attempt_id), state, metrics)
 
@@ -122,9 +124,9 @@ def finish_attempt(
     *,
     closed: bool = True,
 ) -> None:
-    """End an attempt within a transaction; its trial is completed with it, or planned again.
+    """End an attempt within a transaction; its trial is completed or planned again.
 
-    The checksum is stored of a recording that is ``closed``: nobody writes it any more.
+    ``closed``: nobody writes the recording any more, and its checksum is stored.
     """
     trial = find(connection, Trial, "trial", id=attempt.trial)
     session = find_session(connection, attempt.session)
@@ -144,10 +146,10 @@ def finish_attempt(
 def finished_metrics(
     store: Store, connection: sa.Connection, attempt: TrialAttempt, *, writer_ended: bool
 ) -> Metrics | None:
-    """The metrics of an attempt whose robot had finished when its program ended; ``None`` for any other.
+    """The metrics of an attempt if the robot had finished before the program ended, else ``None``.
 
-    Its recording and the database then hold the same answers. If ``writer_ended``, nobody writes the recording any
-    more, and one that was cut off after the robot had finished is completed.
+    Answers are copied between recording and database until both contain the same. ``writer_ended``: nobody writes the
+    recording any more; a truncated recording is completed.
 
     Raises:
         StudyError: when the recording or its answers cannot be completed on this disk.
@@ -168,13 +170,13 @@ def finished_metrics(
         return None
     except OSError as error:
         raise StudyError(
-            f"{attempt.recording} cannot be completed: {error}; repair that and begin again"
+            f"{attempt.recording} cannot be completed: {error}. Repair the cause and begin again"
         ) from error
     return recording.metrics
 
 
 def sha256_of(store: Store, recording: str) -> str | None:
-    """The checksum of a recording, or ``None`` when there is none."""
+    """The checksum of a recording, if it exists."""
     path = store.path(recording)
     if not path.is_file():
         return None
@@ -183,30 +185,32 @@ def sha256_of(store: Store, recording: str) -> str | None:
 
 
 def _finite(metrics: Metrics) -> dict[str, bool | int | float]:
-    """The metrics that are known, as they are stored."""
+    """Metrics as stored values; ``StudyError`` for values that are not finite."""
     values = msgspec.to_builtins(metrics)
     for name, value in values.items():
         if not math.isfinite(value):
-            raise StudyError(f"{name}: {value!r} is no metric; allowed: finite numbers, true and false")
+            raise StudyError(f"{name} is {value!r}; allowed: finite numbers, true and false")
     return values
 
 
 def _check_idle(connection: sa.Connection, session: StudySession) -> None:
     running = find_all(connection, TrialAttempt, session=session.id, state="running")
     if running:
-        raise StudyError(f"{running[0]} still runs; end it before another begins")
+        raise StudyError(f"{running[0]} is running; end it before another begins")
 
 
 def _name(store: Store, session: StudySession, recording: Path) -> str:
-    """The name in the study of a file that was opened for an attempt."""
+    """The path, relative to the study, of a file that was opened for an attempt."""
     folder = store.path(session.folder)
     if recording.resolve().parent != folder.resolve() or not recording.is_file():
-        raise StudyError(f"{recording} is no file in {folder}, where this session's recordings are")
+        raise StudyError(
+            f"{recording} is not a file in {folder}; allowed: files in this folder of the session"
+        )
     return f"{session.folder}/{recording.name}"
 
 
 def _free_name(store: Store, session: StudySession, trial: Trial, number: int) -> str:
-    """The first name, from that of the given attempt on, that no file has yet."""
+    """The first free name from this attempt number on."""
     make_private_folder(store.path(session.folder))
     while True:
         recording = f"{session.folder}/trial-{trial.position:02}_attempt-{number}.mcap"

@@ -1,6 +1,6 @@
-"""The log of a study: actions and views with their persons. Entries are added, and never changed or deleted.
+"""The audit log of a study: actions and views, with the person. Entries are only added.
 
-Names of participants, notes and reasons are in no entry. The ledger detects each entry that something else changed.
+Entries contain no names of participants, notes or reasons. The hash chain reveals changed and deleted entries.
 """
 
 import os
@@ -24,9 +24,9 @@ OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT = (
     "account",
 )
 KNOWN_BY = (OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT)
-"""Identification of a person: by a personal token, by a shared token, or by an account on the computer."""
+"""Means of identification: a personal token, a shared token, or an account on the computer."""
 UNNAMED = "unnamed"
-"""The name of a person whose token names nobody."""
+"""The name of a person with a shared token."""
 ADD_EXPERIMENTER, REVOKE_EXPERIMENTER = "add experimenter", "revoke experimenter"
 """Commands whose detail names an experimenter."""
 REFUSED = "refused"
@@ -35,14 +35,14 @@ REFUSED = "refused"
 
 @dataclass(frozen=True)
 class Actor:
-    """A person who acts, and the way of identification, one of ``KNOWN_BY``."""
+    """A person, and the means of identification, one of ``KNOWN_BY``."""
 
     name: str
     known_by: str
 
 
 def account_actor() -> Actor:
-    """The person whose account runs this process, from the operating system; environment variables do not change it."""
+    """The user of this process by the operating system, not by environment variables."""
     try:
         import pwd
 
@@ -67,15 +67,15 @@ def add_entry(
 
     Args:
         store: the study.
-        actor: who acts.
-        name: what is done, such as ``export``.
-        participant: the pseudonym of its participant, if it has one.
-        detail: more about it, without names of participants.
-        at: when, if not now.
-        shows_results: results of participants were seen; how many had completed the study is stored.
+        actor: the person.
+        name: the action, such as ``export``.
+        participant: the pseudonym of the participant, if the action is about one.
+        detail: a detail without names of participants.
+        at: the time; default: now.
+        shows_results: the person saw results; the number of completed participants is stored.
 
     Raises:
-        StudyError: where the study cannot be written.
+        StudyError: when the study cannot be written.
     """
     with store.database.write() as connection:
         completed, planned = _progress(store, connection) if shows_results else (None, None)
@@ -95,7 +95,7 @@ def add_entry(
 
 
 def _number(pseudonym: str | None) -> int | None:
-    """The number of a participant; nothing for words that are no pseudonym."""
+    """The number of a participant; ``None`` for text that is not a pseudonym."""
     try:
         return None if pseudonym is None else participant_number(pseudonym)
     except StudyError:
@@ -103,15 +103,15 @@ def _number(pseudonym: str | None) -> int | None:
 
 
 def _next_id(connection: sa.Connection) -> int:
-    """The id after the last entry of this study; larger ids belong to sites that were merged into it."""
+    """The id after the last entry of this study; larger ids belong to merged sites."""
     ids = sa.select(sa.func.max(schema.LOG.c.id)).where(schema.LOG.c.id < ROWS_PER_SITE)
     return (connection.execute(ids).scalar() or 0) + 1
 
 
 def _progress(store: Store, connection: sa.Connection) -> tuple[int | None, int | None]:
-    """Numbers of participants who completed the study and who are planned; ``None`` while there are no results.
+    """Numbers of completed and planned participants; ``None`` while there are no results.
 
-    These are people, or simulated participants where a study has no others.
+    Simulated participants count only in a study without people.
     """
     everyone = find_all(connection, Participant)
     simulated = all(each.simulated for each in [*everyone, *find_all(connection, Tombstone)])
@@ -123,7 +123,7 @@ def _progress(store: Store, connection: sa.Connection) -> tuple[int | None, int 
 
 
 def describe_person(entry: LogEntry, sites: Mapping[int, str]) -> str:
-    """The person in words; ``sites`` are the names of merged sites by number."""
+    """The person of an entry as text; ``sites`` are the names of merged sites by number."""
     who = {
         OWN_TOKEN: entry.person,
         SHARED_TOKEN: "an unnamed experimenter",

@@ -1,4 +1,4 @@
-"""The study's database: durable transactions, one writer at a time, its ledger, seal and migrations."""
+"""The study's database: durable transactions, one writer at a time, hash chain, checksum and migrations."""
 
 import json
 import os
@@ -30,7 +30,7 @@ from avrgym.system.files import make_private_folder, write_new
 FILE = "study.db"
 BACKUPS = "backups"
 CHECKSUM_WAIT_S = 1.0
-"""How long a process that ends waits to seal a database that another one holds."""
+"""Maximum wait for the database's lock at the end of a process, in seconds."""
 URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
 MIGRATIONS = Path(__file__).parent / "migrations"
 OLDEST = "0006_headset_check"
@@ -41,35 +41,35 @@ _LOCK = 0x41565247
 
 
 class Database:
-    """A study's database. Every transaction is on disk when it ends, and only one writes at a time.
+    """A study's database. Each transaction is on disk when it ends, and only one writes at a time.
 
-    ``read_only``: nothing can be written where it lies; SQLite's file is then read from a copy.
+    ``read_only``: the folder cannot be written; a SQLite database is then read from a copy.
     """
 
-    def __init__(self, folder: Path, url: str, *, read_only: bool = False, anew: bool = False) -> None:
-        """Open it, make its tables or bring them up to date after a backup.
+    def __init__(self, folder: Path, url: str, *, read_only: bool = False, rebuild: bool = False) -> None:
+        """Open the database. Create its tables, or upgrade them after a backup.
 
         Args:
-            folder: the study's folder, for the file of SQLite, the seal and backups.
-            url: that of a PostgreSQL database, or nothing for SQLite.
+            folder: the study's folder.
+            url: the URL of a PostgreSQL database; empty for SQLite.
             read_only: refuse to write.
-            anew: make it also where there was one before.
+            rebuild: create it even if an earlier database was lost.
 
         Raises:
-            StudyError: when it cannot be opened, was lost, or was made by a newer version.
+            StudyError: when it cannot be opened, was lost, or has a newer revision.
         """
-        if not url and not anew and not (folder / FILE).exists():
+        if not url and not rebuild and not (folder / FILE).exists():
             _refuse_if_lost(folder, FILE)
         self._folder, self.read_only = folder, read_only
         self.is_sqlite = not url
-        self._seal = IntegrityFiles(folder, FILE)
+        self._integrity = IntegrityFiles(folder, FILE)
         self.participation = ParticipationList(folder)
-        self._wrote, self._anew = False, anew
+        self._wrote, self._rebuild = False, rebuild
         self._held = ExitStack()
         self._path = self._readable_copy() if self.is_sqlite and read_only else folder / FILE
         self._engine = sqlite.make_engine(self._path) if self.is_sqlite else _postgresql_engine(url)
         try:
-            self._bring_up_to_date()
+            self._upgrade()
             self._refuse_if_emptied()
         except BaseException:
             self.close()
@@ -77,7 +77,7 @@ class Database:
 
     @contextmanager
     def read(self) -> Generator[sa.Connection]:
-        """A transaction that sees one moment of the study."""
+        """A read transaction with a consistent view of the study."""
         with self._begin() as connection:
             if not self.is_sqlite:
                 connection.execute(sa.text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ"))
@@ -85,19 +85,21 @@ class Database:
 
     @contextmanager
     def write(self) -> Generator[sa.Connection]:
-        """A transaction that no other one's writing overlaps; on disk afterwards, or undone by an error.
+        """A write transaction. No other write overlaps it; afterwards it is on disk, or undone by an error.
 
-        Rows are written with ``ledger``'s functions, or count as changed by something else.
+        Rows must be written with the functions of ``hash_chain``.
         """
         if self.read_only:
-            raise StudyError(f"{self._folder} cannot be written: the study is only read there")
+            raise StudyError(
+                f"{self._folder} cannot be written: copy the study to a folder that can be written"
+            )
         with self._write() as connection:
             yield connection
 
     @contextmanager
     def _write(self) -> Generator[sa.Connection]:
         with self._lock() as connection:
-            self._unseal(connection)
+            self._invalidate_checksum(connection)
             hash_chain.begin_transaction(connection)
             yield connection
             written = hash_chain.written_rows(connection)
@@ -105,11 +107,11 @@ class Database:
             if not self.read_only:
                 append_transaction(self.participation, connection, written)
         if head is not None and not self.read_only:
-            self._seal.note(head)
+            self._integrity.note(head)
 
     @contextmanager
     def _lock(self, **options: float) -> Generator[sa.Connection]:
-        """A transaction of which there is one at a time."""
+        """A transaction that holds the write lock."""
         with self._begin(writes=True, **options) as connection:
             if not self.is_sqlite:
                 connection.execute(sa.text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
@@ -125,27 +127,27 @@ class Database:
             yield connection
 
     def reconcile(self) -> None:
-        """Bring the database and the participation list into agreement, where they are not."""
+        """Make the database and the participation list consistent."""
         if self.read_only:
             return
         try:
             with self.read() as connection:
                 differs = bool(compare(self.participation, connection))
-        except StudyError:  # rows that cannot be read: a check names them
+        except StudyError:  # unreadable rows: a check reports them
             return
         if differs:
             with self._write() as connection:
                 reconcile(self.participation, connection)
-        self.participation.remember_end()
+        self.participation.store_last_entry()
 
     def erase_traces(self) -> None:
-        """Overwrite what deleted rows left in the database's own files.
+        """Overwrite the contents of deleted rows in the database's files.
 
         Raises:
-            StudyError: when another process uses the database at the same time; nothing is lost.
+            StudyError: when another process uses the database; no data is lost.
         """
         with self._lock() as connection:
-            self._unseal(connection)
+            self._invalidate_checksum(connection)
         self._engine.dispose()
         with _database_errors():
             if self.is_sqlite:
@@ -155,24 +157,22 @@ class Database:
                     connection.execute(sa.text("VACUUM FULL"))
 
     def faults(self) -> list[tuple[str, str]]:
-        """Where, and what is wrong with the database: its file, its rows, or what stands beside it."""
-        faults = [*self._faults_of_seal(), *self._faults_of_file()]
+        """Faults of the database, its rows and the files next to it, as pairs of place and message."""
+        faults = [*self._integrity_faults(), *self._file_faults()]
         with self.read() as connection:
             faults += hash_chain.faults(connection)
         return faults
 
     def head(self) -> hash_chain.Head:
-        """The end of the ledger's chain."""
+        """The head of the hash chain."""
         with self.read() as connection:
             return hash_chain.head(connection)
 
     def close(self) -> None:
-        """Seal what was written, and give all connections back."""
+        """Store the checksum of the database, and close all connections."""
         if self._wrote:
-            with suppress(
-                StudyError, OSError
-            ):  # without a seal there is less to be noticed, and nothing wrong
-                self._set_seal()
+            with suppress(StudyError, OSError):  # a missing checksum is not an error
+                self._store_integrity()
         self._engine.dispose()
         self._held.close()
 
@@ -185,51 +185,51 @@ class Database:
                 self._checksum_at_rest = sqlite.checksum_at_rest(folder / FILE)
         return folder / FILE
 
-    # Seal
+    # Integrity files
 
-    def _unseal(self, connection: sa.Connection) -> None:
-        """Before something is written."""
+    def _invalidate_checksum(self, connection: sa.Connection) -> None:
+        """Remove the checksum before a write."""
         if self.is_sqlite and not self.read_only:
-            self._seal.remove_checksum(lambda: sqlite.database_checksum(connection))
+            self._integrity.remove_checksum(lambda: sqlite.database_checksum(connection))
         self._wrote = not self.read_only
 
-    def _set_seal(self) -> None:
-        """Note only the last end of the chain, and any that it has lost; and the checksum of the file.
-
-        For the last transaction of this process: it waits for no other for long.
-        """
+    def _store_integrity(self) -> None:
+        """Store the last head of the chain, heads that it lacks, and the checksum of the file."""
         with self._lock(wait_s=CHECKSUM_WAIT_S) as connection:
             with suppress(IntegrityFileError):
-                ends = hash_chain.missing_heads(connection, self._seal.heads() or ())
-                self._seal.set_heads([*ends, *({hash_chain.head(connection)} - {hash_chain.Head()})])
+                ends = hash_chain.missing_heads(connection, self._integrity.heads() or ())
+                self._integrity.set_heads([*ends, *({hash_chain.head(connection)} - {hash_chain.Head()})])
             if self.is_sqlite:
-                self._seal.set_checksum(sqlite.database_checksum(connection))
+                self._integrity.set_checksum(sqlite.database_checksum(connection))
 
     def _checksum(self, connection: sa.Connection) -> str | None:
         return self._checksum_at_rest if self.read_only else sqlite.database_checksum(connection)
 
-    def _faults_of_seal(self) -> Iterator[tuple[str, str]]:
+    def _integrity_faults(self) -> Iterator[tuple[str, str]]:
         try:
-            heads = self._seal.heads()
+            heads = self._integrity.heads()
             with self._lock() as connection:
-                if self.is_sqlite and self._seal.checksum not in (None, self._checksum(connection)):
-                    yield FILE, "was changed by another program: its checksum is another"
+                if self.is_sqlite and self._integrity.checksum not in (None, self._checksum(connection)):
+                    yield FILE, "was changed by another program: its checksum differs"
                 known = hash_chain.head(connection)
                 lost = hash_chain.missing_heads(connection, heads or ())
         except (IntegrityFileError, StudyError) as error:
             yield "database", str(error)
             return
-        if self._seal.mismatch:
+        if self._integrity.mismatch:
             yield (
                 FILE,
-                f"had been changed by another program; remove {MISMATCH} once that is clear",
+                f"had been changed by another program; find out why, then remove {MISMATCH}",
             )
         if lost:
-            yield "ledger", f"ends with entry {known.number} and lacks what {HEAD} tells of: it was set back"
+            yield (
+                "ledger",
+                f"ends with entry {known.number} and lacks an entry in {HEAD}: an older copy replaced it",
+            )
         if heads is None and self.is_sqlite and known.number:
-            yield HEAD, "is missing: whether the last rows were lost cannot be told"
+            yield HEAD, "is missing: whether the last rows were lost is unknown"
 
-    def _faults_of_file(self) -> Iterator[tuple[str, str]]:
+    def _file_faults(self) -> Iterator[tuple[str, str]]:
         if not self.is_sqlite:
             return
         try:
@@ -240,33 +240,31 @@ class Database:
 
     # Migrations
 
-    def _bring_up_to_date(self) -> None:
+    def _upgrade(self) -> None:
         with self.read() as connection:
             current = MigrationContext.configure(connection).get_current_revision()
         if current == ScriptDirectory(str(MIGRATIONS)).get_current_head():
             return
         if self.read_only and not self.is_sqlite:
-            raise StudyError(
-                f"{self._folder} cannot be written, and the study's tables must be brought up to date"
-            )
+            raise StudyError(f"{self._folder} cannot be written, and the study's tables must be upgraded")
         with self._write() as connection:
             self._migrate(connection)
 
     def _refuse_if_emptied(self) -> None:
-        """Refuse tables without anybody where others were lost, as a rebuilding that broke off leaves them."""
-        if self._anew:
+        """Raise ``StudyError`` for empty tables if an earlier database was lost, as after a killed rebuild."""
+        if self._rebuild:
             return
         try:
             with self.read() as connection:
                 is_filled = bool(connection.execute(_SOMEBODY).scalar())
                 begun_with = None if is_filled else chain_id(connection)
-        except StudyError:  # tables that cannot be read: a check names them
+        except StudyError:  # unreadable tables: a check reports them
             return
         if is_filled:
             return
         listed = self.participation.read()
         is_own = listed is None or not listed.entries or begun_with in listed.ledgers
-        _refuse_if_lost(self._folder, self._called, but=(HEAD, PARTICIPATION) if is_own else (HEAD,))
+        _refuse_if_lost(self._folder, self._called, ignored=(HEAD, PARTICIPATION) if is_own else (HEAD,))
 
     @property
     def _called(self) -> str:
@@ -282,7 +280,7 @@ class Database:
         configuration.set_main_option("script_location", str(MIGRATIONS))
         configuration.attributes["connection"] = connection
         if current is None:
-            if not self._anew:
+            if not self._rebuild:
                 _refuse_if_lost(self._folder, self._called)
             METADATA.create_all(connection)
             stamp(configuration, "head")
@@ -299,7 +297,7 @@ class Database:
         upgrade(configuration, "head")
 
     def _back_up(self, connection: sa.Connection, revision: str) -> None:
-        """Copy the database as it is: SQLite as a file, others as the rows of all tables."""
+        """Back up the database: a SQLite file, or the rows of all tables as JSON."""
         folder = self._folder / BACKUPS
         make_private_folder(folder)
         moment = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
@@ -314,7 +312,7 @@ def database_url(configured: str) -> str:
     """The URL of the database to use: the environment variable's, else the design's."""
     url = os.environ.get(URL_VARIABLE, configured)
     if url and not url.startswith("postgresql://"):
-        raise StudyError(f"{URL_VARIABLE}: not a database; allowed: postgresql://user@host/name")
+        raise StudyError(f"{URL_VARIABLE} is not a database URL; allowed: postgresql://user@host/name")
     return url
 
 
@@ -326,16 +324,16 @@ _SOMEBODY = sa.select(
         sa.exists(sa.select(EVENT.c.id).where(EVENT.c.name == REBUILT)),
     )
 )
-"""Whether a database has or had participants, is that of a merge, or was rebuilt and found none."""
+"""Whether a database has or had participants, was merged, or was rebuilt without participants."""
 
 
-def _refuse_if_lost(folder: Path, database: str, but: Collection[str] = ()) -> None:
-    """Raise ``StudyError`` rather than make a new database beside what one left; ``but`` is no sign of one."""
-    left = [each for each in traces_of_database(folder) if each not in but]
-    if left:
+def _refuse_if_lost(folder: Path, database: str, ignored: Collection[str] = ()) -> None:
+    """Raise ``StudyError`` if the folder contains traces of an earlier database, except those in ``ignored``."""
+    traces = [each for each in traces_of_database(folder) if each not in ignored]
+    if traces:
         raise StudyError(
-            f"{folder}: {database} is lost or empty, but there are {' and '.join(left)}: put back a copy of it, or "
-            f"make it anew from the recordings with `avrgym study rebuild {folder}`"
+            f"{folder}: {database} is missing or empty, but there are {' and '.join(traces)}: restore a backup, or run "
+            f"`avrgym study rebuild {folder}` to rebuild it from the recordings"
         )
 
 
@@ -351,11 +349,9 @@ def _postgresql_engine(url: str) -> sa.Engine:
     try:
         return sa.create_engine(url.replace("postgresql://", "postgresql+psycopg://", 1), pool_pre_ping=True)
     except ModuleNotFoundError as error:
-        raise StudyError(
-            f"{error.name} is missing; `pip install avrgym[postgresql]` brings what PostgreSQL needs"
-        ) from error
+        raise StudyError(f"{error.name} is missing; `pip install avrgym[postgresql]` installs it") from error
     except SQLAlchemyError as error:
-        raise StudyError(f"not a database's URL: {error}") from error
+        raise StudyError(f"not a database URL: {error}") from error
 
 
 def _all_rows(connection: sa.Connection) -> dict[str, list[dict[str, Any]]]:

@@ -37,35 +37,35 @@ class Identity(msgspec.Struct, frozen=True):
 
 
 class IdentityFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The contents of the file. ``check`` is the encrypted format: a wrong key cannot decrypt it."""
+    """The contents of the file. ``check`` is the encrypted ``format``: only the right key can decrypt it."""
 
     format: str
-    lock: KeySource
+    key_source: KeySource = msgspec.field(name="lock")
     check: str
     entries: dict[str, str]
 
 
 def read_encrypted(path: Path) -> IdentityFile:
-    """The file as it is, without a key; ``StudyError`` for one that is damaged."""
+    """Read the encrypted file without decrypting it; ``StudyError`` for a damaged file."""
     try:
         file = msgspec.json.decode(path.read_bytes(), type=IdentityFile)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise StudyError(f"{path}: not an identity file: {error}") from None
+        raise StudyError(f"{path} is not an identity file: {error}") from None
     if file.format != FORMAT:
-        raise StudyError(f"{path}: its format is {file.format!r}; this AVR Gym reads {FORMAT!r}")
+        raise StudyError(f"{path} has format {file.format!r}; allowed: {FORMAT!r}")
     return file
 
 
 def to_bytes(file: IdentityFile) -> bytes:
-    """The file's bytes."""
+    """The file as bytes."""
     return msgspec.json.format(msgspec.json.encode(file))
 
 
-def encrypt(folder: Path, lock: KeySource, identities: Mapping[str, Identity]) -> IdentityFile:
-    """A new identity file with a lock, whose key file is made when it is missing."""
-    key = load_key(folder, lock, make=True)
+def encrypt(folder: Path, key_source: KeySource, identities: Mapping[str, Identity]) -> IdentityFile:
+    """A new encrypted file; a missing key file is created."""
+    key = load_key(folder, key_source, create=True)
     entries = {pseudonym: _encrypt(key, pseudonym, each) for pseudonym, each in identities.items()}
-    file = IdentityFile(FORMAT, lock, _encrypt_bytes(key, FORMAT, FORMAT.encode()), entries)
+    file = IdentityFile(FORMAT, key_source, _encrypt_bytes(key, FORMAT, FORMAT.encode()), entries)
     _checked(folder, file)
     return file
 
@@ -74,15 +74,15 @@ def decrypt(folder: Path, file: IdentityFile) -> dict[str, Identity]:
     """All entries by pseudonym.
 
     Raises:
-        Locked: without the key, or with a wrong one.
-        StudyError: for an entry that was changed.
+        KeyUnavailable: when the key is missing or wrong.
+        StudyError: for a changed entry.
     """
     key = _checked(folder, file)
     return {pseudonym: _decrypt(key, pseudonym, data) for pseudonym, data in file.entries.items()}
 
 
 def with_entry(folder: Path, file: IdentityFile, pseudonym: str, identity: Identity) -> IdentityFile:
-    """The file with an entry more, or another one; raises as ``decrypt`` does."""
+    """The file with an added or replaced entry; raises the errors of ``decrypt``."""
     key = _checked(folder, file)
     return msgspec.structs.replace(
         file, entries=file.entries | {pseudonym: _encrypt(key, pseudonym, identity)}
@@ -90,23 +90,23 @@ def with_entry(folder: Path, file: IdentityFile, pseudonym: str, identity: Ident
 
 
 def without_entry(file: IdentityFile, pseudonym: str) -> IdentityFile:
-    """The file without an entry; this needs no key."""
+    """The file without an entry. This needs no key."""
     entries = {name: data for name, data in file.entries.items() if name != pseudonym}
     return msgspec.structs.replace(file, entries=entries)
 
 
 def _checked(folder: Path, file: IdentityFile) -> bytes:
-    """The key, which is the one that the file was encrypted with."""
-    key = load_key(folder, file.lock)
+    """Load the key and check that it is the right one."""
+    key = load_key(folder, file.key_source)
     try:
         _decrypt_bytes(key, FORMAT, file.check)
     except InvalidTag:
         which = (
             "the passphrase of the names"
-            if file.lock.kind == "passphrase"
-            else f"the key file of the names, {key_path(file.lock)},"
+            if file.key_source.kind == "passphrase"
+            else f"the key file of the names, {key_path(file.key_source)},"
         )
-        raise KeyUnavailable(f"{which} is wrong; nothing was changed") from None
+        raise KeyUnavailable(f"{which} is wrong. Nothing was changed") from None
     return key
 
 
@@ -140,25 +140,25 @@ _NEW = f"{FILE}.new"
 
 
 def identity_path(folder: Path) -> Path:
-    """The identity file of the study in ``folder``: the encrypted one, unless there is only a plain one."""
+    """The path of the identity file; the unencrypted one if there is no other."""
     plain, path = folder / FOLDER / PLAIN, folder / FOLDER / FILE
     return plain if plain.exists() and not path.exists() else path
 
 
 def plain_path(folder: Path) -> Path | None:
-    """The identity file that is not encrypted, if there is one."""
+    """The path of the unencrypted identity file, if there is one."""
     path = folder / FOLDER / PLAIN
     return path if path.exists() else None
 
 
 def key_source(folder: Path) -> KeySource | None:
-    """The lock of the encrypted identity file, if there is one."""
+    """The key source of the encrypted identity file, if there is one."""
     path = folder / FOLDER / FILE
-    return read_encrypted(path).lock if path.exists() else None
+    return read_encrypted(path).key_source if path.exists() else None
 
 
 def named_pseudonyms(folder: Path) -> set[str]:
-    """The pseudonyms with an entry; needs no key. ``StudyError`` for a file that is damaged."""
+    """The pseudonyms with an entry. This needs no key. ``StudyError`` for a damaged file."""
     path = identity_path(folder)
     if not path.exists():
         return set()
@@ -169,8 +169,8 @@ def read_identities(folder: Path) -> dict[str, Identity]:
     """All entries by pseudonym.
 
     Raises:
-        Locked: when the key is not at hand, or wrong.
-        StudyError: for a file that is damaged.
+        KeyUnavailable: when the key is missing or wrong.
+        StudyError: for a damaged file.
     """
     path = identity_path(folder)
     if not path.exists():
@@ -179,7 +179,7 @@ def read_identities(folder: Path) -> dict[str, Identity]:
 
 
 def write_entry(folder: Path, pseudonym: str, identity: Identity) -> None:
-    """Add or correct an entry, encrypted unless the study's file is plain; raises as ``read_identities`` does."""
+    """Add or replace an entry; raises the errors of ``read_identities``. Unencrypted files stay unencrypted."""
     create_if_missing(folder)
     path = identity_path(folder)
     if path.name == PLAIN:
@@ -189,18 +189,20 @@ def write_entry(folder: Path, pseudonym: str, identity: Identity) -> None:
 
 
 def create_if_missing(folder: Path) -> None:
-    """Make an empty identity file where there is none, with a passphrase if one was given, else with a key file.
+    """Create an empty identity file if there is none, with a passphrase if one is known, else with a key file.
 
     Raises:
-        StudyError: when the key cannot be made.
+        StudyError: when the key cannot be created.
     """
     if not identity_path(folder).exists():
-        lock = new_key_source(passphrase=known_passphrase(folder) is not None and KEY_FILE not in os.environ)
-        _write(folder, FILE, to_bytes(encrypt(folder, lock, {})))
+        key_source = new_key_source(
+            passphrase=known_passphrase(folder) is not None and KEY_FILE not in os.environ
+        )
+        _write(folder, FILE, to_bytes(encrypt(folder, key_source, {})))
 
 
 def remove_entry(folder: Path, pseudonym: str) -> None:
-    """Remove an entry, if there is one, and what a broken-off write left of it; this needs no key."""
+    """Remove an entry and all temporary files that may contain it. This needs no key."""
     remove_unfinished(folder)
     plain, path = folder / FOLDER / PLAIN, folder / FOLDER / FILE
     if plain.exists() and pseudonym in (entries := _read_plain(plain)):
@@ -210,28 +212,28 @@ def remove_entry(folder: Path, pseudonym: str) -> None:
         _write(folder, FILE, to_bytes(without_entry(file, pseudonym)))
 
 
-def encrypt_names(folder: Path, lock: KeySource, present: Mapping[str, Identity]) -> None:
-    """Encrypt the names with a new lock; the plain file is removed once the encrypted one was read back.
+def encrypt_names(folder: Path, key_source: KeySource, present: Mapping[str, Identity]) -> None:
+    """Encrypt the names with a new key. The unencrypted file is removed after the encrypted one was read back.
 
     Args:
         folder: the study's.
-        lock: the new lock.
-        present: what ``read_identities`` gave, with the key so far.
+        key_source: the source of the new key.
+        present: the entries as ``read_identities`` returns them with the present key.
 
     Raises:
-        StudyError: when the plain file has entries that the encrypted one lacks, or reading back fails.
+        StudyError: when only the unencrypted file contains an entry, or reading back fails.
     """
     plain = plain_path(folder)
     lacking = sorted(set(_read_plain(plain)) - set(present)) if plain else []
     if lacking:
         raise StudyError(
-            f"{plain} contains {', '.join(lacking)}, who is missing in {FILE}: look into it and remove it; "
-            "nothing was changed"
+            f"{plain} contains {', '.join(lacking)}, and {FILE} does not: find out why and remove it. Nothing was "
+            "changed"
         )
-    _write(folder, _NEW, to_bytes(encrypt(folder, lock, present)))
+    _write(folder, _NEW, to_bytes(encrypt(folder, key_source, present)))
     new = folder / FOLDER / _NEW
     if decrypt(folder, read_encrypted(new)) != present:
-        raise StudyError(f"{new} could not be read back; nothing was changed")
+        raise StudyError(f"{new} could not be read back. Nothing was changed")
     os.replace(new, folder / FOLDER / FILE)
     if plain:
         remove_unfinished(folder)
@@ -242,7 +244,7 @@ def _read_plain(path: Path) -> dict[str, Identity]:
     try:
         return msgspec.json.decode(path.read_bytes(), type=dict[str, Identity])
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise StudyError(f"{path}: not a key file: {error}") from None
+        raise StudyError(f"{path} is not an identity file: {error}") from None
 
 
 def _encoded_plain(entries: Mapping[str, Identity]) -> bytes:
@@ -258,16 +260,13 @@ def _write(folder: Path, name: str, data: bytes) -> None:
 
 
 def unfinished_files(folder: Path) -> list[Path]:
-    """Unfinished identity files with names, left by processes that were killed while they wrote.
-
-    Only one process writes at a time, so while the database is locked there is nothing else.
-    """
+    """Temporary identity files of processes that were killed while they wrote. The caller holds the database's lock."""
     names = (PLAIN, FILE, _NEW)
     parts = (path for name in names for path in (folder / FOLDER).glob(f".{name}.*.part"))
     return sorted([*parts, *(folder / FOLDER).glob(_NEW)])
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove unfinished identity files of processes that were killed while they wrote."""
+    """Remove temporary identity files of killed processes."""
     for path in unfinished_files(folder):
         path.unlink(missing_ok=True)

@@ -1,7 +1,7 @@
 """The key that encrypts a study's names: from a passphrase, or from a key file outside the study.
 
-By default the key file is in the user's data folder. A server reads the passphrase or the key file's path from an
-environment variable. Without the key the names are lost, but no other data.
+By default the key file is in the user's data folder. A server reads the passphrase or the path of the key file from an
+environment variable. If the key is lost, the names are lost, but no other data.
 """
 
 import os
@@ -17,22 +17,22 @@ from avrgym.study.storage.states import StudyError
 from avrgym.system.files import make_private_folder, user_data_folder, write_new
 
 PASSPHRASE, KEY_FILE = "AVRGYM_STUDY_PASSPHRASE", "AVRGYM_STUDY_KEY_FILE"
-"""Variables of the environment."""
+"""Names of environment variables."""
 MIN_PASSPHRASE_LENGTH = 8
-"""Of a passphrase."""
+"""Minimum length of a passphrase."""
 SCRYPT_COST = 1 << 17
-"""Scrypt's n for new passphrases: 128 MB and about half a second for each guess."""
-_MOST_COST = 1 << 20
+"""Scrypt's cost parameter n for new passphrases: 128 MB and about 0.5 s for each guess."""
+_MAX_COST = 1 << 20
 _KEY_BYTES = 32
 _given: dict[Path, str] = {}
 
 
 class KeyUnavailable(StudyError):
-    """The key of the names is not available; nothing was changed."""
+    """The key of the names is missing or wrong; nothing was changed."""
 
 
 class KeySource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where the key of an identity file comes from. ``salt``, hexadecimal, also names a key file."""
+    """The source of an identity file's key. ``salt`` (hexadecimal) is also the name of a key file."""
 
     kind: Literal["passphrase", "file"]
     salt: str
@@ -40,62 +40,66 @@ class KeySource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def new_key_source(*, passphrase: bool) -> KeySource:
-    """A lock with a new salt."""
+    """A key source with a new salt."""
     return KeySource(
         "passphrase" if passphrase else "file", os.urandom(16).hex(), SCRYPT_COST if passphrase else 0
     )
 
 
 def set_passphrase(folder: Path, passphrase: str) -> None:
-    """Use a passphrase for the study in a folder as long as this process runs."""
+    """Store the passphrase of the study in a folder until this process ends."""
     _given[folder.resolve()] = passphrase
 
 
 def known_passphrase(folder: Path) -> str | None:
-    """The passphrase that was given to this process for the study in a folder, if any."""
+    """The passphrase of the study in a folder, if this process has it."""
     return _given.get(folder.resolve()) or os.environ.get(PASSPHRASE) or None
 
 
 def check_passphrase(passphrase: str) -> None:
     """Raise ``StudyError`` for a passphrase that is too short."""
     if len(passphrase) < MIN_PASSPHRASE_LENGTH:
-        raise StudyError(f"a passphrase has at least {MIN_PASSPHRASE_LENGTH} characters; nothing was changed")
+        raise StudyError(f"the passphrase is too short; allowed: at least {MIN_PASSPHRASE_LENGTH} characters")
 
 
-def load_key(folder: Path, lock: KeySource, *, make: bool = False) -> bytes:
-    """The key of a lock; ``make`` makes a key file that is missing.
+def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
+    """The key of a source; ``create`` creates a missing key file.
 
     Raises:
-        Locked: when passphrase or key file are not at hand.
+        KeyUnavailable: when the passphrase or the key file is missing.
     """
-    if lock.kind == "file":
-        return _from_file(folder, key_path(lock), make=make)
+    if source.kind == "file":
+        return _from_file(folder, key_path(source), create=create)
     passphrase = known_passphrase(folder)
     if passphrase is None:
         raise KeyUnavailable(
-            f"the names are locked with a passphrase: set {PASSPHRASE}, or use `avrgym study` on a terminal, which "
-            "asks for it; nothing was changed"
+            f"the names are encrypted with a passphrase: set {PASSPHRASE}, or run `avrgym study` in a terminal and "
+            "type it. Nothing was changed"
         )
-    if make:
+    if create:
         check_passphrase(passphrase)
-    if not 1 < lock.cost <= _MOST_COST:
-        raise StudyError(f"the identity file asks for a cost of {lock.cost}; allowed: up to {_MOST_COST}")
+    if not 1 < source.cost <= _MAX_COST:
+        raise StudyError(f"the cost in the identity file is {source.cost}; allowed: up to {_MAX_COST}")
     try:
-        return _from_passphrase(passphrase, lock.salt, lock.cost)
+        return _from_passphrase(passphrase, source.salt, source.cost)
     except ValueError as error:
-        raise StudyError(f"the lock of the identity file is damaged: {error}; nothing was changed") from None
+        raise StudyError(
+            f"the key source in the identity file is damaged: {error}. Nothing was changed"
+        ) from None
 
 
-def key_path(lock: KeySource) -> Path:
-    """Where the key file of a lock is."""
+def key_path(source: KeySource) -> Path:
+    """The path of a key file."""
     named = os.environ.get(KEY_FILE)
-    return Path(named) if named else user_data_folder() / "keys" / f"{lock.salt}.key"
+    return Path(named) if named else user_data_folder() / "keys" / f"{source.salt}.key"
 
 
-def _from_file(folder: Path, path: Path, *, make: bool) -> bytes:
+def _from_file(folder: Path, path: Path, *, create: bool) -> bytes:
     if path.resolve().is_relative_to(folder.resolve()):
-        raise StudyError(f"{path} is in the study's folder; choose a key file elsewhere; nothing was changed")
-    if make and not path.exists():
+        raise StudyError(
+            f"{path} is in the study's folder; choose a key file in another folder. Nothing was changed"
+        )
+    if create and not path.exists():
         make_private_folder(path.parent)
         write_new(path, os.urandom(_KEY_BYTES).hex() + "\n")
     try:
@@ -103,12 +107,12 @@ def _from_file(folder: Path, path: Path, *, make: bool) -> bytes:
     except OSError as error:
         raise KeyUnavailable(
             f"the key file of the names, {path}, cannot be read ({error.strerror}): restore a copy, or name it in "
-            f"{KEY_FILE}; nothing was changed. Without it the names are lost, but no other data"
+            f"{KEY_FILE}. Nothing was changed. Without it the names are lost, but no other data"
         ) from None
     except ValueError:
         key = b""
     if len(key) != _KEY_BYTES:
-        raise KeyUnavailable(f"{path} is no key file: it has {_KEY_BYTES} bytes in hexadecimal digits")
+        raise KeyUnavailable(f"{path} is not a key file; allowed: {_KEY_BYTES} bytes in hexadecimal digits")
     return key
 
 

@@ -32,10 +32,10 @@ Words = tuple[Item, ...]
 
 @dataclass(frozen=True)
 class ItemVersion:
-    """An item as participants read it.
+    """A version of an item.
 
-    ``item`` has its name among all versions, ``of`` is its name in the design, ``number`` counts its versions from 1.
-    ``words`` are the texts by language, ``asked`` counts answers by participant.
+    ``item`` has the name of the version, ``of`` is the name in the design, ``number`` counts versions from 1. ``words``
+    are the texts by language, ``asked`` counts answers by participant.
     """
 
     item: Item
@@ -48,21 +48,21 @@ class ItemVersion:
 
 @dataclass(frozen=True)
 class Form:
-    """The items that a participant read, by their names in the design."""
+    """The versions of items that a participant read, by names in the design."""
 
     versions: Mapping[str, ItemVersion]
 
 
 @dataclass(frozen=True)
 class _Whole:
-    """A version of a validated questionnaire, whose items change together; other questionnaires have one version."""
+    """A version of a validated questionnaire. Its items change together; other questionnaires have one version."""
 
     content: Any
     words: dict[str, Words] = field(default_factory=dict[str, Words])
 
 
 class ItemCatalogue:
-    """All items that participants read; items and questionnaires that change under one name become its versions."""
+    """All versions of items and questionnaires that participants read."""
 
     def __init__(self) -> None:
         self.questionnaires: dict[str, Questionnaire] = {}
@@ -75,7 +75,7 @@ class ItemCatalogue:
         return [version for versions in self._versions.values() for _, _, version in versions]
 
     def form(self, design: Design, language: str, translate: Callable[[str], str]) -> Form:
-        """The items of a design for a participant who reads this language."""
+        """The items of a design in a language."""
         found: dict[str, ItemVersion] = {}
         for questionnaire in design.questionnaires:
             words = tuple(translate_item(item, translate) for item in questionnaire.items)
@@ -91,7 +91,7 @@ class ItemCatalogue:
     def version(
         self, item: Item, words: Item, language: str, questionnaire: str, whole: int = 0
     ) -> ItemVersion:
-        """The version of an item; a new one where the item, or its words in this language, were not asked before."""
+        """The version of an item; a new version if the item or its text in this language is new."""
         versions = self._versions.setdefault(item.id, [])
         for known, of, version in versions:
             if (known, of) == (item, whole) and version.words.setdefault(language, words) == words:
@@ -112,7 +112,7 @@ class ItemCatalogue:
         self.questionnaires[known.name] = msgspec.structs.replace(known, items=items, when=when)
 
     def _whole(self, questionnaire: Questionnaire, language: str, words: Words) -> int:
-        """The number of a questionnaire among those of its name, from 1."""
+        """The number of a questionnaire among those with its name, from 1."""
         content = (
             [questionnaire.use, questionnaire.weights, questionnaire.items] if questionnaire.use else None
         )
@@ -132,12 +132,12 @@ def version_name(name: str, version: int) -> str:
 
 
 def base_name(name: str) -> str:
-    """The name in the design of any version of an item or a questionnaire."""
+    """The name in the design of a version of an item or questionnaire."""
     return name.partition(" (version ")[0]
 
 
 def design_with_versions(design: Design, catalogue: ItemCatalogue) -> Design:
-    """A design with all items that participants read, in its own order; other items are unchanged."""
+    """A design with all versions of items that participants read, in the order of the design."""
     versions = {version.item.id: version for version in catalogue.versions}
     of = {version.of for version in versions.values()}
     whole = ItemCatalogue()
@@ -172,12 +172,12 @@ def _places(design: Design) -> dict[str, int]:
 
 
 NOT_STORED = "unknown"
-"""The questionnaire of items whose words are not stored."""
-UNKNOWN = "(neither the database nor a recording contains its words)"
+"""The questionnaire of items without a stored text."""
+UNKNOWN = "(neither the database nor a recording contains its text)"
 
 
 class AnsweredItems:
-    """The items that the participants of a study answered, or some of them."""
+    """The version of the item of each answer, of all participants or some."""
 
     def __init__(self, store: Store, participants: Sequence[Participant] | None = None) -> None:
         self._store = store
@@ -205,11 +205,11 @@ class AnsweredItems:
         return self._catalogue.versions
 
     def contains(self, answer: GivenAnswer) -> bool:
-        """Whether an answer was there when this was read."""
+        """Whether an answer existed when this object was created."""
         return answer.id in self._of_answers
 
     def item(self, answer: GivenAnswer) -> Item:
-        """The item of an answer, by its name among all versions."""
+        """The item of an answer, with the name of its version."""
         return self._of_answers[answer.id].item
 
     def questionnaire(self, answer: GivenAnswer) -> Questionnaire:
@@ -238,7 +238,7 @@ class AnsweredItems:
         self._of_answers[answer.id] = version
 
     def _unknown(self, participant: Participant, answer: GivenAnswer) -> ItemVersion:
-        """The item of an answer whose words are not stored."""
+        """The item of an answer without a stored text."""
         item = Item(answer.item, UNKNOWN, MOST_POINTS, "?", "?")
         version = self._catalogue.version(item, item, participant.language or "", NOT_STORED)
         when = "after_trial" if answer.attempt is not None else "after_session"

@@ -1,8 +1,8 @@
-"""The participation list: every change of a participant's state, in a signed file beside the study's database.
+"""The participation list: a signed file next to the database with every change of a participant's state.
 
-``participation.jsonl`` survives the loss of the database: participants who withdrew or were deleted do not come back.
-An entry is written before its transaction is committed: a crash between the two loses no withdrawal. Each entry's
-digest covers the entry before, and this user's key signs it. The content of entries about a deleted participant is
+``participation.jsonl`` survives the loss of the database, so withdrawals, exclusions and deletions are never forgotten.
+An entry is written before its transaction is committed: a crash between the two loses no withdrawal. The digest of each
+entry covers the entry before, and the user's key signs it. For a deleted participant the contents of the entries are
 erased; their checksums and the chain stay.
 """
 
@@ -24,23 +24,24 @@ from avrgym.study.storage.schema import new_salt
 from avrgym.system.files import PRIVATE_FILE, private_opener, write_atomically
 
 FILE = "participation.jsonl"
-INVALID_COPY = re.compile(rf"{re.escape(FILE)}\.unsound-([0-9]+)")
+INVALID_COPY = re.compile(rf"{re.escape(FILE)}\.(?:invalid|unsound)-([0-9]+)")
+"""Names of replaced invalid lists; ``unsound`` is the suffix of earlier versions."""
 DELETED = "deleted"
-"""The state of a participant in the list whose data were deleted."""
+"""The state in the list of a deleted participant."""
 FINAL = ("withdrawn", "excluded", DELETED)
-"""States that the list restores in a database that does not have them."""
+"""Final states, which the list restores in a database that lacks them."""
 LIST_BEGUN, COMPARED = "list begun", "compared with the database"
 REBUILT = "database rebuilt"
-"""The event of a database that was rebuilt from the recordings after a loss; it is never removed.
+"""Event: the database was rebuilt from the recordings after a loss.
 
-Entries without a participant contain one of these events.
+Entries without a participant contain one of these three events.
 """
 
 Content = Mapping[str, Any]
 
 
 class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One line. ``participant`` is a number; ``None`` for entries about the list or the database."""
+    """One line of the file. ``participant`` is a number; ``None`` for entries about the list or the database."""
 
     number: int
     participant: int | None
@@ -53,7 +54,7 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Participation:
-    """The entries of a list. ``fault``: why they prove nothing; a clause of which the list is the subject."""
+    """The entries of a list. ``fault`` is the reason why the list is invalid, such as "is empty"."""
 
     entries: tuple[Entry, ...]
     fault: str = ""
@@ -70,17 +71,17 @@ class Participation:
 
     @property
     def ledgers(self) -> set[str | None]:
-        """The first digests in the ledgers of the databases that the list has belonged to."""
+        """Identifiers (first digests) of the hash chains that the list has belonged to."""
         return {each.get("ledger") for each in self.without_participant}
 
     @property
     def ledger(self) -> str | None:
-        """The first digest in the ledger of the database that the list belongs to."""
+        """The identifier of the hash chain that the list belongs to."""
         return next((each["ledger"] for each in reversed(self.without_participant) if "ledger" in each), None)
 
     @property
     def begun_at(self) -> str:
-        """When the list was begun."""
+        """The time of the first entry."""
         return self.without_participant[0]["at"]
 
     @property
@@ -89,11 +90,11 @@ class Participation:
         return self.entries[0].digest
 
     def rebuilds(self) -> list[Content]:
-        """Each time that the database was rebuilt."""
+        """Contents of the entries about rebuilds of the database."""
         return [each for each in self.without_participant if each["event"] == REBUILT]
 
     def consents(self, participant: int) -> list[RecordedConsent]:
-        """The consents of a participant: when, and to which text."""
+        """The consents of a participant: time and consent text."""
         own = [each.content for each in self.entries if each.participant == participant and each.content]
         return [
             RecordedConsent(
@@ -106,8 +107,8 @@ class Participation:
             if "consented_at" in each
         ]
 
-    def is_signed_here(self) -> bool:
-        """Whether the last entry, which covers all others, was signed with this user's key."""
+    def is_signed_by_user(self) -> bool:
+        """Whether the last entry, which covers all others, is signed with this user's key."""
         own = signing.user_key()
         return own is not None and self.entries[-1].key == signing.public_key(own)
 
@@ -117,7 +118,7 @@ class Participation:
 
 
 class ParticipationList:
-    """The list in a study's folder. Writers must hold the database's lock for writing."""
+    """The list in a study's folder. Writers hold the database's write lock."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -125,7 +126,7 @@ class ParticipationList:
 
     @property
     def path(self) -> Path:
-        """Where it is."""
+        """The path of the file."""
         return self._folder / FILE
 
     def read(self) -> Participation | None:
@@ -139,7 +140,7 @@ class ParticipationList:
         return self._known[1]
 
     def append(self, contents: Sequence[tuple[int | None, Content]]) -> None:
-        """Add entries, which are on disk when this returns; ``OSError`` where that fails."""
+        """Append entries and flush them to disk; ``OSError`` if that fails."""
         before = self.read() or Participation(())
         entries = [*before.entries]
         for participant, content in contents:
@@ -158,19 +159,19 @@ class ParticipationList:
         self._known = self._version(), after
         signing.store_last_entry(self._folder, after.list_digest, entries[-1].digest)
 
-    def remember_end(self) -> None:
-        """Store the list's last entry on this computer, unless one of this list in this folder is stored."""
+    def store_last_entry(self) -> None:
+        """Store the list's last entry in the user's data folder, unless an entry of this list is stored."""
         known, end = self.read(), signing.last_entry(self._folder)
-        if known is None or known.fault or not known.is_signed_here():
+        if known is None or known.fault or not known.is_signed_by_user():
             return
         if end is None or end.list_digest != known.list_digest:
             signing.store_last_entry(self._folder, known.list_digest, known.entries[-1].digest)
 
     def erase(self, participant: int) -> None:
-        """Erase the content of all entries about a participant but the last; the chain stays."""
+        """Erase the contents of all entries about a participant except the last; the chain stays."""
         known = self.read()
         self._remove_unfinished()
-        for path in self.set_aside_before():
+        for path in self.invalid_copies():
             path.unlink()
         if known is None or known.fault:
             return
@@ -183,13 +184,13 @@ class ParticipationList:
             ]
             write_atomically(self.path, b"".join(map(_line, entries)), PRIVATE_FILE)
 
-    def set_aside(self) -> None:
-        """Keep an invalid list under another name; the next entry begins a new list."""
-        numbers = [_aside_number(path) for path in self.set_aside_before()]
-        os.replace(self.path, self.path.with_name(f"{FILE}.unsound-{max(numbers, default=0) + 1}"))
+    def rename_invalid(self) -> None:
+        """Rename an invalid list; the next entry begins a new list."""
+        numbers = [_copy_number(path) for path in self.invalid_copies()]
+        os.replace(self.path, self.path.with_name(f"{FILE}.invalid-{max(numbers, default=0) + 1}"))
 
-    def set_aside_before(self) -> list[Path]:
-        """Invalid lists that were kept under other names."""
+    def invalid_copies(self) -> list[Path]:
+        """Renamed invalid lists."""
         return sorted(path for path in self._folder.glob(f"{FILE}.*") if INVALID_COPY.fullmatch(path.name))
 
     def _version(self) -> object:
@@ -197,7 +198,7 @@ class ParticipationList:
         return found.st_size, found.st_mtime_ns, found.st_ino
 
     def _remove_unfinished(self) -> None:
-        """Remove copies of the list that were left where a process was killed that wrote one."""
+        """Remove temporary copies of killed processes."""
         for path in self._folder.glob(f".{FILE}.*.part"):
             path.unlink(missing_ok=True)
 
@@ -215,7 +216,7 @@ def content_of(state: str, at: str, **values: Any) -> Content:
 
 
 def has_same_content(content: Content, other: Content | None) -> bool:
-    """Whether two contents are the same except for their time and salt."""
+    """Whether two contents are equal except for time and salt."""
     return other is not None and _without_time(content) == _without_time(other)
 
 
@@ -223,7 +224,7 @@ def _without_time(content: Content) -> Content:
     return {name: value for name, value in content.items() if name not in ("at", "salt")}
 
 
-def _aside_number(path: Path) -> int:
+def _copy_number(path: Path) -> int:
     match = INVALID_COPY.fullmatch(path.name)
     return int(match[1]) if match else 0
 
@@ -247,7 +248,7 @@ def _line(entry: Entry) -> bytes:
 
 
 def _parsed(data: bytes) -> Participation:
-    """The entries of a list's file up to a damaged one; a last line that a crash cut off does not count."""
+    """The entries up to the first damaged one; an unfinished last line is ignored."""
     entries: list[Entry] = []
     for number, line in enumerate(data.split(b"\n")[:-1], start=1):
         try:
@@ -263,19 +264,19 @@ def _faults(entries: Sequence[Entry]) -> Iterator[str]:
     before = ""
     for number, each in enumerate(entries, start=1):
         if each.digest != _digest(before, number, each.participant, each.sha256) or each.number != number:
-            yield f"was changed: entry {number} does not follow the one before it"
+            yield f"was changed: entry {number} does not match the one before it"
         before = each.digest
     deleted = {each.participant for each in entries if each.content and each.content.get("state") == DELETED}
     for each in entries:
         if each.content is None and each.participant not in deleted:
-            yield f"was changed: the content of entry {each.number} is gone"
+            yield f"was changed: the content of entry {each.number} is missing"
         if each.content is not None and _sha256(each.content) != each.sha256:
-            yield f"was changed: entry {each.number} has another content than its checksum"
+            yield f"was changed: the content of entry {each.number} does not match its checksum"
     if entries[0].content is None or entries[0].content.get("event") != LIST_BEGUN:
-        yield "was changed: its beginning is gone"
+        yield "was changed: its first entry is missing"
     for each in {each.key: each for each in entries}.values():
         if each.key and not signing.is_signed(each.key, each.signature, each.digest):
-            yield f"was changed: the signature of entry {each.number} is broken"
+            yield f"was changed: the signature of entry {each.number} is invalid"
 
 
 def _digest(before: str, number: int, participant: int | None, sha256: str) -> str:

@@ -1,7 +1,7 @@
-"""Keeping the participation list and the study's database in agreement.
+"""Keeps the participation list and the database consistent.
 
-Each transaction adds its changes to the list. When a study is opened, missing entries are added to the list. A
-database that was set back to an older copy gets the withdrawals, exclusions and deletions that only the list contains.
+Each transaction appends its changes to the list. When a study is opened, missing entries are appended. If the database
+was replaced by an older copy, it gets the withdrawals, exclusions and deletions that only the list contains.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -26,9 +26,9 @@ from avrgym.study.storage.participation import (
 from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, TOMBSTONE, now
 
 STATE_RESTORED = "participation restored"
-"""Event: a participant's state was restored from the participation list, because the database lacked it."""
+"""Event: a final state that the database lacked was restored from the participation list."""
 STUDY_SET_BACK = "participation list set back"
-"""Event: a study is older than its latest state that this computer has stored."""
+"""Event: the study is an older copy than the one that this computer has seen last."""
 _COLUMNS = (
     "simulated",
     "site",
@@ -42,13 +42,13 @@ _COLUMNS = (
     "consent_version",
     "consent_sha256",
 )
-"""Fields that the list contains about a participant in addition to the state."""
+"""Fields of a participant in the list in addition to the state."""
 
 Contents = Mapping[int, Content]
 
 
 def participant_values(content: Content) -> dict[str, Any]:
-    """The values of a participant's row that the list contains, but for the state."""
+    """The values of a participant's row in the list, without the state."""
     return {name: content.get(name) for name in _COLUMNS}
 
 
@@ -58,7 +58,7 @@ def participant_values(content: Content) -> dict[str, Any]:
 def append_transaction(
     known: ParticipationList, connection: sa.Connection, written: Collection[tuple[str, int]]
 ) -> None:
-    """Add to the list what a transaction wrote about participants, before it is committed."""
+    """Append the changes of a transaction to the list, before the commit."""
     numbers = {key for name, key in written if name in (PARTICIPANT.name, TOMBSTONE.name)}
     events = {key for name, key in written if name == EVENT.name}
     rebuilt = list(_rebuilds(connection, events)) if events else []
@@ -66,7 +66,7 @@ def append_transaction(
         return
     before = known.read()
     if before is not None and before.fault:
-        known.set_aside()
+        known.rename_invalid()
         _begin(known, connection, f"replaces a list that {before.fault}")
     elif before is None:
         _begin(known, connection, "", numbers)
@@ -77,10 +77,7 @@ def append_transaction(
 def _begin(
     known: ParticipationList, connection: sa.Connection, detail: str, enrolled: Collection[int] = ()
 ) -> None:
-    """Begin a list with everybody in the database.
-
-    Where a transaction has just enrolled all of them, the list begins with the first enrolment.
-    """
+    """Begin a list with all participants of the database; ``enrolled`` are those of the present transaction."""
     everybody = _contents(connection)
     is_first = everybody.keys() <= {*enrolled}
     times = [str(each["enrolled_at"]) for each in everybody.values() if is_first and each.get("enrolled_at")]
@@ -93,15 +90,15 @@ def _begin(
 def _append(
     known: ParticipationList, before: Participation, contents: Contents, rebuilt: Collection[Content] = ()
 ) -> None:
-    told = {(each["at"], each["detail"]) for each in before.rebuilds()}
-    new = [(None, each) for each in rebuilt if (each["at"], each["detail"]) not in told]
+    known_rebuilds = {(each["at"], each["detail"]) for each in before.rebuilds()}
+    new = [(None, each) for each in rebuilt if (each["at"], each["detail"]) not in known_rebuilds]
     new += [(number, each) for number, each in sorted(contents.items()) if _is_news(before, number, each)]
     if new:
         known.append(new)
 
 
 def _is_news(before: Participation, number: int, content: Content) -> bool:
-    """Whether a content differs from the latest one and may follow it; final states are never replaced."""
+    """Whether a content differs from the latest one and may replace it; final states are never replaced."""
     latest = before.latest.get(number)
     if latest is not None and latest["state"] in FINAL and content["state"] not in FINAL:
         return False
@@ -115,7 +112,7 @@ def _contents(
     participants: Collection[int] | None = None,
     tombstones: Collection[int] | None = None,
 ) -> dict[int, Content]:
-    """Contents for the list about participants with these numbers, and about deleted participants."""
+    """Contents of entries about participants and deleted participants with these numbers."""
     columns = [PARTICIPANT.c[name] for name in ("number", "state", *_COLUMNS)]
     rows = _all(connection, columns, PARTICIPANT.c.number, participants)
     found = {
@@ -130,7 +127,7 @@ def _contents(
 
 
 def _rebuilds(connection: sa.Connection, keys: Collection[int] | None = None) -> Iterator[Content]:
-    """The contents about rebuildings of the database, from its events."""
+    """Contents of entries about rebuilds of the database, from its events."""
     for row in _all(connection, list(EVENT.c), EVENT.c.id, keys):
         if row["name"] == REBUILT:
             yield _without_participant(connection, REBUILT, row["at"], row["detail"])
@@ -141,7 +138,7 @@ def _without_participant(connection: sa.Connection, event: str, at: str, detail:
 
 
 def chain_id(connection: sa.Connection) -> str | None:
-    """The first digest in the ledger, which identifies a database."""
+    """The first digest of the hash chain, which identifies a database."""
     return connection.execute(sa.select(LEDGER.c.digest).where(LEDGER.c.number == 1)).scalar()
 
 
@@ -161,9 +158,9 @@ def _all(
 class Differences:
     """Differences between list and database when a study is opened.
 
-    ``begin``: a new list must begin, with this detail. ``restored``: final states by number that the database lacks.
+    ``begin``: a new list is necessary, for this reason. ``restored``: final states by number that the database lacks.
     ``missing``: contents that the list lacks. ``set_back``: this computer has stored later entries. ``is_unsigned``:
-    the list agrees with the database, and this user has not signed it.
+    the list matches the database, and this user has not signed it.
     """
 
     begin: str | None = None
@@ -177,7 +174,7 @@ class Differences:
 
 
 def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
-    """Compare list and database; rows that another program changed are ignored."""
+    """Compare list and database. Rows that another program changed are ignored."""
     everybody = _contents(connection)
     unchanged_keys = hash_chain.unchanged_keys(connection, PARTICIPANT)
     edited = {number for number, each in everybody.items() if each["state"] != DELETED} - unchanged_keys
@@ -188,14 +185,14 @@ def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
     if before.fault:
         return Differences(begin=f"replaces a list that {before.fault}")
     if chain_id(connection) not in before.ledgers:
-        return Differences(begin="replaces a list that is of another study")
+        return Differences(begin="replaces a list of another study")
     restored = {
         number: content
         for number, content in before.latest.items()
         if number not in edited and content["state"] in FINAL and _lacks(contents.get(number), content)
     }
     missing = {number: each for number, each in contents.items() if _is_news(before, number, each)}
-    if before.is_signed_here():
+    if before.is_signed_by_user():
         end = signing.last_entry(known.path.parent)
         set_back = end is not None and end.list_digest == before.list_digest and not before.has(end.digest)
         return Differences(restored=restored, missing=missing, set_back=set_back)
@@ -205,18 +202,18 @@ def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
 
 
 def _lacks(found: Content | None, final: Content) -> bool:
-    """Whether the database lacks a final state; without a row only a deletion is lacking."""
+    """Whether the database lacks a final state. Without a row, only a deletion is missing."""
     if found is None:
         return final["state"] == DELETED
     return found["state"] not in FINAL
 
 
 def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
-    """Bring list and database into agreement, in a transaction that writes."""
+    """Make list and database consistent, in a write transaction."""
     found = compare(known, connection)
     if found.begin is not None:
         if known.path.exists():
-            known.set_aside()
+            known.rename_invalid()
         _begin(known, connection, found.begin)
     for number, content in found.restored.items():
         _restore(connection, number, content)
@@ -231,9 +228,9 @@ def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
 
 
 def _restore(connection: sa.Connection, number: int, content: Content) -> None:
-    """Give a participant the final state that only the list has.
+    """Set the final state that only the list contains.
 
-    A deleted participant who is back with an older copy of the database counts as withdrawn until deleted again.
+    A deleted participant in an older copy of the database is withdrawn until they are deleted again.
     """
     rows = _all(connection, [PARTICIPANT.c.number], PARTICIPANT.c.number, [number])
     if rows:

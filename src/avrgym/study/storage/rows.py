@@ -1,4 +1,4 @@
-"""The rows of a study as plain values. Times are ISO 8601 in UTC."""
+"""The rows of a study's tables as dataclasses. Times are ISO 8601 in UTC."""
 
 import re
 from dataclasses import dataclass
@@ -16,26 +16,24 @@ RECORDINGS = "recordings"
 
 
 def pseudonym_of(number: int) -> str:
-    """The name that a participant goes by everywhere."""
+    """The participant identifier, such as ``sub-001``."""
     return f"sub-{number:03}"
 
 
 def participant_number(pseudonym: str) -> int:
-    """The number of a pseudonym; ``StudyError`` for anything else, such as a path."""
+    """The number in a pseudonym; ``StudyError`` for other text, such as a path."""
     if re.fullmatch(r"sub-[0-9]{3,9}", pseudonym):
         number = int(pseudonym.removeprefix("sub-"))
         if number > 0 and pseudonym_of(number) == pseudonym:
             return number
-    raise StudyError(f"{pseudonym!r} is no participant; allowed: sub-001, sub-002 and so on")
+    raise StudyError(f"{pseudonym!r} is not a pseudonym; allowed: sub-001, sub-002 and so on")
 
 
 @dataclass(frozen=True)
 class Participant:
-    """Someone who takes part. ``cell`` numbers their order, ``inclusion`` holds their answers by question.
+    """A participant. ``cell`` is the index of their trial order, ``inclusion`` contains answers by question.
 
-    ``language`` is the one that they read the study in, the design's first where nobody said.
-
-    ``site`` is where, if that was said. ``site_number`` is their number there, where this study was merged from sites.
+    ``language``: default is the first of the design. ``site_number`` is their number at the site of a merged study.
     """
 
     number: int
@@ -59,12 +57,12 @@ class Participant:
         return pseudonym_of(self.number)
 
     def must_reconsent(self, version: str) -> bool:
-        """Whether they agreed to another version of the consent text and may still have sessions."""
+        """Whether the participant agreed to another version of the consent text and may still have sessions."""
         return self.state in ("consented", "allocated") and self.consent_version not in (None, version)
 
     @property
     def site_pseudonym(self) -> str | None:
-        """What they go by at their site, where this study was merged from sites."""
+        """The pseudonym at their site, in a merged study."""
         return None if self.site_number is None else pseudonym_of(self.site_number)
 
     def __str__(self) -> str:
@@ -73,7 +71,7 @@ class Participant:
 
 @dataclass(frozen=True)
 class StudySession:
-    """A participant's visit at a station, run by one process there."""
+    """A session of a participant at a station, run by one process."""
 
     id: int
     participant: int
@@ -87,12 +85,12 @@ class StudySession:
 
     @property
     def headset(self) -> HeadsetCheck | None:
-        """What the latest check of the headset measured, if there was one."""
+        """Results of the latest check of the headset, if there was one."""
         return None if self.headset_check is None else msgspec.convert(self.headset_check, HeadsetCheck)
 
     @property
     def folder(self) -> str:
-        """Where its recordings are, relative to the study's folder."""
+        """The folder of its recordings, relative to the study's folder."""
         return f"{RECORDINGS}/{pseudonym_of(self.participant)}/{self.name}"
 
     @property
@@ -146,7 +144,7 @@ class Trial:
 class TrialAttempt:
     """An attempt at a trial; ``recording`` is relative to the study's folder.
 
-    ``torso_height_m`` is that of the body it was run with; ``None`` where only its recording tells it.
+    ``torso_height_m`` is the torso height of the simulated body; ``None`` if only the recording contains it.
     """
 
     id: int
@@ -166,7 +164,7 @@ class TrialAttempt:
 
 
 class GivenAnswer(Answer, frozen=True):
-    """An answer after a trial, or without an attempt about a whole session."""
+    """An answer after a trial; without an attempt it is about the whole session."""
 
     id: int
     session: int
@@ -176,7 +174,7 @@ class GivenAnswer(Answer, frozen=True):
 
 @dataclass(frozen=True)
 class StudyEvent:
-    """Something that happened, and to whom."""
+    """An event with the participant, session and attempt that it is about."""
 
     id: int
     at: str
@@ -189,7 +187,7 @@ class StudyEvent:
 
 @dataclass(frozen=True)
 class Note:
-    """What the experimenter wrote down."""
+    """A note of the experimenter."""
 
     id: int
     at: str
@@ -219,7 +217,7 @@ class AdverseEvent:
 
 @dataclass(frozen=True)
 class ConsentText:
-    """A consent text as participants read it in one language, ``at`` its first use."""
+    """A consent text in one language, stored ``at`` its first use."""
 
     id: int
     at: str
@@ -244,7 +242,7 @@ class Consent:
 
 @dataclass(frozen=True)
 class ParticipantLink:
-    """A link of a participant to one of their sessions, by its checksum."""
+    """The checksum of a participant's link to a session."""
 
     id: int
     session: int
@@ -254,7 +252,7 @@ class ParticipantLink:
 
 @dataclass(frozen=True)
 class Site:
-    """A study that this one was merged from, with the end of its ledger at the latest merge."""
+    """A study that this study was merged from, with the head of its hash chain at the latest merge."""
 
     number: int
     name: str
@@ -273,7 +271,7 @@ class Tombstone:
 
 @dataclass(frozen=True)
 class Experimenter:
-    """Somebody with a token of their own, until it is revoked; only its checksum is stored."""
+    """An experimenter with a personal token; only its checksum is stored."""
 
     id: int
     name: str
@@ -284,9 +282,9 @@ class Experimenter:
 
 @dataclass(frozen=True)
 class LogEntry:
-    """An action or a view of a person; ``known_by`` is how the person is identified, ``detail`` adds to ``name``.
+    """An action or a view of a person; ``known_by`` is the means of identification.
 
-    ``completed`` of ``planned`` participants had completed the study when somebody viewed its results.
+    For a view of results, ``completed`` of ``planned`` participants had completed the study at that time.
     """
 
     id: int

@@ -27,12 +27,12 @@ METADATA = MetaData(
 
 
 def now() -> str:
-    """The time as it is stored."""
+    """The present time in the stored format."""
     return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
 def new_salt() -> str:
-    """What makes the checksum of a row tell nothing about it once the row is deleted."""
+    """A random salt for a row. The checksum of a deleted row then reveals nothing about it."""
     return token_hex(16)
 
 
@@ -48,7 +48,7 @@ STUDY = Table(
     Column("protocol", JSON, nullable=False),
     _salt(),
 )
-"""One row: the fields of the design that may not change."""
+"""One row: the fields of the design that must not change."""
 
 PARTICIPANT = Table(
     "participant",
@@ -72,8 +72,8 @@ PARTICIPANT = Table(
 )
 """``functioning`` contains their answers about disability, diagnosis and assistive devices.
 
-``language`` is the language in which they read the study; default: the design's first. ``site`` is where someone takes
-part; ``site_number`` the number that they have there, in a merged study alone.
+``language`` is the language of the texts that they read. ``site`` is the site where they take part. ``site_number`` is
+their number at that site, only in a merged study.
 """
 
 SESSION = Table(
@@ -91,7 +91,7 @@ SESSION = Table(
     _salt(),
     UniqueConstraint("participant", "number"),
 )
-"""``headset_check``: the figures of the latest check of the headset, as ``vr.headset_check`` has them."""
+"""``headset_check``: the results of the latest check of the headset, as ``vr.headset_check`` has them."""
 
 DESIGN = Table(
     "design",
@@ -141,9 +141,9 @@ ATTEMPT = Table(
     _salt(),
     UniqueConstraint("trial", "number"),
 )
-"""``recording`` is relative to the study's folder, with ``/``; ``torso_height_m`` is that of the body it was run with.
+"""``recording`` is relative to the study's folder, with ``/``; ``torso_height_m`` is that of the simulated body.
 
-The column of the metrics has the name that 0.1.0 gave it: the ledger's checksums cover the names of columns.
+The column of the metrics is called ``figures``, because the checksums of rows cover the names of columns.
 """
 
 ANSWER = Table(
@@ -159,7 +159,7 @@ ANSWER = Table(
     _salt(),
     UniqueConstraint("attempt", "item"),
 )
-"""Without an attempt: an answer about the whole session."""
+"""An answer without an attempt is about the whole session."""
 
 EVENT = Table(
     "event",
@@ -203,7 +203,7 @@ ADVERSE_EVENT = Table(
     Column("outcome", String, nullable=False),
     _salt(),
 )
-"""Reports of adverse events. ``follows`` is the first report of the same event; a follow-up replaces nothing."""
+"""Reports of adverse events. ``follows`` is the id of the first report of the same event."""
 
 CONSENT_TEXT = Table(
     "consent_text",
@@ -216,7 +216,7 @@ CONSENT_TEXT = Table(
     Column("text", String, nullable=False),
     _salt(),
 )
-"""The archive of consent texts: each as participants read it, stored ``at`` its first use and never changed."""
+"""The archive of consent texts as participants read them, stored at the first use and never changed."""
 
 CONSENT = Table(
     "consent",
@@ -230,9 +230,9 @@ CONSENT = Table(
     Column("sha256", String),
     _salt(),
 )
-"""Every decision of a participant about a consent text, in order; ``sha256`` is that of the text.
+"""All decisions of participants about consent texts, in order; ``sha256`` is the checksum of the text.
 
-The participant's own row repeats the latest text that they agreed to.
+The row of the participant repeats the latest consent.
 """
 
 LINK = Table(
@@ -244,7 +244,7 @@ LINK = Table(
     Column("sha256", String, nullable=False),
     _salt(),
 )
-"""Every link of a participant to a session; the latest of an open session opens it, at the station that runs it."""
+"""Links of participants to their sessions. Only the latest link of an open session is valid."""
 
 TOMBSTONE = Table(
     "tombstone",
@@ -254,7 +254,7 @@ TOMBSTONE = Table(
     Column("deleted_at", String, nullable=False),
     _salt(),
 )
-"""A participant whose data were deleted; their number is never given again."""
+"""Deleted participants; their numbers are never used again."""
 
 SITE = Table(
     "site",
@@ -266,7 +266,7 @@ SITE = Table(
     _salt(),
     UniqueConstraint("name"),
 )
-"""The studies that this one was merged from, each with the end of its ledger as the latest merge found it."""
+"""Studies that this study was merged from, each with the head of its hash chain at the latest merge."""
 
 EXPERIMENTER = Table(
     "experimenter",
@@ -279,7 +279,7 @@ EXPERIMENTER = Table(
     _salt(),
     UniqueConstraint("token_sha256"),
 )
-"""Experimenters with tokens of their own. Only checksums of tokens are stored; a name may have several over time."""
+"""Experimenters with personal tokens. Only checksums of tokens are stored."""
 
 LOG = Table(
     "log",
@@ -295,7 +295,7 @@ LOG = Table(
     Column("planned", Integer),
     _salt(),
 )
-"""Actions with their persons and times. No row is ever changed or deleted, not even with its participant.
+"""The audit log: actions with person and time. Rows are never changed or deleted.
 
 For a view of results, ``completed`` of ``planned`` participants had completed the study at that time.
 """
@@ -309,4 +309,4 @@ LEDGER = Table(
     Column("content", String),
     Column("digest", String, nullable=False),
 )
-"""The chain of all that was ever written: ``content`` is the checksum of a row, or none once it is deleted."""
+"""The hash chain. ``content`` is the checksum of a row, or null after its deletion."""

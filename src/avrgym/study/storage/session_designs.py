@@ -26,13 +26,13 @@ AFTER_TRIAL = "after_trial"
 def design_as_recorded(
     design: Design, trial: Trial, configuration: Configuration, translate: Translate
 ) -> Design:
-    """A design whose fields are replaced by the configuration in a trial's recording.
+    """A design with the fields that a trial's recording contains.
 
     Args:
-        design: gives the fields that are not recorded.
+        design: the source of fields that are not recorded.
         trial: the trial.
         configuration: the configuration in its recording; fields that are ``None`` change nothing.
-        translate: translates a sentence of the design into the words that this participant read.
+        translate: translates a sentence of the design into the text that this participant read.
     """
     changes: dict[str, Any] = {
         "trial_steps": configuration.steps,
@@ -56,7 +56,7 @@ def design_as_recorded(
 def _asked(
     design: Design, seed: int, items: Sequence[Item], translate: Translate
 ) -> tuple[Questionnaire, ...]:
-    """The design's questionnaires with the recorded items after a trial instead of those of the design."""
+    """The design's questionnaires with the recorded items after a trial."""
     known = {item.id: item for item in design.items.values()}
     asked = {item.id: _in_design(item, known.get(item.id), translate) for item in items}
     for order in ("as designed", "fixed", "random"):
@@ -69,12 +69,12 @@ def _asked(
 
 
 def _in_design(item: Item, known: Item | None, translate: Translate) -> Item:
-    """The item of the design if the recorded words are its translation; else the item as it was read."""
+    """The item of the design if the recorded text is its translation, else the recorded item."""
     return known if known is not None and item in (known, translate_item(known, translate)) else item
 
 
 def translate_item(item: Item, translate: Translate) -> Item:
-    """An item in a participant's words."""
+    """An item with translated texts."""
     return msgspec.structs.replace(
         item,
         text=translate(item.text),
@@ -95,7 +95,7 @@ def _with_items(questionnaire: Questionnaire, asked: Mapping[str, Item], order: 
 def _with_others(
     questionnaires: tuple[Questionnaire, ...], asked: Mapping[str, Item]
 ) -> tuple[Questionnaire, ...]:
-    """Questionnaires, and one more with the recorded items that no questionnaire after trials contains."""
+    """Questionnaires, and a further one with the recorded items that no questionnaire after trials contains."""
     known = {item.id for each in questionnaires if AFTER_TRIAL in each.moments for item in each.items}
     others = tuple(item for item in asked.values() if item.id not in known)
     return (*questionnaires, Questionnaire("recorded", AFTER_TRIAL, others)) if others else questionnaires
@@ -110,9 +110,9 @@ def _sorted(questionnaire: Questionnaire, ids: Sequence[str]) -> Questionnaire:
 
 @dataclass(frozen=True)
 class SessionDesign:
-    """The design of a participant in trials of a session, by position.
+    """The design of some trials of a session; ``positions`` are those of the trials.
 
-    ``wordings`` are the texts that participants read; ``None`` if the database lacks the design of the session.
+    ``wordings`` are the texts for participants; ``None`` if the database does not contain the design of the session.
     """
 
     participant: Participant
@@ -123,7 +123,7 @@ class SessionDesign:
 
     @property
     def language(self) -> str:
-        """The one in which the participant read it."""
+        """The language of the participant."""
         return self.participant.language or self.design.languages[0]
 
 
@@ -142,10 +142,10 @@ def session_designs(store: Store, participants: Sequence[Participant] | None = N
 
 
 def recorded_designs(store: Store) -> list[SessionDesign]:
-    """The design of each session from its recordings; fields that they do not contain are from the database.
+    """The design of each session from its recordings.
 
-    Fields that both lack are from the study's present design. Trials whose recordings cannot be read are left out.
-    Inclusion questions are those that the participant answered.
+    Fields that recordings lack are from the database, else from the study's present design. Trials without a readable
+    recording are left out. Inclusion questions are those that the participant answered.
     """
     stored, admitted = _stored(store), _admitted(store)
     return [
@@ -159,7 +159,7 @@ def recorded_designs(store: Store) -> list[SessionDesign]:
 
 
 def design_from_row(row: StoredDesign) -> Design:
-    """The design that a row contains; ``StudyError`` for a damaged one."""
+    """The design in a row; ``StudyError`` for a damaged row."""
     try:
         return design_from_dict(row.design)
     except msgspec.ValidationError as error:
@@ -167,7 +167,7 @@ def design_from_row(row: StoredDesign) -> Design:
 
 
 def translator(store: Store, language: str, wordings: Wordings | None) -> Callable[[str], str]:
-    """A function that translates a design's sentences by stored wordings, else by the study's present texts."""
+    """A function that translates sentences of a design by stored wordings, else by the study's present texts."""
     if wordings is not None:
         known = wordings.get(language, {}).get("sentences", {})
         return lambda sentence: known.get(normalize_whitespace(sentence), sentence)
@@ -178,12 +178,12 @@ def translator(store: Store, language: str, wordings: Wordings | None) -> Callab
 
 
 def describe_trials(uses: Iterable[SessionDesign], everyone: Iterable[SessionDesign] = ()) -> str:
-    """Participants and their trials in words; ``everyone`` are all uses, to be named together."""
+    """Text that lists participants with their trials; ``everyone`` are all designs of the study."""
     own, names = list(uses), list[str]()
     if own and {_key(use) for use in own} == {_key(use) for use in everyone}:
         people = {use.participant.pseudonym for use in own}
         trials = sum(len(use.positions) for use in own)
-        return f"everyone who took part ({', '.join(sorted(people))}: {trials} trials)"
+        return f"all participants ({', '.join(sorted(people))}: {trials} trials)"
     for pseudonym in dict.fromkeys(use.participant.pseudonym for use in own):
         positions = sorted(
             {at for use in own if use.participant.pseudonym == pseudonym for at in use.positions}
@@ -195,7 +195,7 @@ def describe_trials(uses: Iterable[SessionDesign], everyone: Iterable[SessionDes
 def is_accepted_site_difference(
     store: Store, own: Sequence[SessionDesign], uses: Sequence[SessionDesign]
 ) -> bool:
-    """Whether this is a difference between sites that was accepted when they were merged."""
+    """Whether a difference is one between sites that was accepted when they were merged."""
     accepted = any(event.name == SITE_DIFFERS for event in store.events())
     sites = {use.participant.site for use in own}
     whole = [use for use in uses if use.participant.site in sites]
@@ -207,7 +207,7 @@ def _key(use: SessionDesign) -> tuple[int, tuple[int, ...]]:
 
 
 def _ranges(positions: list[int]) -> str:
-    """Trials in words, those that follow each other as a range."""
+    """Positions of trials as text, with ranges."""
     if not positions:
         return "no trial"
     ranges: list[list[int]] = []
@@ -221,7 +221,7 @@ def _ranges(positions: list[int]) -> str:
 
 
 def _admitted(store: Store) -> dict[int, tuple[InclusionQuestion, ...]]:
-    """The inclusion questions that participants answered, by their numbers."""
+    """The inclusion questions that participants answered, by number of the participant."""
     return {row.participant: design_from_row(row).inclusion for row in store.designs() if row.session is None}
 
 
@@ -257,9 +257,9 @@ def _recorded(
     attempts: list[TrialAttempt],
     stored: StoredDesign | None,
 ) -> Iterator[SessionDesign]:
-    """A use for each design that recordings of a session report.
+    """Each different design in the recordings of a session.
 
-    Without a stored design, each trial has what any recording of its session reports: practice has no items.
+    Without a stored design, each trial also has the fields from the other recordings of its session.
     """
     design = store.design if stored is None else design_from_row(stored)
     wordings = None if stored is None else stored.wordings

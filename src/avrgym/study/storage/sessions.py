@@ -1,4 +1,4 @@
-"""A participant's sessions at a station. Whatever happens is stored before the session goes on."""
+"""A participant's sessions at a station: opening, events, closing."""
 
 import os
 
@@ -33,46 +33,49 @@ from avrgym.vr.headset_check import measurement_text, verdict_text
 def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> StudySession:
     """Begin a session of a participant at this station.
 
-    Open attempts of a session that crashed are ended first. An attempt whose robot had finished completes its trial;
-    any other is stored as interrupted.
+    Open attempts of a crashed session are ended first. If the robot had finished, the attempt completes its trial;
+    otherwise it is interrupted.
 
     Args:
         store: the study.
         pseudonym: the participant.
-        take_over: also end a session that may still run elsewhere.
+        take_over: also end a session that may run at another station.
 
     Raises:
-        StudyError: without consent to the present version and an allocated order, or while another session runs.
+        StudyError: without consent to the present version or without an allocated order, or while another session
+            runs.
     """
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.state != "allocated" or participant.consented_at is None:
-            raise StudyError(f"{participant} is {participant.state}; only the allocated have sessions")
+            raise StudyError(
+                f"{participant} is {participant.state}; only allocated participants have sessions"
+            )
         check_consent(store, participant)
         own = find_all(connection, StudySession, participant=participant.number)
         for session in own:
             if session.state == "open" and not take_over and may_be_running(store, session):
                 raise StudyError(
-                    f"{session} is open at {session.station} since {session.opened_at}; close it there, or take over"
+                    f"{session} is open at {session.station} since {session.opened_at}; close it there first"
                 )
         end_open_sessions(store, connection, participant, attempts="interrupted", sessions="interrupted")
         return _insert_session(store, connection, participant, len(own) + 1)
 
 
 def check_consent(store: Store, participant: Participant) -> None:
-    """``StudyError`` for a participant who agreed to another version of the consent text than the design's."""
+    """Raise ``StudyError`` if a participant agreed to another version of the consent text than the design's."""
     present = store.design.consent.version
     if participant.must_reconsent(present):
         raise StudyError(
             f"{participant} agreed to version {participant.consent_version} of the consent text, and the study's is "
-            f"{present}: ask again with `avrgym study consent {store.folder} {participant}` or on the dashboard"
+            f"{present}: re-consent with `avrgym study consent {store.folder} {participant}` or on the dashboard"
         )
 
 
 def close_session(store: Store, session_id: int) -> None:
-    """End a session; an attempt that runs is kept as interrupted.
+    """End a session; a running attempt is interrupted.
 
-    The last trial completes the participant, once its questionnaire is no longer open.
+    After the last trial and its questionnaire the participant is completed.
     """
     with store.database.write() as connection:
         session = find_session(connection, session_id)
@@ -83,10 +86,10 @@ def close_session(store: Store, session_id: int) -> None:
 
 
 def has_finished(store: Store, connection: sa.Connection, participant: Participant) -> bool:
-    """Whether a participant has completed all trials, and no questionnaire is open."""
+    """Whether a participant has completed all trials and questionnaires."""
     trials = find_all(connection, Trial, participant=participant.number)
-    over = all(trial.state == "completed" for trial in trials)
-    return over and not _is_any_open(store, connection, trials)
+    completed = all(trial.state == "completed" for trial in trials)
+    return completed and not _is_any_open(store, connection, trials)
 
 
 def _is_any_open(store: Store, connection: sa.Connection, trials: list[Trial]) -> bool:
@@ -95,7 +98,7 @@ def _is_any_open(store: Store, connection: sa.Connection, trials: list[Trial]) -
 
 
 def skip_trial(store: Store, session_id: int, position: int) -> None:
-    """Put a planned trial behind all others."""
+    """Move a planned trial after all others."""
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         trial = find_trial(connection, session, position)
@@ -105,7 +108,7 @@ def skip_trial(store: Store, session_id: int, position: int) -> None:
 def record_session_event(
     store: Store, session_id: int, name: str, detail: str = "", attempt_id: int | None = None
 ) -> None:
-    """Store anything else that happened in a session, such as a lost connection."""
+    """Store another event of a session, such as a lost connection."""
     with store.database.write() as connection:
         session = find_session(connection, session_id)
         event = subject_of(session)
@@ -118,7 +121,7 @@ def record_session_event(
 
 
 def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> None:
-    """Store what a check of the headset measured; the latest of a session counts, and events tell of all."""
+    """Store the results of a headset check. The session row contains the latest, events contain all."""
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         hash_chain.update(connection, schema.SESSION, session.id, headset_check=msgspec.to_builtins(check))
@@ -129,19 +132,18 @@ def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> N
 def end_open_sessions(
     store: Store, connection: sa.Connection, participant: Participant, *, attempts: AttemptEnd, sessions: str
 ) -> None:
-    """End all of a participant's open sessions within a transaction, and what runs in them, in these states.
+    """End all open sessions and running attempts of a participant, in these states.
 
-    With attempts ``interrupted`` nobody writes their recordings any more, and those whose robot had finished complete
-    their trials.
+    ``interrupted`` attempts are no longer recorded; if the robot had finished, they complete their trials.
     """
     for session in find_all(connection, StudySession, participant=participant.number, state="open"):
         _end_session(store, connection, session, attempts=attempts, after=sessions)
 
 
 def may_be_running(store: Store, session: StudySession) -> bool:
-    """Whether the process behind an open session may still run here; only of this station's can that be known.
+    """Whether the process of an open session may still run; unknown processes of other stations may.
 
-    In a study that was merged from sites none does.
+    In a merged study none runs.
     """
     return not store.sites() and (session.station != store.station or is_running(session.process))
 
@@ -166,9 +168,9 @@ def _insert_session(
 def _end_session(
     store: Store, connection: sa.Connection, session: StudySession, *, attempts: AttemptEnd, after: str
 ) -> None:
-    """End a session and what runs in it.
+    """End a session and its running attempts.
 
-    Simulated participants repeat a trial that was cut off: what a dry run gives follows from its seeds alone.
+    Simulated participants repeat an interrupted trial: results of a dry run depend on its seeds alone.
     """
     participant = find(connection, Participant, "participant", number=session.participant)
     writer_ended = not participant.simulated and not may_be_running(store, session)

@@ -1,7 +1,7 @@
-"""The signing key of this computer's user (Ed25519), and the last entry that the user wrote in each study.
+"""The user's signing key (Ed25519), and the last entry that the user wrote in each study's participation list.
 
-Both are in the user's data folder, outside all studies. A list that somebody edits, sets back to an older copy or
-replaces by another study's list therefore differs from them.
+Both are in the user's data folder, outside all studies. They reveal a list that was edited or replaced by an older copy
+or by the list of another study.
 """
 
 import hashlib
@@ -28,7 +28,7 @@ _STUDIES = "studies"
 
 
 class LastEntry(msgspec.Struct, frozen=True):
-    """The last entry of a study's list that this user wrote: the study's folder, the list, the entry's digest."""
+    """The last entry of a list that this user wrote: folder of the study, digest of the list, digest of the entry."""
 
     folder: str
     list_digest: str
@@ -36,7 +36,7 @@ class LastEntry(msgspec.Struct, frozen=True):
 
 
 def user_key() -> Ed25519PrivateKey | None:
-    """This user's key, made when it is missing; ``None`` where it can be neither read nor written."""
+    """The user's key, created if missing; ``None`` if it can be neither read nor written."""
     try:
         return _key_in(user_data_folder())
     except (OSError, ValueError):
@@ -50,12 +50,12 @@ def _key_in(folder: Path) -> Ed25519PrivateKey:
         _make_key(path)
     key = serialization.load_pem_private_key(path.read_bytes(), password=None)
     if not isinstance(key, Ed25519PrivateKey):
-        raise ValueError(f"{path} is no Ed25519 key")
+        raise ValueError(f"{path} is not an Ed25519 key")
     return key
 
 
 def _make_key(path: Path) -> None:
-    """Write a new key, whole, unless another process was first."""
+    """Write a new key atomically, unless another process was first."""
     make_private_folder(path.parent)
     pem = Ed25519PrivateKey.generate().private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
@@ -71,12 +71,12 @@ def _make_key(path: Path) -> None:
 
 
 def public_key(key: Ed25519PrivateKey) -> str:
-    """The public half of a key, in hexadecimal digits."""
+    """The public key in hexadecimal digits."""
     return key.public_key().public_bytes_raw().hex()
 
 
 def is_signed(public: str, signature: str, text: str) -> bool:
-    """Whether a signature of a text was made with the key of this public half."""
+    """Whether the signature of a text matches a public key."""
     try:
         key = Ed25519PublicKey.from_public_bytes(bytes.fromhex(public))
         key.verify(bytes.fromhex(signature), text.encode())
@@ -86,7 +86,7 @@ def is_signed(public: str, signature: str, text: str) -> bool:
 
 
 def store_last_entry(folder: Path, list_digest: str, digest: str) -> None:
-    """Store the last entry of a study's list, where that can be written."""
+    """Store the last entry of a study's list; errors are ignored."""
     known = LastEntry(str(folder.resolve()), list_digest, digest)
     with suppress(OSError, ValueError):
         path = _path_of(folder)
@@ -95,14 +95,14 @@ def store_last_entry(folder: Path, list_digest: str, digest: str) -> None:
 
 
 def last_entry(folder: Path) -> LastEntry | None:
-    """The last entry known of the study in a folder."""
+    """The stored last entry of the study in a folder."""
     with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
         return _read(_path_of(folder))
     return None
 
 
 def last_entry_of_moved_study(list_digest: str) -> LastEntry | None:
-    """The last known entry of this list in a folder that no longer exists, because the study was moved or deleted."""
+    """The stored last entry of a list whose folder no longer exists, because the study was moved."""
     for path in sorted((user_data_folder() / _STUDIES).glob("*.json")):
         with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
             known = _read(path)

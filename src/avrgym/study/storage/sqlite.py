@@ -1,4 +1,4 @@
-"""What only SQLite needs: durable connections with a write-ahead log, copies, and traces to erase."""
+"""SQLite databases: durable connections with a write-ahead log, checksums, copies and secure deletion."""
 
 import hashlib
 import shutil
@@ -15,20 +15,20 @@ from avrgym.study.storage.states import StudyError
 from avrgym.system.files import private_opener
 
 WAIT_S = 60
-"""How long a station waits for another one's writing."""
+"""Maximum wait for the write lock of another station, in seconds."""
 _LOG = "-wal"
 _PRAGMAS = ("synchronous = FULL", "foreign_keys = ON", "secure_delete = ON")
 
 
 def make_engine(path: Path) -> sa.Engine:
-    """Connections to a database's file, which is made when it is missing, for its owner alone."""
+    """An engine for a database file, which is created if missing and readable only by its owner."""
     with suppress(FileExistsError):
         open(path, "xb", opener=private_opener).close()
     engine = sa.create_engine(sa.URL.create("sqlite", database=str(path)), connect_args={"timeout": WAIT_S})
 
     @listens_for(engine, "connect")
     def set_up(connection: Any, _record: Any) -> None:
-        connection.isolation_level = None  # the driver would begin and commit at moments of its own
+        connection.isolation_level = None  # the driver starts no transactions itself
         _write_ahead(connection)
         for pragma in _PRAGMAS:
             connection.execute(f"PRAGMA {pragma}")
@@ -44,9 +44,9 @@ def make_engine(path: Path) -> sa.Engine:
 
 
 def database_checksum(connection: sa.Connection) -> str:
-    """That of the database's file with all that is in its log.
+    """The SHA-256 of the database's file including its write-ahead log.
 
-    The file is read through SQLite: opening and closing it beside would let go of SQLite's locks on it.
+    The file is read through SQLite: closing another file handle would release SQLite's locks.
     """
     driver = connection.connection.driver_connection
     assert isinstance(driver, sqlite3.Connection)
@@ -54,28 +54,30 @@ def database_checksum(connection: sa.Connection) -> str:
 
 
 def checksum_at_rest(path: Path) -> str:
-    """That of a database that nobody uses; ``sqlite3.Error`` where it cannot be read."""
+    """The SHA-256 of a database without connections; ``sqlite3.Error`` if it cannot be read."""
     with closing(sqlite3.connect(path)) as connection:
         return hashlib.sha256(connection.serialize()).hexdigest()
 
 
 def faults(connection: sa.Connection) -> list[str]:
-    """What SQLite finds wrong with its file."""
+    """Faults of the file by SQLite's own checks."""
     found = connection.exec_driver_sql("PRAGMA integrity_check").scalars().all()
     strays = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
     return [text for text in found if text != "ok"] + [
-        f"{table} {row} belongs to {parent} that is not there" for table, row, parent, _ in strays
+        f"{table} {row} refers to a missing row of {parent}" for table, row, parent, _ in strays
     ]
 
 
 def erase_traces(path: Path) -> None:
-    """Write a file anew without what deleted rows left; ``StudyError`` while somebody else uses it."""
+    """Rewrite a file without the contents of deleted rows; ``StudyError`` while another process uses it."""
     with closing(sqlite3.connect(path, timeout=WAIT_S, isolation_level=None)) as connection:
         connection.execute("PRAGMA secure_delete = ON")
         connection.execute("VACUUM")
         busy, *_ = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
     if busy:
-        raise StudyError("the study is in use: stop what uses it and delete again, so that no trace stays")
+        raise StudyError(
+            "the study is in use: stop the other program and delete again, or deleted data can be recovered"
+        )
 
 
 def back_up(source: Path, target: Path) -> None:
@@ -86,14 +88,14 @@ def back_up(source: Path, target: Path) -> None:
 
 
 def copy_at_rest(source: Path, folder: Path) -> None:
-    """Copy a database that nobody can write to into a folder, with the log that a crash may have left."""
+    """Copy a read-only database into a folder, with its write-ahead log."""
     for path in (source, source.with_name(source.name + _LOG)):
         if path.exists():
             shutil.copyfile(path, folder / path.name)
 
 
 def _write_ahead(connection: sqlite3.Connection) -> None:
-    """Use a write-ahead log; while another process makes the same new file, SQLite does not wait by itself."""
+    """Enable the write-ahead log. SQLite does not wait while another process creates the same file; this does."""
     ends_s = time.monotonic() + WAIT_S
     while True:
         try:

@@ -1,4 +1,4 @@
-"""A study's folder and database: opening it, and reading what it holds."""
+"""A study's folder and database: opening a study, and reading its rows."""
 
 import os
 import socket
@@ -68,16 +68,16 @@ TABLES: Mapping[type, sa.Table] = {
 
 
 def create_study(folder: Path) -> Path:
-    """Write ``study.toml`` with the paper's protocol into a folder, which is made when it is missing.
+    """Write ``study.toml`` with the paper's protocol into a folder, which is created if missing.
 
     Raises:
-        StudyError: when the folder holds a study already; nothing in it is changed.
+        StudyError: when the folder contains a study; nothing is changed.
         OSError: when it cannot be written.
     """
     names = (FILE, DATABASE_FILE, PARTICIPATION, RECORDINGS, identity_file.FOLDER)
-    held = [name for name in names if (folder / name).exists()]
-    if held:
-        raise StudyError(f"{folder} holds {held[0]} already; choose another folder")
+    present = [name for name in names if (folder / name).exists()]
+    if present:
+        raise StudyError(f"{folder} contains {present[0]} already; choose another folder")
     make_private_folder(folder)
     path = folder / FILE
     write_new(path, default_text())
@@ -85,33 +85,33 @@ def create_study(folder: Path) -> Path:
 
 
 class Store:
-    """An open study. What takes part in it changes through ``participants`` and ``sessions``; here one reads.
+    """An open study. Its methods read rows; ``people`` and ``sessions`` change them.
 
-    ``folder`` is the study's, ``station`` this machine's name. Where the folder cannot be written, as on a read-only
-    medium, the study can be read and nothing else. Methods may be called from any thread.
+    ``folder`` is the study's folder, ``station`` the name of this computer. A folder that cannot be written, as on a
+    read-only disk, can still be read. Methods may be called from any thread.
     """
 
-    def __init__(self, folder: Path, *, anew: bool = False) -> None:
+    def __init__(self, folder: Path, *, rebuild: bool = False) -> None:
         """Open the study in a folder.
 
         Args:
-            folder: the study's.
-            anew: make a new database also where others were lost.
+            folder: the study's folder.
+            rebuild: create a new database even if an earlier one was lost.
 
         Raises:
-            DesignError: when ``study.toml`` says what cannot be.
-            StudyError: when there is no study, or its database does not fit or was lost.
+            DesignError: when ``study.toml`` is invalid.
+            StudyError: when there is no study, or its database was lost or has another version.
         """
         if not (folder / FILE).is_file():
-            raise StudyError(f"{folder} holds no {FILE}; `avrgym study new {folder}` writes one")
+            raise StudyError(f"{folder} contains no {FILE}; `avrgym study new {folder}` writes one")
         self.folder = folder.resolve()
         self.station = socket.gethostname()
         self.design: Design = read_design(folder / FILE)
         url = database_url(self.design.database.url)
-        self.database = Database(self.folder, url, read_only=not _can_write(self.folder), anew=anew)
+        self.database = Database(self.folder, url, read_only=not _can_write(self.folder), rebuild=rebuild)
         try:
             self._check_protocol()
-            if not anew:
+            if not rebuild:
                 self.database.reconcile()
             if identity_file.unfinished_files(self.folder) and not self.database.read_only:
                 with self.database.write():  # one writer at a time, for the identity file as well
@@ -132,26 +132,26 @@ class Store:
 
     @contextmanager
     def write(self) -> Generator[sa.Connection]:
-        """A transaction of the database in which people take part; ``StudyError`` where sites were merged."""
+        """A write transaction; ``StudyError`` in a study that was merged from sites."""
         with self.database.write() as connection:
             if find_all(connection, Site):
                 raise StudyError(
-                    f"{self.folder} was merged from sites: people take part there; then merge again"
+                    f"{self.folder} was merged from sites: change the study of the site, then merge again"
                 )
             yield connection
 
     def path(self, relative: str) -> Path:
-        """A file of the study; ``StudyError`` for one that lies outside, also by way of links."""
+        """The path of a file of the study; ``StudyError`` if it leads out of the folder, also through links."""
         path = self.folder / relative
         if not path.resolve().is_relative_to(self.folder):
             raise StudyError(f"{relative!r} leads out of the study's folder")
         return path
 
     def policy_source(self, environment: str, policy: str) -> str:
-        """What to load a policy of the design from: a file in the study's folder, else its name.
+        """The source of a policy of the design: a file in the study's folder, else its name.
 
         Raises:
-            PolicyError: when it is neither.
+            PolicyError: when there is neither.
         """
         task, robot = find_environment(environment)
         own = [f"{policy}/{task}{robot}{suffix}" for suffix in (ONNX_SUFFIX, FILE_SUFFIX)]
@@ -167,11 +167,11 @@ class Store:
         return policy
 
     def participants(self) -> list[Participant]:
-        """Everyone who takes or took part, in the order of their numbers."""
+        """All participants, in the order of their numbers."""
         return self._rows(Participant)
 
     def participant(self, pseudonym: str) -> Participant:
-        """One participant; ``StudyError`` when there is none of this pseudonym."""
+        """One participant; ``StudyError`` for an unknown pseudonym."""
         with self.database.read() as connection:
             return find_participant(connection, pseudonym)
 
@@ -180,7 +180,7 @@ class Store:
         return self._rows(StudySession, participant=participant_number(pseudonym))
 
     def designs(self) -> list[StoredDesign]:
-        """The design of each session and of each participant's admission, as far as they were stored."""
+        """The stored designs of sessions and of admissions of participants."""
         return self._rows(StoredDesign)
 
     def trials(self, pseudonym: str) -> list[Trial]:
@@ -188,30 +188,30 @@ class Store:
         return self._rows(Trial, participant=participant_number(pseudonym))
 
     def remaining_trials(self, pseudonym: str) -> list[Trial]:
-        """The trials still to run, in order: those planned, then those that were skipped."""
+        """The trials still to run: first the planned ones, then the skipped ones."""
         trials = self.trials(pseudonym)
         return [trial for state in ("planned", "skipped") for trial in trials if trial.state == state]
 
     def attempts(self, pseudonym: str) -> list[TrialAttempt]:
-        """All attempts at a participant's trials, in the order they began."""
+        """All attempts at a participant's trials, in order of their beginnings."""
         sessions = {session.id for session in self.sessions(pseudonym)}
         return [attempt for attempt in self._rows(TrialAttempt) if attempt.session in sessions]
 
     def answers(self, pseudonym: str) -> list[GivenAnswer]:
-        """All answers of a participant, in the order they were given."""
+        """All answers of a participant, in order of time."""
         sessions = {session.id for session in self.sessions(pseudonym)}
         return [answer for answer in self._rows(GivenAnswer) if answer.session in sessions]
 
     def events(self) -> list[StudyEvent]:
-        """All that happened in the study."""
+        """All events of the study."""
         return self._rows(StudyEvent)
 
     def participation(self) -> Participation | None:
-        """The participation list; ``None`` where there is none."""
+        """The participation list, if there is one."""
         return self.database.participation.read()
 
     def rebuilt_at(self) -> str | None:
-        """When the database was first rebuilt from the recordings, if it was."""
+        """The time of the first rebuild of the database, if it was rebuilt."""
         return next((event.at for event in self.events() if event.name == REBUILT), None)
 
     def notes(self, pseudonym: str) -> list[Note]:
@@ -219,7 +219,7 @@ class Store:
         return self._rows(Note, participant=participant_number(pseudonym))
 
     def adverse_events(self, pseudonym: str) -> list[AdverseEvent]:
-        """All reports of adverse events of a participant, in the order they were recorded."""
+        """All reports of adverse events of a participant, in order of recording."""
         return self._rows(AdverseEvent, participant=participant_number(pseudonym))
 
     def consents(self, pseudonym: str) -> list[Consent]:
@@ -231,15 +231,15 @@ class Store:
         return self._rows(ConsentText)
 
     def tombstones(self) -> list[Tombstone]:
-        """The participants whose data were deleted."""
+        """The deleted participants."""
         return self._rows(Tombstone)
 
     def log(self) -> list[LogEntry]:
-        """The entries of the log, in the order of storage."""
+        """The entries of the audit log, in order of storage."""
         return self._rows(LogEntry)
 
     def sites(self) -> list[Site]:
-        """The studies that this one was merged from; none where people take part here."""
+        """The studies that this study was merged from; empty for a study that was not merged."""
         return self._rows(Site)
 
     def _rows(self, kind: type[Row], **key: int) -> list[Row]:
@@ -247,7 +247,7 @@ class Store:
             return find_all(connection, kind, **key)
 
     def _check_protocol(self) -> None:
-        """Store what orders follow from, and refuse another once someone has an order."""
+        """Store the fields that trial orders depend on; ``StudyError`` if they change after the first allocation."""
         protocol = self.design.protocol()
         with self.database.read() as connection:
             stored = connection.execute(sa.select(schema.STUDY.c.protocol)).scalar()
@@ -264,7 +264,7 @@ class Store:
         if stored and connection.execute(taken.limit(1)).first():
             raise StudyError(
                 f"{self.folder / FILE}: {', '.join(changed)} changed after the first participant; "
-                f"it was {stored[changed[0]]!r} and must stay so"
+                f"allowed: {stored[changed[0]]!r}, as it was"
             )
         hash_chain.delete(connection, schema.STUDY)
         hash_chain.insert(connection, schema.STUDY, created_at=now(), protocol=protocol)
@@ -276,15 +276,15 @@ def _can_write(folder: Path) -> bool:
 
 
 def find(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> Row:
-    """The one row with these values; ``StudyError``, saying ``what``, when there is none."""
+    """The first row with these values; ``StudyError`` naming ``what`` if there is none."""
     rows = find_all(connection, kind, **key)
     if not rows:
-        raise StudyError(f"there is no {what} in this study; `avrgym study status` lists what there is")
+        raise StudyError(f"there is no {what} in this study; `avrgym study status` lists its participants")
     return rows[0]
 
 
 def find_participant(connection: sa.Connection, pseudonym: str) -> Participant:
-    """One participant; ``StudyError`` when there is none of this pseudonym."""
+    """One participant; ``StudyError`` for an unknown pseudonym."""
     return find(connection, Participant, pseudonym, number=participant_number(pseudonym))
 
 
@@ -294,7 +294,7 @@ def find_session(connection: sa.Connection, session_id: int) -> StudySession:
 
 
 def find_open_session(connection: sa.Connection, session_id: int) -> StudySession:
-    """A session by its id; ``StudyError`` when it has ended."""
+    """A session by its id; ``StudyError`` if it is not open."""
     session = find_session(connection, session_id)
     if session.state != "open":
         raise StudyError(f"{session} is {session.state}; it must be open")
@@ -302,7 +302,7 @@ def find_open_session(connection: sa.Connection, session_id: int) -> StudySessio
 
 
 def find_running_attempt(connection: sa.Connection, attempt_id: int) -> TrialAttempt:
-    """An attempt by its id; ``StudyError`` when it has ended."""
+    """An attempt by its id; ``StudyError`` if it is not running."""
     attempt = find(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
     if attempt.state != "running":
         raise StudyError(f"{attempt} is {attempt.state}; it must be running")
@@ -310,13 +310,13 @@ def find_running_attempt(connection: sa.Connection, attempt_id: int) -> TrialAtt
 
 
 def find_trial(connection: sa.Connection, session: StudySession, position: int) -> Trial:
-    """The trial at a position of the participant whose session it is."""
+    """The trial at a position of the session's participant."""
     own = {"participant": session.participant, "position": position}
     return find(connection, Trial, f"trial {position}", **own)
 
 
 def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row]:
-    """All rows with these values, in the order they were made."""
+    """All rows with these values, in order of their keys."""
     table = TABLES[kind]
     names = list(get_type_hints(kind))
     query = sa.select(*(table.c[name] for name in names))
@@ -329,12 +329,17 @@ def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row
 
 
 def change_state(
-    connection: sa.Connection, row: Any, after: str, about: Mapping[str, int], detail: str = "", **values: Any
+    connection: sa.Connection,
+    row: Any,
+    after: str,
+    subject: Mapping[str, int],
+    detail: str = "",
+    **values: Any,
 ) -> None:
-    """Move a row to a state, with what becomes known with it, and store the event.
+    """Change the state and other values of a row, and store an event.
 
     Raises:
-        StudyError: when its present state does not allow that.
+        StudyError: when the transition is not allowed.
     """
     table = TABLES[type(row)]
     key = getattr(row, hash_chain.primary_key(table).name)
@@ -342,15 +347,15 @@ def change_state(
     before = connection.execute(sa.select(table.c.state).where(own)).scalar_one()
     check_transition(table.name, str(row), before, after)
     hash_chain.update(connection, table, key, state=after, **values)
-    record_event(connection, f"{table.name} {after}", detail, about)
+    record_event(connection, f"{table.name} {after}", detail, subject)
 
 
 def subject_of(session: StudySession) -> dict[str, int]:
-    """Whom and what an event in a session is about."""
+    """The participant and session of an event in a session."""
     return {"participant": session.participant, "session": session.id}
 
 
-def store_design(store: Store, connection: sa.Connection, about: Mapping[str, int]) -> None:
+def store_design(store: Store, connection: sa.Connection, subject: Mapping[str, int]) -> None:
     """Store the design as it is now; ``subject_of`` names the participant, and the session if one begins with it."""
     hash_chain.insert(
         connection,
@@ -358,17 +363,17 @@ def store_design(store: Store, connection: sa.Connection, about: Mapping[str, in
         stored_at=now(),
         design=design_to_dict(store.design),
         wordings=read_wordings(store.design, store.folder),
-        **about,
+        **subject,
     )
 
 
-def record_event(connection: sa.Connection, name: str, detail: str, about: Mapping[str, int]) -> None:
+def record_event(connection: sa.Connection, name: str, detail: str, subject: Mapping[str, int]) -> None:
     """Store that something happened; ``subject_of`` names participant, session and attempt."""
-    hash_chain.insert(connection, schema.EVENT, at=now(), name=name, detail=detail, **about)
+    hash_chain.insert(connection, schema.EVENT, at=now(), name=name, detail=detail, **subject)
 
 
 def _as(kind: type[Row], row: Mapping[str, Any]) -> Row:
-    """A row as plain values; ``ValueError`` for a type or state that no row has."""
+    """A row as a dataclass; ``ValueError`` for a wrong type or unknown state."""
     state, known = row.get("state"), TRANSITIONS.get(TABLES[kind].name, {})
     if state is not None and state not in known:
         raise ValueError(f"unknown state {state!r}; allowed: {', '.join(known)}")
