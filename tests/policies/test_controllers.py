@@ -15,7 +15,7 @@ from avrgym.cli.main import app
 from avrgym.learning import evaluation
 from avrgym.learning.evaluation import evaluate, evaluate_all
 from avrgym.policies import controllers
-from avrgym.policies.controllers import ControllerError, Foreign
+from avrgym.policies.controllers import ControllerError, ExternalController
 from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, PolicyError
 from avrgym.recording.reader import Recording, read_recording
@@ -245,9 +245,9 @@ def test_a_failure_ends_an_evaluation_in_one_line() -> None:
             "helpers.learning.failing_controllers:WithoutReset",
             "a WithoutReset without reset; a controller has reset(seed, environment)",
         ),
-        ("helpers.learning.failing_controllers:unmakeable", "cannot be made (FileNotFoundError: weights.bin)"),
+        ("helpers.learning.failing_controllers:unmakeable", "cannot be created (FileNotFoundError: weights.bin)"),
         ("helpers.learning.failing_controllers:READY.rng.x", "has no attribute 'rng'"),
-        ("operator", "nobody can drive the robot here"),
+        ("operator", "operator needs a person at the controls"),
         ("nobody", "allowed: adaptive, original, revised, oracle, random, zero, "),
         ("nobody.onnx", "no policy 'nobody.onnx'"),
     ],
@@ -272,8 +272,8 @@ def test_a_packaged_policy_as_onnx_acts_the_same(tmp_path: Path, policy: str, ro
         path = tmp_path / f"{double}.onnx"
         as_onnx(packaged, path, rows, double=double)
         found = find(str(path), ENVIRONMENT)
-        assert isinstance(found, Foreign)
-        actions = [controllers.answer(found.make(), observation, 7) for observation in observations]
+        assert isinstance(found, ExternalController)
+        actions = [controllers.act(found.make(), observation, 7) for observation in observations]
         np.testing.assert_allclose(actions, expected, rtol=0, atol=tolerance)
 
 
@@ -354,11 +354,11 @@ def test_a_class_an_instance_a_factory_and_a_function_drive_alike(
         "CALLABLE",
     ):
         found = find(f"kinds_of_objects:{attribute}", ENVIRONMENT)
-        assert isinstance(found, Foreign)
+        assert isinstance(found, ExternalController)
         controller = found.make()
         controllers.reset(controller, 1, ENVIRONMENT)
-        np.testing.assert_array_equal(controllers.answer(controller, observation, 7), expected)
-    with pytest.raises(PolicyError, match=r"kinds_of_objects:two: cannot be made \(TypeError"):
+        np.testing.assert_array_equal(controllers.act(controller, observation, 7), expected)
+    with pytest.raises(PolicyError, match=r"kinds_of_objects:two: cannot be created \(TypeError"):
         find("kinds_of_objects:two", ENVIRONMENT)
 
 

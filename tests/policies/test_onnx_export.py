@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli import app
-from avrgym.policies.onnx_export import onnx_model
+from avrgym.policies.onnx import onnx_model
 from avrgym.policies.registry import find
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.tasks.registry import ENVIRONMENTS
@@ -46,7 +46,7 @@ def test_the_command_writes_what_a_policy_was_trained_on_and_never_overwrites(tm
     before = out.read_bytes()
     again = CliRunner().invoke(app, command)
     assert again.exit_code != 0
-    assert "exists already; choose another name" in again.output
+    assert "already exists; choose another name" in again.output
     assert out.read_bytes() == before
 
 

@@ -168,7 +168,7 @@ def test_float32_tensors_are_welcome(tmp_path):
 def test_an_existing_file_is_kept_unless_overwriting(tmp_path):
     path = saved(tmp_path)
     before = path.read_bytes()
-    with pytest.raises(PolicyError, match="exists already"):
+    with pytest.raises(PolicyError, match="already exists"):
         make_policy(seed=1).save(path)
     assert path.read_bytes() == before
     make_policy(seed=1).save(path, overwrite=True)
@@ -315,7 +315,7 @@ def test_a_policy_for_another_environment_is_refused_unless_that_is_allowed(pack
     """Also where all sizes are the same."""
     path, other = packaged / "FeedingPR2-original.safetensors", make_policy().metadata.environment
     assert other == ENVIRONMENT
-    with pytest.raises(PolicyError, match=f"trained for {ENVIRONMENT}, not for avrgym/FeedingPR2-v1; only"):
+    with pytest.raises(PolicyError, match=f"trained for {ENVIRONMENT}, not for avrgym/FeedingPR2-v1; allowed only"):
         load_policy(path, "avrgym/FeedingPR2-v1", 25, 7)
     assert load_policy(path, "avrgym/FeedingPR2-v1", 25, 7, allow_other_environment=True).action_size == 7
     with pytest.raises(PolicyError, match=r"has 30 and 7"):

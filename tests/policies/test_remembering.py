@@ -66,7 +66,7 @@ def test_an_episode_does_not_depend_on_what_was_before_nor_other_worlds_on_its_b
     before, after = seen(4, 3), seen(9, 3)[4:]
     actor, undisturbed = (Actor(make_policy(0.0), 3) for _ in range(2))
     acted(actor, before)
-    actor.forget(forgotten)
+    actor.reset(forgotten)
     episode = acted(actor, after)
     assert_array_equal(episode[:, 1], acted(Actor(make_policy(0.0), 3), after)[:, 1])
     going_on = acted(undisturbed, np.concatenate([before, after]))[4:]
@@ -88,7 +88,7 @@ def test_each_episode_in_a_simulation_begins_without_memory():
         generators = [np.random.default_rng(5)]
         observation = world.reset(np.array([0]), generators)
         actions = []
-        with registry.acting(make_policy(), world, generators) as act:
+        with registry.running(make_policy(), world, generators) as act:
             for _ in range(5):
                 actions.append(act(observation))
                 observation = world.step(actions[-1].astype(float)).observation
@@ -118,9 +118,9 @@ def test_a_memory_of_another_size_is_refused_in_one_line(tmp_path, part):
 
 
 def test_it_is_refused_where_nothing_is_remembered():
-    with pytest.raises(PolicyError, match="remembers"):
+    with pytest.raises(PolicyError, match="recurrent"):
         make_policy().mean(np.zeros((1, SEEN)))
-    onnx_export = pytest.importorskip("avrgym.policies.onnx_export", reason="ONNX is an extra")
+    onnx_export = pytest.importorskip("avrgym.policies.onnx", reason="ONNX is an extra")
     with pytest.raises(PolicyError, match="ONNX"):
         onnx_export.onnx_model(make_policy())
 

@@ -13,7 +13,7 @@ from playwright.sync_api import expect, sync_playwright
 
 from avrgym.geometry.kinematics import jacobian
 from avrgym.models import robot
-from avrgym.policies.cartesian_control import SPEED_LIMIT_M_S, TURN_LIMIT_RAD_S, Hand
+from avrgym.policies.cartesian_control import SPEED_LIMIT_M_S, TURN_LIMIT_RAD_S, CartesianController
 from avrgym.replay.verification import verify
 from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.storage.store import Store
@@ -58,7 +58,7 @@ def test_the_hand_never_exceeds_its_limits_nor_do_the_joints(environment: str) -
     episodes, rng = Episodes(environment, 1, num_threads=1), np.random.default_rng(0)
     for _ in range(4):
         episodes.reset(np.array([0]), [rng])
-        hand = Hand(episodes.simulation)
+        hand = CartesianController(episodes.simulation)
         for _ in range(40):
             action = hand.action(*rng.choice([-1.0, 0.0, 1.0], (2, 3)))
             assert np.abs(action).max() <= 1.0 + 1e-12

@@ -22,7 +22,7 @@ def export_policy(
 
     The graph takes observations and gives mean actions. Whatever runs ONNX runs it, `--policy OUT.onnx` too.
     """
-    from avrgym.policies.onnx_export import write_onnx
+    from avrgym.policies.onnx import write_onnx
     from avrgym.policies.registry import find
     from avrgym.policies.trained import Policy
 

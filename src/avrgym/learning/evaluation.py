@@ -171,7 +171,7 @@ def evaluate_all(
     """
     if episodes < 1:
         raise ValueError(f"{episodes} episodes; at least 1 is needed")
-    found: list[registry.Autonomous] = []
+    found: list[registry.RobotPolicy] = []
     for environment_id in environment_ids:
         find_environment(environment_id)
         found.append(registry.find(policy, environment_id, allow_other_environment=allow_other_environment))
@@ -250,7 +250,7 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
     return _run(world, batch, generators, progress)
 
 
-def _sum_up(batch: _Batch, results: list[Results], policy: registry.Autonomous) -> Evaluation:
+def _sum_up(batch: _Batch, results: list[Results], policy: registry.RobotPolicy) -> Evaluation:
     """The results of one environment from those of its batches."""
     reward, success, force, interventions, draws = (
         np.concatenate([getattr(part, name) for part in results])
@@ -305,7 +305,7 @@ def _run(
     draws = world.start_draws.astype(np.intp)
     reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
     recorder = RegionLoadRecorder(count)
-    with registry.acting(found, world, generators) as act:
+    with registry.running(found, world, generators) as act:
         for _ in range(EPISODE_STEPS):
             step = world.step(act(observation).astype(float), recorder)
             observation, success = step.observation, step.success

@@ -1,4 +1,4 @@
-"""What policies' networks are made of, in sums whose order neither batch nor processor changes."""
+"""Layers of policies' networks in NumPy. Neither batch size nor processor changes the order of their sums."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -8,16 +8,15 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary
 
-CACHED = 65536
-"""How many numbers of a product are held before they are summed: half a megabyte, which a processor's cache holds."""
+MAX_PRODUCTS = 65536
+"""Numbers of a matrix product before they are summed: half a megabyte, which fits a processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """A gated recurrent unit (Cho et al., EMNLP 2014), in the variant that PyTorch has.
+    """A gated recurrent unit (Cho et al., EMNLP 2014) with U units, in PyTorch's variant.
 
-    Columns are those of the reset gates, then the update gates, then what is new; U units. All arrays are kept as
-    read-only float64.
+    Columns are reset gates, update gates and candidates. All arrays are stored as read-only float64.
 
     Args:
         input_weight: (inputs, 3 U).
@@ -37,25 +36,25 @@ class Memory:
 
     @property
     def units(self) -> int:
-        """U."""
+        """The number of units, U."""
         return self.hidden_weight.shape[0]
 
-    def after(self, rows: FloatArray, remembered: FloatArray) -> FloatArray:
-        """What is remembered (N, U) after inputs (N, inputs), of what was before them; all within -1 to 1."""
-        seen = np.split(product(rows, self.input_weight) + self.input_bias, 3, axis=1)
-        known = np.split(product(remembered, self.hidden_weight) + self.hidden_bias, 3, axis=1)
-        reset, kept = (_sigmoid(seen[gate] + known[gate]) for gate in (0, 1))
-        new = elementary.tanh(seen[2] + reset * known[2])
-        return (1.0 - kept) * new + kept * remembered
+    def after(self, rows: FloatArray, memory: FloatArray) -> FloatArray:
+        """The memory (N, U) after inputs (N, inputs), from the memory before; all within -1 to 1."""
+        inputs = np.split(product(rows, self.input_weight) + self.input_bias, 3, axis=1)
+        hidden = np.split(product(memory, self.hidden_weight) + self.hidden_bias, 3, axis=1)
+        reset, update = (_sigmoid(inputs[gate] + hidden[gate]) for gate in (0, 1))
+        candidate = elementary.tanh(inputs[2] + reset * hidden[2])
+        return (1.0 - update) * candidate + update * memory
 
 
 def product(rows: FloatArray, weight: FloatArray) -> FloatArray:
-    """The rows (N, inputs) times (inputs, outputs); a library for matrices would sum in an order of its own."""
+    """The product of (N, inputs) and (inputs, outputs), summed in a fixed order, unlike in BLAS."""
     outputs = np.empty((len(rows), weight.shape[1]))
-    at_once = max(1, CACHED // weight.size)
-    for first in range(0, len(rows), at_once):
-        some = slice(first, first + at_once)
-        (rows[some, :, None] * weight).sum(axis=1, out=outputs[some])
+    batch = max(1, MAX_PRODUCTS // weight.size)
+    for first in range(0, len(rows), batch):
+        part = slice(first, first + batch)
+        (rows[part, :, None] * weight).sum(axis=1, out=outputs[part])
     return outputs
 
 

@@ -1,8 +1,8 @@
-"""Networks that act: one file each, run in NumPy. Robots' policies are such, and so are humans who were trained.
+"""Networks in NumPy, one file each: policies of robots, and trained humans.
 
-A policy is a small network of tanh layers behind an observation normaliser, perhaps with a memory, and the chance that
-it was trained with. Its file is safetensors: numbers and a header of text, never code. The header says what the policy
-was trained on, and where it is a human, that it is.
+A network is an observation normaliser and tanh layers, possibly with a memory, and the action standard deviation of its
+training. Its file is safetensors: numbers and a header of text, never code. The header describes the training, and
+whether the network is a human's.
 """
 
 import os
@@ -22,32 +22,32 @@ from avrgym.networks.layers import Memory, frozen, product
 from avrgym.system.files import write_atomically
 from avrgym.system.used_plugins import UsedPlugin
 
-FORMAT_VERSION, WITH_MEMORY = 2, 3
-"""Of files of policies without and with a memory."""
+FORMAT_VERSION, RECURRENT_FORMAT_VERSION = 2, 3
+"""Versions of files of policies without and with a memory."""
 FILE_SUFFIX = ".safetensors"
 
 _HEADER = "avrgym_policy"
-_DEVIATION = "action.deviation"
-_BESIDE_LAYERS = (
+_ACTION_STD = "action.deviation"
+_FIXED_TENSORS = (
     "observation.mean",
     "observation.variance",
     "observation.clip",
     "observation.epsilon",
-    _DEVIATION,
+    _ACTION_STD,
 )
-_OF_MEMORY = {each.name: f"memory.{each.name}" for each in fields(Memory)}
+_MEMORY_TENSORS = {each.name: f"memory.{each.name}" for each in fields(Memory)}
 _DTYPES = ("F32", "F64")
 
 
 class PolicyError(ValueError):
-    """A policy that cannot be loaded, saved or used; the message names what is wrong and what is allowed."""
+    """A policy cannot be loaded, saved or used; the message names the fault and what is allowed."""
 
 
 class HumanRole(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """That a network is a human's, trained beside a robot.
+    """Metadata of a human who was trained with a robot.
 
-    ``partner`` is the ``digest`` of that robot's policy. ``people_file`` is the text of the file of people whose bodies
-    the human had, where they were of one.
+    ``partner`` is the ``digest`` of the robot's policy. ``people_file`` is the text of the file of people with the
+    human's bodies, if there was one.
     """
 
     partner: str
@@ -55,13 +55,12 @@ class HumanRole(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a policy was trained on, and how well it did.
+    """Metadata of a training and its results.
 
-    ``steps`` counts environment steps, ``seconds`` the time that training took. ``measured`` holds plain figures
-    such as ``success_rate``. ``curve`` is how training went: steps so far, and mean reward and share of successes
-    of the latest episodes. ``human`` is there where the network is a human's, and not a robot's. ``plugins`` are the
-    task and the robot as they were at the end of training, where other packages register them; files of earlier
-    versions do not store them.
+    ``steps`` are environment steps, ``seconds`` the duration of the training. ``measured`` contains results such as
+    ``success_rate``. ``curve`` has points of environment steps, mean reward and success rate of the latest episodes.
+    ``human`` is set for a trained human. ``plugins`` are the versions of task and robot, if other packages register
+    them; old files do not contain them. ``force_guard``: the policy was trained behind the force guard.
     """
 
     environment: str
@@ -80,22 +79,21 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """An actor as PPO trains it: observation normaliser, hidden layers with tanh, normal chance about their output.
+    """An actor: observation normaliser, optional memory, tanh layers, and normal noise around their output.
 
-    Where all is still, a mean action may be nothing, and chance helps on: a policy that learned with it needs it. All
-    arrays are kept as read-only float64.
+    A policy that was trained with noise may need it: where nothing moves, its mean action may be zero. All arrays are
+    stored as read-only float64.
 
     Args:
-        weights: One (inputs, outputs) matrix per layer; the inputs of the first are the observation, and what is
-            remembered.
+        weights: One (inputs, outputs) matrix per layer; the inputs of the first are observation and memory.
         biases: One (outputs,) vector per layer.
         observation_mean: (observation,).
         observation_variance: (observation,), not negative.
         observation_clip: Normalised observations are clipped to ± this, in standard deviations.
         observation_epsilon: Added to the variance before its root is taken.
-        action_std: Standard deviation of every entry of an action about its mean, 0 for no chance.
-        metadata: What the policy was trained on.
-        memory: Sees the normalised observations. What it remembers comes after them in the first layer's inputs.
+        action_std: Standard deviation of each action around its mean; 0 for no noise.
+        metadata: Description of the training.
+        memory: Its input is the normalised observation.
     """
 
     weights: tuple[np.ndarray, ...]
@@ -123,7 +121,7 @@ class Policy:
 
     @property
     def memory_size(self) -> int:
-        """How many numbers it remembers."""
+        """Units of the memory, 0 without one."""
         return 0 if self.memory is None else self.memory.units
 
     @property
@@ -132,33 +130,30 @@ class Policy:
 
     @property
     def digest(self) -> str:
-        """What tells its numbers from any others: the SHA-256 of all, in hexadecimal."""
-        found = sha256()
+        """SHA-256 of all numbers, in hexadecimal; metadata does not change it."""
+        digest = sha256()
         for name, array in _tensors(self).items():
-            found.update(f"{name} {array.shape}".encode() + array.astype("<f8").tobytes())
-        return found.hexdigest()
+            digest.update(f"{name} {array.shape}".encode() + array.astype("<f8").tobytes())
+        return digest.hexdigest()
 
     def act(self, observations: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
-        """Actions (N, action) float32 in [-1, 1] for observations (N, observation), each drawn from its generator.
+        """Actions (N, action) float32 in [-1, 1] for observations (N, observation), with noise of their generators.
 
-        Neither the size of the batch nor other rows change the bits of a row. Only for policies without memory.
+        Neither batch size nor other rows change the bits of a row. Only for policies without memory.
         """
-        return self.drawn(self.mean(observations), generators)
+        return self.with_noise(self.mean(observations), generators)
 
     def mean(self, observations: np.ndarray) -> np.ndarray:
-        """The means (N, action) about which actions are drawn before they are clipped.
-
-        Only for policies without memory; see ``policies.actors.Actor`` for the others.
-        """
+        """Mean actions (N, action) before clipping; only for policies without memory."""
         if self.memory is not None:
-            raise PolicyError("this policy remembers what it saw; `policies.actors.Actor` runs it")
+            raise PolicyError("this policy is recurrent; use it with `policies.actors.Actor`")
         return self.step(observations, np.zeros((len(observations), 0)))[0]
 
-    def step(self, observations: np.ndarray, remembered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The means (N, action) for observations (N, observation), and what is remembered (N, memory) after them.
+    def step(self, observations: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean actions (N, action) for observations (N, observation), and the memory (N, memory) after them.
 
-        At the beginning of an episode zeros are ``remembered``. Sums go from the first input to the last, so that
-        neither the size of the batch nor the processor changes the bits of a row.
+        At the start of an episode the memory is zero. Sums have a fixed order: neither batch size nor processor changes
+        the bits of a row.
         """
         if observations.ndim != 2 or observations.shape[1] != self.observation_size:
             raise PolicyError(
@@ -166,16 +161,16 @@ class Policy:
             )
         rows = self._normalise(np.array(observations, np.float64, order="C"))
         if self.memory is not None:
-            remembered = self.memory.after(rows, remembered)
-            rows = np.concatenate([rows, remembered], axis=1)
+            memory = self.memory.after(rows, memory)
+            rows = np.concatenate([rows, memory], axis=1)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             rows = elementary.tanh(product(rows, weight) + bias)
-        return product(rows, self.weights[-1]) + self.biases[-1], remembered
+        return product(rows, self.weights[-1]) + self.biases[-1], memory
 
-    def drawn(self, means: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
-        """Actions (N, action) float32 in [-1, 1], each drawn about its mean from its generator."""
+    def with_noise(self, means: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
+        """Actions (N, action) float32 in [-1, 1]: means with noise of their generators."""
         if len(generators) != len(means):
-            raise PolicyError(f"{len(generators)} generators for {len(means)} observations; one is for each")
+            raise PolicyError(f"{len(generators)} generators for {len(means)} observations; each needs one")
         actions = means.copy()
         for row, generator in enumerate(generators if self.action_std else ()):
             actions[row] += self.action_std * generator.standard_normal(self.action_size)
@@ -187,22 +182,22 @@ class Policy:
         return np.clip(normalised, -self.observation_clip, self.observation_clip)
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the whole file or nothing; an existing one is kept unless ``overwrite``."""
+        """Write a complete file or nothing; an existing file is replaced only with ``overwrite``."""
         path = Path(path)
         if path.exists() and not overwrite:
-            raise PolicyError(f"{path}: exists already; choose another name, or pass overwrite=True")
-        version = FORMAT_VERSION if self.memory is None else WITH_MEMORY
+            raise PolicyError(f"{path}: already exists; choose another name, or pass overwrite=True")
+        version = FORMAT_VERSION if self.memory is None else RECURRENT_FORMAT_VERSION
         header = {"format_version": version, **msgspec.to_builtins(self.metadata)}
         for name in ("human", "plugins", "force_guard"):
             if not header[name]:
-                del header[name]  # files without them are as they were before there were any
+                del header[name]  # the files stay readable by versions without these fields
         numbers = {name: _narrowed(array) for name, array in _tensors(self).items()}
         data = safetensors.numpy.save(numbers, {_HEADER: msgspec.json.encode(header).decode()})
         write_atomically(path, data)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Policy":
-        """Read a policy; anything but a sound file of this format raises ``PolicyError``."""
+        """Read a policy; an invalid file raises ``PolicyError``."""
         try:
             with cast(Any, safetensors.safe_open(path, framework="numpy")) as file:
                 return _read(file)
@@ -226,11 +221,11 @@ def _check_numbers(policy: Policy) -> None:
     if (policy.observation_variance < 0).any():
         raise PolicyError("observation.variance holds negative numbers; 0 and above are allowed")
     if policy.action_std < 0:
-        raise PolicyError(f"{_DEVIATION} is {policy.action_std}; 0 and above are allowed")
+        raise PolicyError(f"{_ACTION_STD} is {policy.action_std}; 0 and above are allowed")
 
 
 def _check_sums(policy: Policy) -> None:
-    """Refuse numbers so large that an action would be none: inputs are bounded, those of later layers by ±1."""
+    """Refuse numbers whose sums overflow; inputs are bounded, those of later layers by ±1."""
     largest = policy.observation_clip if policy.memory is None else max(policy.observation_clip, 1.0)
     if policy.memory is not None:
         memory = policy.memory
@@ -285,14 +280,14 @@ def _tensors(policy: Policy) -> dict[str, np.ndarray]:
     memory = (
         {}
         if policy.memory is None
-        else {_OF_MEMORY[name]: array for name, array in vars(policy.memory).items()}
+        else {_MEMORY_TENSORS[name]: array for name, array in vars(policy.memory).items()}
     )
     return {
         "observation.mean": policy.observation_mean,
         "observation.variance": policy.observation_variance,
         "observation.clip": np.array([policy.observation_clip], np.float64),
         "observation.epsilon": np.array([policy.observation_epsilon], np.float64),
-        _DEVIATION: np.array([policy.action_std], np.float64),
+        _ACTION_STD: np.array([policy.action_std], np.float64),
         **memory,
         **{f"actor.{layer}.weight": weight for layer, weight in enumerate(policy.weights)},
         **{f"actor.{layer}.bias": bias for layer, bias in enumerate(policy.biases)},
@@ -300,7 +295,7 @@ def _tensors(policy: Policy) -> dict[str, np.ndarray]:
 
 
 def _narrowed(array: np.ndarray) -> np.ndarray:
-    """The same numbers in single precision where that holds them exactly."""
+    """The same numbers in single precision, if that is exact."""
     with np.errstate(over="ignore"):
         single = array.astype(np.float32)
     return single if (single == array).all() else array
@@ -309,15 +304,15 @@ def _narrowed(array: np.ndarray) -> np.ndarray:
 def _read(file: Any) -> Policy:
     version, metadata = _read_metadata(file.metadata() or {})
     names = set(file.keys())
-    beside = (*_BESIDE_LAYERS, *(_OF_MEMORY.values() if version == WITH_MEMORY else ()))
-    layers = (len(names) - len(beside)) // 2
+    fixed = (*_FIXED_TENSORS, *(_MEMORY_TENSORS.values() if version == RECURRENT_FORMAT_VERSION else ()))
+    layers = (len(names) - len(fixed)) // 2
     weights = [f"actor.{layer}.weight" for layer in range(layers)]
     biases = [f"actor.{layer}.bias" for layer in range(layers)]
-    _check_names(names, {*weights, *biases}, beside)
-    mean, variance, clip, epsilon, deviation = (_tensor(file, name) for name in _BESIDE_LAYERS)
+    _check_names(names, {*weights, *biases}, fixed)
+    mean, variance, clip, epsilon, deviation = (_tensor(file, name) for name in _FIXED_TENSORS)
     _check_shape("observation.clip", clip, (1,))
     _check_shape("observation.epsilon", epsilon, (1,))
-    _check_shape(_DEVIATION, deviation, (1,))
+    _check_shape(_ACTION_STD, deviation, (1,))
     return Policy(
         weights=tuple(_tensor(file, name) for name in weights),
         biases=tuple(_tensor(file, name) for name in biases),
@@ -327,18 +322,18 @@ def _read(file: Any) -> Policy:
         observation_epsilon=float(epsilon[0]),
         action_std=float(deviation[0]),
         metadata=metadata,
-        memory=Memory(**{name: _tensor(file, of_file) for name, of_file in _OF_MEMORY.items()})
-        if version == WITH_MEMORY
+        memory=Memory(**{name: _tensor(file, of_file) for name, of_file in _MEMORY_TENSORS.items()})
+        if version == RECURRENT_FORMAT_VERSION
         else None,
     )
 
 
-def _check_names(names: set[str], layers: set[str], beside: tuple[str, ...]) -> None:
-    allowed = layers | {*beside}
+def _check_names(names: set[str], layers: set[str], fixed: tuple[str, ...]) -> None:
+    allowed = layers | {*fixed}
     if names != allowed:
         raise PolicyError(
             f"tensors {sorted(names - allowed)} are not allowed and {sorted(allowed - names)} are missing; "
-            f"allowed: {', '.join(beside)}, and actor.0.weight, actor.0.bias, "
+            f"allowed: {', '.join(fixed)}, and actor.0.weight, actor.0.bias, "
             "actor.1.weight and so on"
         )
 
@@ -359,13 +354,15 @@ class _Header(PolicyMetadata, frozen=True, kw_only=True):
 
 
 def _read_metadata(header: dict[str, str]) -> tuple[int, PolicyMetadata]:
-    """The format's version, and what the policy was trained on."""
+    """Version of the format, and the metadata."""
     if _HEADER not in header:
         raise PolicyError(f"not a policy of AVR Gym: the header has no {_HEADER!r}, only {sorted(header)}")
     try:
         version = msgspec.json.decode(header[_HEADER], type=_Version).format_version
-        if version not in (FORMAT_VERSION, WITH_MEMORY):
-            raise PolicyError(f"format version {version}; allowed: {FORMAT_VERSION} and {WITH_MEMORY}")
+        if version not in (FORMAT_VERSION, RECURRENT_FORMAT_VERSION):
+            raise PolicyError(
+                f"format version {version}; allowed: {FORMAT_VERSION} and {RECURRENT_FORMAT_VERSION}"
+            )
         described = msgspec.structs.asdict(msgspec.json.decode(header[_HEADER], type=_Header))
     except msgspec.DecodeError as error:
         raise PolicyError(f"the header's {_HEADER!r} is wrong: {error}") from error

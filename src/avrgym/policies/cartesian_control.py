@@ -1,4 +1,4 @@
-"""A hand that is driven in Cartesian space, as a human operator wants it."""
+"""Cartesian velocity control of the robot's hand, for a human operator."""
 
 import numpy as np
 
@@ -11,14 +11,14 @@ from avrgym.simulation.worlds import Simulation
 SPEED_LIMIT_M_S = 0.25
 TURN_LIMIT_RAD_S = 0.8
 DAMPING = 0.05
-"""Of damped least squares (Wampler, IEEE Trans. Syst. Man Cybern. 16, 1986): slower near singular poses."""
+"""Of damped least squares (Wampler, IEEE Trans. Syst. Man Cybern. 16, 1986), which slows down near singularities."""
 
 
-class Hand:
-    """The hand of the first world's robot: turns its velocity into an action."""
+class CartesianController:
+    """Maps velocities of the hand of the first world's robot to actions."""
 
     def __init__(self, simulation: Simulation) -> None:
-        """Read the arm's chain from the scene."""
+        """Read the arm's kinematic chain from the scene."""
         scene = simulation.scene
         joints = [robot.PREFIX + joint for joint in scene.arm.joints]
         ends = robot.PREFIX + scene.robot.base, robot.PREFIX + scene.arm.end_effector
@@ -26,11 +26,11 @@ class Hand:
         self._simulation, self._speed_limit = simulation, scene.arm.speed_limit_rad_s
 
     def action(self, linear: FloatArray, angular: FloatArray) -> FloatArray:
-        """The action (A,) that moves the hand so, as far as joints and hand keep to their speed limits.
+        """The action (A,) for a velocity of the hand, scaled down to the speed limits of joints and hand.
 
         Args:
-            linear: (3,) velocity of the hand's origin as a share of ``SPEED_LIMIT_M_S``, world frame; one longer
-                than 1 is shortened.
+            linear: (3,) velocity of the hand's origin as a share of ``SPEED_LIMIT_M_S``, world frame; clipped to
+                length 1.
             angular: (3,) angular velocity as a share of ``TURN_LIMIT_RAD_S``, likewise.
         """
         _, q_wb = (pose[0] for pose in self._simulation.robot_base())

@@ -1,4 +1,4 @@
-"""Controllers that others write: anything that turns the observations of one robot into actions."""
+"""Controllers of other packages and files: they map a robot's observations to actions."""
 
 import copy
 import importlib
@@ -20,34 +20,34 @@ from avrgym.policies.trained import PolicyError
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, used_entry, used_python
 
-MOST_WORDS = 160
-"""How many characters of an exception are told."""
+MAX_ERROR_LENGTH = 160
+"""Characters of an exception that an error message contains."""
 
 
 class Controller(Protocol):
-    """What drives one robot through one episode after another. It may also have a method ``close()``."""
+    """Drives one robot through episodes. It may also have a method ``close()``."""
 
     def reset(self, seed: int, environment: str) -> None:
-        """Begin an episode of an environment, such as ``avrgym/FeedingJaco-v1``; all chance follows the seed."""
+        """Start an episode of an environment, such as ``avrgym/FeedingJaco-v1``; the seed determines all randomness."""
         ...
 
     def act(self, observation: FloatArray) -> ArrayLike:
-        """The action (A,) for an observation (O,), float64: each joint's speed as a share, -1 to 1, of its limit."""
+        """The action (A,) for an observation (O,), float64: joint speeds as a share of their limits, -1 to 1."""
         ...
 
 
 class ControllerError(RuntimeError):
-    """A controller gave no action that a robot can follow. The words begin with the kind of failure.
+    """A controller returned no valid action. The message starts with the kind of failure and a colon.
 
-    ``exception``, ``wrong_shape``, ``not_finite`` or ``late``, then a colon.
+    The kinds are ``exception``, ``wrong_shape``, ``not_finite`` and ``late``.
     """
 
 
 @dataclass(frozen=True, eq=False)
-class Foreign:
-    """A controller of somebody else's, by its name; ``make`` makes one more that shares nothing with the others.
+class ExternalController:
+    """A controller of another package or file; ``make`` creates an instance that shares no state with others.
 
-    ``plugin`` is what it is now, where it is code.
+    ``plugin`` is its present version, if it is code.
     """
 
     name: str
@@ -56,28 +56,28 @@ class Foreign:
 
 
 def reset(controller: Controller, seed: int, environment: str) -> None:
-    """Begin an episode; ``ControllerError`` where the controller raises."""
+    """Start an episode; raises ``ControllerError`` where the controller raises."""
     try:
         controller.reset(seed, environment)
-    except (Exception, SystemExit) as error:  # other people's code may raise anything
-        raise as_failure(error) from error
+    except (Exception, SystemExit) as error:  # external code may raise anything
+        raise controller_error(error) from error
 
 
-def answer(controller: Controller, observation: FloatArray, size: int) -> FloatArray:
+def act(controller: Controller, observation: FloatArray, size: int) -> FloatArray:
     """A controller's action (size,) for an observation (O,), within -1 to 1.
 
     Raises:
-        ControllerError: where it raises, or answers anything but so many finite numbers.
+        ControllerError: where it raises, or returns anything but ``size`` finite numbers.
     """
-    return checked(lambda: controller.act(np.array(observation, float)), (size,))
+    return checked_action(lambda: controller.act(np.array(observation, float)), (size,))
 
 
-def checked(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> FloatArray:
-    """What ``act`` gives, within -1 to 1; ``ControllerError`` where it raises or is no action of this shape."""
+def checked_action(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> FloatArray:
+    """The action of ``act``, clipped to -1 to 1; ``ControllerError`` where it raises or is invalid."""
     try:
         action = np.array(act(), float)
-    except (Exception, SystemExit) as error:  # other people's code may raise anything
-        raise as_failure(error) from error
+    except (Exception, SystemExit) as error:  # external code may raise anything
+        raise controller_error(error) from error
     if action.shape != shape:
         raise ControllerError(f"wrong_shape: {action.shape}; allowed: {shape}")
     if not np.isfinite(action).all():
@@ -86,76 +86,75 @@ def checked(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> FloatArray:
 
 
 def close(controller: Controller) -> None:
-    """Let a controller go, if it wants to know."""
+    """Call a controller's method ``close``, if it has one."""
     end = getattr(controller, "close", None)
     if end is not None:
         end()
 
 
-def find_python(name: str) -> Foreign:
-    """The controller that ``module:attribute`` names.
+def find_python(name: str) -> ExternalController:
+    """The controller ``module:attribute``.
 
-    A class, a function that makes one, one that is copied, or a function from an observation to an action.
-
-    Modules are found as Python finds them, and in the folder where the program runs.
+    The attribute is a class, a function that returns a controller, a controller, which is copied, or a function from
+    an observation to an action. Python also searches the current folder for the module.
 
     Raises:
-        PolicyError: where there is none.
+        PolicyError: where it cannot be imported.
     """
     module, _, attribute = name.partition(":")
-    _search_here()
+    _search_current_folder()
     try:
         found = importlib.import_module(module)
         for part in attribute.split("."):
             found = getattr(found, part)
     except (Exception, SystemExit) as error:  # a module may raise anything
-        raise PolicyError(f"{name}: cannot be imported ({_words(error)})") from error
-    return _foreign(name, found, used_python(name))
+        raise PolicyError(f"{name}: cannot be imported ({_error_text(error)})") from error
+    return _external(name, found, used_python(name))
 
 
 def python_file(name: str) -> Path | None:
-    """The file of the module that ``module:attribute`` names, if there is one; the module itself is not imported."""
-    _search_here()
+    """The file of the module in ``module:attribute``, if it exists; the module is not imported."""
+    _search_current_folder()
     try:
         spec = importlib.util.find_spec(name.partition(":")[0])
-    except Exception:  # a package that the module lies in may raise anything
+    except Exception:  # the module's package may raise anything
         return None
     return Path(spec.origin) if spec is not None and spec.has_location and spec.origin else None
 
 
-def _search_here() -> None:
-    """Let Python find modules in the folder where the program runs."""
-    here = os.getcwd()
-    if here not in sys.path:
-        sys.path.append(here)
+def _search_current_folder() -> None:
+    """Let Python import modules from the current folder."""
+    folder = os.getcwd()
+    if folder not in sys.path:
+        sys.path.append(folder)
 
 
-def registered() -> dict[str, EntryPoint]:
-    """The controllers that other packages register, by name; none of them is imported yet."""
+def registered_controllers() -> dict[str, EntryPoint]:
+    """The controllers that other packages register, by name, without importing them."""
     return {entry.name: entry for entry in plugins.entries(plugins.CONTROLLERS)}
 
 
-def find_registered(name: str) -> Foreign:
+def find_registered(name: str) -> ExternalController:
     """A registered controller; ``PolicyError`` where its package is broken."""
-    entry = registered()[name]
+    entry = registered_controllers()[name]
     try:
         found = entry.load()
     except (Exception, SystemExit) as error:  # a package may raise anything
-        raise PolicyError(f"{plugins.described(entry)}: cannot be imported ({_words(error)})") from error
-    return _foreign(name, found, used_entry("controller", name, entry))
+        raise PolicyError(f"{plugins.described(entry)}: cannot be imported ({_error_text(error)})") from error
+    return _external(name, found, used_entry("controller", name, entry))
 
 
-def plugin_named(name: str) -> UsedPlugin | None:
-    """The registered controller or the ``module:attribute`` of a name as it is now; ``None`` for another name."""
-    if name in registered():
-        return used_entry("controller", name, registered()[name])
+def used_plugin(name: str) -> UsedPlugin | None:
+    """The present version of a registered controller or of ``module:attribute``; ``None`` for other names."""
+    if name in registered_controllers():
+        return used_entry("controller", name, registered_controllers()[name])
     return used_python(name) if ":" in name else None
 
 
-def broken() -> list[str]:
-    """Which registered controllers cannot be imported or made, and why; this imports them all."""
+def broken_controllers() -> list[str]:
+    """Errors of the registered controllers that cannot be imported or created; imports all of them."""
     reasons: list[str] = []
-    for name in registered():
+    for name in registered_controllers():
         try:
             find_registered(name)
         except PolicyError as error:
@@ -170,11 +169,11 @@ class _Function:
     act: Callable[[FloatArray], ArrayLike]
 
     def reset(self, seed: int, environment: str) -> None:
-        """Nothing: it remembers nothing."""
+        """Does nothing: the function has no memory."""
 
 
 def _takes_observation(found: Any) -> bool:
-    """Whether a function cannot be called without an argument, and can with one: the observation."""
+    """Whether an object is a function with one required argument, the observation."""
     if isinstance(found, type) or not callable(found) or hasattr(found, "act"):
         return False
     try:
@@ -192,8 +191,8 @@ def _can_bind(signature: inspect.Signature, count: int) -> bool:
     return True
 
 
-def _foreign(name: str, found: Any, plugin: UsedPlugin) -> Foreign:
-    """Make one at once: what cannot be made is refused before anybody waits for it."""
+def _external(name: str, found: Any, plugin: UsedPlugin) -> ExternalController:
+    """Create one instance first, to report errors early."""
     if _takes_observation(found):
         found = _Function(found)
     ready_made = not isinstance(found, type) and hasattr(found, "act")
@@ -201,8 +200,8 @@ def _foreign(name: str, found: Any, plugin: UsedPlugin) -> Foreign:
     def make() -> Controller:
         try:
             controller: Any = copy.deepcopy(found) if ready_made else found()
-        except (Exception, SystemExit) as error:  # other people's code may raise anything
-            raise PolicyError(f"{name}: cannot be made ({_words(error)})") from error
+        except (Exception, SystemExit) as error:  # external code may raise anything
+            raise PolicyError(f"{name}: cannot be created ({_error_text(error)})") from error
         lacking = [each for each in ("reset", "act") if not callable(getattr(controller, each, None))]
         if lacking:
             raise PolicyError(
@@ -212,15 +211,17 @@ def _foreign(name: str, found: Any, plugin: UsedPlugin) -> Foreign:
         return controller
 
     close(make())
-    return Foreign(name, make, plugin)
+    return ExternalController(name, make, plugin)
 
 
-def as_failure(error: BaseException) -> ControllerError:
-    """How a failure of any kind is told."""
-    return error if isinstance(error, ControllerError) else ControllerError(f"exception: {_words(error)}")
+def controller_error(error: BaseException) -> ControllerError:
+    """An exception as a ``ControllerError``."""
+    return (
+        error if isinstance(error, ControllerError) else ControllerError(f"exception: {_error_text(error)}")
+    )
 
 
-def _words(error: BaseException) -> str:
-    """An exception in one line that any terminal, recording and database can hold."""
+def _error_text(error: BaseException) -> str:
+    """An exception in one line of printable characters."""
     line = " ".join(f"{type(error).__name__}: {error}".split())
-    return "".join(sign if sign.isprintable() else "?" for sign in line)[:MOST_WORDS]
+    return "".join(character if character.isprintable() else "?" for character in line)[:MAX_ERROR_LENGTH]

@@ -1,41 +1,48 @@
-"""Controllers as ONNX files, run on the processor. Needs the extra ``onnx``."""
+"""ONNX files: networks of other programs as controllers, and export of policies. Needs the extra ``onnx``."""
 
 import os
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from avrgym.array_types import FloatArray
-from avrgym.policies.controllers import Foreign
-from avrgym.policies.trained import PolicyError
+from avrgym.policies.controllers import ExternalController
+from avrgym.policies.trained import Policy, PolicyError
+from avrgym.system.files import write_atomically
+
+if TYPE_CHECKING:
+    from onnx import ModelProto
 
 ONNX_SUFFIX = ".onnx"
+OPSET, IR_VERSION = 17, 8
+"""Versions that programs of 2022 support."""
 DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
 
 class OnnxController:
-    """A network without memory: one input, the observation as it is, and one output, the action."""
+    """A network without memory; its input is the observation, not normalised, and its output the action."""
 
     def __init__(self, session: Any) -> None:
-        """Run an ``onnxruntime.InferenceSession`` that ``find_onnx`` has checked."""
-        (given,) = session.get_inputs()
-        self._session, self._input = session, given.name
-        self._dtype, self._rows = DTYPES[given.type], len(given.shape) == 2
+        """Use an ``onnxruntime.InferenceSession`` that ``find_onnx`` has checked."""
+        (tensor,) = session.get_inputs()
+        self._session, self._input = session, tensor.name
+        self._dtype, self._rows = DTYPES[tensor.type], len(tensor.shape) == 2
 
     def reset(self, seed: int, environment: str) -> None:
-        """Nothing is remembered, and nothing is chance."""
+        """Does nothing: the network has no memory and no noise."""
 
     def act(self, observation: FloatArray) -> ArrayLike:
         """The network's output for an observation (O,)."""
-        given = observation.astype(self._dtype)
-        (action,) = self._session.run(None, {self._input: given[None] if self._rows else given})
+        row = observation.astype(self._dtype)
+        (action,) = self._session.run(None, {self._input: row[None] if self._rows else row})
         return action[0] if self._rows else action
 
 
 def find_onnx(
     path: str | os.PathLike[str], environment_id: str, observation_size: int, action_size: int
-) -> Foreign:
+) -> ExternalController:
     """Load a network for an environment whose observations and actions have the given sizes.
 
     Raises:
@@ -44,27 +51,29 @@ def find_onnx(
     try:
         import onnxruntime
     except ModuleNotFoundError as error:
-        raise PolicyError(f"{path}: `pip install avrgym[onnx]` brings what ONNX files need") from error
+        raise PolicyError(f"{path}: ONNX files need `pip install avrgym[onnx]`") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
     try:
         session = onnxruntime.InferenceSession(os.fspath(path), options, ["CPUExecutionProvider"])
-    except Exception as error:  # the runtime's exceptions have no common base but this
+    except Exception as error:  # the runtime's exceptions have no other common base
         raise PolicyError(f"{path}: not a readable .onnx file ({' '.join(str(error).split())})") from error
-    for kind, ends, size in (
+    for kind, tensors, size in (
         ("input", session.get_inputs(), observation_size),
         ("output", session.get_outputs(), action_size),
     ):
-        _check(path, environment_id, kind, list(ends), size)
-    return Foreign(os.fspath(path), lambda: OnnxController(session))
+        _check(path, environment_id, kind, list(tensors), size)
+    return ExternalController(os.fspath(path), lambda: OnnxController(session))
 
 
-def _check(path: str | os.PathLike[str], environment_id: str, kind: str, ends: list[Any], size: int) -> None:
-    """Refuse all but one tensor of shape (size,), (1, size) or (any, size)."""
-    if len(ends) == 1 and ends[0].type in DTYPES and _fits(ends[0].shape, size):
+def _check(
+    path: str | os.PathLike[str], environment_id: str, kind: str, tensors: list[Any], size: int
+) -> None:
+    """Refuse other tensors than one of shape (size,), (1, size) or (any, size)."""
+    if len(tensors) == 1 and tensors[0].type in DTYPES and _fits(tensors[0].shape, size):
         return
-    found = ", ".join(f"{end.name} {end.type} {end.shape}" for end in ends)
+    found = ", ".join(f"{each.name} {each.type} {each.shape}" for each in tensors)
     raise PolicyError(
         f"{path}: {kind}s {found or 'none'}; {environment_id} takes one {kind} of float or double, "
         f"of shape ({size},), (1, {size}) or (N, {size})"
@@ -72,6 +81,74 @@ def _check(path: str | os.PathLike[str], environment_id: str, kind: str, ends: l
 
 
 def _fits(shape: list[Any], size: int) -> bool:
-    """Whether a tensor holds one row; sizes that a file leaves open are names or None."""
+    """Whether a tensor takes one row; open sizes are names or None."""
     *rows, last = shape or [0]
     return len(rows) <= 1 and last == size and all(row == 1 or not isinstance(row, int) for row in rows)
+
+
+def onnx_model(policy: Policy, rows: int | str | None = "N", *, double: bool = True) -> "ModelProto":
+    """A graph of a policy's mean actions (``rows``, A), clipped to ±1, from observations (``rows``, O).
+
+    The graph contains the normalisation, but no exploration noise. ``rows`` may be a name for any number. With
+    ``double`` numbers have double precision, otherwise single precision.
+
+    Raises:
+        PolicyError: for a recurrent policy.
+    """
+    from onnx import TensorProto, helper, numpy_helper
+
+    if policy.memory is not None:
+        raise PolicyError("a recurrent policy cannot be written as ONNX; use its .safetensors file")
+    dtype, kind = (np.float64, TensorProto.DOUBLE) if double else (np.float32, TensorProto.FLOAT)
+    constants: dict[str, np.ndarray] = {
+        "mean": policy.observation_mean,
+        "deviation": np.sqrt(policy.observation_variance + policy.observation_epsilon),
+        "low": np.array(-policy.observation_clip),
+        "high": np.array(policy.observation_clip),
+        "least": np.array(-1.0),
+        "most": np.array(1.0),
+    }
+    nodes = [
+        helper.make_node("Sub", ["observation", "mean"], ["centred"]),
+        helper.make_node("Div", ["centred", "deviation"], ["scaled"]),
+        helper.make_node("Clip", ["scaled", "low", "high"], ["row0"]),
+    ]
+    last = len(policy.weights) - 1
+    for i, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        constants |= {f"weight{i}": weight, f"bias{i}": bias}
+        nodes.append(helper.make_node("MatMul", [f"row{i}", f"weight{i}"], [f"product{i}"]))
+        nodes.append(helper.make_node("Add", [f"product{i}", f"bias{i}"], [f"sum{i}"]))
+        if i < last:
+            nodes.append(helper.make_node("Tanh", [f"sum{i}"], [f"row{i + 1}"]))
+    nodes.append(helper.make_node("Clip", [f"sum{last}", "least", "most"], ["action"]))
+    graph = helper.make_graph(
+        nodes,
+        "policy",
+        [helper.make_tensor_value_info("observation", kind, [rows, policy.observation_size])],
+        [helper.make_tensor_value_info("action", kind, [rows, policy.action_size])],
+        [numpy_helper.from_array(array.astype(dtype), name) for name, array in constants.items()],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
+    about = policy.metadata
+    trained = {"environment": about.environment, "people": about.people, "impairment": about.impairment}
+    numbers = {"steps": about.steps, "seed": about.seed, "action_std": policy.action_std}
+    helper.set_model_props(model, {name: str(value) for name, value in {**trained, **numbers}.items()})
+    return model
+
+
+def write_onnx(policy: Policy, out: Path) -> None:
+    """Write a policy into a new file.
+
+    Raises:
+        ValueError: for another suffix than ``.onnx``.
+        FileExistsError: when the file exists.
+    """
+    import onnx
+
+    if out.suffix != ".onnx":
+        raise ValueError(f"{out}: the name must end in .onnx")
+    if out.exists():
+        raise FileExistsError(f"{out} already exists; choose another name")
+    model = onnx_model(policy)
+    onnx.checker.check_model(model)  # pyright: ignore[reportUnknownMemberType]
+    write_atomically(out, model.SerializeToString())

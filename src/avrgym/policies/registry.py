@@ -1,4 +1,4 @@
-"""All that ``--policy`` may name, and how it acts in worlds whose episodes have begun."""
+"""Policies by the names and paths that ``--policy`` takes, and their actions in worlds whose episodes have started."""
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.policies import controllers
 from avrgym.policies.actors import Actor
-from avrgym.policies.controllers import Foreign
+from avrgym.policies.controllers import ExternalController
 from avrgym.policies.names import FORMS, OPERATOR, SCRIPTS
 from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
 from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies
@@ -20,50 +20,50 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import BROKEN as BROKEN_TASKS
 from avrgym.tasks.registry import plugins_of, sizes
 
-Act = Callable[[FloatArray], FloatArray]
+ActionFunction = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
 class Script:
-    """A driver that comes with AVR Gym and is no network: one of ``SCRIPTS``."""
+    """A packaged policy without a network: one of ``SCRIPTS``."""
 
     name: str
 
 
 @dataclass(frozen=True)
-class Operated:
-    """The experimenter drives the hand."""
+class HumanOperator:
+    """The experimenter drives the robot's hand."""
 
 
-Autonomous = Policy | Script | Foreign
-AnyPolicy = Autonomous | Operated
+RobotPolicy = Policy | Script | ExternalController
+AnyPolicy = RobotPolicy | HumanOperator
 
 
 def named_policies(environment_id: str) -> list[str]:
-    """Everything that has a name of its own in an environment, and is neither file nor Python object."""
-    return [*packaged_policies(environment_id), *SCRIPTS, *controllers.registered()]
+    """Names of policies in an environment: packaged ones, scripts and registered controllers."""
+    return [*packaged_policies(environment_id), *SCRIPTS, *controllers.registered_controllers()]
 
 
 def skipped_plugins() -> list[str]:
-    """Robots, tasks and controllers of other packages that cannot be used, each with the reason.
+    """Errors of the robots, tasks and controllers of other packages that cannot be used.
 
     Imports all controllers.
     """
     records = [f"{broken.name}: {broken.reason}" for broken in (*BROKEN_ROBOTS, *BROKEN_TASKS)]
-    return [*records, *controllers.broken()]
+    return [*records, *controllers.broken_controllers()]
 
 
-def find(name: str, environment_id: str, *, allow_other_environment: bool = False) -> Autonomous:
-    """Load what ``--policy`` names for an environment.
+def find(name: str, environment_id: str, *, allow_other_environment: bool = False) -> RobotPolicy:
+    """Load the policy of a name or path for an environment.
 
     Args:
-        name: of a packaged policy, a script or a plug-in's controller, the path of a ``.safetensors`` or ``.onnx``
-            file, or ``module:attribute``.
+        name: of a packaged policy, a script or a registered controller; the path of a ``.safetensors`` or ``.onnx``
+            file; or ``module:attribute``.
         environment_id: such as ``avrgym/FeedingJaco-v1``.
-        allow_other_environment: whether a policy may run that was trained for another environment.
+        allow_other_environment: whether to allow a policy that was trained for another environment.
 
     Raises:
-        PolicyError: for anything else, naming what is allowed, and for what cannot be loaded or does not fit.
+        PolicyError: for an unknown name, naming what is allowed; for a policy that cannot be loaded or does not fit.
     """
     observation_size, action_size = sizes(environment_id)
     if name in SCRIPTS:
@@ -78,33 +78,33 @@ def find(name: str, environment_id: str, *, allow_other_environment: bool = Fals
             action_size,
             allow_other_environment=allow_other_environment,
         )
-    if name in controllers.registered():
+    if name in controllers.registered_controllers():
         return controllers.find_registered(name)
     if ":" in name:
         return controllers.find_python(name)
     if name == OPERATOR:
         raise PolicyError(
-            f"nobody can drive the robot here; {OPERATOR} is for `avrgym view`, `avrgym serve` and studies with people"
+            f"{OPERATOR} needs a person at the controls; allowed in `avrgym view`, `avrgym serve` and studies"
         )
     allowed = ", ".join([*named_policies(environment_id), FORMS])
     raise PolicyError(f"no policy {name!r} for {environment_id}; allowed: {allowed}")
 
 
 def find_for_session(name: str, environment_id: str) -> AnyPolicy:
-    """The same where an experimenter can also drive: ``operator`` is allowed too."""
-    return Operated() if name == OPERATOR else find(name, environment_id)
+    """As ``find``, but with ``operator`` allowed: the experimenter can drive."""
+    return HumanOperator() if name == OPERATOR else find(name, environment_id)
 
 
 def plugins_used(environment_id: str, policy: AnyPolicy) -> tuple[UsedPlugin, ...]:
-    """The plug-ins that run when a policy drives in an environment, as they are now."""
-    controller = policy.plugin if isinstance(policy, Foreign) else None
+    """Present versions of the plug-ins of an environment and a policy."""
+    controller = policy.plugin if isinstance(policy, ExternalController) else None
     return plugins_of(environment_id) + (() if controller is None else (controller,))
 
 
-def changed_since_training(policy: Autonomous, environment_id: str) -> list[str]:
-    """Which plug-ins of an environment are not what a policy was trained with, in words.
+def changed_since_training(policy: RobotPolicy, environment_id: str) -> list[str]:
+    """Descriptions of the plug-ins of an environment that changed since a policy's training.
 
-    In another environment than that of its training only those count that both have.
+    In another environment than that of the training, only plug-ins of both environments count.
     """
     if not isinstance(policy, Policy):
         return []
@@ -116,38 +116,41 @@ def changed_since_training(policy: Autonomous, environment_id: str) -> list[str]
 
 
 @contextmanager
-def acting(policy: Autonomous, world: Episodes, generators: Sequence[np.random.Generator]) -> Generator[Act]:
-    """What turns observations (N, O) into actions (N, A), in a world whose episodes have begun.
+def running(
+    policy: RobotPolicy, world: Episodes, generators: Sequence[np.random.Generator]
+) -> Generator[ActionFunction]:
+    """A function from observations (N, O) to actions (N, A) in worlds whose episodes have started.
 
-    Others' controllers are one for each world, made anew. Each is seeded from its world's generator, and closed when
-    all is done.
+    An external controller has one instance per world, seeded from the world's generator and closed at the end.
 
     Raises:
-        PolicyError: when nobody can make one.
+        PolicyError: when an instance cannot be created.
     """
-    if not isinstance(policy, Foreign):
-        yield actor(policy, world, generators)
+    if not isinstance(policy, ExternalController):
+        yield action_function(policy, world, generators)
         return
-    each = [policy.make() for _ in generators]
+    instances = [policy.make() for _ in generators]
     try:
-        for controller, generator in zip(each, generators, strict=True):
-            controllers.reset(controller, seed_from(generator), world.environment_id)
+        for controller, generator in zip(instances, generators, strict=True):
+            controllers.reset(controller, controller_seed(generator), world.environment_id)
         yield lambda observations: np.stack(
-            [controllers.answer(*pair, world.action_size) for pair in zip(each, observations, strict=True)]
+            [controllers.act(*pair, world.action_size) for pair in zip(instances, observations, strict=True)]
         )
     finally:
-        for controller in each:
+        for controller in instances:
             controllers.close(controller)
 
 
-def actor(policy: Policy | Script, world: Episodes, generators: Sequence[np.random.Generator]) -> Act:
-    """What turns observations (N, O) into actions (N, A), in a world whose episodes have begun.
+def action_function(
+    policy: Policy | Script, world: Episodes, generators: Sequence[np.random.Generator]
+) -> ActionFunction:
+    """A function from observations (N, O) to actions (N, A) in worlds whose episodes have started.
 
-    It serves these episodes only: a policy with a memory remembers them.
+    It is for these episodes only: it contains the memory of a recurrent policy.
     """
     if isinstance(policy, Policy):
-        at_work = Actor(policy, len(generators))
-        return lambda observation: at_work.act(observation, generators)
+        actor = Actor(policy, len(generators))
+        return lambda observation: actor.act(observation, generators)
     if policy.name == "zero":
         return lambda observation: np.zeros((len(observation), world.action_size), np.float32)
     if policy.name == "random":
@@ -157,6 +160,6 @@ def actor(policy: Policy | Script, world: Episodes, generators: Sequence[np.rand
     return world.task.expert(world)
 
 
-def seed_from(generator: np.random.Generator) -> int:
-    """The seed of a controller's episode, the next number of the generator that its start was drawn from."""
+def controller_seed(generator: np.random.Generator) -> int:
+    """The seed of a controller's episode: the next number of the episode's generator."""
     return int(generator.integers(2**31))

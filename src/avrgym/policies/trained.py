@@ -1,4 +1,4 @@
-"""Robots' trained policies: those that come with AVR Gym, and others by their file."""
+"""Robots' trained policies: packaged ones by name, others by the path of their file."""
 
 import os
 import re
@@ -21,14 +21,14 @@ PACKAGED = Path(__file__).parents[1] / "assets" / "policies"
 
 
 def packaged_policies(environment_id: str) -> dict[str, Path]:
-    """The policies that come with AVR Gym for an environment, by name."""
+    """The packaged policies of an environment, by name."""
     scene = re.sub(r"^avrgym/|-v\d+$", "", environment_id)
     files = sorted(PACKAGED.glob(f"{scene}-*.safetensors"))
     return {file.stem.removeprefix(f"{scene}-"): file for file in files}
 
 
 def find_policy(name_or_path: str | os.PathLike[str], environment_id: str) -> Path:
-    """The file of a packaged policy by its name, such as ``original``, or of any other by its path."""
+    """The file of a packaged policy, such as ``original``, or a path that exists."""
     packaged = packaged_policies(environment_id)
     if str(name_or_path) in packaged:
         return packaged[str(name_or_path)]
@@ -49,25 +49,25 @@ def load_policy(
     *,
     allow_other_environment: bool = False,
 ) -> Policy:
-    """Find and load a policy for an environment whose observations and actions have the given sizes.
+    """Load a policy by name or path for an environment with observations and actions of the given sizes.
 
     Raises:
-        PolicyError: where there is none, its file is damaged or its sizes differ; where it is a human; and where it was
-            trained for another environment, unless that is allowed.
+        PolicyError: for an unknown name, a damaged file, other sizes, a trained human, and a policy of another
+            environment, unless that is allowed.
     """
     path = find_policy(name_or_path, environment_id)
     policy = Policy.load(path)
     if policy.metadata.human is not None:
-        raise PolicyError(f"{path}: a human's network, and no robot's policy; --people takes it")
+        raise PolicyError(f"{path}: a trained human, not a robot's policy; use it with --people")
     if policy.metadata.environment != environment_id and not allow_other_environment:
         raise PolicyError(
             f"{path}: trained for {policy.metadata.environment}, not for {environment_id}; "
-            "only `avrgym evaluate --allow-other-environment` runs it there"
+            "allowed only with `avrgym evaluate --allow-other-environment`"
         )
     sizes = (policy.observation_size, policy.action_size)
     if sizes != (observation_size, action_size):
         raise PolicyError(
-            f"{path}: made for {policy.metadata.environment} with {sizes[0]} observations and {sizes[1]} "
+            f"{path}: was trained for {policy.metadata.environment} with {sizes[0]} observations and {sizes[1]} "
             f"actions; {environment_id} has {observation_size} and {action_size}"
         )
     return policy

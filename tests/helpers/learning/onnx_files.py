@@ -4,7 +4,7 @@ from pathlib import Path
 
 import onnx
 
-from avrgym.policies.onnx_export import onnx_model
+from avrgym.policies.onnx import onnx_model
 from avrgym.policies.trained import Policy
 
 

@@ -77,7 +77,7 @@ def _present(configuration: Configuration) -> dict[str, UsedPlugin]:
     """The plug-ins that the trial would use now, by label."""
     environment = configuration.environment
     found = list(plugins_of(environment)) if environment in ENVIRONMENTS else []
-    controller = controllers.plugin_named(configuration.policy)
+    controller = controllers.used_plugin(configuration.policy)
     return {each.label: each for each in [*found, *([controller] if controller else [])]}
 
 

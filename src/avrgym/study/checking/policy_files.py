@@ -61,7 +61,7 @@ def _policy_file(store: Store, environment: str, policy: str) -> PolicyFile:
 def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | None]:
     """The source of a policy in words, and its file if it has one; ``PolicyError`` if it is missing."""
     source = store.policy_source(environment, policy)
-    packaged, plugin = packaged_policies(environment), controllers.registered().get(source)
+    packaged, plugin = packaged_policies(environment), controllers.registered_controllers().get(source)
     if source in packaged:
         return source, packaged[source]
     if plugin is not None:

@@ -16,7 +16,7 @@ from avrgym.models.human import SEXES
 from avrgym.people import impairments
 from avrgym.people.population_names import Impairment
 from avrgym.people.populations import Population, find_populations, population_label
-from avrgym.policies.registry import Operated
+from avrgym.policies.registry import HumanOperator
 from avrgym.policies.trained import PolicyError
 from avrgym.recording.schema import Answer
 from avrgym.study.checking.preflight import load_study_policy, policies_needed
@@ -104,7 +104,7 @@ def simulate_study(
             )
         for environment, policy in policies_needed(store):
             environment_populations(people, environment)
-            if isinstance(load_study_policy(store, environment, policy), Operated):
+            if isinstance(load_study_policy(store, environment, policy), HumanOperator):
                 raise PolicyError(
                     f"{policy}: nobody drives the robot in a dry run; leave it out of a copy of the study"
                 )

@@ -10,9 +10,9 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.policies import controllers, registry
-from avrgym.policies.cartesian_control import Hand
-from avrgym.policies.controllers import Controller, Foreign
-from avrgym.policies.registry import Act, AnyPolicy, Operated, Script
+from avrgym.policies.cartesian_control import CartesianController
+from avrgym.policies.controllers import Controller, ExternalController
+from avrgym.policies.registry import ActionFunction, AnyPolicy, HumanOperator, Script
 from avrgym.policies.trained import Policy
 from avrgym.tasks.episodes import Episodes
 from avrgym.vr.protocol.messages import Drive
@@ -67,9 +67,9 @@ class Driver(Protocol):
 
 def driver_of(policy: AnyPolicy, *, beside: bool) -> Driver:
     """Who drives by a policy; others' controllers run ``beside`` the thread that asks, or it waits for them."""
-    if isinstance(policy, Operated):
+    if isinstance(policy, HumanOperator):
         return Operator()
-    if isinstance(policy, Foreign):
+    if isinstance(policy, ExternalController):
         return Guarded(policy, beside=beside)
     return InTick(policy)
 
@@ -80,7 +80,7 @@ class InTick:
     def __init__(self, policy: Policy | Script) -> None:
         self.failure = ""
         self._policy = policy
-        self._act: Act | None = None
+        self._act: ActionFunction | None = None
 
     @property
     def idle(self) -> bool:
@@ -95,10 +95,10 @@ class InTick:
     def act(self, observation: FloatArray) -> FloatArray:
         """The action (1, A) with which a control step begins that sees ``observation`` (1, O)."""
         try:
-            act = self._act = self._act or registry.actor(self._policy, *self._begun)
-            action = controllers.checked(lambda: act(observation), self._still.shape)
+            act = self._act = self._act or registry.action_function(self._policy, *self._begun)
+            action = controllers.checked_action(lambda: act(observation), self._still.shape)
         except Exception as error:  # an oracle in a situation that nobody foresaw
-            self.failure = str(controllers.as_failure(error))
+            self.failure = str(controllers.controller_error(error))
             return self._still
         self.failure = ""
         return action
@@ -119,7 +119,7 @@ class Guarded:
     made.
     """
 
-    def __init__(self, foreign: Foreign, *, beside: bool) -> None:
+    def __init__(self, foreign: ExternalController, *, beside: bool) -> None:
         self._foreign, self._beside = foreign, beside
         self._limit_s = ANSWER_WITHIN_S if beside else ANSWER_SIMULATED_WITHIN_S
         self._late = f"late: no answer within {1000 * self._limit_s:.0f} ms"
@@ -138,7 +138,7 @@ class Guarded:
         if self._worker.busy:
             self._worker.close()
             self._worker = Worker(self._foreign)
-        seed, environment = registry.seed_from(generators[0]), episodes.environment_id
+        seed, environment = registry.controller_seed(generators[0]), episodes.environment_id
         self._ready = self._ask(lambda controller: controllers.reset(controller, seed, environment))
         self._asked, self._still = None, still(episodes)
         self._hold("")
@@ -152,7 +152,7 @@ class Guarded:
             self._hold(self._ready.failure)
         elif self._asked is None:
             row, count = observation[0].copy(), self._still.shape[1]
-            self._asked = self._ask(lambda controller: controllers.answer(controller, row, count))
+            self._asked = self._ask(lambda controller: controllers.act(controller, row, count))
             self._hear()
         return self._action
 
@@ -220,7 +220,7 @@ class Request:
         try:
             answer = self._work(find())
         except (Exception, SystemExit) as error:  # other people's code may raise anything
-            self.failure = str(controllers.as_failure(error))
+            self.failure = str(controllers.controller_error(error))
         else:
             self.answer = answer
         self._ended_s = time.monotonic()
@@ -234,7 +234,7 @@ class Request:
 class Worker:
     """Asks one controller, which it makes when it is needed, one thing after another on a thread of its own."""
 
-    def __init__(self, foreign: Foreign) -> None:
+    def __init__(self, foreign: ExternalController) -> None:
         self._foreign = foreign
         self._controller: Controller | None = None
         self._latest: Request | None = None
@@ -280,7 +280,7 @@ class Operator:
     failure = ""
 
     def __init__(self) -> None:
-        self._hand: Hand | None = None
+        self._hand: CartesianController | None = None
         self._still = NOTHING
         self._wish: tuple[FloatArray, FloatArray] | None = None
         self._heard_s = 0.0
@@ -293,7 +293,7 @@ class Operator:
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
         """Prepare for the episode that has begun in a world."""
-        self._hand, self._still = Hand(episodes.simulation), still(episodes)
+        self._hand, self._still = CartesianController(episodes.simulation), still(episodes)
         self.let_go()
 
     def obey(self, asked: Drive, now_s: float) -> None:
