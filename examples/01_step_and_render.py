@@ -1,6 +1,6 @@
-"""Step one environment and take a picture of it: ``python 01_step_and_render.py``
+"""Step one environment and render it: ``python 01_step_and_render.py``
 
-Writes ``feeding.png``. The robot moves at random here; the next example leads it better.
+Writes ``feeding.png``. Actions are random.
 """
 
 import gymnasium as gym
@@ -11,7 +11,7 @@ import avrgym  # noqa: F401  registers the environments
 env = gym.make("avrgym/FeedingJaco-v1", people="revised", render_mode="rgb_array")
 observation, info = env.reset(seed=3)
 env.action_space.seed(3)
-print(f"{observation.shape[0]} numbers observed, {env.action_space.shape[0]} joints to move")
+print(f"{observation.shape[0]} observed numbers, {env.action_space.shape[0]} joints")
 
 reward_so_far = 0.0
 for _ in range(20):  # two seconds; an episode has 200 steps of 0.1 s

@@ -1,6 +1,6 @@
-"""Chance, a script that knows everything, and a trained policy: ``python 02_random_oracle_trained.py [EPISODES]``
+"""Random actions, the oracle and a trained policy: ``python 02_random_oracle_trained.py [EPISODES]``
 
-The first part lets AVR Gym count, the second shows what it does: load a policy and let it act.
+The first part calls ``evaluate``. The second part loads a policy and steps it.
 """
 
 import sys
@@ -24,12 +24,12 @@ for name in ("random", "oracle", "revised"):
     )
 
 policy = Policy.load(find_policy("revised", ENVIRONMENT))
-chance = [np.random.default_rng(0)]  # one generator for each row of observations
+generators = [np.random.default_rng(0)]  # one generator for each row of observations
 env = gym.make(ENVIRONMENT, people="revised")
 observation, info = env.reset(seed=0)
 ended = False
 while not ended:
-    action = policy.act(observation[None], chance)[0]
+    action = policy.act(observation[None], generators)[0]
     observation, reward, _, ended, info = env.step(action)
-print(f"one episode of {policy.metadata.steps:,} steps of training: success {info['success']}")
+print(f"one episode after {policy.metadata.steps:,} training steps: success {info['success']}")
 env.close()

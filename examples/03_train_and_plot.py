@@ -1,7 +1,7 @@
-"""Train a policy and plot how it learned: ``python 03_train_and_plot.py [STEPS]``
+"""Train a policy and plot its learning curve: ``python 03_train_and_plot.py [STEPS]``
 
 Needs ``pip install 'avrgym[train]'``. Writes the folder ``trained`` and ``learning.png``. 300 000 steps take some
-minutes; begin with fewer to see that it works.
+minutes; start with fewer.
 """
 
 import sys
@@ -19,7 +19,7 @@ policy = train(
     Path("trained"),
     tell=lambda now: print(f"{now.steps:9,} steps  reward {now.reward_mean:7.1f}  {now.success_rate:4.0%}"),
 )
-print(f"measured on people it never met: {policy.metadata.measured}")
+print(f"evaluated on the test split: {policy.metadata.measured}")
 
 steps, rewards, successes = zip(*policy.metadata.curve, strict=True)
 figure, (above, below) = plt.subplots(2, sharex=True, figsize=(6, 5), layout="constrained")

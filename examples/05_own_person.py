@@ -1,6 +1,6 @@
-"""Let the robot meet people of your own: ``python 05_own_person.py``
+"""Choose your own people: ``python 05_own_person.py``
 
-One fixed person, an impairment, and a file of people such as ``avrgym fit-people`` writes. Writes ``people.png``.
+A fixed person, an impairment, and a population file as ``avrgym fit-people`` writes. Writes ``people.png``.
 """
 
 from pathlib import Path
@@ -28,14 +28,14 @@ leaning = Person("man", 0.58, joint_angles(waist_x=12.0, head_z=-15.0), skin_ton
 Path("tall.toml").write_text(PEOPLE)
 
 pictures = []
-for who, meets in {
+for name, options in {
     "a short woman": {"person": Person("woman", 0.50)},
-    "a man who leans and trembles": {"person": leaning, "impairment": "tremor"},
-    "somebody of the file": {"people": "tall.toml"},
+    "a leaning man with tremor": {"person": leaning, "impairment": "tremor"},
+    "a person of the file": {"people": "tall.toml"},
 }.items():
-    env = gym.make(ENVIRONMENT, render_mode="rgb_array", **meets)
+    env = gym.make(ENVIRONMENT, render_mode="rgb_array", **options)
     observation, info = env.reset(seed=1)
     pictures.append(env.render())
-    print(f"{who}: the spoon begins {info['reward_terms']['distance_m']:.2f} m away")
+    print(f"{name}: the spoon starts {info['reward_terms']['distance_m']:.2f} m away")
     env.close()
 Image.fromarray(np.concatenate(pictures, axis=1)).save("people.png")

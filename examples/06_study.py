@@ -1,6 +1,6 @@
 """A whole study, simulated and analysed: ``python 06_study.py [PARTICIPANTS] [TRIAL_STEPS]``
 
-Writes the study into the folder ``my-study``. What comes out says nothing about people: all of it is simulated.
+Writes the study into the folder ``my-study``. All participants are simulated.
 """
 
 import re
@@ -24,7 +24,7 @@ CHANGES = {
 
 
 def main() -> None:
-    """Design, dry run, results."""
+    """Design, rehearsal, results."""
     folder = Path("my-study")
     design = create_study(folder)
     text = design.read_text()
@@ -40,8 +40,8 @@ def main() -> None:
         print(f"{row.task} {row.robot} {row.policy}: {row.successes} of {row.trials} trials succeeded")
     for test in analysis.tests:
         print(f"{test.family}, {test.quantity}, by {test.unit}: n = {test.n}, p = {test.p}")
-    print(f"the report is {report}")
+    print(f"report: {report}")
 
 
-if __name__ == "__main__":  # participants take part in processes of their own, which import this file
+if __name__ == "__main__":  # other processes import this file
     main()

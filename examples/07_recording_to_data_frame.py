@@ -1,6 +1,6 @@
 """A recording as a data frame, and a plot of it: ``python 07_recording_to_data_frame.py RECORDING.mcap``
 
-Needs pandas. Writes ``trial.png``. ``my-study/recordings`` of the example before holds recordings.
+Needs pandas. Writes ``trial.png``. ``my-study/recordings`` of the example before contains recordings.
 """
 
 import sys
@@ -16,7 +16,7 @@ print(f"{recording.configuration.environment}, policy {recording.configuration.p
 
 
 def frame(topic: str) -> pd.DataFrame:
-    """A topic's records, one a row, by their time in seconds."""
+    """The records of a topic, one row each, by time in seconds."""
     times_ns, records = zip(*recording.topics[topic], strict=True)
     index = pd.Index([time_ns / 1e9 for time_ns in times_ns], name="time_s")
     return pd.DataFrame([msgspec.to_builtins(record) for record in records], index=index)

@@ -1,6 +1,6 @@
-"""PPO in one file, in CleanRL's style, to begin a trainer of your own with: ``python 08_ppo_loop.py``
+"""PPO in one file, in CleanRL's style, as a start for your own trainer: ``python 08_ppo_loop.py``
 
-Needs PyTorch; takes a number of updates and one of worlds. Schulman et al., "Proximal Policy Optimization", 2017.
+Needs PyTorch; arguments: updates, worlds. Schulman et al., "Proximal Policy Optimization", 2017.
 """
 
 import sys
@@ -24,19 +24,19 @@ actor, critic = (
 )
 log_std = nn.Parameter(torch.full((outputs,), -0.7))
 optimizer = torch.optim.Adam([*actor.parameters(), *critic.parameters(), log_std], lr=3e-4)
-seen = [worlds.reset(seed=0)[0]]  # an episode of chance shows what observations are like
-seen += [worlds.step(worlds.action_space.sample())[0] for _ in range(STEPS)]
-mean, deviation = np.mean(seen, axis=(0, 1)), np.std(seen, axis=(0, 1)) + 0.01
+observed = [worlds.reset(seed=0)[0]]  # normalise by an episode of random actions
+observed += [worlds.step(worlds.action_space.sample())[0] for _ in range(STEPS)]
+mean, deviation = np.mean(observed, axis=(0, 1)), np.std(observed, axis=(0, 1)) + 0.01
 for update in range(1, UPDATES + 1):
     observation, _ = worlds.reset(seed=update * WORLDS)
     states, actions, rewards = [], [], []
-    for _ in range(STEPS):  # every world's whole episode
+    for _ in range(STEPS):  # whole episodes
         states.append(torch.as_tensor((observation - mean) / deviation, dtype=torch.float32))
         with torch.no_grad():
             actions.append(Normal(actor(states[-1]), log_std.exp()).sample())
         observation, reward, _, _, infos = worlds.step(actions[-1].numpy())
         rewards.append(torch.as_tensor(reward, dtype=torch.float32))
-    last = (np.stack(infos["final_obs"]) - mean) / deviation  # cut off, not over: its value counts
+    last = (np.stack(infos["final_obs"]) - mean) / deviation  # truncated: its value counts
     with torch.no_grad():
         values = critic(torch.stack([*states, torch.as_tensor(last, dtype=torch.float32)])).squeeze(-1)
         advantages, after = torch.zeros(STEPS, WORLDS), torch.zeros(WORLDS)
@@ -51,9 +51,9 @@ for update in range(1, UPDATES + 1):
         ratio = (now - before[chosen]).exp()
         better = (gain[chosen] - gain[chosen].mean()) / (gain[chosen].std() + 1e-8)
         surrogate = torch.min(ratio * better, ratio.clamp(1 - CLIP, 1 + CLIP) * better).mean()
-        wrong = (critic(state[chosen]).squeeze(-1) - returns[chosen]).square().mean()
+        value_loss = (critic(state[chosen]).squeeze(-1) - returns[chosen]).square().mean()
         optimizer.zero_grad()
-        (0.5 * wrong - surrogate).backward()
+        (0.5 * value_loss - surrogate).backward()
         optimizer.step()
-    fed = infos["final_info"]["success"].mean()
-    print(f"{update * WORLDS * STEPS:9,} steps  reward {sum(rewards).mean():7.1f}  success {fed:.0%}")
+    success = infos["final_info"]["success"].mean()
+    print(f"{update * WORLDS * STEPS:9,} steps  reward {sum(rewards).mean():7.1f}  success {success:.0%}")

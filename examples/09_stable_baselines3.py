@@ -1,7 +1,7 @@
 """Stable-Baselines3 on many worlds: ``python 09_stable_baselines3.py``
 
-Needs ``pip install 'avrgym[train]'``; takes a number of steps and one of worlds. Any algorithm of it that takes vector
-environments goes in PPO's place. Writes ``sb3.zip`` and the normaliser ``sb3.pkl``.
+Needs ``pip install 'avrgym[train]'``; arguments: steps, worlds. Other algorithms for vector
+environments work too. Writes ``sb3.zip`` and the normaliser ``sb3.pkl``.
 """
 
 import sys
@@ -18,7 +18,7 @@ STEPS, WORLDS = map(int, sys.argv[1:] or (300_000, 32))
 
 
 def environment(people: str, **options) -> VecNormalize:
-    """Many worlds that observe normalised numbers."""
+    """Many worlds with normalised observations."""
     worlds = gym.make_vec("avrgym/FeedingJaco-v1", num_envs=WORLDS, people=people)
     return VecNormalize(VecMonitor(SB3VectorEnv(worlds.unwrapped)), **options)
 
@@ -41,4 +41,4 @@ training.save("sb3.pkl")
 others = environment("revised", training=False, norm_reward=False)
 others.obs_rms = training.obs_rms
 reward, spread = evaluate_policy(model, others, n_eval_episodes=WORLDS)
-print(f"reward {reward:.1f} ± {spread:.1f} with people that it never met")
+print(f"reward {reward:.1f} ± {spread:.1f} with a held-out population")

@@ -1,7 +1,7 @@
 """RLlib's PPO over native worlds, and its weights as a policy: ``python 10_rllib.py``
 
-Needs Ray's ``ray[rllib]`` and PyTorch; takes a number of updates, of worlds a runner, and of runners.
-Writes rllib.safetensors, which goes wherever ``--policy`` stands.
+Needs Ray's ``ray[rllib]`` and PyTorch; arguments: updates, worlds a runner, runners.
+Writes ``rllib.safetensors`` for ``--policy``.
 """
 
 import sys
@@ -18,11 +18,11 @@ UPDATES, WORLDS, RUNNERS = map(int, sys.argv[1:] or (100, 64, 2))
 ENVIRONMENT, STEPS = "avrgym/FeedingJaco-v1", 200 * WORLDS * max(1, RUNNERS)
 config = PPOConfig().environment(
     f"avrgym:{ENVIRONMENT}", env_config={"people": "original", "autoreset_mode": "NextStep"}
-)  # RLlib takes for granted that an episode begins in the step after an end
+)  # RLlib needs this mode
 config.env_runners(
     num_env_runners=RUNNERS,
     num_envs_per_env_runner=WORLDS,
-    gym_env_vectorize_mode="vector_entry_point",  # the native worlds, stepped together
+    gym_env_vectorize_mode="vector_entry_point",  # native worlds
 )
 config.rl_module(
     model_config=DefaultModelConfig(fcnet_hiddens=[64, 64], fcnet_activation="tanh", vf_share_layers=False)
@@ -45,15 +45,14 @@ policy = Policy(
     biases=(*biases[:-1], biases[-1][:joints]),
     observation_mean=np.zeros(layers[0].in_features),
     observation_variance=np.ones(layers[0].in_features),
-    observation_clip=1e6,  # RLlib takes observations as they are
+    observation_clip=1e6,  # RLlib does not normalise
     observation_epsilon=1e-12,
     action_std=0.0,
     metadata=PolicyMetadata(environment=ENVIRONMENT, people="original", steps=UPDATES * STEPS, seed=0),
 )
-seen = np.random.default_rng(0).normal(size=(100, layers[0].in_features)).astype(np.float32)
-expected = module.forward_inference({"obs": torch.as_tensor(seen)})["action_dist_inputs"][:, :joints]
-print(
-    f"largest difference to RLlib's own action: {np.abs(policy.mean(seen) - expected.detach().numpy()).max():.1e}"
-)
+observations = np.random.default_rng(0).normal(size=(100, layers[0].in_features)).astype(np.float32)
+expected = module.forward_inference({"obs": torch.as_tensor(observations)})["action_dist_inputs"][:, :joints]
+error = np.abs(policy.mean(observations) - expected.detach().numpy()).max()
+print(f"largest difference from RLlib's own action: {error:.1e}")
 policy.save("rllib.safetensors", overwrite=True)
 ray.shutdown()

@@ -1,6 +1,6 @@
 """TorchRL's PPO on many worlds: ``python 11_torchrl.py``
 
-Needs ``torchrl`` and PyTorch; takes a number of updates and one of worlds.
+Needs ``torchrl`` and PyTorch; arguments: updates, worlds.
 """
 
 import sys
@@ -36,7 +36,7 @@ optimizer = torch.optim.Adam(loss.parameters(), lr=3e-4)
 for update in range(1, UPDATES + 1):
     observation, _ = worlds.reset(seed=update * WORLDS)
     steps = []
-    for _ in range(STEPS):  # every world's whole episode
+    for _ in range(STEPS):  # whole episodes
         step = TensorDict({"observation": torch.as_tensor(observation).float()}, [WORLDS])
         with torch.no_grad():
             actor(step)
@@ -45,7 +45,7 @@ for update in range(1, UPDATES + 1):
         step["next", "observation"] = torch.as_tensor(after).float()
         step["next", "reward"] = torch.as_tensor(reward).float()[:, None]
         step["next", "done"] = torch.as_tensor(cut)[:, None]
-        step["next", "terminated"] = torch.zeros(WORLDS, 1, dtype=torch.bool)  # cut off, not over
+        step["next", "terminated"] = torch.zeros(WORLDS, 1, dtype=torch.bool)  # truncated
         steps.append(step)
     episodes = torch.stack(steps, dim=1)  # (worlds, steps)
     with torch.no_grad():
@@ -55,5 +55,5 @@ for update in range(1, UPDATES + 1):
         optimizer.zero_grad()
         (lost["loss_objective"] + lost["loss_critic"]).backward()
         optimizer.step()
-    fed, total = infos["final_info"]["success"].mean(), episodes["next", "reward"].sum(dim=1).mean()
-    print(f"{update * WORLDS * STEPS:9,} steps  reward {total:7.1f}  success {fed:.0%}")
+    success, total = infos["final_info"]["success"].mean(), episodes["next", "reward"].sum(dim=1).mean()
+    print(f"{update * WORLDS * STEPS:9,} steps  reward {total:7.1f}  success {success:.0%}")

@@ -42,7 +42,7 @@ def is_measured(policy: Policy) -> bool:
 
 
 def measure(environment: str, name: str, people: str) -> dict[str, Any]:
-    """What a policy's file says that it reaches."""
+    """The results that a policy's file contains."""
     (found,), (first,) = (
         evaluate_all([environment], name, people, episodes, SEED) for episodes in (EPISODES, FIRST)
     )

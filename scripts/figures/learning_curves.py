@@ -1,4 +1,4 @@
-"""How the packaged policies learned, one panel per environment, from what their own files say, if they do.
+"""Learning curves of the packaged policies, one panel per environment, from their files.
 
 python scripts/figures/learning_curves.py docs/pictures/learning_curves.svg
 """

@@ -1,4 +1,4 @@
-"""Every example runs as it stands, in an empty folder, and leaves what it says; only numbers are smaller here."""
+"""Every example runs in an empty folder and writes its files; numbers are smaller here."""
 
 import os
 import runpy
@@ -28,14 +28,14 @@ RUNS: dict[str, tuple[list[str], list[str]]] = {
     "10_rllib": (["2", "8", "0"], ["rllib.safetensors"]),
     "11_torchrl": (["1", "8"], []),
 }
-"""What each is given, and what it writes."""
+"""Arguments and written files of each example."""
 MOST_LINES = 60
 NEEDED = {"10_rllib": "ray.rllib", "11_torchrl": "torchrl"}
-"""What is too large to be installed for the tests; where it is there, the example runs."""
+"""Packages that are too large for the tests; an example runs if its package is installed."""
 
 
 @pytest.fixture(autouse=True)
-def _as_in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.chdir(tmp_path)
     train_little(monkeypatch)
     matplotlib.use("agg")
@@ -44,20 +44,20 @@ def _as_in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> I
         yield
 
 
-def test_all_are_run_here_shown_on_the_site_and_short() -> None:
+def test_examples_are_short_tested_and_documented() -> None:
     files = sorted(EXAMPLES.glob("[0-9]*.py"))
     assert [file.stem for file in files] == list(RUNS)
     assert [file.name for file in files if len(file.read_text().splitlines()) >= MOST_LINES] == []
-    for shown_on in ("docs/examples.md", "examples/README.md"):
-        page = (ROOT / shown_on).read_text()
+    for name in ("docs/examples.md", "examples/README.md"):
+        page = (ROOT / name).read_text()
         assert [file.name for file in files if file.name not in page] == []
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
-def test_it_runs_and_leaves_what_it_says(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_example_runs_and_writes_its_files(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if name in NEEDED:
-        pytest.importorskip(NEEDED[name], reason="what this example is about is not installed")
+        pytest.importorskip(NEEDED[name], reason="this example's package is not installed")
     arguments, written = RUNS[name]
     monkeypatch.setattr(sys, "argv", [f"{name}.py", *arguments])
     runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
