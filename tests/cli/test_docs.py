@@ -63,8 +63,9 @@ def test_named_environments_exist(document):
 @pytest.mark.parametrize("document", [page for page in DOCUMENTS if page.name != "CHANGELOG.md"], ids=name_of)
 def test_named_source_files_exist(document):
     named = re.findall(r"`((?:\w+/)+[\w./-]+\.(?:py|md|ts|toml))`", document.read_text())
-    files = [name for name in named if name.split("/")[0] in FOLDERS | PACKAGES]
-    assert [name for name in files if not _path(name).is_file()] == []
+    named += re.findall(r"`((?:\w+/)+)`", document.read_text())
+    paths = [name for name in named if name.split("/")[0] in FOLDERS | PACKAGES]
+    assert [name for name in paths if not _path(name).exists()] == []
 
 
 def _path(name: str) -> Path:
