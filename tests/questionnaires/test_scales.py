@@ -83,10 +83,10 @@ def test_own_items_are_on_the_numbers_of_their_labels_or_from_one(
 
 def test_a_scale_is_named_with_its_words() -> None:
     load, sickness = asked(INSTRUMENTS["nasa-tlx"]), asked(INSTRUMENTS["ssq"])
-    assert load.scale_words(load.items[0]) == "from 0 (very low) to 100 (very high) in steps of 5"
-    assert sickness.scale_words(sickness.items[0]) == "0 (none), 1 (slight), 2 (moderate), 3 (severe)"
+    assert load.describe_scale(load.items[0]) == "from 0 (very low) to 100 (very high) in steps of 5"
+    assert sickness.describe_scale(sickness.items[0]) == "0 (none), 1 (slight), 2 (moderate), 3 (severe)"
     item = Item("own", "How much?", 7, "little", "much")
-    assert Questionnaire("own", "after_trial", (item,)).scale_words(item) == "from 1 (little) to 7 (much)"
+    assert Questionnaire("own", "after_trial", (item,)).describe_scale(item) == "from 1 (little) to 7 (much)"
 
 
 def test_a_stop_rule_names_the_answer_on_its_scale() -> None:

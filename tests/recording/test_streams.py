@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from avrgym.array_types import FloatArray
 from avrgym.recording.schema import Stream, StreamSamples
-from avrgym.recording.streams import AHEAD_S, GAP_INTERVALS, sample_times, stream_figures
+from avrgym.recording.streams import AHEAD_S, GAP_INTERVALS, sample_times, stream_quality
 from avrgym.study.export.physio import corrected_marks, marks, recorded_series
 
 RATES_HZ = st.sampled_from([1.0, 10.0, 50.0, 100.0, 512.0])
@@ -40,7 +40,7 @@ def chunked(clock_s: FloatArray, taken_s: FloatArray, size: int, late: Sequence[
 
 def figures(chunks: list[Any], rate_hz: float) -> Any:
     topics = {"/streams": [(0, Stream("heart", "Belt", "ECG", rate_hz, ["ecg"], []))], "/samples": chunks}
-    (found,) = stream_figures(topics)
+    (found,) = stream_quality(topics)
     return found
 
 

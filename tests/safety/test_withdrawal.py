@@ -22,7 +22,7 @@ WITHDRAWN_STEPS = 40
 BRAKED_STEPS = 3
 """Control steps within which an arm goes from the policy's speed to that of the withdrawal."""
 FEEDING = "avrgym/FeedingJaco-v1"
-ENDING = [name for name in ENVIRONMENTS if TASKS[find_environment(name)[0]].ends_with_success]
+ENDING = [name for name in ENVIRONMENTS if TASKS[find_environment(name)[0]].withdraws_after_success]
 GOING_ON = [name for name in ENVIRONMENTS if name not in ENDING]
 
 
@@ -93,7 +93,7 @@ def test_every_robot_withdraws_in_tasks_that_end_with_success(environment: str, 
 
 
 def test_mouths_are_helped_once_and_arms_as_long_as_a_trial_lasts() -> None:
-    assert {name for name, task in TASKS.items() if task.ends_with_success} == {"Feeding", "Drinking"}
+    assert {name for name, task in TASKS.items() if task.withdraws_after_success} == {"Feeding", "Drinking"}
 
 
 @pytest.mark.slow

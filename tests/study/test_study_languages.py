@@ -89,7 +89,10 @@ def test_a_study_may_have_words_for_the_page_alone(tmp_path: Path) -> None:
         GERMAN.render(ahead),
         "Strecken Sie beide Arme.",
     )
-    for wrong, words in (("reach_ahead_page = '{hand}'", "other placeholders"), ("ahead_page = ''", "unknown")):
+    for wrong, words in (
+        ("reach_ahead_page = '{hand}'", "other placeholders"),
+        ("ahead_page = ''", "unknown"),
+    ):
         own.write_text(f"[session]\n{wrong}\n")
         with pytest.raises(TextsError, match=words):
             read_texts("de", tmp_path)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from avrgym.recording.schema import Stream
-from avrgym.recording.streams import stream_figures, times_of
+from avrgym.recording.streams import stream_quality, times_of
 from avrgym.safety.limits import BODY_REGIONS
 from avrgym.vr.lab_streaming.choice import StreamChoice
 from avrgym.vr.protocol.messages import Entered, Ready, Status
@@ -83,7 +83,7 @@ def test_samples_come_with_their_own_times_into_the_recording(lived: LiveVisit) 
 
 
 def test_figures_say_how_well_samples_lie_in_time(lived: LiveVisit) -> None:
-    heart, own = stream_figures(lived.recordings()[0].topics)
+    heart, own = stream_quality(lived.recordings()[0].topics)
     assert (heart.stream, heart.kind, heart.rate_hz, heart.gaps) == ("heart", "ECG", RATE_HZ, 1)
     assert heart.jitter_ms is not None
     assert heart.jitter_ms < 1e3 * LOOPBACK_S

@@ -29,7 +29,9 @@ class RepeatRow:
         str, Column("The experimenter who ordered the repeats.", empty="no experimenter did")
     ]
     repeated: Annotated[int, Column("Number of trials repeated for this cause.", allowed=FROM_0)]
-    replaced: Annotated[int, Column("Number of attempts that a later attempt replaced.", allowed=FROM_0)]
+    replaced_attempts: Annotated[
+        int, Column("Number of attempts that a later attempt replaced.", allowed=FROM_0)
+    ]
     replaced_successes: Annotated[int, Column("Number of replaced attempts with success.", allowed=FROM_0)]
     success_unknown: Annotated[
         int, Column("Number of replaced attempts without stored outcome.", allowed=FROM_0)
@@ -62,7 +64,7 @@ def _rows(condition: tuple[bool, str, str, str], own: list[AttemptedTrial]) -> I
             cause=first.cause,
             ordered_by=first.by,
             repeated=len({repeat.trial.id for repeat in repeats}),
-            replaced=len(repeats),
+            replaced_attempts=len(repeats),
             replaced_successes=outcomes.count(True),
             success_unknown=outcomes.count(None),
         )
@@ -100,7 +102,7 @@ def _summary_text(rows: list[RepeatRow]) -> str:
         return "No trial was repeated; practice is not counted."
     reasons = _summed(rows, lambda row: row.reason)
     people = _summed([row for row in rows if row.ordered_by], lambda row: row.ordered_by)
-    total = sum(row.replaced for row in rows)
+    total = sum(row.replaced_attempts for row in rows)
     attempts = "1 attempt was" if total == 1 else f"{total} attempts were"
     words = f"{attempts} replaced by repeats: {_listed(reasons)}."
     return f"{words} Ordered by: {_listed(people)}." if people else words
@@ -109,7 +111,7 @@ def _summary_text(rows: list[RepeatRow]) -> str:
 def _summed(rows: list[RepeatRow], key: Callable[[RepeatRow], str]) -> Counter[str]:
     found = Counter[str]()
     for row in rows:
-        found[key(row)] += row.replaced
+        found[key(row)] += row.replaced_attempts
     return found
 
 
@@ -125,7 +127,7 @@ def _table(rows: list[RepeatRow], simulated: bool) -> Markup:
     body = [
         (
             row.task, row.robot, row.policy, row.trials, row.reason, row.cause, row.ordered_by or "–", row.repeated,
-            row.replaced, row.replaced_successes, row.success_unknown,
+            row.replaced_attempts, row.replaced_successes, row.success_unknown,
         )
         for row in rows
     ]  # fmt: skip

@@ -74,7 +74,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return self.instrument.response
         return _numbered(item.labels) or Response(item.points, lowest=1)
 
-    def scale_words(self, item: Item) -> str:
+    def describe_scale(self, item: Item) -> str:
         """The scale of an item with the words at its ends, or on every answer."""
         scale = self.scale_of(item)
         if item.labels and item.labels != tuple(map(str, scale.values)):

@@ -137,7 +137,7 @@ _UNEVEN = "irregular samples, or too few"
 
 
 @dataclass(frozen=True)
-class StreamFigures:
+class StreamQuality:
     """Timing of the samples of a stream in one trial, by times that are corrected for jumps of the device's clock."""
 
     stream: Annotated[str, Column("Name of the stream in the study.")]
@@ -172,7 +172,7 @@ def times_of(topics: Topics, stream: str) -> SampleTimes:
     return sample_times(chunks_of(topics, stream), described.rate_hz if described else 0.0)
 
 
-def stream_figures(topics: Topics) -> list[StreamFigures]:
+def stream_quality(topics: Topics) -> list[StreamQuality]:
     """Of each stream in a recording, by its topics; in the order of their names."""
     return [
         _figures(stream, chunks_of(topics, name), times_of(topics, name))
@@ -180,12 +180,12 @@ def stream_figures(topics: Topics) -> list[StreamFigures]:
     ]
 
 
-def _figures(stream: Stream, chunks: Chunks, found: SampleTimes) -> StreamFigures:
+def _figures(stream: Stream, chunks: Chunks, found: SampleTimes) -> StreamQuality:
     times = found.time_s
     offsets_ms = 1e3 * np.array([chunk.offset_s for _, chunk in chunks] or [0.0])
     lasted_s = float(times[-1] - times[0]) if len(times) > 1 else 0.0
     jitter_s, gaps = _evenness(times, stream.rate_hz)
-    return StreamFigures(
+    return StreamQuality(
         stream=stream.stream,
         kind=stream.kind,
         samples=len(times),

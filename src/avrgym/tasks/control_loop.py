@@ -90,7 +90,7 @@ class ControlLoop:
             reward_withdrawal: whether steps that the withdrawal drives are rewarded.
         """
         self._episodes, self._simulation = episodes, episodes.simulation
-        withdraws = withdraw_after_success and episodes.task.ends_with_success
+        withdraws = withdraw_after_success and episodes.task.withdraws_after_success
         self.withdrawal = Withdrawal(self._simulation) if withdraws else None
         self.guard = ForceGuard(self._simulation) if force_guard else None
         self._reward_withdrawal = reward_withdrawal

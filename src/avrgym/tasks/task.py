@@ -148,7 +148,7 @@ class Task:
         detour_m: how much longer than straight on the way of tool and hand to the goal is, (N,); with a
             ``detour_weight_per_m`` training draws the policy along it.
         marks: what is drawn on the person.
-        ends_with_success: whether going on after success helps nobody. The robot then withdraws its tool where an
+        withdraws_after_success: whether going on after success helps nobody. The robot then withdraws its tool where an
             episode or a session has ``withdraw_after_success``.
         tracked: the parts of a participant's body that must be tracked in VR, their head and the arms that the robot
             works on. An attempt ends when one of them is not.
@@ -177,7 +177,7 @@ class Task:
     memory_expert: Expert | None = None
     detour_m: Callable[[State, TaskState], FloatArray] | None = None
     marks: Marks | None = None
-    ends_with_success: bool = False
+    withdraws_after_success: bool = False
     tracked: tuple[Part, ...] = ("head",)
 
     def __post_init__(self) -> None:
@@ -244,7 +244,7 @@ _KINDS: Mapping[str, type] = {
     "weights": Mapping,
     "views": Views,
     "hyperparameters": Mapping,
-    "ends_with_success": bool,
+    "withdraws_after_success": bool,
 }
 _FUNCTIONS = (
     "scene",

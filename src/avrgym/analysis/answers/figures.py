@@ -198,13 +198,13 @@ def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
 
 def _common_scale(questionnaire: Questionnaire) -> str:
     """The scale of all items in its words; empty where they differ."""
-    scales = dict.fromkeys(questionnaire.scale_words(item) for item in questionnaire.items)
+    scales = dict.fromkeys(questionnaire.describe_scale(item) for item in questionnaire.items)
     return next(iter(scales)) if len(scales) == 1 else ""
 
 
 def _head(questionnaire: Questionnaire, item: Item, letters: int, common: str) -> str:
     """An item's words in lines that fit the figure, with its scale unless all items have the same."""
-    words = [f"{item.id}  {item.text}", *([] if common else [questionnaire.scale_words(item)])]
+    words = [f"{item.id}  {item.text}", *([] if common else [questionnaire.describe_scale(item)])]
     return "\n".join(line for each in words for line in wrap(each, letters))
 
 

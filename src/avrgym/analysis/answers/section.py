@@ -120,7 +120,7 @@ def _moments(questionnaire: Questionnaire) -> list[str]:
 def _statements(questionnaire: Questionnaire) -> Markup:
     """The items in their own words."""
     return bullet_list(
-        [f"{item.id}: {item.text} ({questionnaire.scale_words(item)})" for item in questionnaire.items]
+        [f"{item.id}: {item.text} ({questionnaire.describe_scale(item)})" for item in questionnaire.items]
     )
 
 

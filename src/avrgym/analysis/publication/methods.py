@@ -200,7 +200,7 @@ def _equipment(design: Design) -> str:
 
 
 def _withdrawal(design: Design) -> str:
-    ending = [task.lower() for task in design.tasks if TASKS[task].ends_with_success]
+    ending = [task.lower() for task in design.tasks if TASKS[task].withdraws_after_success]
     if not (ending and design.withdraw_after_success):
         return ""
     return f" After success in {' and '.join(ending)} the robot withdrew its tool and waited."
@@ -273,11 +273,11 @@ def _questionnaire(asked: Questionnaire) -> str:
         ranged = f"from {answers.lowest} to {answers.highest}{flow_steps}"
         scale = "with a choice of one of two" if answers.points == 2 else ranged
         return f"{asked.name}, asked {when}: {source}, {count_text(len(asked.items), 'item')} {scale}."
-    scales = dict.fromkeys(asked.scale_words(item) for item in asked.items)
+    scales = dict.fromkeys(asked.describe_scale(item) for item in asked.items)
     if len(scales) == 1:
         items = " ".join(f"{item.id}: “{item.text}”" for item in asked.items)
         return f"{asked.name}, asked {when}, answers {next(iter(scales))}: {items}"
-    items = " ".join(f"{item.id}: “{item.text}” ({asked.scale_words(item)})." for item in asked.items)
+    items = " ".join(f"{item.id}: “{item.text}” ({asked.describe_scale(item)})." for item in asked.items)
     return f"{asked.name}, asked {when}: {items}"
 
 

@@ -20,7 +20,7 @@ from avrgym.analysis.columns import (
     Site,
     TaskName,
 )
-from avrgym.recording.streams import StreamFigures
+from avrgym.recording.streams import StreamQuality
 from avrgym.study.export.codebook import TABLES
 from avrgym.study.export.rows import AttemptNumber
 from avrgym.system.columns import Column
@@ -256,7 +256,7 @@ class ProblemRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StreamRow(StreamFigures):
+class StreamRow(StreamQuality):
     """Timing of the samples of a stream in the recording of one completed trial."""
 
     participant: Pseudonym

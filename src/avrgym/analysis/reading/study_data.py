@@ -23,7 +23,7 @@ from avrgym.analysis.reading.rows import (
 from avrgym.analysis.reading.trial_series import Body, TrialSeries, read_trial_series, version_differences
 from avrgym.recording.reader import Recording, RecordingError
 from avrgym.recording.schema import Latency
-from avrgym.recording.streams import stream_figures
+from avrgym.recording.streams import stream_quality
 from avrgym.robots.registry import find_robot
 from avrgym.safety.force_guard import INTERVENTION_EVENT
 from avrgym.study.checking.plugin_checks import RecordedPlugin, plugin_findings, recorded_plugins
@@ -266,7 +266,7 @@ def _step_metrics(measured: TrialSeries) -> dict[str, float]:
 
 def _streams(row: TrialRow, recording: Recording) -> list[StreamRow]:
     whose = {name: getattr(row, name) for name in ("participant", "site", "simulated", "position")}
-    return [StreamRow(**whose, **vars(figures)) for figures in stream_figures(recording.topics)]
+    return [StreamRow(**whose, **vars(figures)) for figures in stream_quality(recording.topics)]
 
 
 def guard_interventions(recording: Recording) -> int | None:

@@ -167,7 +167,7 @@ def _measure(design: Design, name: str) -> str:
     if questionnaire is None:
         return name
     item = design.items[name]
-    scale = questionnaire.scale_words(item)
+    scale = questionnaire.describe_scale(item)
     return f"{name}: {item.text} {scale[0].upper()}{scale[1:]}."
 
 

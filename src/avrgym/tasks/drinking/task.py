@@ -62,5 +62,5 @@ DRINKING = Task(
         mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
         on_floor=BESIDE_WHEELCHAIR,
     ),
-    ends_with_success=True,
+    withdraws_after_success=True,
 )

@@ -73,5 +73,5 @@ FEEDING = Task(
         mounted=View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),
         on_floor=BESIDE_WHEELCHAIR,
     ),
-    ends_with_success=True,
+    withdraws_after_success=True,
 )
