@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TextIO
 
-import platformdirs
-
 from avrgym.system.processes import is_running
 
 PRIVATE_FILE, PRIVATE_FOLDER = 0o600, 0o700
@@ -136,4 +134,6 @@ def open_new_csv(path: Path) -> TextIO:
 
 def user_data_folder() -> Path:
     """The folder for a user's keys, tokens and certificates; on Linux ``$XDG_DATA_HOME`` or ``~/.local/share``."""
+    import platformdirs  # of the extra vr
+
     return platformdirs.user_data_path("avrgym", appauthor=False)
