@@ -127,7 +127,7 @@ def test_a_questionnaire_is_asked_at_one_moment_or_several(tmp_path: Path) -> No
     [
         ("[]", "length >= 1"),
         ('["before_session", "never"]', "'never' is not known; allowed: before_session, after_trial"),
-        ('["after_session", "after_session"]', "'after_session' stands here twice"),
+        ('["after_session", "after_session"]', "'after_session' is listed twice"),
         ("3", "when"),
     ],
 )

@@ -77,7 +77,7 @@ BAD = {
     "an exclusion rule": ("max_held_share = 0.05", "max_held_share = 0.2", "is 0.2; allowed: 0.05, as study.toml says"),
     "an unknown rule": ("further = []", "outliers = []", "unknown name 'outliers'; allowed: max_held_share, further"),
     "an unknown field": ('measures = ["L1"]', 'measure = ["L1"]', "unknown name 'measure'; allowed: id, text, "),
-    "two of a name": ('id = "H2"', 'id = "H1"', "'H1' stands twice; allowed: once"),
+    "two of a name": ('id = "H2"', 'id = "H1"', "'H1' is used twice; allowed: once"),
     "no TOML": ("participants = 8", "participants = ", "not TOML"),
 }  # fmt: skip
 

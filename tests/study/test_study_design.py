@@ -64,10 +64,10 @@ def test_a_folder_that_holds_a_study_stays_as_it_is(tmp_path: Path, held: str) -
 MISTAKES = [
     ('tasks = ["Feeding"', 'tasks = ["Feding"', "unknown name 'Feding'; allowed: Feeding, Drinking"),
     ('["PR2", "Jaco"]', '["PR2",\n  "R2D2"]', "unknown name 'R2D2'; allowed: Jaco, PR2"),
-    ('["PR2", "Jaco"]', '["PR2",\n  "PR2"]', "'PR2' stands here twice"),
+    ('["PR2", "Jaco"]', '["PR2",\n  "PR2"]', "'PR2' is listed twice"),
     ('["PR2", "Jaco"]', "[]", "robots: Expected array of length >= 1"),
-    ('"original", "revised"]', '"../secret"]', "'../secret' is no name; allowed: a packaged policy"),
-    ('practice_policy = "revised"', 'practice_policy = "/etc"', "'/etc' is no name"),
+    ('"original", "revised"]', '"../secret"]', "'../secret' is not a valid name; allowed: a packaged policy"),
+    ('practice_policy = "revised"', 'practice_policy = "/etc"', "'/etc' is not a valid name"),
     ("participants = 8", "participants = 0", "participants: Expected int >= 1"),
     ("participants = 8", 'participants = "eight"', "participants: Expected int, got str"),
     ("trial_steps = 200", "trial_steps = 20.5", "trial_steps: Expected int, got float"),
@@ -76,10 +76,10 @@ MISTAKES = [
     ("seed = 0", "sead = 0", "unknown name 'sead'; allowed: title, participants, seed"),
     ("seed = 0", "seed =", "not TOML"),
     ("blind_experimenter = false", "blind_experimenter = 0", "Expected bool, got int"),
-    ('id = "epilepsy"', 'id = "adult"', "'adult' stands twice"),
-    ('id = "epilepsy"', 'id = "a/b"', "'a/b' is no name"),
+    ('id = "epilepsy"', 'id = "adult"', "'adult' is used twice"),
+    ('id = "epilepsy"', 'id = "a/b"', "'a/b' is not a valid name"),
     ("required = true\n\n[[inclusion]]\nid = \"stop", "required = 1\n\n[[inclusion]]\nid = \"stop", "Expected bool"),
-    ('id = "L4"', 'id = "L1"', "'L1' stands twice"),
+    ('id = "L4"', 'id = "L1"', "'L1' is used twice"),
     ('robot.", points = 7', 'robot.", points = 1', "points: Expected int >= 2"),
     ('{ id = "L3", ', "{ ", "missing required field id"),
     ('when = "after_trial"', 'when = "never"', "'never' is not known; allowed: before_session, after_trial"),
@@ -128,7 +128,7 @@ def test_other_questionnaires_are_added_and_asked_at_their_moment() -> None:
 
 
 def test_ids_are_unique_over_all_questionnaires() -> None:
-    with pytest.raises(DesignError, match="'L1' stands twice"):
+    with pytest.raises(DesignError, match="'L1' is used twice"):
         parse_design(TEXT + TLX.replace('"mental"', '"L1"'))
 
 

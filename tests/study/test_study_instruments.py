@@ -75,14 +75,14 @@ def test_use_asks_an_instruments_items_in_its_words(name: str) -> None:
             "unknown name 'items'; allowed: use, name, when",
         ),
         ('use = "ssq"\nwhen = "later"', 2, "'later' is not known; allowed: before_session"),
-        ('use = "ssq"\nwhen = "after_trial"\nweights = { }', 3, "allowed: weights beside use of nasa-tlx"),
+        ('use = "ssq"\nwhen = "after_trial"\nweights = { }', 3, "allowed: weights with use of nasa-tlx"),
         (
             f'use = "nasa-tlx"\nwhen = "after_trial"\nweights = {{ {WEIGHTS} }}'.replace("5", "4"),
             3,
             "add up to 14",
         ),
         ('use = "nasa-tlx"\nwhen = "after_trial"\nweights = { mental = 15 }', 3, "allowed: mental, physical"),
-        ('use = "ssq"\nname = "likert"\nwhen = "after_trial"', 2, "'likert' stands twice"),
+        ('use = "ssq"\nname = "likert"\nwhen = "after_trial"', 2, "'likert' is used twice"),
         (
             'use = "ipq"\nwhen = "after_session"',
             1,
@@ -100,7 +100,7 @@ def test_an_instrument_is_used_once() -> None:
         using('use = "ssq"\nwhen = "before_session"')
         + '\n[[questionnaires]]\nuse = "ssq"\nname = "again"\nwhen = "after_session"\n'
     )
-    with pytest.raises(DesignError, match="'ssq_general_discomfort' stands twice"):
+    with pytest.raises(DesignError, match="'ssq_general_discomfort' is used twice"):
         parse_design(twice)
 
 

@@ -382,7 +382,7 @@ def test_differences_that_are_accepted_are_told(sites: list[Path], out: Path) ->
     assert told[0] == "study.toml: free_movement_s is 5.0 at atlanta (line 28), 4.0 at berlin (line 28)"
     with Store(out) as store:
         notes = [each for each in check_study(store) if each.where == "sites"]
-    assert [(each.wrong, each.what) for each in notes] == [(False, f"were merged though {told[0]}")]
+    assert [(each.wrong, each.what) for each in notes] == [(False, f"were merged although {told[0]}")]
 
 
 # Damage

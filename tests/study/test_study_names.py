@@ -159,7 +159,7 @@ def test_names_behind_a_passphrase_reach_nothing_when_it_is_missing_or_wrong(
             assert "Nothing was changed" in line
             assert "Zora" not in refused.output
     assert contents(locked) == before
-    assert "was not searched for people who take part twice" in notes(locked)
+    assert "was not searched for duplicate enrolments" in notes(locked)
     monkeypatch.setenv(PASSPHRASE, SECRET)
     assert NAME in avrgym("names", locked).stdout
 
@@ -227,7 +227,7 @@ def old(tmp_path: Path) -> Path:
 
 
 def test_an_older_study_is_named_and_encrypted_on_request(old: Path) -> None:
-    assert "contains names that are not encrypted; `avrgym study encrypt-names" in notes(old)
+    assert "contains unencrypted names; `avrgym study encrypt-names" in notes(old)
     with Store(old) as store:
         set_identity(store, "sub-001", "First Person", "")
     assert (old / "private" / "key.json").exists()
@@ -258,7 +258,7 @@ def test_a_plain_copy_next_to_the_encrypted_file_is_named_and_removed(old: Path)
     kept = plain.read_bytes()
     assert avrgym("encrypt-names", old).exit_code == 0
     plain.write_bytes(kept)
-    assert "is a copy of names that is not encrypted" in notes(old)
+    assert "is an unencrypted copy of the names" in notes(old)
     assert avrgym("encrypt-names", old).exit_code == 0
     assert not plain.exists()
     plain.write_bytes(kept.replace(b"sub-002", b"sub-009"))
@@ -284,7 +284,7 @@ def test_what_a_broken_off_exchange_of_keys_left_goes_with_the_deleted(folder: P
         enrol(store, "woman", name=NAME)
         left = folder / "private" / "identities.json.new"
         left.write_bytes((folder / "private" / "identities.json").read_bytes())
-        assert "identities.json.new was left by a broken-off write" in " ".join(
+        assert "identities.json.new is the temporary file of a killed process" in " ".join(
             f"{each.where} {each.what}" for each in check_private(store)
         )
         delete_participant(store, "sub-001")

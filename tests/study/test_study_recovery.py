@@ -96,8 +96,8 @@ def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None
         assert (participant.state, participant.sex, participant.cell) == ("unknown", "man", 0)
         assert confirm_participation(again, "sub-001", "consent form in folder 2") == "completed"
         wrong = [finding.what for finding in check_study(again) if finding.wrong]
-        assert [what for what in wrong if "others than" not in what] == [
-            "names sub-002, who is not in this study: delete-participant removes that"
+        assert [what for what in wrong if "other users" not in what] == [
+            "contains sub-002, who is not in this study; `avrgym study delete-participant` removes the entry"
         ]
         assert enrol(again, "man") == "sub-003"
         delete_participant(again, "sub-002")
@@ -178,9 +178,9 @@ def test_an_older_study_s_files_are_taken_from_others_on_request(old: Path) -> N
     for path in (old, *old.rglob("*")):
         path.chmod(0o755 if path.is_dir() else 0o644)
     noted = avrgym("study", "check", old)
-    assert "recordings: others than their owner may use 4 files or folders; --fix-permissions" in noted.stdout
+    assert "recordings: 4 files or folders can be read by other users; --fix-permissions" in noted.stdout
     fixed = avrgym("study", "check", old, "--fix-permissions")
-    assert "others than" not in fixed.stdout
+    assert "other users" not in fixed.stdout
     assert fixed.exit_code == 0
     assert {path.name for path in _open(old)} <= {"old", "study.toml", "plan.toml", "plan-frozen.json"}
 

@@ -123,7 +123,7 @@ def _site_problems(store: Store) -> Iterator[ProblemRow]:
     """In what the sites differ that a study was merged from."""
     for event in store.events():
         if event.name == SITE_DIFFERS:
-            what = f"were merged though {event.detail}"
+            what = f"were merged although {event.detail}"
             yield ProblemRow(simulated=None, where="sites", what=what, consequence="they are taken together")
 
 

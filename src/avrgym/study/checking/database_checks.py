@@ -1,4 +1,4 @@
-"""Checking a study's database: that only this program wrote its rows, and that nobody else can read its files."""
+"""Check a study's database: changes by other programs, file permissions, and the identity file."""
 
 from collections.abc import Iterator
 
@@ -20,12 +20,12 @@ from avrgym.study.storage.store import Store
 from avrgym.system.files import exposed, make_private, unfinished
 
 _GONE = ("excluded", "withdrawn", UNKNOWN)
-"""States of participants whose data enter no analysis."""
+"""States of participants who are in no analysis."""
 _PRIVATE = (DATABASE, HEAD, CHECKSUM, PARTICIPATION, RECORDINGS, BACKUPS, ANALYSIS)
 
 
 def check_database(store: Store) -> Iterator[Finding]:
-    """What was changed from outside or damaged, and from when on that can be told."""
+    """Changes by other programs, damage, rebuilds, and accepted differences between sites."""
     for where, what in store.database.faults():
         yield Finding(where, what)
     for event in store.events():
@@ -34,17 +34,17 @@ def check_database(store: Store) -> Iterator[Finding]:
                 "database", f"was rebuilt from the recordings at {event.at}; {event.detail}", wrong=False
             )
         elif event.name == SITE_DIFFERS:
-            yield Finding("sites", f"were merged though {event.detail}", wrong=False)
+            yield Finding("sites", f"were merged although {event.detail}", wrong=False)
 
 
 def check_private(store: Store) -> Iterator[Finding]:
-    """Who may read what, and whether names lie where they should not."""
+    """File permissions, unfinished files, and the identity file."""
     for path in exposed(store.folder / identity_file.FOLDER):
-        yield Finding(str(path.relative_to(store.folder)), "others than its owner may use it")
+        yield Finding(str(path.relative_to(store.folder)), "can be read by other users")
     for name in _PRIVATE:
         others = len(list(exposed(store.folder / name)))
         if others:
-            what = f"others than their owner may use {others} files or folders; --fix-permissions ends that"
+            what = f"{others} files or folders can be read by other users; --fix-permissions restricts them"
             yield Finding(name, what, wrong=False)
     analysis = store.folder / ANALYSIS
     for path in [
@@ -52,7 +52,9 @@ def check_private(store: Store) -> Iterator[Finding]:
         *unfinished(analysis),
         *unfinished_analyses(analysis),
     ]:
-        yield Finding(str(path.relative_to(store.folder)), "was left by a broken-off write; remove it")
+        yield Finding(
+            str(path.relative_to(store.folder)), "is the temporary file of a killed process; remove it"
+        )
     yield from _check_names(store)
 
 
@@ -65,12 +67,15 @@ def _check_names(store: Store) -> Iterator[Finding]:
         yield Finding(where, str(error))
         return
     for pseudonym in sorted(named - set(states)):
-        yield Finding(where, f"names {pseudonym}, who is not in this study: delete-participant removes that")
+        yield Finding(
+            where,
+            f"contains {pseudonym}, who is not in this study; `avrgym study delete-participant` removes the entry",
+        )
     yield from _check_encryption(store)
     try:
         key = identity_file.read_identities(store.folder)
     except KeyUnavailable as error:
-        yield Finding(where, f"was not searched for people who take part twice: {error}", wrong=False)
+        yield Finding(where, f"was not searched for duplicate enrolments: {error}", wrong=False)
         return
     except StudyError as error:
         yield Finding(where, str(error))
@@ -78,25 +83,23 @@ def _check_names(store: Store) -> Iterator[Finding]:
     for first, second in possible_duplicates(
         key, (name for name, state in states.items() if state not in _GONE)
     ):
-        yield Finding(
-            second, f"may be the same person as {first}, with the same name or contact", wrong=False
-        )
+        yield Finding(second, f"may be the same person as {first}: name or contact are equal", wrong=False)
 
 
 def _check_encryption(store: Store) -> Iterator[Finding]:
-    """Whether names can be read without a key."""
+    """Unencrypted names."""
     plain = identity_file.plain_path(store.folder)
     if plain is None:
         return
     where = str(plain.relative_to(store.folder))
     command = f"`avrgym study encrypt-names {store.folder}`"
     if identity_file.key_source(store.folder) is None:
-        yield Finding(where, f"contains names that are not encrypted; {command} encrypts them", wrong=False)
+        yield Finding(where, f"contains unencrypted names; {command} encrypts them", wrong=False)
     else:
-        yield Finding(where, f"is a copy of names that is not encrypted; {command} removes it")
+        yield Finding(where, f"is an unencrypted copy of the names; {command} removes it")
 
 
 def fix_permissions(store: Store) -> None:
-    """Take a study's data away from everybody but their owner; ``OSError`` where that is not allowed."""
+    """Restrict a study's files to their owner; ``OSError`` where that is not allowed."""
     for name in (identity_file.FOLDER, *_PRIVATE):
         make_private(store.folder / name)

@@ -1,4 +1,4 @@
-"""Checking a study: whether everybody took part with the same design, and whether it is the one in its folder."""
+"""Check that all sessions had the same design, and that it is the one in the study's folder."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -31,11 +31,11 @@ from avrgym.system.toml_lines import Place
 from avrgym.texts.interface_texts import TEXTS_FOLDER, TextsError, normalize_whitespace
 
 AT_ADMISSION = ("inclusion", "order of inclusion")
-"""Fields that participants answer before the first session."""
+"""Fields that apply before the first session."""
 CONSENT = "consent"
-"""Stored with each participant, and checked with that."""
+"""The field that is stored and checked for each participant."""
 NOT_FOR_PARTICIPANTS = ("title", "participants", "max_held_share", "max_repeats")
-"""Fields that change nothing for participants: a difference is a note."""
+"""Fields without effect on participants: a difference is a note."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Difference:
 
 
 def check_design(store: Store) -> Iterator[Finding]:
-    """Differences between the designs that participants took part with and the one in the study's folder."""
+    """Differences between the designs of sessions and the design in the study's folder."""
     uses = session_designs(store)
     for each in differences_of(store.design, _present_wordings(store), uses):
         wrong = each.place[0] not in NOT_FOR_PARTICIPANTS and not is_accepted_site_difference(
@@ -63,7 +63,7 @@ def check_design(store: Store) -> Iterator[Finding]:
 
 
 def check_stored_designs(store: Store) -> Iterator[Finding]:
-    """Sessions whose design the database does not contain, such as those of an earlier version."""
+    """Sessions of earlier versions, whose design the database does not contain."""
     uses = session_designs(store)
     unknown = [use for use in uses if use.wordings is None]
     if unknown:
@@ -121,7 +121,7 @@ def _present_wordings(store: Store) -> Wordings | None:
 
 
 def _check_inclusion(store: Store) -> Iterator[Finding]:
-    """Inclusion questions that participants answered in other words, or that were not asked."""
+    """Differences between present inclusion questions and those that participants answered."""
     for (place, here, there), people in admission_differences(store, store.design, AT_ADMISSION):
         what = f"{place_text(place)} is {value_text(here)}; it was {value_text(there)} for"
         yield Finding(FILE, f"{what} {', '.join(people)}")
@@ -130,7 +130,7 @@ def _check_inclusion(store: Store) -> Iterator[Finding]:
 def admission_differences(
     store: Store, design: Design, fields: Sequence[str]
 ) -> list[tuple[tuple[Place, Any, Any], list[str]]]:
-    """Each difference between fields of a design and those that participants were taken in with, and who they are."""
+    """Each difference between fields of a design and those at the admission of participants, with pseudonyms."""
     found: dict[str, tuple[tuple[Place, Any, Any], list[str]]] = {}
     expected = {name: comparable_values(design)[name] for name in fields}
     for row in store.designs():
@@ -142,7 +142,7 @@ def admission_differences(
 
 
 def _check_recordings(store: Store, uses: Sequence[SessionDesign]) -> Iterator[Finding]:
-    """Differences between recordings and the design of their session.
+    """Differences between recordings and the stored design of their session.
 
     The real seat may differ in a session; every other difference is an error.
     """

@@ -1,11 +1,11 @@
-"""What a check of a study finds."""
+"""Findings of a check of a study."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that was found: where, and what. ``wrong``: it must be mended."""
+    """A finding: place, message, and whether it is an error that must be corrected."""
 
     where: str
     what: str
@@ -13,11 +13,11 @@ class Finding:
 
 
 class ExcludedTrial(Finding):
-    """That the exclusion rule keeps a trial out of the analysis."""
+    """A trial that the exclusion rule keeps out of the analysis."""
 
 
 def excluded_trial(participant: str, position: int, why: str) -> ExcludedTrial:
-    """The finding about a participant's trial."""
+    """The finding about an excluded trial of a participant."""
     return ExcludedTrial(
         f"{participant}, trial {position}", f"is left out of the analysis: {why}", wrong=False
     )

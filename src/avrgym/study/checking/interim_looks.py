@@ -13,10 +13,9 @@ RESULTS = "results"
 
 
 def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
-    """A finding for each person and each number of participants who had completed the study then.
+    """A finding for each person and each number of completed participants.
 
-    A study ends when the number of participants that was planned at the moment, or ``planned`` if that is more, has
-    completed it.
+    The planned end is the larger of ``planned`` and the number that was planned at the time of the view.
     """
     sites = site_names(store)
     looks = defaultdict[tuple[str, int, int], list[LogEntry]](list)
@@ -36,7 +35,7 @@ def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
 
 
 def is_interim(entry: LogEntry, planned: int = 0) -> bool:
-    """Whether an entry is of a view of results before the planned end."""
+    """Whether an entry is a view of results before the planned end."""
     if entry.completed is None or entry.planned is None:
         return False
     return entry.completed < max(planned, entry.planned)

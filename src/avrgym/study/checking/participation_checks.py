@@ -21,8 +21,8 @@ def check_participation(store: Store) -> Iterator[Finding]:
     for participant in store.participants():
         if participant.state == UNKNOWN:
             what = (
-                "whether they consented, withdrew or were deleted is unknown since the database was rebuilt: they are "
-                "in no analysis; run `avrgym study confirm-participation` or `withdraw`"
+                "consent, withdrawal or deletion is unknown since the database was rebuilt; they are in no analysis. "
+                "Run `avrgym study confirm-participation` or `avrgym study withdraw`"
             )
             yield Finding(participant.pseudonym, what)
     for gone in store.tombstones():
@@ -32,7 +32,7 @@ def check_participation(store: Store) -> Iterator[Finding]:
 
 def _check_list(store: Store) -> Iterator[Finding]:
     for path in store.database.participation.invalid_copies():
-        yield Finding(path.name, f"is an invalid {FILE} that was replaced; remove it once the cause is clear")
+        yield Finding(path.name, f"is an invalid {FILE} that was replaced; find out why, then remove it")
     listed = store.participation()
     if listed is None:
         return
@@ -47,12 +47,15 @@ def _check_list(store: Store) -> Iterator[Finding]:
             what = f"contains {pseudonym_of(number)}, who is not in the database: restore a later copy"
             yield Finding(FILE, what)
         elif content["state"] == DELETED and number in people:
-            what = f"was deleted at {content['at']} and is in the database again; delete-participant removes them"
+            what = (
+                f"was deleted at {content['at']} and is in the database again; `avrgym study delete-participant` "
+                "removes them"
+            )
             yield Finding(pseudonym_of(number), what)
 
 
 def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
-    """Note that a list was begun after the first participant."""
+    """A note if the list was begun after the first participant."""
     first = min((each.enrolled_at for each in store.participants()), default=listed.begun_at)
     if first < listed.begun_at:
         detail = listed.without_participant[0]["detail"]
@@ -63,7 +66,7 @@ def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
 
 
 def _check_events(store: Store) -> Iterator[Finding]:
-    """Events of the list, and states that were restored or confirmed."""
+    """Restored states, older copies and confirmations, from events."""
     for event in store.events():
         where = pseudonym_of(event.participant) if event.participant else "study"
         if event.name == STATE_RESTORED:
@@ -76,13 +79,13 @@ def _check_events(store: Store) -> Iterator[Finding]:
 
 
 _CLOCK = timedelta(minutes=1)
-"""Allowed difference between the clocks of two computers."""
+"""Maximum difference between the clocks of two computers."""
 
 
 def list_fault(store: Store, listed: Participation | None, beginnings: Mapping[int, datetime]) -> str:
-    """The fault of the list, as a clause whose subject is the list; empty if the list is valid.
+    """The fault of the list, such as "is missing"; empty if the list is valid.
 
-    ``beginnings`` are those of each participant's first recording.
+    ``beginnings``: time of each participant's first recording, by number.
     """
     if listed is None:
         return "is missing"
@@ -96,10 +99,10 @@ def list_fault(store: Store, listed: Participation | None, beginnings: Mapping[i
 
 
 def recordings_came_back(deleted_at: str) -> str:
-    """The fault of recordings of a participant who was deleted."""
+    """The fault of recordings of a deleted participant."""
     return (
-        f"was deleted at {deleted_at}, but there are recordings of them, for example from a backup; they are ignored; "
-        "delete-participant removes them"
+        f"was deleted at {deleted_at}, but there are recordings of them, for example from a backup. They are ignored; "
+        "`avrgym study delete-participant` removes them"
     )
 
 
@@ -108,7 +111,7 @@ def _faults(store: Store, listed: Participation, beginnings: Mapping[int, dateti
     if end is not None and end.list_digest != listed.list_digest:
         yield "is of another study than the earlier list in this folder"
     elif end is not None and not listed.has(end.digest):
-        yield "was set back to an older copy: this computer has stored later entries"
+        yield "was replaced by an older copy: this computer has stored later entries"
     for number, began in beginnings.items():
         content = listed.latest.get(number)
         if content is None:

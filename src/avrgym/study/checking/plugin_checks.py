@@ -1,4 +1,4 @@
-"""Which plug-ins a study's trials were recorded with, and whether they were the same in all of them."""
+"""Check that a study's trials were recorded with the same plug-ins."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
@@ -33,7 +33,7 @@ def check_plugins(store: Store) -> Iterator[Finding]:
 
 
 def plugin_findings(recorded: Iterable[RecordedPlugin]) -> Iterator[Finding]:
-    """The same of trials whose plug-ins are known; people and simulated participants apart."""
+    """Findings about recorded plug-ins, separately for people and simulated participants."""
     groups = defaultdict[tuple[str, bool], list[RecordedPlugin]](list)
     for each in recorded:
         groups[each.label, each.simulated].append(each)
@@ -82,12 +82,12 @@ def _present(configuration: Configuration) -> dict[str, UsedPlugin]:
 
 
 def _recorded(store: Store) -> Iterator[RecordedPlugin]:
-    """Of all completed trials whose recordings can be read here."""
+    """The plug-ins of all completed trials with a readable recording."""
     for participant in store.participants():
         positions = {trial.id: trial.position for trial in store.trials(participant.pseudonym)}
         for attempt in store.attempts(participant.pseudonym):
             if attempt.state == "completed" and attempt.trial in positions:
-                with suppress(OSError, RecordingError, StudyError):  # said by other checks
+                with suppress(OSError, RecordingError, StudyError):  # other checks report it
                     yield from recorded_plugins(
                         read_header(store.path(attempt.recording)).configuration,
                         participant.pseudonym,

@@ -1,4 +1,4 @@
-"""The files of a study's policies, and whether they were the same in all sessions."""
+"""Files of a study's policies, and a check that they were the same in all sessions."""
 
 import hashlib
 from collections.abc import Iterator
@@ -23,11 +23,11 @@ from avrgym.study.storage.store import Store
 from avrgym.system import plugins
 
 POLICIES_USED = "policies used"
-"""The event of a session whose detail is the policy files of its design."""
+"""Event of a session; the detail contains the policy files of its design."""
 
 
 class PolicyFile(msgspec.Struct, frozen=True):
-    """The file of a policy of the design in an environment; policies without a file have no checksum."""
+    """The file of a policy in an environment; a policy without a file has no checksum."""
 
     environment: str
     policy: str
@@ -40,7 +40,7 @@ class UsedPolicy:
     """The file of a policy, and the sessions that used it."""
 
     file: PolicyFile
-    uses: list[SessionDesign]
+    sessions: list[SessionDesign]
 
 
 def policy_files(store: Store) -> tuple[PolicyFile, ...]:
@@ -52,14 +52,14 @@ def _policy_file(store: Store, environment: str, policy: str) -> PolicyFile:
     try:
         source, path = _source(store, environment, policy)
     except PolicyError:
-        return PolicyFile(environment, policy, "nothing", None)
+        return PolicyFile(environment, policy, "missing", None)
     return PolicyFile(
         environment, policy, source, hashlib.sha256(path.read_bytes()).hexdigest() if path else None
     )
 
 
 def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | None]:
-    """The source of a policy in words, and its file if it has one; ``PolicyError`` if it is missing."""
+    """The source of a policy as text, and its file if it has one; ``PolicyError`` if it is missing."""
     source = store.policy_source(environment, policy)
     packaged, plugin = packaged_policies(environment), controllers.registered_controllers().get(source)
     if source in packaged:
@@ -72,7 +72,7 @@ def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | No
 
 
 def policies_used(store: Store) -> dict[tuple[str, str], list[UsedPolicy]]:
-    """By environment and policy the files of all sessions, in the order they were used."""
+    """The files of all sessions by environment and policy, in order of use."""
     files = {event.session: _decoded(event) for event in store.events() if event.name == POLICIES_USED}
     found: dict[tuple[str, str], list[UsedPolicy]] = {}
     for use in session_designs(store):
@@ -81,7 +81,7 @@ def policies_used(store: Store) -> dict[tuple[str, str], list[UsedPolicy]]:
             same = [each for each in known if each.file == file]
             if not same:
                 known.append(UsedPolicy(file, []))
-            (same or known[-1:])[0].uses.append(use)
+            (same or known[-1:])[0].sessions.append(use)
     return found
 
 
@@ -99,9 +99,9 @@ def check_policies_used(store: Store) -> Iterator[Finding]:
     for key, files in used.items():
         where = f"policy {key[1]}"
         if len(files) > 1:
-            parts = [f"{policy_file_text(each.file)} for {describe_trials(each.uses)}" for each in files]
-            uses = [use for each in files for use in each.uses]
-            wrong = not all(is_accepted_site_difference(store, each.uses, uses) for each in files)
+            parts = [f"{policy_file_text(each.file)} for {describe_trials(each.sessions)}" for each in files]
+            uses = [use for each in files for use in each.sessions]
+            wrong = not all(is_accepted_site_difference(store, each.sessions, uses) for each in files)
             what = f"of {key[0]} was not the same in all sessions: {'; '.join(parts)}"
             yield Finding(where, what, wrong=wrong)
         now = present.get(key)
@@ -112,5 +112,5 @@ def check_policies_used(store: Store) -> Iterator[Finding]:
 
 
 def policy_file_text(file: PolicyFile) -> str:
-    """A policy's file in a sentence."""
+    """A policy's file as text."""
     return file.source if file.sha256 is None else f"{file.source} (SHA-256 {file.sha256[:12]}…)"

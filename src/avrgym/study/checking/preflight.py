@@ -15,16 +15,16 @@ from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 
 
 def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
-    """A policy of the design for one of its environments, the study's own or one with a name.
+    """Load a policy of the design for an environment, from the study's folder or by name.
 
     Raises:
-        PolicyError: when it is missing, damaged, or made for something else; the message says what is allowed.
+        PolicyError: when it is missing, damaged, or made for another environment.
     """
     return find_for_session(store.policy_source(environment, policy), environment)
 
 
 def policies_needed(store: Store) -> list[tuple[str, str]]:
-    """Environment and name of every policy that the design's trials and practice may run."""
+    """Environment and name of each policy of the design's trials and practice."""
     design = store.design
     names = sorted({*design.policies, design.practice_policy} - {""})
     return [
@@ -34,7 +34,7 @@ def policies_needed(store: Store) -> list[tuple[str, str]]:
 
 
 def plugins_needed(store: Store) -> tuple[UsedPlugin, ...]:
-    """The plug-ins that the design's trials and practice use, as they are now; of policies that can be loaded."""
+    """The installed plug-ins that the design's trials and practice use."""
     found: set[UsedPlugin] = set()
     for environment, name in policies_needed(store):
         found |= {*plugins_of(environment)}
@@ -44,7 +44,7 @@ def plugins_needed(store: Store) -> tuple[UsedPlugin, ...]:
 
 
 def policy_faults(store: Store) -> Iterator[tuple[str, str]]:
-    """Name and fault of every policy with which a session could not run."""
+    """Name and fault of each policy that cannot be loaded."""
     for environment, name in policies_needed(store):
         try:
             load_study_policy(store, environment, name)
@@ -53,9 +53,9 @@ def policy_faults(store: Store) -> Iterator[tuple[str, str]]:
 
 
 def check_starts(store: Store) -> Iterator[Finding]:
-    """Finds bodies that have no start in an environment of the design, or whose starts are drawn too often.
+    """Finds bodies without a start in an environment, or with too many rejected samples.
 
-    A few starts are drawn for each body, as short and as tall as anybody is measured.
+    Samples a few starts for each body: the shortest and the tallest that calibration accepts.
     """
     for task, robot in product(store.design.tasks, store.design.robots):
         environment = environment_id(task, robot)
@@ -66,8 +66,8 @@ def check_starts(store: Store) -> Iterator[Finding]:
 def _check_environment(environment: str) -> Iterator[Finding]:
     try:
         drawn_starts = draws_by_body(environment)
-    except Exception as error:  # other people's code may raise anything
-        yield Finding(environment, f"no start can be drawn: {type(error).__name__}: {error}")
+    except Exception as error:  # plug-ins may raise any exception
+        yield Finding(environment, f"no start can be sampled: {type(error).__name__}: {error}")
         return
     for person, drawn in drawn_starts:
         if drawn.refused:

@@ -17,14 +17,14 @@ from avrgym.study.design.design import Design
 from avrgym.study.storage.store import Store
 
 Block = tuple[int, int, int]
-"""Numbers of units in a block: of all units, of units in the group, and of drawn units."""
+"""Numbers of units in a block: all units, units in the group, selected units."""
 
 
 def draws_p(blocks: Iterable[Block], drawn_in_group: int) -> float:
-    """The two-sided probability of so many draws from the group, if in each block every unit is equally likely.
+    """Two-sided exact p of a number of selected units in a group, if units of a block are equally likely.
 
-    The number of draws in the group is a sum of hypergeometric numbers, one for each block; p adds up the sums that are
-    not more likely than the observed one.
+    The number is a sum of hypergeometric variables, one for each block. p is the total probability of all sums that
+    are not more likely than the observed one.
     """
     probabilities: FloatArray = np.ones(1)
     for block in blocks:
@@ -34,7 +34,7 @@ def draws_p(blocks: Iterable[Block], drawn_in_group: int) -> float:
 
 
 def _hypergeometric(units: int, members: int, drawn: int) -> list[float]:
-    """The probabilities of 0, 1 and so on up to ``drawn`` draws from the members."""
+    """The probabilities of 0 to ``drawn`` selected members."""
     return [
         comb(members, hits) * comb(units - members, drawn - hits) / comb(units, drawn)
         for hits in range(drawn + 1)
@@ -44,13 +44,13 @@ def _hypergeometric(units: int, members: int, drawn: int) -> list[float]:
 REPEATS = "repeats"
 """The subject of these findings."""
 POLICY_ALPHA, CONDITION_ALPHA, OUTCOME_ALPHA = 0.005, 0.0025, 0.0025
-"""Largest share of studies in which each test raises a finding, if repeats depend on nothing."""
+"""Significance level of each test."""
 
 
 def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
-    """Findings about people, or about simulated participants where a study has no others.
+    """Findings about people, or about simulated participants in a study without people.
 
-    ``limit`` takes the place of the design's ``max_repeats``.
+    ``limit`` replaces the design's ``max_repeats``.
     """
     limit = store.design.max_repeats if limit is None else limit
     yield from repeat_findings(tested_trials(store), store.design, limit)
@@ -88,7 +88,7 @@ def _too_many(trials: Sequence[AttemptedTrial], limit: int) -> Iterator[Finding]
 
 
 def _by_condition(trials: Sequence[AttemptedTrial], design: Design) -> Iterator[Finding]:
-    """Findings about policies, else about robots with policies, that were repeated more or less often than others."""
+    """Findings about policies, or else pairs of robot and policy, with more or fewer repeats than others."""
 
     def policy(each: AttemptedTrial) -> str:
         return design.shown_policy(each.trial.policy, practice=False)
@@ -123,7 +123,7 @@ def _count(group: str, own: Sequence[AttemptedTrial]) -> str:
 
 
 def _by_outcome(trials: Sequence[AttemptedTrial], steps: int) -> Iterator[Finding]:
-    """Findings about repeats that depend on the outcome of first attempts in which the robot had finished."""
+    """Findings about repeats that depend on the outcome of the finished first attempt."""
     finished = [each for each in trials if (each.attempts[0].metrics.steps or 0) >= steps]
     p = _p(finished, _failed, _first_ordered)
     if p > OUTCOME_ALPHA:
@@ -142,7 +142,7 @@ def _p(
     in_group: Callable[[AttemptedTrial], bool],
     drawn: Callable[[AttemptedTrial], bool],
 ) -> float:
-    """p of the exact test for this number of repeated trials of a group, within each participant and task."""
+    """p of the exact test for the repeated trials of a group, within each participant and task."""
     blocks: Mapping[Hashable, list[AttemptedTrial]] = defaultdict(list)
     for each in trials:
         blocks[each.participant.number, each.trial.task].append(each)

@@ -1,4 +1,4 @@
-"""Repeats of a study's trials: attempts that a later attempt at the same trial replaced, by reason and by person."""
+"""Repeated trials: attempts that a later attempt replaced, by reason and person."""
 
 import re
 from collections import defaultdict
@@ -11,11 +11,11 @@ from avrgym.study.storage.store import Store
 
 TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN = "technical", "participant", "experimenter", "unknown"
 REASONS = (TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN)
-"""Reasons of repeats: a fault, the participant, the experimenter, or unknown."""
+"""Reasons of repeats: technical fault, participant, experimenter, or unknown."""
 NOT_LOGGED = "not in the log"
-"""Replaces the person where no entry of the log fits."""
+"""The person if no entry of the log fits."""
 Cause = tuple[str, str]
-"""A reason with the cause in words."""
+"""A reason and the cause as text."""
 
 BY_STATE: Mapping[str, Cause] = {
     "repeated": (EXPERIMENTER, "repeated"),
@@ -39,13 +39,13 @@ COMMANDS = {
     "stopped": ("stop",),
     "interrupted": ("recalibrate", "correct torso height"),
 }
-"""The commands in the log that end an attempt, by its state."""
+"""Commands in the log that end an attempt, by the state of the attempt."""
 _ENDED = re.compile(r"attempt (?!running)")
 
 
 @dataclass(frozen=True)
 class Repeat:
-    """An attempt that another one replaced; ``by`` is the experimenter who ordered it, if there is one."""
+    """An attempt that a later one replaced; ``by`` is the experimenter who requested it, if known."""
 
     participant: Participant
     trial: Trial
@@ -56,18 +56,18 @@ class Repeat:
 
     @property
     def ordered(self) -> bool:
-        """Whether an experimenter ordered it."""
+        """Whether an experimenter requested it."""
         return self.reason == EXPERIMENTER
 
     @property
     def success(self) -> bool | None:
-        """Whether the robot had succeeded, if that is stored."""
+        """Whether the task had succeeded, if that is stored."""
         return self.attempt.metrics.success
 
 
 @dataclass(frozen=True)
 class AttemptedTrial:
-    """A trial that was begun, practice left out, with its attempts and its repeats in order."""
+    """A trial with at least one attempt, without practice; attempts and repeats are in order."""
 
     participant: Participant
     trial: Trial
@@ -76,12 +76,12 @@ class AttemptedTrial:
 
     @property
     def ordered(self) -> int:
-        """The number of its repeats that an experimenter ordered."""
+        """The number of repeats that an experimenter requested."""
         return sum(repeat.ordered for repeat in self.repeats)
 
 
 def attempted_trials(store: Store) -> list[AttemptedTrial]:
-    """Every trial that was begun, practice left out, in the order of participants and positions."""
+    """All trials with an attempt, without practice, in order of participants and positions."""
     causes = _Causes(store)
     return [
         AttemptedTrial(person, trial, own, [causes.repeat(person, trial, attempt) for attempt in own[:-1]])
@@ -100,7 +100,7 @@ def _attempts(store: Store, person: Participant) -> Iterator[tuple[Trial, list[T
 
 
 class _Causes:
-    """Causes of the ends of attempts, from the events next to them, and the persons who ordered them, from the log."""
+    """Causes of the ends of attempts from adjacent events, and the persons from the log."""
 
     def __init__(self, store: Store) -> None:
         self._sites = site_names(store)
@@ -128,7 +128,7 @@ class _Causes:
         return Repeat(person, trial, attempt, reason, cause, by if reason == EXPERIMENTER else "")
 
     def _command(self, person: Participant, attempt: TrialAttempt) -> LogEntry | None:
-        """The last command during an attempt that ends one as this one ended."""
+        """The last command during an attempt that can have ended it."""
         ended_at = attempt.ended_at or ""
         fitting = [
             entry
@@ -146,15 +146,15 @@ class _Causes:
             if stop is None:
                 return UNKNOWN, "stopped"
             return (PARTICIPANT if stop.detail.startswith("by participant") else EXPERIMENTER), "stopped"
-        told = next((event for event in [*after, *before] if event.name in BY_EVENT), None)
-        if told is not None:
-            return BY_EVENT[told.name]
+        cause = next((event for event in [*after, *before] if event.name in BY_EVENT), None)
+        if cause is not None:
+            return BY_EVENT[cause.name]
         if entry is not None:
             return EXPERIMENTER, "measured again"
         return self._without_event(attempt, after)
 
     def _without_event(self, attempt: TrialAttempt, after: Sequence[StudyEvent]) -> Cause:
-        """Why an attempt was interrupted, by the phase that followed."""
+        """The cause of an interruption, from the phase that followed."""
         details = [event.detail for event in after if event.name == "phase entered"]
         if any("phase waiting" in detail for detail in details):
             return PARTICIPANT, "left VR"
@@ -166,9 +166,9 @@ class _Causes:
         return UNKNOWN, "interrupted"
 
     def _next_to_end(self, attempt: TrialAttempt) -> tuple[list[StudyEvent], list[StudyEvent]]:
-        """The last event of an attempt before its end, and the events from there to the next phase.
+        """The last event of an attempt before its end, and the events up to the next phase.
 
-        Nothing where its end is not stored.
+        Empty if the end of the attempt is not stored.
         """
         own, end = self._events[attempt.session], self._ends.get(attempt.id)
         if end is None:

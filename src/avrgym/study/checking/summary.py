@@ -17,9 +17,9 @@ from avrgym.study.storage.store import Store, find_all
 
 @dataclass(frozen=True)
 class ParticipantSummary:
-    """One participant's metrics; practice trials count as trials.
+    """Progress of one participant; practice trials count as trials.
 
-    ``site_participant`` is the pseudonym at their site, where the study was merged from sites.
+    ``site_participant`` is the pseudonym at their site, in a merged study.
     """
 
     participant: str
@@ -39,9 +39,9 @@ class ParticipantSummary:
 
 @dataclass(frozen=True)
 class StudySummary:
-    """A whole study. ``filled`` and ``completed_cells`` count participants per cell of the design.
+    """Progress of a study. ``filled`` and ``completed_cells`` count participants per cell of the design.
 
-    ``filled_by_site`` does so for each site, where participants have sites.
+    ``filled_by_site`` counts them for each site.
     """
 
     title: str
@@ -59,7 +59,7 @@ class StudySummary:
 
 
 def summarise_study(store: Store) -> StudySummary:
-    """How the study stands now."""
+    """The present progress of a study."""
     with store.database.read() as connection:
         participants = find_all(connection, Participant)
         deleted = len(find_all(connection, Tombstone))
@@ -90,7 +90,7 @@ def _per_cell(store: Store, participants: list[Participant], states: tuple[str, 
 
 
 def _count(store: Store, connection: sa.Connection) -> dict[str, Counter[int]]:
-    """How many sessions, trials, open questionnaires and so on there are, by their participant's number."""
+    """Counts of sessions, trials, open questionnaires and so on, by number of the participant."""
     trials = find_all(connection, Trial)
     of_session = {session.id: session.participant for session in find_all(connection, StudySession)}
     completed = find_all(connection, TrialAttempt, state="completed")
@@ -120,16 +120,15 @@ def _summarise(participant: Participant, counts: dict[str, Counter[int]]) -> Par
 
 
 Condition = tuple[str, str, str, bool]
-"""Task, robot, policy as the experimenter may see it, and whether simulated participants met it."""
+"""Task, robot, policy as the experimenter may see it, and whether participants are simulated."""
 
 
 @dataclass(frozen=True)
 class ConditionResults:
-    """Results of the completed trials of one condition, without practice; people and simulated participants separately.
+    """Results of the completed trials of a condition, without practice, for people or simulated participants.
 
-    ``policy`` is a letter where the experimenter is blinded. ``reward_mean`` is per trial, ``success_rate`` in 0..1;
-    ``answer_means`` is the mean answer to each version of an item that was answered, on its own
-    scale.
+    ``policy`` is a letter if the experimenter is blinded. ``reward_mean`` is per trial, ``success_rate`` 0 to 1.
+    ``answer_means`` is the mean answer to each version of an item, on its scale.
     """
 
     task: str
@@ -143,9 +142,9 @@ class ConditionResults:
 
 
 def summarise_results(store: Store, asked: AnsweredItems | None = None) -> tuple[ConditionResults, ...]:
-    """The results so far of participants who take part or have finished; those who withdrew are left out.
+    """Results of allocated and completed participants so far.
 
-    ``asked`` are the items that they answered, if these were read already.
+    ``asked`` contains the answered items; default: they are read.
     """
     asked = asked or AnsweredItems(store)
     with store.database.read() as connection:

@@ -1,4 +1,4 @@
-"""Which participant gets which order, and the trials that follow from it."""
+"""Allocation of participants to orders, and their planned trials."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -35,12 +35,12 @@ def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[Order, ...]:
 
 
 def least_filled_cell(order: Sequence[int], taken: Iterable[int], elsewhere: Iterable[int] = ()) -> int:
-    """The cell of the next participant, where each site is a block.
+    """The cell of the next participant; each site is a block.
 
     Args:
-        order: all cells; of those equally filled the first is taken.
-        taken: the cells of those who take part or have finished at the participant's site.
-        elsewhere: the same at other sites, which decides where the site itself is balanced.
+        order: all cells; the first of equally filled cells is chosen.
+        taken: the cells of participants at the same site.
+        elsewhere: the cells of participants at other sites, used where cells of the site are equally filled.
     """
     here, others = Counter(taken), Counter(elsewhere)
     return min(order, key=lambda cell: (here[cell], others[cell]))
@@ -49,7 +49,7 @@ def least_filled_cell(order: Sequence[int], taken: Iterable[int], elsewhere: Ite
 def cell_fill_order(design: Design, site: str | None) -> list[int]:
     """The order in which a site fills the cells of a design.
 
-    Each site has another, so that where several do not fill all cells these are not the same ones.
+    It differs between sites: sites with few participants then fill different cells.
     """
     cells = len(cell_orders(design))
     if site is None:
@@ -61,9 +61,9 @@ def cell_fill_order(design: Design, site: str | None) -> list[int]:
 def plan_trials(
     design: Design, cell: int, participant: int, site: str | None = None
 ) -> tuple[PlannedTrial, ...]:
-    """All trials of a participant, by cell, number and site: a practice trial before each task, then its trials.
+    """All trials of a participant by cell, number and site: a practice trial before each task, then its trials.
 
-    Robots for practice and the trials' seeds differ between participants; the design's seed decides on both.
+    Practice robots and seeds of trials differ between participants. Both depend on the design's seed.
     """
     rng = random_streams.trial_seeds(design.seed, participant, site)
     robots_of_tasks = practice_robots(design, participant)
@@ -77,10 +77,10 @@ def plan_trials(
 
 
 def practice_robots(design: Design, participant: int) -> tuple[str, ...]:
-    """The robot that a participant, by number from 1, practises each task of the design with.
+    """The practice robot of a participant (number from 1) for each task of the design.
 
-    Drawn by chance, but for balance: in each group of as many participants as there are robots every one meets another
-    robot in a task, and everybody practises with each robot in as many tasks, or one more.
+    Random and balanced. In each group of as many participants as robots, each has a different robot in a task. Each
+    participant practises with each robot in equally many tasks, or in one more.
     """
     robots = len(design.robots)
     group, place = divmod(participant - 1, robots)

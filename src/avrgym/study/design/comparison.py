@@ -16,27 +16,27 @@ from avrgym.tasks.registry import TASKS
 from avrgym.texts.interface_texts import Texts, included_languages, normalize_whitespace, read_texts
 
 NOT_COMPARED = (*SITE_FIELDS, "reporting")
-"""Fields of each site, and fields for publications; they are not compared."""
+"""Fields that are not compared: those of each site, and those for publications."""
 
 Wordings = Mapping[str, Mapping[str, Mapping[str, str]]]
 """Texts by language: translated ``participant_sentences``, and the changed texts of ``session`` and ``page``."""
 
 
 def design_to_dict(design: Design) -> dict[str, Any]:
-    """A design as plain values, as a database stores them."""
+    """A design as a dictionary, in the form that the database stores."""
     plain = msgspec.json.decode(msgspec.json.encode(design))
     return {name: value for name, value in plain.items() if name not in NOT_COMPARED}
 
 
 def design_from_dict(values: Mapping[str, Any]) -> Design:
-    """The design of stored values, without fields that this version does not have."""
+    """The design in a dictionary; unknown fields of other versions are ignored."""
     return msgspec.convert(
         {name: values[name] for name in values if name in Design.__struct_fields__}, Design
     )
 
 
 def read_wordings(design: Design, folder: Path) -> dict[str, dict[str, dict[str, str]]]:
-    """The texts for participants in each language of a design; ``TextsError`` for a file that cannot be used."""
+    """The texts for participants in each language of a design; ``TextsError`` for an invalid file."""
     return {language: _wordings(design, read_texts(language, folder)) for language in design.languages}
 
 
@@ -61,7 +61,7 @@ def _changed(texts: Mapping[str, str], brought: Mapping[str, str]) -> dict[str, 
 
 
 def comparable_values(design: Design) -> dict[str, Any]:
-    """The values of a design by name: questionnaires, items and questions by their ids, with their orders."""
+    """The values of a design for comparison: questionnaires, items and questions by id, with their orders."""
     values = design_to_dict(design)
     values["goals"] = {task: design.goals.get(task) or TASKS[task].goal for task in design.tasks}
     values["stop_rules"] = _stop_rules(values["stop_rules"])
@@ -76,13 +76,13 @@ def comparable_values(design: Design) -> dict[str, Any]:
 
 
 def _name(table: dict[str, Any], key: str, name: str) -> None:
-    """Turn an array of tables into tables by name, next to the order of the names."""
+    """Replace an array of tables by tables by name, and store their order."""
     table[f"order of {key}"] = [each[name] for each in table[key]]
     table[key] = {each[name]: {k: v for k, v in each.items() if k != name} for each in table[key]}
 
 
 def _stop_rules(rules: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Stop rules by item; more than one of an item by number."""
+    """Stop rules by item; further rules of an item are numbered."""
     named: dict[str, Any] = {}
     for rule in rules:
         earlier = sum(key.partition(" ")[0] == rule["item"] for key in named)
@@ -93,17 +93,17 @@ def _stop_rules(rules: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 MAX_TEXT_LENGTH = 80
-"""Longer values are told by their beginning."""
+"""Longer values are truncated."""
 MISSING = object()
-"""Stands for a value that is not there."""
+"""Marks a missing value."""
 
 
 def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any, Any]]:
-    """The place of each difference, and the values there, of which one may be ``MISSING``."""
+    """The place and both values of each difference; one value may be ``MISSING``."""
     if is_table(a) and is_table(b):
         for name in dict.fromkeys([*a, *b]):
             yield from differences(a.get(name, MISSING), b.get(name, MISSING), (*place, name))
-    elif _holds_tables(a) and _holds_tables(b):
+    elif _contains_tables(a) and _contains_tables(b):
         for index, pair in enumerate(zip_longest(a, b, fillvalue=MISSING)):
             yield from differences(*pair, (*place, index))
     elif a != b:
@@ -111,18 +111,18 @@ def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any,
 
 
 def place_text(place: Place) -> str:
-    """A place in a sentence; what stands in an array is counted from 1."""
+    """A place as text; elements of arrays are counted from 1."""
     words = (f" {each + 1}" if isinstance(each, int) else f".{each}" for each in place)
     return "".join(words).removeprefix(".")
 
 
 def value_text(value: Any) -> str:
-    """A value in a sentence."""
+    """A value as text."""
     if value is MISSING:
         return "missing"
     text = json.dumps(value, ensure_ascii=False, default=str)
     return text if len(text) <= MAX_TEXT_LENGTH else f"{text[: MAX_TEXT_LENGTH - 1]}…"
 
 
-def _holds_tables(value: Any) -> bool:
+def _contains_tables(value: Any) -> bool:
     return is_array(value) and any(is_table(each) for each in value)

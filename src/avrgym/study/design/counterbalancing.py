@@ -1,8 +1,8 @@
-"""Balanced orders: who meets which task and condition when.
+"""Counterbalanced orders of tasks and conditions.
 
-A Williams square is a Latin square in which every condition stands as often at each position, and follows every
-other one as often (Williams, *Experimental designs balanced for the estimation of residual effects of
-treatments*, 1949). For an odd number it takes twice as many rows.
+A Williams square is a Latin square in which each condition is equally often at each position, and equally often after
+each other condition (Williams, *Experimental designs balanced for the estimation of residual effects of treatments*,
+1949). For an odd number of conditions it has twice as many rows.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from avrgym.array_types import IntArray
 
 @dataclass(frozen=True)
 class Block:
-    """One task of a participant, and its conditions in order; both count from 0."""
+    """A task of a participant and its conditions in order; both are indices from 0."""
 
     task: int
     conditions: tuple[int, ...]
 
 
 CANDIDATES = 200
-"""How many arrangements are drawn, to take the one that varies most within participants."""
+"""Number of random arrangements; the one with most variation within participants is used."""
 
 Order = tuple[Block, ...]
 """All blocks of one participant."""
@@ -38,8 +38,8 @@ def williams_square(size: int) -> IntArray:
 def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tuple[Order, ...]:
     """One order for each cell of a design with blocks of tasks.
 
-    Over all cells: tasks are balanced over blocks as a Williams square; within the blocks of each task, and
-    within the blocks at each place, so are the conditions.
+    Over all cells, tasks are balanced over blocks as a Williams square. So are conditions within the blocks of each
+    task, and within the blocks at each place.
     """
     task_rows = _shuffled_square(tasks, rng)
     condition_rows = _shuffled_square(conditions, rng)
@@ -57,22 +57,21 @@ def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tu
 
 
 def _shuffled_square(size: int, rng: np.random.Generator) -> IntArray:
-    """A Williams square under other names and with its rows in another order, which keeps its balance."""
+    """A Williams square with permuted symbols and rows, which is still balanced."""
     return rng.permutation(rng.permutation(size)[williams_square(size)])
 
 
 def _variety(row_of: IntArray) -> int:
-    """How many different rows each cell meets, summed over the cells."""
+    """Number of different rows in each cell, summed over cells."""
     return sum(len(set(rows)) for rows in row_of.tolist())
 
 
 def _spread(task_of: IntArray, rows: int) -> IntArray:
     """A row of the conditions' square for each cell and place, (cells, places), from a Latin arrangement of tasks.
 
-    Every row comes as often at each place, and as often for each task. Tasks and places are the two sides of a
-    regular bipartite graph with an edge for each block. All blocks whose task lies equally far from their place,
-    and that have equally many like them in earlier cells, make a perfect matching; the matchings share out the
-    rows evenly.
+    Each row is equally often at each place and for each task. Tasks and places are the two sides of a regular bipartite
+    graph with an edge for each block. Blocks with equal distance between task and place, and equally many equal blocks
+    in earlier cells, are a perfect matching. The matchings distribute the rows evenly.
     """
     cells, places = map(int, task_of.shape)
     earlier = np.array(

@@ -1,4 +1,4 @@
-"""A design in words, as publications and registries say it."""
+"""Sentences about a design for publications and registries."""
 
 from avrgym.study.design.allocation import cell_orders
 from avrgym.study.design.design import Design
@@ -6,26 +6,26 @@ from avrgym.tasks.registry import TASKS
 
 
 def describe_procedure(design: Design) -> str:
-    """What happens in a trial."""
-    told = " ".join(design.goals.get(task) or TASKS[task].goal for task in design.tasks)
+    """The procedure of a trial."""
+    goals = " ".join(design.goals.get(task) or TASKS[task].goal for task in design.tasks)
     return (
-        f"In virtual reality simulated robots help participants with everyday tasks. They are told: {told} "
-        f"Each trial lasts {design.trial_steps / 10:g} s."
+        "In virtual reality simulated robots help participants with everyday tasks. Instructions to participants: "
+        f"{goals} Each trial lasts {design.trial_steps / 10:g} s."
     )
 
 
 def describe_blinding(design: Design) -> str:
-    """Who knows which policy is met."""
-    led = (
-        "Neither does the experimenter, who sees a letter for each policy."
+    """The blinding of participants and experimenter."""
+    experimenter = (
+        "The experimenter does not know it either and sees a letter for each policy."
         if design.blind_experimenter
-        else "The experimenter knows."
+        else "The experimenter knows it."
     )
-    return f"Participants do not know which policy they meet. {led}"
+    return f"Participants do not know the policy of a trial. {experimenter}"
 
 
 def describe_conditions(design: Design) -> str:
-    """What is compared, within whom."""
+    """The conditions, which are compared within participants."""
     practice = f" Before each task: one practice trial with the policy {design.practice_policy}."
     return (
         f"Within participants: {len(design.tasks)} × {len(design.robots)} × {len(design.policies)} conditions "
@@ -35,8 +35,8 @@ def describe_conditions(design: Design) -> str:
 
 
 def describe_randomization(design: Design) -> str:
-    """How orders come about."""
+    """The counterbalancing and allocation of orders."""
     return (
         "Tasks, and conditions within each task, follow Williams squares, randomised by the design's seed: "
-        f"{len(cell_orders(design))} orders, of which each participant gets the one that fewest have."
+        f"{len(cell_orders(design))} orders. Each participant is allocated to the least filled order."
     )

@@ -1,4 +1,4 @@
-"""A study's design: what ``study.toml`` says, checked."""
+"""A study's design: the checked contents of ``study.toml``."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -36,9 +36,9 @@ from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault
 
 FILE = "study.toml"
 PROTOCOL = ("seed", "tasks", "robots", "policies", "practice_policy", "trial_steps")
-"""What must stay as it is once a participant has been given an order."""
+"""Fields that must not change after the first allocation of a participant."""
 SITE_FIELDS = ("site", "database", "retention")
-"""What each site of a study says for itself."""
+"""Fields that differ between the sites of a study."""
 
 Sentence = Annotated[str, msgspec.Meta(min_length=1, max_length=160)]
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=8)]
@@ -46,14 +46,14 @@ _POLICY = re.compile(r"(?!.*\.\.)[A-Za-z0-9_-][A-Za-z0-9_./:-]{0,79}")
 
 
 class Consent(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What participants agree to."""
+    """The consent text and its version."""
 
     version: Annotated[str, msgspec.Meta(min_length=1)]
     text: Annotated[str, msgspec.Meta(min_length=1)]
 
 
 class InclusionQuestion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A yes-no question; whoever does not answer ``required`` cannot take part."""
+    """A yes-no question; participants with another answer than ``required`` are excluded."""
 
     id: str
     text: Annotated[str, msgspec.Meta(min_length=1)]
@@ -61,13 +61,13 @@ class InclusionQuestion(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
 
 class DatabaseConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where the study's rows are kept; without a URL in ``study.db`` beside the design."""
+    """The study's database; without a URL it is the file ``study.db`` in the study's folder."""
 
     url: str = ""
 
 
 class Reporting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a publication says of a study and no recording knows; empty until it is known."""
+    """Facts for publications that no recording contains; empty until they are known."""
 
     ethics_approval: str = ""
     recruitment: str = ""
@@ -80,22 +80,19 @@ class Reporting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A whole study.
+    """The design of a whole study.
 
-    ``site`` is where it runs, if it runs at several sites. ``languages`` are those that participants may read it in, as
-    tags such as ``de``; it is written in the first.
-    ``trial_steps`` are control steps of 0.1 s. An empty ``practice_policy`` means no practice trials. ``goals`` tell
-    participants what a task is, by task; where one is missing, the task's own sentence does. ``furniture`` is what they
-    really sit and lie on.
-    A trial whose person was held for more than ``max_held_share`` of the time in which the robot helped enters no
-    analysis; a design that does not say counts all. ``force_guard``: arms are kept from pressing too hard and from
-    coming too fast; a design that does not say has none, as studies that began without it.
-    ``max_repeats``: how often experimenters may order that a trial is repeated; without it there is no limit.
-    ``withdraw_after_success``: the robot withdraws its tool once a task that ends with success is complete; of a design
-    that does not say it goes on to the trial's end. ``streams`` are exchanged with other devices.
-    ``headset_check``: sessions of people begin with a check of the headset; of a design that does not say they do not.
-    ``ask_functioning``: the study has questions about disability, diagnosis and assistive devices.
-    ``measure_reach``: people stretch their arms when they are measured, and their bodies' arms become as long.
+    ``site``: the name of the site, in a study with several sites. ``languages``: tags such as ``de``; the design is
+    written in the first. ``trial_steps``: control steps of 0.1 s. ``practice_policy``: empty for no practice trials.
+    ``goals``: instructions to participants by task; default: the sentence of the task. ``furniture``: the real seat and
+    bed.
+    ``max_held_share``: a trial is left out of the analysis if tracking was lost for a larger share of its time.
+    ``force_guard``: arms limit contact forces and approach speed; default: off, as in studies that began without it.
+    ``max_repeats``: maximum number of repeats of a trial by the experimenter; default: no limit.
+    ``withdraw_after_success``: the robot withdraws its tool after success; default: it continues to the trial's end.
+    ``streams``: exchange with other devices. ``headset_check``: sessions of people begin with a headset check.
+    ``ask_functioning``: participants answer questions about disability, diagnosis and assistive devices.
+    ``measure_reach``: arm lengths of people are measured and used for their simulated bodies.
     """
 
     title: Annotated[str, msgspec.Meta(min_length=1)]
@@ -130,46 +127,46 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     @property
     def conditions(self) -> tuple[tuple[str, str], ...]:
-        """Every robot with every policy."""
+        """All pairs of robot and policy."""
         return tuple(product(self.robots, self.policies))
 
     @property
     def items(self) -> dict[str, Item]:
-        """Every item of every questionnaire by its id."""
+        """All items of all questionnaires by id."""
         return {item.id: item for questionnaire in self.questionnaires for item in questionnaire.items}
 
     @property
     def rules(self) -> StopRules:
-        """What pauses or ends a session."""
+        """Rules that pause or end a session after an answer."""
         return StopRules(self.stop_rules, self.questionnaires)
 
     def questionnaire_of(self, item: str) -> Questionnaire | None:
-        """The questionnaire that an item stands in; ``None`` for one that the design no longer asks."""
+        """The questionnaire that contains an item; ``None`` for an item that is not in the design."""
         return next((each for each in self.questionnaires for own in each.items if own.id == item), None)
 
     def items_at(self, when: str, seed: int = 0) -> tuple[Item, ...]:
-        """The items to ask at a moment, in order; ``seed`` is that of the trial."""
+        """The items at a moment, in order; ``seed`` is the seed of the trial."""
         return items_to_ask(self.questionnaires, when, seed)
 
     def protocol(self) -> dict[str, Any]:
-        """The fields that orders and trials follow from, as JSON has them."""
+        """The fields that orders and trials depend on, as JSON values."""
         plain = msgspec.json.decode(msgspec.json.encode(self))
         return {name: plain[name] for name in PROTOCOL}
 
     def policy_codes(self) -> dict[str, str]:
-        """A letter for each policy, for whoever must not know which it is; the seed decides."""
+        """A random letter for each policy, which a blinded experimenter sees."""
         order = random_streams.policy_codes(self.seed, len(self.policies)).permutation(len(self.policies))
         return {policy: chr(ord("A") + place) for policy, place in zip(self.policies, order, strict=True)}
 
     def shown_policy(self, policy: str, practice: bool) -> str:
-        """A trial's policy as the experimenter may see it; all of them know what practice is done with."""
+        """The name of a trial's policy for the experimenter: a letter if they are blinded."""
         if not self.blind_experimenter:
             return policy
         return "practice" if practice else self.policy_codes()[policy]
 
 
 def default_text() -> str:
-    """The paper's protocol with comments, as ``study.toml`` holds it."""
+    """The default ``study.toml``: the paper's protocol with comments."""
     return (files("avrgym") / "assets" / FILE).read_text(encoding="utf-8")
 
 
@@ -177,16 +174,16 @@ def read_design(path: Path) -> Design:
     """Read a design from a file.
 
     Raises:
-        DesignError: when the file says what cannot be.
+        DesignError: when the file is invalid.
         OSError: when it cannot be read.
     """
     return parse_design(read_text(path), str(path), path.parent)
 
 
 def parse_design(text: str, name: str = FILE, folder: Path = Path()) -> Design:
-    """The design that a text holds; ``name`` stands in errors, which are ``DesignError``.
+    """The design in a text; ``name`` is the name of the file in a ``DesignError``.
 
-    ``folder`` is the study's, which holds the words of instruments that AVR Gym may not bring, and translations.
+    ``folder`` is the study's folder with translations and texts of instruments.
     """
     return parse_toml(
         text,
@@ -199,7 +196,7 @@ def parse_design(text: str, name: str = FILE, folder: Path = Path()) -> Design:
 
 
 def _check(design: Design, folder: Path) -> None:
-    """Raise ``ValidationError`` for the first value that no type forbids but that cannot be."""
+    """Raise ``ValidationError`` for the first invalid value."""
     if design.site:
         check_id(("site",), design.site, ())
     _check_names(("tasks",), design.tasks, TASKS)
@@ -208,7 +205,8 @@ def _check(design: Design, folder: Path) -> None:
         for task in design.tasks:
             if environment_id(task, robot) not in ENVIRONMENTS:
                 raise ValidationError(
-                    ("robots", index), f"{robot} cannot do {task}; `avrgym envs` lists who can do what"
+                    ("robots", index),
+                    f"there is no environment of {robot} with {task}; `avrgym envs` lists all environments",
                 )
     for task in design.goals:
         check_known(("goals", task), task, TASKS)
@@ -254,7 +252,7 @@ def _check_streams(streams: StreamChoice) -> None:
 def _check_database(url: str) -> None:
     if url and not url.startswith("postgresql://"):
         raise ValidationError(
-            ("database", "url"), 'not a database; allowed: "" or postgresql://user@host/name'
+            ("database", "url"), 'not a database URL; allowed: "" or postgresql://user@host/name'
         )
 
 

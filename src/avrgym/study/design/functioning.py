@@ -1,7 +1,7 @@
 """Questions for participants about disability, diagnosis and assistive devices; each may be declined.
 
 Questions on functioning are the Short Set of the Washington Group on Disability Statistics, with its four levels.
-Devices are the classes of assistive products of ISO 9999:2022, in short words of our own. No translation of either is
+Devices are the classes of assistive products of ISO 9999:2022, with shortened names. No translation of either is
 validated.
 """
 

@@ -1,7 +1,8 @@
-"""Validated questionnaires in a design: ``use`` names one, and becomes its items.
+"""Validated questionnaires in a design: ``use`` names an instrument and is replaced by its items.
 
-Words that an instrument's licence keeps to itself are read from ``instruments/NAME.toml`` in the study's folder. It has
-a line for each item: ``ID = "words"``, or with those at both ends ``ID = { text = "…", low = "…", high = "…" }``.
+Texts that an instrument's licence does not allow AVR Gym to include are read from ``instruments/NAME.toml`` in the
+study's folder. It has a line for each item: ``ID = "text"``, or with end labels
+``ID = { text = "…", low = "…", high = "…" }``.
 """
 
 import tomllib
@@ -21,11 +22,11 @@ from avrgym.system.type_guards import is_array, is_table
 
 FOLDER = "instruments"
 FIELDS = ("use", "name", "when", "order", "weights")
-"""What a table of questionnaires may say beside ``use``."""
+"""Allowed keys of a questionnaire's table with ``use``."""
 
 
 class Words(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An item's words as a study's own file has them."""
+    """The texts of an item in a study's file."""
 
     text: str
     low: str = ""
@@ -36,8 +37,8 @@ def with_items(values: dict[str, Any], folder: Path) -> dict[str, Any]:
     """A design's values with the items of the instruments that its questionnaires use.
 
     Args:
-        values: as TOML holds them, of any kind.
-        folder: the study's.
+        values: the values in TOML, before validation.
+        folder: the study's folder.
 
     Raises:
         Wrong: for an instrument that is not known, or whose words are not here or not whole.
@@ -60,14 +61,14 @@ def _with_items(index: int, table: Any, folder: Path) -> Any:
 
 
 def check_use(place: Place, questionnaire: Questionnaire) -> None:
-    """Raise ``ValidationError`` for weights that its instrument does not have, or that do not add up."""
+    """Raise ``ValidationError`` for weights that the instrument does not have, or with a wrong sum."""
     if questionnaire.weights is msgspec.UNSET:
         return
     instrument = questionnaire.instrument
     if instrument is None or instrument.weighting is None:
         weighted = ", ".join(name for name, each in INSTRUMENTS.items() if each.weighting is not None)
         raise ValidationError(
-            (*place, "weights"), f"nothing here is weighted; allowed: weights beside use of {weighted}"
+            (*place, "weights"), f"this questionnaire has no weights; allowed: weights with use of {weighted}"
         )
     try:
         check_weights(instrument.weighting, questionnaire.weights)
@@ -76,7 +77,7 @@ def check_use(place: Place, questionnaire: Questionnaire) -> None:
 
 
 def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
-    """An instrument's items in its own words, or in those of the study's file."""
+    """An instrument's items with included texts, or with those of the study's file."""
     brought = all(item.text for item in instrument.items)
     own: Mapping[str, Words] = {} if brought else _own_words(place, instrument, folder)
     points = instrument.response.points
@@ -88,9 +89,9 @@ def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
 
 
 def _own_words(place: Place, instrument: Instrument, folder: Path) -> Mapping[str, Words]:
-    """What the study's file says of every item; ``ValidationError`` where it is not whole."""
+    """The texts of all items in the study's file; ``ValidationError`` for missing texts."""
     name = f"{FOLDER}/{instrument.name}.toml"
-    wanted = f"the words of {', '.join(item.id for item in instrument.items)}, from {instrument.texts}"
+    wanted = f"the texts of {', '.join(item.id for item in instrument.items)}, from {instrument.texts}"
     try:
         text = read_user_text(folder / name)
         words = {key: _words(value) for key, value in tomllib.loads(text).items()}
@@ -118,7 +119,7 @@ def _is_whole(item: InstrumentItem, words: Words | None) -> bool:
 
 
 def _lacking(instrument: Instrument, missing: list[str]) -> str:
-    """Which items a file lacks, and how it says them."""
+    """The missing items of a file, and their format."""
     ends = all(item.low and item.high for item in instrument.items)
-    how = '"its words"' if ends else '{ text = "its words", low = "at 1", high = "at the other end" }'
+    how = '"text"' if ends else '{ text = "text", low = "at 1", high = "at the other end" }'
     return f"{', '.join(missing)}; allowed: each of them as ID = {how}"

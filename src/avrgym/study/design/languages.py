@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 
 ENGLISH = "en"
-"""In which AVR Gym's own sentences are: tasks, and the instruments whose words it brings."""
+"""The language of AVR Gym's own sentences: tasks, and instruments with included texts."""
 NAMED = 3
-"""As many missing sentences are named; of more, how many there are."""
+"""Maximum number of missing sentences in an error message."""
 
 
 def check_languages(design: Design, folder: Path) -> None:
-    """Raise ``ValidationError`` for the first language that has not all that participants of a design read.
+    """Raise ``ValidationError`` for the first language without all texts of a design.
 
-    ``folder`` is the study's. The first language is that of the design itself; its sentences need translations into
-    each of the others, and those that AVR Gym brings into each but English.
+    The design is written in the first language. Its sentences need translations into the other languages. Sentences of
+    AVR Gym need translations into all languages except English.
     """
     check_unique(("languages",), design.languages)
     for index, language in enumerate(design.languages):
@@ -35,9 +35,9 @@ def check_languages(design: Design, folder: Path) -> None:
             texts = read_texts(language, folder)
         except TextsError as error:
             raise ValidationError(("languages", index), str(error)) from None
-        own = _own(design) if index > 0 else ()
-        brought = _brought(design) if language != ENGLISH else ()
-        untranslated = texts.untranslated([*own, *brought])
+        own = _design_sentences(design) if index > 0 else ()
+        included = _included_sentences(design) if language != ENGLISH else ()
+        untranslated = texts.untranslated([*own, *included])
         if untranslated:
             named = ", ".join(f'"{sentence}"' for sentence in untranslated[:NAMED])
             more = f" and {len(untranslated) - NAMED} more" if len(untranslated) > NAMED else ""
@@ -51,31 +51,31 @@ def check_languages(design: Design, folder: Path) -> None:
 
 
 def participant_sentences(design: Design) -> list[str]:
-    """All sentences of a design that participants read, in the language that they are written in."""
-    return [*_own(design), *_brought(design)]
+    """All sentences of a design that participants read, before translation."""
+    return [*_design_sentences(design), *_included_sentences(design)]
 
 
-def _own(design: Design) -> Iterator[str]:
-    """The sentences that the design itself says to participants."""
+def _design_sentences(design: Design) -> Iterator[str]:
+    """The sentences in the design itself."""
     yield design.consent.text
     yield from (question.text for question in design.inclusion)
     yield from design.goals.values()
     for questionnaire in design.questionnaires:
-        if not _is_brought(questionnaire):
+        if not _has_included_text(questionnaire):
             yield from _words(questionnaire)
 
 
-def _brought(design: Design) -> Iterator[str]:
-    """Those that AVR Gym says in it."""
+def _included_sentences(design: Design) -> Iterator[str]:
+    """The sentences of AVR Gym that a design uses."""
     yield from (TASKS[task].goal for task in design.tasks if not design.goals.get(task))
     if design.ask_functioning:
         yield from functioning.sentences()
     for questionnaire in design.questionnaires:
-        if _is_brought(questionnaire):
+        if _has_included_text(questionnaire):
             yield from _words(questionnaire)
 
 
-def _is_brought(questionnaire: Questionnaire) -> bool:
+def _has_included_text(questionnaire: Questionnaire) -> bool:
     instrument = questionnaire.instrument
     return instrument is not None and all(item.text for item in instrument.items)
 
@@ -86,10 +86,7 @@ def _words(questionnaire: Questionnaire) -> Iterator[str]:
 
 
 def text_files(design: Design, folder: Path) -> list[str]:
-    """Translations, and words of instruments that AVR Gym may not bring, as far as a design takes them from a folder.
-
-    Names are relative to the folder, with ``/``.
-    """
+    """Files with translations and texts of instruments that a design uses, relative to the study's folder."""
     used = dict.fromkeys(each.use for each in design.questionnaires if each.use)
     names = [f"{TEXTS_FOLDER}/{language}.toml" for language in design.languages]
     names += [f"{INSTRUMENTS}/{name}.toml" for name in used]

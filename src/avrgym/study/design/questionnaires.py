@@ -1,4 +1,4 @@
-"""Whether the questionnaires of a design can be asked, and its stop rules followed."""
+"""Validation of a design's questionnaires and stop rules."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from avrgym.system.toml_lines import Place
 
 
 def check_questionnaires(questionnaires: Sequence[Questionnaire]) -> None:
-    """Raise ``ValidationError`` for the first value that no type forbids but that cannot be."""
+    """Raise ``ValidationError`` for the first invalid value."""
     names: set[str] = set()
     ids: set[str] = set()
     for index, questionnaire in enumerate(questionnaires):
@@ -42,7 +42,7 @@ def _check_item(place: Place, item: Item, known: set[str]) -> None:
 
 
 def check_stop_rules(rules: StopRules) -> None:
-    """Raise ``ValidationError`` for the first rule that no answer can meet, or that says what cannot be done."""
+    """Raise ``ValidationError`` for the first rule that is invalid or that no answer can meet."""
     items = [item.id for questionnaire in rules.questionnaires for item in questionnaire.items]
     for index, rule in enumerate(rules.rules):
         place = ("stop_rules", index)
@@ -52,5 +52,5 @@ def check_stop_rules(rules: StopRules) -> None:
         if not least < rule.at_least <= most:
             raise ValidationError(
                 (*place, "at_least"),
-                f"{rule.at_least:g} tells no answers to {rule.item} apart; allowed: above {least:g}, at most {most:g}",
+                f"{rule.at_least:g} separates no answers to {rule.item}; allowed: above {least:g}, at most {most:g}",
             )

@@ -14,7 +14,7 @@ IDENTITIES, RECORDINGS, DATA = "identities", "recordings", "data"
 
 
 class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Periods after the day on which the study ended; without a period nothing is ever due.
+    """Retention periods after the end of the study. Data without a period are never due.
 
     ``identities_months``: names and contacts. ``recordings_years``: recordings of people. ``data_years``: all data of
     people.
@@ -36,23 +36,24 @@ class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def end(self) -> date | None:
-        """The day on which the study ended, if it is known."""
+        """The last day of the study, if it is known."""
         return date.fromisoformat(self.ended_on) if self.ended_on else None
 
     @property
     def due_on(self) -> Mapping[str, date]:
-        """The first day on which each kind of data is due; nothing while the study has not ended."""
+        """The first day on which each kind of data is due; empty before the end of the study."""
         end = self.end
         return {} if end is None else {kind: _later(end, months) for kind, months in self.months.items()}
 
 
 def check_retention(retention: Retention) -> None:
-    """Raise ``ValidationError`` for a day that is none."""
+    """Raise ``ValidationError`` for an invalid date."""
     try:
         _ = retention.end
     except ValueError:
         raise ValidationError(
-            ("retention", "ended_on"), f"{retention.ended_on!r} is no day; allowed: one such as 2027-06-30"
+            ("retention", "ended_on"),
+            f"{retention.ended_on!r} is not a date; allowed: a date such as 2027-06-30",
         ) from None
 
 

@@ -15,7 +15,7 @@ NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
 class ValidationError(Exception):
-    """A value that no type forbids but that cannot be; ``place`` is where it stands."""
+    """An invalid value; ``place`` is its position in the file."""
 
     def __init__(self, place: Place, message: str) -> None:
         super().__init__(message)
@@ -23,54 +23,56 @@ class ValidationError(Exception):
 
 
 def check_known(place: Place, name: str, allowed: Iterable[str]) -> None:
-    """Raise ``ValidationError`` for a name that is none of those allowed."""
+    """Raise ``ValidationError`` for a name that is not allowed."""
     if name not in (names := list(allowed)):
         raise ValidationError(place, f"unknown name {name!r}; allowed: {', '.join(names)}")
 
 
 def check_choice(place: Place, value: str, allowed: tuple[str, ...]) -> None:
-    """Raise ``ValidationError`` for a value that is no choice."""
+    """Raise ``ValidationError`` for a value that is not one of the choices."""
     if value not in allowed:
         raise ValidationError(place, f"{value!r} is not known; allowed: {', '.join(allowed)}")
 
 
 def check_unique(place: Place, names: tuple[str, ...]) -> None:
-    """Raise ``ValidationError`` for a name that stands twice in an array."""
+    """Raise ``ValidationError`` for a duplicate name in an array."""
     for index, name in enumerate(names):
         if name in names[:index]:
-            raise ValidationError((*place, index), f"{name!r} stands here twice; allowed: once")
+            raise ValidationError((*place, index), f"{name!r} is listed twice; allowed: once")
 
 
 def check_pattern(place: Place, name: str, pattern: re.Pattern[str], what: str) -> None:
-    """Raise ``ValidationError`` for a name of other characters."""
+    """Raise ``ValidationError`` for a name with other characters."""
     if not pattern.fullmatch(name):
-        raise ValidationError(place, f"{name!r} is no name; allowed: {what}, in letters, digits, - and _")
+        raise ValidationError(
+            place, f"{name!r} is not a valid name; allowed: {what}, in letters, digits, - and _"
+        )
 
 
 def check_id(place: Place, name: str, known: Container[str]) -> None:
-    """Raise ``ValidationError`` for a name that is none, or that another has."""
+    """Raise ``ValidationError`` for an invalid or duplicate name."""
     check_pattern(place, name, NAME, "at most 40 characters")
     if name in known:
-        raise ValidationError(place, f"{name!r} stands twice; allowed: a name that no other has")
+        raise ValidationError(place, f"{name!r} is used twice; allowed: a unique name")
 
 
 def check_fields(place: Place, table: dict[str, Any], allowed: tuple[str, ...]) -> None:
-    """Raise ``ValidationError`` for a key of a table that it may not have."""
+    """Raise ``ValidationError`` for an unknown key of a table."""
     for key in table:
         check_known((*place, key), key, allowed)
 
 
 Kind = TypeVar("Kind", bound=msgspec.Struct)
 Tables = Mapping[tuple[str, ...], type[msgspec.Struct]]
-"""The structure of each table within a file, by the names that lead to it."""
+"""The struct of each table in a file, by its path of keys."""
 
 
 class DesignError(ValueError):
-    """A design, or a plan, that cannot be used; the message names file, line, what is wrong and what is allowed."""
+    """An invalid design or plan. The message contains file, line, fault and allowed values."""
 
 
 def read_text(path: Path) -> str:
-    """The text of a file; ``DesignError`` where it is none, ``OSError`` where it cannot be read."""
+    """The text of a file; ``DesignError`` if it is not text, ``OSError`` if it cannot be read."""
     try:
         return read_user_text(path)
     except UnicodeDecodeError as error:
@@ -87,18 +89,18 @@ def parse_toml(
     check: Callable[[Kind], None],
     complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda values: values,
 ) -> Kind:
-    """The structure that a text in TOML holds.
+    """The struct in a text in TOML.
 
     Args:
-        text: the file's.
-        name: of the file, for errors.
-        kind: what the whole file is.
-        tables: what its tables are.
-        check: raises ``ValidationError`` for the first value that no type forbids but that cannot be.
-        complete: adds what the values stand for, and raises ``ValidationError`` too.
+        text: the text of the file.
+        name: the name of the file for errors.
+        kind: the struct of the whole file.
+        tables: the structs of its tables.
+        check: raises ``ValidationError`` for the first invalid value.
+        complete: expands values before the conversion; may raise ``ValidationError``.
 
     Raises:
-        DesignError: for anything else than such a structure.
+        DesignError: for invalid TOML and invalid values.
     """
     try:
         values = tomllib.loads(text)
@@ -118,7 +120,7 @@ def parse_toml(
 
 
 def _explain(error: msgspec.ValidationError, tables: Tables) -> tuple[Place, str]:
-    """Where the error is, and its words without the path."""
+    """The position of an error, and its message without the path."""
     message, _, path = str(error).partition(" - at `$")
     place: Place = tuple(
         int(index) if index else key for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", path)

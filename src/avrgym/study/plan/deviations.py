@@ -212,7 +212,8 @@ def _policies(store: Store, record: PlanRecord) -> Iterator[Finding]:
             yield deviation(f"policy {before.policy}", f"of {before.environment} {_replaced(before, after)}")
         for other in used.get(key, []):
             if other.file != before:
-                what = f"of {before.environment} was {policy_file_text(other.file)} for {describe_trials(other.uses)}"
+                file, trials = policy_file_text(other.file), describe_trials(other.sessions)
+                what = f"of {before.environment} was {file} for {trials}"
                 yield deviation(f"policy {before.policy}", what)
 
 

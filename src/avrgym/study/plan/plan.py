@@ -99,7 +99,7 @@ def _check(plan: Plan, design: Design, offered: OfferedPart) -> None:
     for index, hypothesis in enumerate(plan.hypotheses):
         if hypothesis.id in known:
             raise ValidationError(
-                ("hypotheses", index, "id"), f"{hypothesis.id!r} stands twice; allowed: once"
+                ("hypotheses", index, "id"), f"{hypothesis.id!r} is used twice; allowed: once"
             )
         known.add(hypothesis.id)
         _check_hypothesis(("hypotheses", index), hypothesis, offered)
