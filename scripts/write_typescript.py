@@ -68,7 +68,7 @@ CONSTANTS = {
     "TICK_S": messages.TICK_S,
     "JOINT_STEPS": json.dumps(state_encoding.JOINT_STEPS.tolist()),
     "POSE_STEPS": json.dumps(state_encoding.POSE_STEPS.tolist()),
-    "STAGE_WORDS": json.dumps(STAGE_WORDS),
+    "STAGE_LABELS": json.dumps(STAGE_WORDS),
     "FORCE_LIMITS_N: Readonly<Record<string, number>>": json.dumps(
         {region.name: float(limit) for region, limit in zip(BODY_REGIONS, QUASI_STATIC_LIMIT_N, strict=True)}
     ),

@@ -182,7 +182,7 @@ class OwnHand:
     """The right hand in the frame that the page drew last: how far it is drawn, and simulated, from its controller."""
 
     def __init__(self, journey: Journey) -> None:
-        own, self._session = journey.headset.call("ownBody"), journey.session
+        own, self._session = journey.headset.call("participantBody"), journey.session
         tracked = own["tracked"]["right"]
         drawn_w, drawn_q = self._hand(own["drawn"])
         simulated_w, _ = self._hand(own["simulated"])

@@ -1,5 +1,5 @@
 import { ARM } from "../generated/body-model";
-import { axis, cross, ofXyz, plus, seenFrom, times, turnBetween, type Axes, type Vector } from "./linear-algebra";
+import { axis, cross, fromEulerXYZ, addScaled, multiplyTransposed, multiply, rotationVector, type Axes, type Vector } from "./linear-algebra";
 import { solveSymmetric } from "./linear-algebra";
 
 /** Metres from shoulder to elbow, from there to the wrist, and from there to the hand's centre. */
@@ -59,11 +59,11 @@ function isShort(aim: ArmAngles, angles: ArmAngles, start: ArmAngles): boolean {
 
 /** The hand's centre, moved on the line from shoulder to wrist to where the elbow can bring the wrist. */
 function withinReach({ upper, fore, hand }: ArmLengths, { position, axes }: Hand): Vector {
-  const wrist = plus(position, axis(axes, 2), hand);
+  const wrist = addScaled(position, axis(axes, 2), hand);
   const distance = Math.max(Math.hypot(...wrist), 1e-6);
   const nearest = Math.sqrt(upper ** 2 + fore ** 2 + 2 * upper * fore * Math.cos(ARM.lower_rad[ELBOW]!));
   const share = clip(distance, nearest / ARM.reached, ARM.reached * (upper + fore)) / distance;
-  return plus([share * wrist[0], share * wrist[1], share * wrist[2]], axis(axes, 2), -hand);
+  return addScaled([share * wrist[0], share * wrist[1], share * wrist[2]], axis(axes, 2), -hand);
 }
 
 const ELBOW = 3;
@@ -96,10 +96,10 @@ class Swivelling {
     { position, axes }: Hand,
     private readonly start: ArmAngles,
   ) {
-    const wrist = plus(position, axis(axes, 2), lengths.hand);
+    const wrist = addScaled(position, axis(axes, 2), lengths.hand);
     [this.elbow, this.below] = elbowOf(lengths, Math.hypot(...wrist));
     this.upperArm = towards(wrist, start);
-    this.forearm = seenFrom(axes, this.upperArm);
+    this.forearm = multiplyTransposed(axes, this.upperArm);
     this.around = start.map((angle, joint) => clip(angle, FIRST[joint]!, LAST[joint]!));
     this.favoured = start.map(
       (angle, joint) => (ARM.stay * angle + ARM.ease[joint]! * ARM.at_ease_rad[joint]!) / STIFFNESS[joint]!,
@@ -194,7 +194,7 @@ function towards(wrist: Vector, [y, x, z]: ArmAngles): Axes {
   const back: Vector = [scale * wrist[0], scale * wrist[1], scale * wrist[2]];
   const hinge = upperArmX(y!, x!, z!);
   const along = hinge[0] * back[0] + hinge[1] * back[1] + hinge[2] * back[2];
-  const across = plus(hinge, back, -along);
+  const across = addScaled(hinge, back, -along);
   const length = Math.hypot(...across);
   if (length < 1e-6) return towards(wrist, [y!, x!, z! + 0.5 * Math.PI]);
   const ax: Vector = [across[0] / length, across[1] / length, across[2] / length];
@@ -218,11 +218,11 @@ function leastSquaresStep(
   upper: ArmAngles,
 ): number[] {
   const now = kinematics(lengths, angles);
-  const turn = turnBetween(now.axes, hand.axes);
+  const turn = rotationVector(now.axes, hand.axes);
   const metres = ARM.metres_per_radian;
-  const error = [...plus(hand.position, now.position, -1), ...turn.map((angle) => metres * angle)];
+  const error = [...addScaled(hand.position, now.position, -1), ...turn.map((angle) => metres * angle)];
   const columns = now.hinges.map(({ along, at }, joint) => {
-    const column = [...cross(along, plus(now.position, at, -1)), ...along.map((part) => metres * part)];
+    const column = [...cross(along, addScaled(now.position, at, -1)), ...along.map((part) => metres * part)];
     const pull = dot(column, error);
     const stuck = pull < 0 ? angles[joint]! <= lower[joint]! : pull > 0 && angles[joint]! >= upper[joint]!;
     return stuck ? column.fill(0) : column;
@@ -246,13 +246,13 @@ interface Kinematics extends Hand {
 /** Where a right hand is, in the shoulder's frame. */
 export function kinematics(lengths: ArmLengths, angles: ArmAngles): Kinematics {
   const [y, x, z, elbow, forearm, wristX, wristY] = angles as [number, number, number, number, number, number, number];
-  const shoulderY = ofXyz(0, y, 0);
-  const upperArm = times(shoulderY, ofXyz(x, 0, z));
-  const fore = times(upperArm, ofXyz(elbow, 0, forearm));
-  const axes = times(fore, ofXyz(wristX, wristY, 0));
+  const shoulderY = fromEulerXYZ(0, y, 0);
+  const upperArm = multiply(shoulderY, fromEulerXYZ(x, 0, z));
+  const fore = multiply(upperArm, fromEulerXYZ(elbow, 0, forearm));
+  const axes = multiply(fore, fromEulerXYZ(wristX, wristY, 0));
   const shoulder: Vector = [0, 0, 0];
-  const elbowAt = plus(shoulder, axis(upperArm, 2), -lengths.upper);
-  const wristAt = plus(elbowAt, axis(fore, 2), -lengths.fore);
+  const elbowAt = addScaled(shoulder, axis(upperArm, 2), -lengths.upper);
+  const wristAt = addScaled(elbowAt, axis(fore, 2), -lengths.fore);
   const hinges = [
     { along: axis(shoulderY, 1), at: shoulder },
     { along: axis(shoulderY, 0), at: shoulder },
@@ -262,7 +262,7 @@ export function kinematics(lengths: ArmLengths, angles: ArmAngles): Kinematics {
     { along: axis(fore, 0), at: wristAt },
     { along: axis(axes, 1), at: wristAt },
   ];
-  return { position: plus(wristAt, axis(axes, 2), -lengths.hand), axes, hinges };
+  return { position: addScaled(wristAt, axis(axes, 2), -lengths.hand), axes, hinges };
 }
 
 function dot(a: readonly number[], b: readonly number[]): number {

@@ -18,8 +18,8 @@ export interface HandJoints {
   radii: Float32Array;
 }
 
-export type BareHandsTracked = Record<Side, HandJoints | null>;
-export const NO_BARE_HANDS: BareHandsTracked = { left: null, right: null };
+export type TrackedHands = Record<Side, HandJoints | null>;
+export const NO_TRACKED_HANDS: TrackedHands = { left: null, right: null };
 
 export const JOINTS = 25;
 const WRIST = 0;

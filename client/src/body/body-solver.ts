@@ -1,6 +1,6 @@
 import { PERSON, TRUNK } from "../generated/body-model";
 import { solveArm, type ArmAngles, type ArmLengths, type Hand } from "./arm-solver";
-import { ofQuaternion, ofXyz, plus, seenFrom, times, turned, turnedBack, xyzOf, type Axes, type Vector } from "./linear-algebra";
+import { fromQuaternion, fromEulerXYZ, addScaled, multiplyTransposed, multiply, rotate, rotateInverse, toEulerXYZ, type Axes, type Vector } from "./linear-algebra";
 import type { Quaternion, Skeleton } from "../generated/messages";
 
 /** A pose in the simulated world; the quaternion is w, x, y, z. */
@@ -36,7 +36,7 @@ export class BodySolver {
   private readonly lengths: ArmLengths;
 
   constructor(private readonly skeleton: Skeleton) {
-    this.hips = { origin: skeleton.hips_pos_w, axes: ofQuaternion(skeleton.hips_q_w) };
+    this.hips = { origin: skeleton.hips_pos_w, axes: fromQuaternion(skeleton.hips_q_w) };
     this.lengths = { upper: skeleton.upper_arm_m, fore: skeleton.forearm_m, hand: skeleton.hand_m };
   }
 
@@ -55,22 +55,22 @@ export class BodySolver {
   /** Waist x, y, z and head x, y, z: the waist tilts towards the head's joints, both share the yaw. */
   private trunkAngles(head: Pose): number[] {
     const { hips, skeleton } = this;
-    const headAxes = seenFrom(hips.axes, ofQuaternion(head.q));
-    const centre = turnedBack(hips.axes, plus(head.position, hips.origin, -1));
-    const [x, y, z] = plus(centre, [headAxes[2]!, headAxes[5]!, headAxes[8]!], -skeleton.head_centre_m);
+    const headAxes = multiplyTransposed(hips.axes, fromQuaternion(head.q));
+    const centre = rotateInverse(hips.axes, addScaled(head.position, hips.origin, -1));
+    const [x, y, z] = addScaled(centre, [headAxes[2]!, headAxes[5]!, headAxes[8]!], -skeleton.head_centre_m);
     const rise = z - skeleton.waist[2];
     const forward = -Math.atan2(y, rise);
     const sideways = Math.atan2(x * Math.cos(forward), rise);
     const [a, b] = limited(TRUNK.waist_ranges_rad, [forward, sideways, 0]);
-    const yaw = TRUNK.waist_yaw_share * xyzOf(seenFrom(ofXyz(a, b, 0), headAxes))[2];
+    const yaw = TRUNK.waist_yaw_share * toEulerXYZ(multiplyTransposed(fromEulerXYZ(a, b, 0), headAxes))[2];
     const waist = limited(TRUNK.waist_ranges_rad, [a, b, yaw]);
-    return [...waist, ...limited(TRUNK.head_ranges_rad, xyzOf(seenFrom(ofXyz(...waist), headAxes)))];
+    return [...waist, ...limited(TRUNK.head_ranges_rad, toEulerXYZ(multiplyTransposed(fromEulerXYZ(...waist), headAxes)))];
   }
 
   private torso(angles: JointAngles): Frame {
     const [x, y, z] = PERSON.joints.waist.map((joint) => angles[joint]!) as Vector;
     const { origin, axes } = this.hips;
-    return { origin: plus(origin, turned(axes, this.skeleton.waist)), axes: times(axes, ofXyz(x, y, z)) };
+    return { origin: addScaled(origin, rotate(axes, this.skeleton.waist)), axes: multiply(axes, fromEulerXYZ(x, y, z)) };
   }
 
   private bringHand(side: Side, hand: Pose, torso: Frame, angles: JointAngles, turn: number): void {
@@ -84,10 +84,10 @@ export class BodySolver {
   /** A left hand is seen as the right one of the mirrored person. */
   private seenFromShoulder(side: Side, hand: Pose, torso: Frame): Hand {
     const sign = SIGN[side];
-    const [x, y, z] = turnedBack(torso.axes, plus(hand.position, torso.origin, -1));
-    const axes = seenFrom(torso.axes, ofQuaternion(hand.q));
+    const [x, y, z] = rotateInverse(torso.axes, addScaled(hand.position, torso.origin, -1));
+    const axes = multiplyTransposed(torso.axes, fromQuaternion(hand.q));
     const mirrored = axes.map((entry, index) => (MIXED.has(index) ? sign * entry : entry));
-    return { position: plus([sign * x, y, z], this.skeleton.right_shoulder, -1), axes: mirrored };
+    return { position: addScaled([sign * x, y, z], this.skeleton.right_shoulder, -1), axes: mirrored };
   }
 }
 

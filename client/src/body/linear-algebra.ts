@@ -3,7 +3,7 @@ export type Vector = [x: number, y: number, z: number];
 export type Axes = readonly number[];
 
 /** The axes of a unit quaternion w, x, y, z. */
-export function ofQuaternion([w, x, y, z]: readonly [number, number, number, number]): Axes {
+export function fromQuaternion([w, x, y, z]: readonly [number, number, number, number]): Axes {
   return [
     ...[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
     ...[2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
@@ -12,7 +12,7 @@ export function ofQuaternion([w, x, y, z]: readonly [number, number, number, num
 }
 
 /** The axes after hinges about x, y and z, the first outermost. */
-export function ofXyz(x: number, y: number, z: number): Axes {
+export function fromEulerXYZ(x: number, y: number, z: number): Axes {
   const [cx, cy, cz] = [Math.cos(x), Math.cos(y), Math.cos(z)];
   const [sx, sy, sz] = [Math.sin(x), Math.sin(y), Math.sin(z)];
   return [
@@ -22,19 +22,19 @@ export function ofXyz(x: number, y: number, z: number): Axes {
   ];
 }
 
-/** The inverse of `ofXyz`. */
-export function xyzOf(axes: Axes): Vector {
+/** The inverse of `fromEulerXYZ`. */
+export function toEulerXYZ(axes: Axes): Vector {
   const [m00, m01, m02, , , m12, , , m22] = axes as [number, number, number, ...number[]];
   return [Math.atan2(-m12!, m22!), Math.atan2(m02, Math.hypot(m12!, m22!)), Math.atan2(-m01, m00)];
 }
 
 /** a b */
-export function times(a: Axes, b: Axes): Axes {
+export function multiply(a: Axes, b: Axes): Axes {
   return product(a, 3, 1, b);
 }
 
 /** aᵀ b: axes b as seen from axes a. */
-export function seenFrom(a: Axes, b: Axes): Axes {
+export function multiplyTransposed(a: Axes, b: Axes): Axes {
   return product(a, 1, 3, b);
 }
 
@@ -49,13 +49,13 @@ function product(a: Axes, row: number, column: number, b: Axes): Axes {
 }
 
 /** A vector given in a frame, by the frame's axes. */
-export function turned(axes: Axes, [x, y, z]: Vector): Vector {
+export function rotate(axes: Axes, [x, y, z]: Vector): Vector {
   const row = (i: number) => axes[i]! * x + axes[i + 1]! * y + axes[i + 2]! * z;
   return [row(0), row(3), row(6)];
 }
 
 /** The inverse of `turned`: a vector as seen from a frame. */
-export function turnedBack(axes: Axes, [x, y, z]: Vector): Vector {
+export function rotateInverse(axes: Axes, [x, y, z]: Vector): Vector {
   const column = (j: number) => axes[j]! * x + axes[j + 3]! * y + axes[j + 6]! * z;
   return [column(0), column(1), column(2)];
 }
@@ -70,12 +70,12 @@ export function cross([ax, ay, az]: Vector, [bx, by, bz]: Vector): Vector {
 }
 
 /** a + share · b */
-export function plus(a: Vector, b: Vector, share = 1): Vector {
+export function addScaled(a: Vector, b: Vector, share = 1): Vector {
   return [a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]];
 }
 
 /** The rotation vector that turns axes into others: its length is the angle. */
-export function turnBetween(from: Axes, to: Axes): Vector {
+export function rotationVector(from: Axes, to: Axes): Vector {
   const [a, b] = [from, to];
   const entry = (i: number, j: number) =>
     b[3 * i]! * a[3 * j]! + b[3 * i + 1]! * a[3 * j + 1]! + b[3 * i + 2]! * a[3 * j + 2]!;

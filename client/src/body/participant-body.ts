@@ -6,7 +6,7 @@ import { TICK_S, type Part, type Scene } from "../generated/messages";
 import type { State } from "../session/state-decoder";
 
 /** Within this time a part that is held back goes over to where it is simulated, and comes back. */
-export const CROSSING_MS = 100;
+export const BLEND_MS = 100;
 /** The share of the way to the server's angles at which each frame's solution begins: elbows do not part for long. */
 const PULL = 0.2;
 const LONGEST_LAG_MS = 1000;
@@ -16,7 +16,7 @@ const LONGEST_LAG_MS = 1000;
  *
  * The server simulates them later. What it calls held back is drawn where it is simulated, touching what it touches.
  */
-export class OwnBody {
+export class ParticipantBody {
   private readonly solver: BodySolver;
   private readonly hips: Place;
   private readonly chains: [trunk: Chain, ...arms: Chain[]];
@@ -52,7 +52,7 @@ export class OwnBody {
   draw(poses: Float32Array, pose: BodyPose, nowMs: number, lagMs: number): void {
     if (!this.targets) return;
     this.angles = this.solve(pose, this.targets, lagMs);
-    const share = Math.min(Math.max(nowMs - (this.lastMs ?? nowMs), 0) / CROSSING_MS, 1);
+    const share = Math.min(Math.max(nowMs - (this.lastMs ?? nowMs), 0) / BLEND_MS, 1);
     this.lastMs = nowMs;
     for (const chain of this.chains) {
       const way = (this.held.has(chain.part) ? 1 : 0) - chain.held;

@@ -12,17 +12,17 @@ import { AdverseEventForm } from "./adverse-event-form";
 import {
   adverseEventsTable,
   answeredItems,
-  beginWords,
+  beginText,
   buildTable,
-  experimenterWords,
+  experimenterText,
   moment,
   paragraphs,
   participantsTable,
-  participantWords,
-  progressWords,
+  participantText,
+  progressText,
   resultsTable,
-  resultsWords,
-  safetyWords,
+  resultsText,
+  safetyText,
   scoresTable,
   trialsTable,
   type Table,
@@ -97,10 +97,10 @@ export class Dashboard {
 
   /** Says what could not be done. */
   refuse(text: string): void {
-    this.say("refused", text);
+    this.announce("refused", text);
   }
 
-  private say(id: "done" | "refused", text: string): void {
+  private announce(id: "done" | "refused", text: string): void {
     for (const other of ["done", "refused"]) element(other).hidden = other !== id;
     element(id).textContent = text;
   }
@@ -128,7 +128,7 @@ export class Dashboard {
       await this.study.act(pseudonym, action, body(form));
       form.reset();
       await this.refresh();
-      this.say("done", `${pseudonym}: ${NOUNS[action]} ${outcome}.`);
+      this.announce("done", `${pseudonym}: ${NOUNS[action]} ${outcome}.`);
       if (form.hidden && hasFocusOrNoneHas(form)) element("participant-heading").focus();
     });
   }
@@ -143,14 +143,14 @@ export class Dashboard {
     });
     form.reset();
     await this.choose(pseudonym);
-    this.say("done", `${pseudonym} is enrolled.`);
+    this.announce("done", `${pseudonym} is enrolled.`);
   }
 
   private async renewLink(): Promise<void> {
     const pseudonym = this.overview!.live!;
     await this.study.act(pseudonym, "links", {});
     await this.refresh();
-    this.say("done", `${pseudonym}: ${NOUNS.links} is made.`);
+    this.announce("done", `${pseudonym}: ${NOUNS.links} is made.`);
   }
 
   private inclusionAnswers(form: HTMLFormElement): Record<string, boolean> {
@@ -177,8 +177,8 @@ export class Dashboard {
     showLink(link);
     document.title = `${summary.title} – AVR Gym`;
     element("title").textContent = summary.title;
-    element("progress").textContent = progressWords(overview);
-    element("experimenter").textContent = experimenterWords(overview);
+    element("progress").textContent = progressText(overview);
+    element("experimenter").textContent = experimenterText(overview);
     element("consent-version").textContent = overview.consent_version;
     element("warnings").hidden = warnings.length === 0;
     this.fill("warnings", warnings, () => warnings.map(line));
@@ -192,7 +192,7 @@ export class Dashboard {
 
   private showResults({ blinded, items, results }: Results): void {
     const ids = Object.keys(items);
-    element("results-words").textContent = resultsWords(blinded);
+    element("results-words").textContent = resultsText(blinded);
     this.showTable("results", resultsTable(results, ids));
     const answered = answeredItems(results, ids);
     this.fill("items", answered, () => answered.map((id) => line(`${id}: ${items[id]}`)));
@@ -222,11 +222,11 @@ export class Dashboard {
     const inSession = this.overview?.live === participant;
     element("participant").hidden = false;
     element("participant-heading").textContent = participant;
-    element("participant-words").textContent = participantWords(person, inSession);
+    element("participant-words").textContent = participantText(person, inSession);
     element("consent-text").textContent = paragraphs(person.consent);
     for (const id of ["consent-text", "questions"]) Object.assign(element(id), { lang: language, dir: direction });
     this.fill("questions", person.inclusion, () => Object.entries(person.inclusion).map(yesOrNo));
-    element("begin-button").textContent = beginWords(person);
+    element("begin-button").textContent = beginText(person);
     element("consent").hidden = state !== "enrolled" && !must_reconsent;
     element("decline").hidden = !must_reconsent;
     element("inclusion").hidden = state !== "consented" || must_reconsent;
@@ -247,7 +247,7 @@ export class Dashboard {
     element("safety-words").textContent = safety_events.length
       ? "The session reported by itself, which is no adverse event unless somebody was affected:"
       : "";
-    this.fill("safety-events", safety_events, () => safety_events.map((each) => line(safetyWords(each))));
+    this.fill("safety-events", safety_events, () => safety_events.map((each) => line(safetyText(each))));
     this.adverseEvent.offerEvents(adverse_events, trials);
   }
 

@@ -1,11 +1,11 @@
-import { mayChooseBody } from "../panel/body-choice";
+import { canChooseBody } from "../panel/body-choice";
 import { Connection, type Link } from "../session/connection";
-import { isRunning, linkWords } from "../session/display-state";
-import { Driving } from "../input/operator-control";
+import { isRunning, linkText } from "../session/display-state";
+import { OperatorControl } from "../input/operator-control";
 import { element } from "../page/dom";
 import type { Body, ChooseBody, CommandName, Phase, ServerMessage, Status } from "../generated/messages";
-import { PHASE_WORDS, skipWords, statusWords, timingWords } from "../session/session-status";
-import { ENGLISH } from "../page/texts";
+import { PHASE_TEXTS, skipText, statusTexts, timingText } from "../session/session-status";
+import { ENGLISH_TEXTS } from "../page/texts";
 
 const COMMAND_KEYS: Record<string, CommandName> = { r: "repeat", k: "skip", m: "recalibrate" };
 
@@ -18,7 +18,7 @@ export interface LiveEvents {
 /** The session that runs: its picture, how it stands, and the commands, by button and by key. */
 export class Live {
   private readonly connection: Connection;
-  private readonly driving: Driving;
+  private readonly driving: OperatorControl;
   private readonly buttons = [...document.querySelectorAll<HTMLButtonElement>("[data-command]")];
   private readonly sex = element<HTMLSelectElement>("sex");
   private readonly tone = element<HTMLSelectElement>("skin-tone");
@@ -35,12 +35,12 @@ export class Live {
     address.protocol = location.protocol.replace("http", "ws");
     this.connection = new Connection(address.href, token, false, {
       message: (message) => this.receive(message),
-      link: (link, code) => this.linked(link, code),
+      link: (link, code) => this.onLink(link, code),
     });
     for (const button of this.buttons)
       button.addEventListener("click", () => this.command(button.dataset["command"] as CommandName));
     for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
-    this.driving = new Driving(element("drive"), (message) => this.connection.send(message));
+    this.driving = new OperatorControl(element("drive"), (message) => this.connection.send(message));
     window.addEventListener("keydown", (event) => this.key(event));
     element("picture").addEventListener("toggle", () => this.showPicture());
   }
@@ -51,15 +51,15 @@ export class Live {
   }
 
   private receive(message: ServerMessage): void {
-    if (message.type === "welcome") this.welcomed();
-    if (message.type === "phase") this.phaseCame(message);
-    if (message.type === "status") this.statusCame(message);
-    if (message.type === "body") this.bodyCame(message);
-    if (message.type === "timing") element("watch-ticks").textContent = timingWords(message);
+    if (message.type === "welcome") this.onWelcome();
+    if (message.type === "phase") this.onPhase(message);
+    if (message.type === "status") this.onStatus(message);
+    if (message.type === "body") this.onBody(message);
+    if (message.type === "timing") element("watch-ticks").textContent = timingText(message);
     if (message.type === "problem") this.events.problem(message.message);
   }
 
-  private welcomed(): void {
+  private onWelcome(): void {
     this.isWelcome = true;
     this.showPicture();
   }
@@ -88,7 +88,7 @@ export class Live {
     return frame;
   }
 
-  private bodyCame(body: Body): void {
+  private onBody(body: Body): void {
     this.body = body;
     if (this.tone.options.length === 0) this.tone.append(...body.skin_tones.map((tone) => new Option(tone, tone)));
     this.sex.value = body.sex;
@@ -101,23 +101,23 @@ export class Live {
     this.connection.send({ type: "choose_body", sex, skin_tone: this.tone.value });
   }
 
-  private phaseCame(phase: Phase): void {
+  private onPhase(phase: Phase): void {
     this.phase = phase;
     this.show();
     this.events.changed();
   }
 
-  private statusCame(status: Status): void {
+  private onStatus(status: Status): void {
     this.paused = status.paused;
-    this.driving.statusCame(status);
-    for (const [id, words] of Object.entries(statusWords(status))) element(id).textContent = words;
-    element("skip-word").textContent = skipWords(status.phase);
+    this.driving.onStatus(status);
+    for (const [id, words] of Object.entries(statusTexts(status))) element(id).textContent = words;
+    element("skip-word").textContent = skipText(status.phase);
     element("pause").dataset["command"] = this.paused ? "continue" : "pause";
     element("pause-word").textContent = this.paused ? "Continue" : "Pause";
   }
 
-  private linked(link: Link, code: number): void {
-    element("server").textContent = linkWords({ words: ENGLISH, link, code });
+  private onLink(link: Link, code: number): void {
+    element("server").textContent = linkText({ texts: ENGLISH_TEXTS, link, code });
     element("server").dataset["link"] = link;
     if (link !== "connected") this.phase = null;
     this.show();
@@ -127,9 +127,9 @@ export class Live {
     const runs = isSession(this.phase) && this.phase.name !== "finished";
     for (const button of this.buttons) button.disabled = !runs;
     element("body").hidden = !runs || !this.body;
-    element<HTMLFieldSetElement>("body").disabled = !mayChooseBody(this.phase);
+    element<HTMLFieldSetElement>("body").disabled = !canChooseBody(this.phase);
     element("live").hidden = !isSession(this.phase) || this.phase.trials === 0;
-    element("session-words").textContent = sessionWords(this.phase);
+    element("session-words").textContent = sessionText(this.phase);
   }
 
   private command(name: CommandName): void {
@@ -176,8 +176,8 @@ function isSession(phase: Phase | null): phase is Phase {
 }
 
 /** Where the session stands, in one sentence; the list below it has the trial's number. */
-export function sessionWords(phase: Phase | null): string {
+export function sessionText(phase: Phase | null): string {
   if (!isSession(phase)) return "No session runs here.";
-  const words = `${phase.practice ? "practice: " : ""}${PHASE_WORDS[phase.name]}.`;
+  const words = `${phase.practice ? "practice: " : ""}${PHASE_TEXTS[phase.name]}.`;
   return words.charAt(0).toUpperCase() + words.slice(1);
 }

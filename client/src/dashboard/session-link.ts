@@ -5,7 +5,7 @@ import { element } from "../page/dom";
 export function showLink(link: Overview["link"]): void {
   element("link").hidden = link === null;
   if (!link) return;
-  element("link-code").textContent = codeWords(link.code);
+  element("link-code").textContent = formatCode(link.code);
   const addresses = link.addresses.map((each) => new URL(each, location.origin).href);
   const list = element("link-addresses");
   const shown = [...list.querySelectorAll("code")].map((each) => each.textContent);
@@ -14,7 +14,7 @@ export function showLink(link: Overview["link"]): void {
 }
 
 /** A code as it is read aloud. */
-export function codeWords(code: string): string {
+export function formatCode(code: string): string {
   return `${code.slice(0, 3)} ${code.slice(3)}`;
 }
 

@@ -93,7 +93,7 @@ export function adverseEventsTable(events: AdverseEvent[]): Table {
 }
 
 /** A safety event that a session reported, in one line. */
-export function safetyWords({ at, trial, name, detail }: SafetyEvent): string {
+export function safetyText({ at, trial, name, detail }: SafetyEvent): string {
   const where = trial === null ? "" : `, trial ${trial}`;
   return `${moment(at)}${where}: ${name}${detail ? `, ${detail}` : ""}`;
 }
@@ -141,7 +141,7 @@ export function resultsTable(results: ConditionResults[], items: string[]): Tabl
   };
 }
 
-export function progressWords({ summary }: Overview): string {
+export function progressText({ summary }: Overview): string {
   const { planned, completed, withdrawn, excluded, deleted } = summary;
   return (
     `${completed} of ${planned} participants completed, ${withdrawn} withdrew, ` +
@@ -150,19 +150,19 @@ export function progressWords({ summary }: Overview): string {
 }
 
 /** The experimenter of this page, as the study's log names them. */
-export function experimenterWords({ experimenter }: Overview): string {
+export function experimenterText({ experimenter }: Overview): string {
   return experimenter
     ? `The log names you ${experimenter}.`
     : "The log cannot name you: several people may use this address.";
 }
 
-export function resultsWords(blinded: boolean): string {
+export function resultsText(blinded: boolean): string {
   const policies = blinded ? " Letters stand for the policies: this study is blind." : "";
   return `Completed trials without practice, of all who did not withdraw.${policies}`;
 }
 
 /** Who somebody is and what comes next. */
-export function participantWords(person: Participant, inSession: boolean): string {
+export function participantText(person: Participant, inSession: boolean): string {
   const facts = [
     person.state,
     person.simulated ? "simulated" : "",
@@ -184,7 +184,7 @@ function nextWords({ state, trials, must_reconsent }: Participant): string {
 }
 
 /** What the button that begins a session says. */
-export function beginWords({ trials }: Participant): string {
+export function beginText({ trials }: Participant): string {
   return trials.some(({ state }) => state === "completed") ? "Continue with the remaining trials" : "Begin session";
 }
 

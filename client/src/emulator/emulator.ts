@@ -53,7 +53,7 @@ export interface EmulatorControls {
   phase(): Phase | null;
   question(): Question | null;
   /** Both, in one call. */
-  standing(): [Phase | null, Question | null];
+  phaseAndQuestion(): [Phase | null, Question | null];
   statesReceived(): number;
   lastState(): {
     sequence: number;
@@ -62,7 +62,7 @@ export interface EmulatorControls {
     poses: number[];
   } | null;
   /** In the frame drawn last: where the participant is, and the poses of all bodies as drawn and as simulated. */
-  ownBody(): { tracked: BodyPose | null; drawn: number[]; simulated: number[] };
+  participantBody(): { tracked: BodyPose | null; drawn: number[]; simulated: number[] };
   presenting(): boolean;
   trackingSent(): number;
   framesDrawn(): number;
@@ -87,7 +87,7 @@ export function installEmulator(name: string): Emulator {
   const canvasContainer = document.createElement("div");
   const device = new XRDevice(emulated.config, { stereoEnabled: true, visibilityMask: null, canvasContainer });
   canvasContainer.style.zIndex = "0";
-  for (const controller of Object.values(device.controllers)) claimTracked(controller!.inputSource);
+  for (const controller of Object.values(device.controllers)) markTracked(controller!.inputSource);
   device.installRuntime({ forceInstall: true });
   return { ...emulated, device, pointer: pointerOf(device, emulated.input) };
 }
@@ -100,7 +100,7 @@ function pointerOf(device: XRDevice, input: EmulatedDevice["input"]): EmulatedPo
 }
 
 /** The emulator calls every position guessed; those of tracked controllers are not. */
-function claimTracked(source: { gripSpace?: unknown }): void {
+function markTracked(source: { gripSpace?: unknown }): void {
   if (source.gripSpace) (source.gripSpace as { [P_SPACE]: { emulated: boolean } })[P_SPACE].emulated = false;
 }
 
@@ -130,13 +130,13 @@ export function exposeEmulator(app: App, emulator: Emulator): void {
     buttons: () => shownButtons(app),
     phase: () => app.phase,
     question: () => app.questionnaire.question,
-    standing: () => [app.phase, app.questionnaire.question],
+    phaseAndQuestion: () => [app.phase, app.questionnaire.question],
     statesReceived: () => app.statesReceived,
     lastState: () => plainState(app),
-    ownBody: () => plainBody(app),
+    participantBody: () => plainBody(app),
     presenting: () => app.presenting,
-    trackingSent: () => app.immersive.numbering.count,
-    framesDrawn: () => app.immersive.frames,
+    trackingSent: () => app.xrFrames.numbering.count,
+    framesDrawn: () => app.xrFrames.frames,
   };
   trackByTimer(app, emulator);
 }
@@ -168,17 +168,17 @@ interface TrustedTypes {
 }
 
 /** The address of a built script, as browsers want it that enforce trusted types; the server allows this policy alone. */
-function ours(url: string): string {
+function trustedURL(url: string): string {
   const { trustedTypes } = window as unknown as { trustedTypes?: TrustedTypes };
   return trustedTypes?.createPolicy("avrgym", { createScriptURL: (same) => same }).createScriptURL(url) ?? url;
 }
 
 /** A real headset tracks however long a page takes to draw; so does the emulated one. */
 function trackByTimer(app: App, emulator: Emulator): void {
-  app.immersive.trackedElsewhere = true;
-  const ticker = new Worker(ours(tickerUrl), { type: "module" });
+  app.xrFrames.trackedElsewhere = true;
+  const ticker = new Worker(trustedURL(tickerUrl), { type: "module" });
   ticker.onmessage = () => {
-    if (app.presenting) app.immersive.track(measured(posesOf(emulator)), performance.now());
+    if (app.presenting) app.xrFrames.track(withSensorNoise(posesOf(emulator)), performance.now());
   };
 }
 
@@ -186,7 +186,7 @@ const SENSOR_NOISE_M = 1e-6;
 let noise = 0;
 
 /** Poses as trackers measure them: never twice the same. */
-function measured(poses: Poses): Poses {
+function withSensorNoise(poses: Poses): Poses {
   noise = SENSOR_NOISE_M - noise;
   for (const pose of [poses.head, poses.left, poses.right]) if (pose) pose[0][0] += noise;
   return poses;
@@ -194,7 +194,7 @@ function measured(poses: Poses): Poses {
 
 function posesOf(emulator: Emulator): Poses {
   const { device, input } = emulator;
-  const [left, right] = [heldPose(emulator, "left"), heldPose(emulator, "right")];
+  const [left, right] = [handPose(emulator, "left"), handPose(emulator, "right")];
   const modality = input === "hands" ? "hand" : "controller";
   return {
     head: poseOf(device.position, device.quaternion),
@@ -206,8 +206,8 @@ function posesOf(emulator: Emulator): Poses {
 }
 
 /** Where the grip of a controller or the wrist of a bare hand is. */
-function heldPose(emulator: Emulator, hand: Hand): XRPose | null {
-  const held = heldBy(emulator, hand);
+function handPose(emulator: Emulator, hand: Hand): XRPose | null {
+  const held = deviceOf(emulator, hand);
   if (!held?.connected) return null;
   const { position, quaternion } = held;
   const ray = new Matrix4().compose(
@@ -221,13 +221,13 @@ function heldPose(emulator: Emulator, hand: Hand): XRPose | null {
 }
 
 /** A controller or a bare hand; null of headsets that track neither. */
-function heldBy({ device, input }: Emulator, hand: Hand): Held | null {
+function deviceOf({ device, input }: Emulator, hand: Hand): HeldDevice | null {
   if (input === "controllers") return device.controllers[hand] ?? null;
   return input === "hands" ? device.hands[hand]! : null;
 }
 
 /** A grip is fixed to the target ray of its controller by the device's own matrix, and a wrist to that of its hand. */
-function fromRay({ inputSource: { hand, gripSpace } }: Held): Matrix4 {
+function fromRay({ inputSource: { hand, gripSpace } }: HeldDevice): Matrix4 {
   return offsetOf(hand?.get("wrist" as never) ?? gripSpace!);
 }
 
@@ -238,7 +238,7 @@ function offsetOf(space: { [P_SPACE]: { offsetMatrix: ArrayLike<number> } }): Ma
 type Movable = Pick<XRDevice, "position" | "quaternion">;
 
 type Controller = NonNullable<XRDevice["controllers"]["left"]>;
-type Held = Pick<Controller, "connected" | "position" | "quaternion" | "inputSource">;
+type HeldDevice = Pick<Controller, "connected" | "position" | "quaternion" | "inputSource">;
 
 function controllerOf(device: XRDevice, hand: Hand) {
   return device.controllers[hand]!;
@@ -251,7 +251,7 @@ function move(target: Movable, position: Vector3, orientation: Quaternion): void
 
 /** A controller stands where its target ray begins; of a bare hand the wrist is placed. */
 function setGrip(emulator: Emulator, hand: Hand, grip: EmulatedPose | null): void {
-  const held = heldBy(emulator, hand);
+  const held = deviceOf(emulator, hand);
   if (!held) return;
   held.connected = grip !== null;
   if (!grip) return;
@@ -268,14 +268,14 @@ function setGrip(emulator: Emulator, hand: Hand, grip: EmulatedPose | null): voi
 function shownButtons(app: App): EmulatedButton[] {
   if (!app.panel.mesh.visible) return [];
   return app.panel.buttons.map((button) => ({
-    item: app.questionnaire.question?.item ?? askedBeside(app.phase),
+    item: app.questionnaire.question?.item ?? buttonPurpose(app.phase),
     value: button.value,
     centre: app.panel.centreOf(button).toArray(),
   }));
 }
 
 /** What buttons are there for without a question. */
-function askedBeside(phase: Phase | null): string {
+function buttonPurpose(phase: Phase | null): string {
   if (confirmsAnswers(phase)) return "confirm";
   return mayRecalibrate(phase) ? "check" : "body";
 }
@@ -287,7 +287,7 @@ function plainState({ lastState }: App): ReturnType<EmulatorControls["lastState"
   return { sequence, simulation_time_s, tracking_sequence, poses };
 }
 
-function plainBody({ world }: App): ReturnType<EmulatorControls["ownBody"]> {
+function plainBody({ world }: App): ReturnType<EmulatorControls["participantBody"]> {
   return { tracked: world.tracked, drawn: [...world.drawn], simulated: [...world.simulated] };
 }
 

@@ -12,7 +12,7 @@ export const JOINT_STEPS = [1e-05];
 
 export const POSE_STEPS = [0.0001, 0.0001, 0.0001, 5e-05, 5e-05, 5e-05, 5e-05];
 
-export const STAGE_WORDS = {"sample_ms": "pose", "up_ms": "up", "simulate_ms": "simulation", "send_ms": "sending", "down_ms": "down", "draw_ms": "drawing"};
+export const STAGE_LABELS = {"sample_ms": "pose", "up_ms": "up", "simulate_ms": "simulation", "send_ms": "sending", "down_ms": "down", "draw_ms": "drawing"};
 
 export const FORCE_LIMITS_N: Readonly<Record<string, number>> = {"skull": 130.0, "face": 65.0, "neck": 150.0, "shoulders": 210.0, "chest": 140.0, "abdomen": 110.0, "pelvis": 180.0, "upper_arms": 150.0, "forearms": 160.0, "hands": 140.0, "thighs": 220.0, "lower_legs": 130.0};
 

@@ -1,7 +1,7 @@
 import { Euler, PerspectiveCamera, Quaternion, Vector3 } from "three";
 import { poseOf, type Poses } from "../tracking/pose-reader";
 
-/** Eyes of somebody who sits in the virtual wheelchair, metres over the floor. */
+/** ParticipantCamera of somebody who sits in the virtual wheelchair, metres over the floor. */
 const EYE_HEIGHT_M = 1.2;
 const RADIANS_PER_PIXEL = 0.004;
 const HIGHEST_PITCH = 1.2;
@@ -26,7 +26,7 @@ const MOVES: Readonly<Record<string, Vector3>> = {
 };
 
 /** A mouse that turns the head and keys that move the right hand, in the place of a headset. */
-export class FlatPlay {
+export class DesktopControls {
   readonly camera = new PerspectiveCamera(undefined, 1, 0.03, 30);
   playing = false;
   private yaw = 0;

@@ -20,7 +20,7 @@ const KEYS: Record<string, Axis> = {
   ArrowLeft: ["angular", 2, 1],
   ArrowRight: ["angular", 2, -1],
 };
-const DEAD_MANS_KEY = "Space";
+const ENABLING_KEY = "Space";
 
 const STICKS: [axis: number, ...Axis][] = [
   [1, "linear", 0, -1],
@@ -39,24 +39,24 @@ const SHOULDERS = [4, 5];
 const RELEASED: Drive = { type: "drive", engaged: false, linear: [0, 0, 0], angular: [0, 0, 0] };
 
 /** What held keys ask for. */
-export function keysWish(held: ReadonlySet<string>): Drive {
-  const wish = structuredClone(RELEASED);
-  for (const key of held) add(wish, KEYS[key], 1);
-  return { ...wish, engaged: held.has(DEAD_MANS_KEY) };
+export function keyboardCommand(held: ReadonlySet<string>): Drive {
+  const command = structuredClone(RELEASED);
+  for (const key of held) add(command, KEYS[key], 1);
+  return { ...command, engaged: held.has(ENABLING_KEY) };
 }
 
 /** What a gamepad asks for: sticks and triggers, while a shoulder button is held. */
-export function gamepadWish({ axes, buttons }: Pick<Gamepad, "axes" | "buttons">): Drive {
-  const wish = structuredClone(RELEASED);
-  for (const [stick, ...axis] of STICKS) add(wish, axis, beyondDeadZone(axes[stick] ?? 0));
-  for (const [button, ...axis] of BUTTONS) add(wish, axis, buttons[button]?.value ?? 0);
-  return { ...wish, engaged: SHOULDERS.some((button) => buttons[button]?.pressed) };
+export function gamepadCommand({ axes, buttons }: Pick<Gamepad, "axes" | "buttons">): Drive {
+  const command = structuredClone(RELEASED);
+  for (const [stick, ...axis] of STICKS) add(command, axis, beyondDeadZone(axes[stick] ?? 0));
+  for (const [button, ...axis] of BUTTONS) add(command, axis, buttons[button]?.value ?? 0);
+  return { ...command, engaged: SHOULDERS.some((button) => buttons[button]?.pressed) };
 }
 
-function add(wish: Drive, axis: Axis | undefined, amount: number): void {
+function add(command: Drive, axis: Axis | undefined, amount: number): void {
   if (!axis) return;
   const [vector, index, sign] = axis;
-  wish[vector][index] = Math.max(-1, Math.min(1, wish[vector][index] + sign * amount));
+  command[vector][index] = Math.max(-1, Math.min(1, command[vector][index] + sign * amount));
 }
 
 function beyondDeadZone(value: number): number {
@@ -65,13 +65,13 @@ function beyondDeadZone(value: number): number {
 
 const DRIVEN_IN: Status["phase"][] = ["trial", "viewing"];
 
-export function drivingWords(status: Status): string {
+export function drivingText(status: Status): string {
   if (!DRIVEN_IN.includes(status.phase)) return "You drive in this trial. The robot holds still until it begins.";
   return status.idle ? "The robot holds still." : "You drive the robot.";
 }
 
 /** The experimenter as the robot's operator: keys and gamepad move its hand, as long as the dead-man's key is held. */
-export class Driving {
+export class OperatorControl {
   private readonly held = new Set<string>();
   private operated = false;
   private engaged = false;
@@ -89,51 +89,51 @@ export class Driving {
   listen(window: Window): void {
     window.addEventListener("keydown", (event) => this.pressed(event));
     window.addEventListener("keyup", (event) => this.released(event));
-    window.addEventListener("blur", () => this.letGo());
+    window.addEventListener("blur", () => this.release());
   }
 
-  statusCame(status: Status): void {
+  onStatus(status: Status): void {
     this.operated = status.operated;
     this.panel.hidden = !status.operated;
-    this.panel.firstElementChild!.textContent = drivingWords(status);
-    if (!status.operated) this.letGo();
+    this.panel.firstElementChild!.textContent = drivingText(status);
+    if (!status.operated) this.release();
   }
 
   /** Whether a key drives now, and means nothing else. */
   takes(event: KeyboardEvent): boolean {
     if (!this.operated || isWriting(event.target)) return false;
-    return event.code === DEAD_MANS_KEY || this.held.has(DEAD_MANS_KEY);
+    return event.code === ENABLING_KEY || this.held.has(ENABLING_KEY);
   }
 
   private pressed(event: KeyboardEvent): void {
     if (!this.operated || isWriting(event.target)) return;
     this.held.add(event.code);
     if (this.takes(event) && event.key !== "Escape") event.preventDefault();
-    if (event.code === DEAD_MANS_KEY && !event.repeat) this.tell();
+    if (event.code === ENABLING_KEY && !event.repeat) this.tell();
   }
 
   private released(event: KeyboardEvent): void {
     if (this.takes(event)) event.preventDefault();
     this.held.delete(event.code);
-    if (event.code === DEAD_MANS_KEY) this.letGo();
+    if (event.code === ENABLING_KEY) this.release();
   }
 
-  private letGo(): void {
+  private release(): void {
     this.held.clear();
     this.tell();
   }
 
   private tell(): void {
     if (!this.operated && !this.engaged) return;
-    const wish = this.operated ? this.wish() : RELEASED;
-    if (wish.engaged || this.engaged) this.send(wish);
-    this.engaged = wish.engaged;
+    const command = this.operated ? this.command() : RELEASED;
+    if (command.engaged || this.engaged) this.send(command);
+    this.engaged = command.engaged;
   }
 
-  private wish(): Drive {
+  private command(): Drive {
     const pads = navigator.getGamepads?.() ?? [];
-    const wishes = pads.filter((pad) => pad !== null).map(gamepadWish);
-    return [keysWish(this.held), ...wishes].find((wish) => wish.engaged) ?? RELEASED;
+    const commands = pads.filter((pad) => pad !== null).map(gamepadCommand);
+    return [keyboardCommand(this.held), ...commands].find((command) => command.engaged) ?? RELEASED;
   }
 }
 

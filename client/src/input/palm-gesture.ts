@@ -29,7 +29,7 @@ const [along, across, out, ahead, palm] = Array.from({ length: 5 }, () => new Ve
  * `joints` are the matrices of all its joints in `local-floor`. With the wrist at the origin the palm's normal is the
  * cross product of the ways to the knuckles of index and little finger; the left hand is the right one in a mirror.
  */
-export function palmIsRaised(side: Side, joints: Float32Array, eyes: Vector3): boolean {
+export function isPalmRaised(side: Side, joints: Float32Array, eyes: Vector3): boolean {
   const wrist = at(joints, WRIST, new Vector3());
   at(joints, MIDDLE, palm).add(wrist).multiplyScalar(0.5);
   ahead.copy(palm).sub(eyes).setY(0);

@@ -1,21 +1,21 @@
 import { Quaternion, Vector3 } from "three";
-import type { BareHandsTracked } from "../body/bare-hands";
-import { Stopping, type WayInVR } from "./stop-gestures";
+import type { TrackedHands } from "../body/bare-hands";
+import { StopGestures, type StopWayInVR } from "./stop-gestures";
 import { StopSign } from "./stop-sign";
-import type { Words } from "../page/texts";
+import type { Texts } from "../page/texts";
 
 const FORWARD = new Vector3(0, 0, -1);
 
 /** The stop of a participant in VR: what they do for it, and the sign that shows it. */
 export class StopControl {
   readonly sign = new StopSign();
-  private readonly stopping = new Stopping();
+  private readonly stopping = new StopGestures();
   private readonly eyes = new Vector3();
   private readonly turn = new Quaternion();
   private readonly gaze = new Vector3();
 
   /** How they stop the robot with what they have. */
-  get way(): WayInVR {
+  get way(): StopWayInVR {
     return this.stopping.way;
   }
 
@@ -33,10 +33,10 @@ export class StopControl {
     frame: XRFrame,
     space: XRReferenceSpace,
     timeMs: number,
-    hands: BareHandsTracked,
+    hands: TrackedHands,
     possible: boolean,
-    words: Words,
-  ): WayInVR | null {
+    texts: Texts,
+  ): StopWayInVR | null {
     const { sign, stopping, eyes } = this;
     const sources = frame.session.inputSources;
     const seen = this.look(frame, space, sources);
@@ -47,7 +47,7 @@ export class StopControl {
     );
     if (!possible) sign.hide();
     else if (seen) {
-      sign.show(stopping.way, stopping.progress, words);
+      sign.show(stopping.way, stopping.progress, texts);
       sign.place(stopping.way, eyes, this.turn);
     }
     return stopped;

@@ -1,21 +1,21 @@
 import { Vector3 } from "three";
-import type { BareHandsTracked } from "../body/bare-hands";
+import type { TrackedHands } from "../body/bare-hands";
 import type { StopWay } from "../generated/messages";
-import { palmIsRaised } from "./palm-gesture";
+import { isPalmRaised } from "./palm-gesture";
 import type { Key } from "../page/texts";
 
 /** How a participant in VR stops the robot. */
-export type WayInVR = Exclude<StopWay, "page" | "key">;
-type HeldWay = Exclude<WayInVR, "button">;
+export type StopWayInVR = Exclude<StopWay, "page" | "key">;
+type HeldStopWay = Exclude<StopWayInVR, "button">;
 
 /** How each kind of input stops the robot: what is said of it, and how long it is held. */
-export const WAYS: Readonly<Record<WayInVR, { words: Key; heldMs: number }>> = {
-  button: { words: "stop_by_button", heldMs: 0 },
-  triggers: { words: "stop_by_triggers", heldMs: 700 },
-  squeeze: { words: "stop_by_triggers", heldMs: 700 },
-  select: { words: "stop_by_select", heldMs: 700 },
-  palm: { words: "stop_by_palm", heldMs: 700 },
-  gaze: { words: "stop_by_gaze", heldMs: 1000 },
+export const STOP_WAYS: Readonly<Record<StopWayInVR, { text: Key; heldMs: number }>> = {
+  button: { text: "stop_by_button", heldMs: 0 },
+  triggers: { text: "stop_by_triggers", heldMs: 700 },
+  squeeze: { text: "stop_by_triggers", heldMs: 700 },
+  select: { text: "stop_by_select", heldMs: 700 },
+  palm: { text: "stop_by_palm", heldMs: 700 },
+  gaze: { text: "stop_by_gaze", heldMs: 1000 },
 };
 
 /** A, B, X and Y of common controllers, or the menu button of others, in the WebXR gamepad mapping. */
@@ -39,7 +39,7 @@ export function kindOf({ hand, profiles, gamepad, targetRayMode }: XRInputSource
 }
 
 /** The way to stop that participants are shown; null where there is no input source. */
-export function wayOf(sources: Iterable<XRInputSource>): WayInVR | null {
+export function wayOf(sources: Iterable<XRInputSource>): StopWayInVR | null {
   const kinds = Array.from(sources, kindOf);
   if (kinds.includes("button")) return "button";
   const triggers = kinds.filter((kind) => kind === "trigger").length;
@@ -106,27 +106,27 @@ export interface Seen {
   eyes: Vector3 | null;
   /** Where they look, if that is known better than where their head points. */
   gaze: Vector3;
-  hands: BareHandsTracked;
+  hands: TrackedHands;
   /** The middle of the stop sign. */
   sign: Vector3 | null;
 }
 
 /** Looks for all that stops the robot and is held for a while. */
-export class Stopping {
+export class StopGestures {
   /** How the participant stops the robot with what they have. */
-  way: WayInVR = "gaze";
+  way: StopWayInVR = "gaze";
   /** How much of its time what is held longest has been held, 0 to 1. */
   progress = 0;
   /** The presses of sources that are held down, numbered as they began. */
   private readonly selecting = new Map<XRInputSource, number>();
   private readonly squeezing = new Map<XRInputSource, number>();
   private presses = 0;
-  private readonly holds: Readonly<Record<HeldWay, Hold>> = {
-    triggers: new Hold(WAYS.triggers.heldMs, 0, true),
-    squeeze: new Hold(WAYS.squeeze.heldMs, 0, true),
-    select: new Hold(WAYS.select.heldMs, 0, true),
-    palm: new Hold(WAYS.palm.heldMs, FLICKER_MS, false),
-    gaze: new Hold(WAYS.gaze.heldMs, FLICKER_MS, false),
+  private readonly holds: Readonly<Record<HeldStopWay, Hold>> = {
+    triggers: new Hold(STOP_WAYS.triggers.heldMs, 0, true),
+    squeeze: new Hold(STOP_WAYS.squeeze.heldMs, 0, true),
+    select: new Hold(STOP_WAYS.select.heldMs, 0, true),
+    palm: new Hold(STOP_WAYS.palm.heldMs, FLICKER_MS, false),
+    gaze: new Hold(STOP_WAYS.gaze.heldMs, FLICKER_MS, false),
   };
   private sourcesMs = -Infinity;
 
@@ -141,11 +141,11 @@ export class Stopping {
   }
 
   /** The way in which the participant has just stopped the robot, or null; `possible`: it can be stopped now. */
-  watch(seen: Seen, possible: boolean, nowMs: number): HeldWay | null {
+  watch(seen: Seen, possible: boolean, nowMs: number): HeldStopWay | null {
     const sources = Array.from(seen.sources);
     this.chooseWay(sources, nowMs);
     const held = this.held(seen, sources);
-    const ways = Object.entries(this.holds) as [HeldWay, Hold][];
+    const ways = Object.entries(this.holds) as [HeldStopWay, Hold][];
     const shares = ways.map(([way, hold]) => hold.share(held[way], possible, nowMs));
     this.progress = Math.max(...shares);
     return ways[shares.indexOf(1)]?.[0] ?? null;
@@ -158,12 +158,12 @@ export class Stopping {
     else if (nowMs - this.sourcesMs > ALONE_MS) this.way = "gaze";
   }
 
-  private held({ eyes, gaze, hands, sign }: Seen, sources: XRInputSource[]): Record<HeldWay, Press> {
+  private held({ eyes, gaze, hands, sign }: Seen, sources: XRInputSource[]): Record<HeldStopWay, Press> {
     const triggers = sources.filter((source) => kindOf(source) === "trigger");
     const selects = pressesOf(triggers, this.selecting);
     const squeezes = pressesOf(triggers, this.squeezing);
     const all = triggers.length > 0 && selects.length === triggers.length ? Math.max(...selects) : null;
-    const raised = (side: "left" | "right") => hands[side] !== null && palmIsRaised(side, hands[side].matrices, eyes!);
+    const raised = (side: "left" | "right") => hands[side] !== null && isPalmRaised(side, hands[side].matrices, eyes!);
     return {
       triggers: triggers.length > 1 ? all : null,
       squeeze: squeezes.length > 0 ? Math.min(...squeezes) : null,

@@ -1,8 +1,8 @@
 import { Quaternion, Vector3 } from "three";
 import { CanvasPlane } from "../panel/canvas-plane";
 import { wrap } from "../panel/paint-panel";
-import { WAYS, type WayInVR } from "./stop-gestures";
-import type { Words } from "../page/texts";
+import { STOP_WAYS, type StopWayInVR } from "./stop-gestures";
+import type { Texts } from "../page/texts";
 
 /** Pixels of the sign's canvas, and metres of the sign. */
 const WIDTH = 512;
@@ -21,7 +21,7 @@ const DISTANCE_M = 1.1;
 const ASIDE = new Vector3(-0.62, 0.36, -1).normalize().multiplyScalar(DISTANCE_M);
 const COLOUR = { sign: "#c62828", ring: "#ffd36b", quiet: "#5b1717", text: "#ffffff", plate: "rgba(15, 42, 49, 0.85)" };
 
-/** How the robot is stopped, in VR: a sign with the words for it and a ring that fills while it is being done. */
+/** How the robot is stopped, in VR: a sign with the texts for it and a ring that fills while it is being done. */
 export class StopSign {
   private readonly plane = new CanvasPlane(WIDTH, HEIGHT, WIDTH_M);
   readonly mesh = this.plane.mesh;
@@ -39,20 +39,20 @@ export class StopSign {
   }
 
   /** Shows how to stop and how much of that is done. */
-  show(way: WayInVR, progress: number, words: Words): void {
+  show(way: StopWayInVR, progress: number, texts: Texts): void {
     this.mesh.visible = true;
     this.mesh.material.depthTest = progress === 0 && way !== "gaze";
     if (way !== "gaze") this.stands = null;
     const step = Math.round(progress * STEPS);
-    const wanted = `${way} ${step} ${words.language}`;
+    const wanted = `${way} ${step} ${texts.language}`;
     if (wanted === this.painted) return;
     this.painted = wanted;
-    const [sign, how] = [words.say("stop_sign"), words.say(WAYS[way].words)];
+    const [sign, how] = [texts.get("stop_sign"), texts.get(STOP_WAYS[way].text)];
     this.plane.paint((context) => paintSign(context, sign, how, step / STEPS));
   }
 
   /** Moves the sign along with the head; leaves it in the room for participants who stop by looking at it. */
-  place(way: WayInVR, eyes: Vector3, turn: Quaternion): void {
+  place(way: StopWayInVR, eyes: Vector3, turn: Quaternion): void {
     if (this.stands) return;
     const { mesh } = this;
     if (way === "gaze") {

@@ -1,10 +1,10 @@
 import { element } from "./dom";
 import type { Question } from "../generated/messages";
 import { isLine, labelOf, saysItsEnds } from "../panel/questionnaire";
-import type { Words } from "./texts";
+import type { Texts } from "./texts";
 
 /** The answers to a question on the page: a button for each, or a line to slide on where there are many. */
-export class Scale {
+export class AnswerScale {
   /** Whether the latest answer came from the keyboard, which then stays at the answers. */
   byKeyboard = false;
   private readonly points = element("points");
@@ -13,8 +13,8 @@ export class Scale {
   constructor(private readonly answer: (value: number) => void) {}
 
   /** Shows a question, and which answer was given now or before. */
-  show(question: Question | null, answered: number | null, words: Words): void {
-    if (question && question !== this.shown) this.fill(question, words);
+  show(question: Question | null, answered: number | null, texts: Texts): void {
+    if (question && question !== this.shown) this.fill(question, texts);
     this.shown = question;
     for (const button of this.points.querySelectorAll("button")) {
       button.disabled = answered !== null;
@@ -22,15 +22,15 @@ export class Scale {
     }
   }
 
-  private fill(question: Question, words: Words): void {
+  private fill(question: Question, texts: Texts): void {
     const { points, labels, low, high } = question;
     const ends = { low: [1, low], high: [points, high] } as const;
     for (const [id, [value, meaning]] of Object.entries(ends))
-      element(id).textContent = isLine(question) ? meaning : words.say("anchor", { value: labelOf(question, value), meaning });
+      element(id).textContent = isLine(question) ? meaning : texts.get("anchor", { value: labelOf(question, value), meaning });
     element("anchors").hidden = saysItsEnds(question) && !isLine(question);
-    this.points.classList.toggle("words", labels.some((label) => label.length > 3));
+    this.points.classList.toggle("texts", labels.some((label) => label.length > 3));
     this.points.classList.toggle("line", isLine(question));
-    if (isLine(question)) this.points.replaceChildren(...this.line(question, words));
+    if (isLine(question)) this.points.replaceChildren(...this.line(question, texts));
     else this.points.replaceChildren(...Array.from({ length: points }, (_, at) => this.button(at + 1, question)));
     if (this.byKeyboard) this.points.querySelector<HTMLElement>("button, input")?.focus();
   }
@@ -48,16 +48,16 @@ export class Scale {
   }
 
   /** A line that shows no answer before one is chosen, so that none is suggested. */
-  private line(question: Question, words: Words): HTMLElement[] {
+  private line(question: Question, texts: Texts): HTMLElement[] {
     const { points, given } = question;
     const line = document.createElement("input");
     const value = String(given ?? Math.ceil(points / 2));
     Object.assign(line, { type: "range", min: "1", max: String(points), step: "1", value });
-    line.setAttribute("aria-label", words.say("slide"));
+    line.setAttribute("aria-label", texts.get("slide"));
     line.setAttribute("aria-describedby", "statement anchors");
     const take = document.createElement("button");
     take.type = "button";
-    take.textContent = words.say("take_answer");
+    take.textContent = texts.get("take_answer");
     const choose = () => {
       line.classList.remove("untouched");
       take.value = line.value;

@@ -1,11 +1,11 @@
-import type { BareHandsTracked } from "../body/bare-hands";
+import type { TrackedHands } from "../body/bare-hands";
 import { Connection, type Link } from "../session/connection";
-import { asksForCode, awaitsReady, canBeStopped, confirmsAnswers, isRunning, mayRecalibrate, panelContent, type Display } from "../session/display-state";
+import { asksForCode, awaitsReady, canBeStopped, confirmsAnswers, isRunning, mayRecalibrate, panelContent, type DisplayState } from "../session/display-state";
 import { Countdown } from "../session/countdown";
-import { DrawnFrames } from "../session/frame-intervals";
+import { FrameIntervals } from "../session/frame-intervals";
 import { fetchBytes } from "./dom";
-import { FlatPlay } from "../input/desktop-controls";
-import { Immersive } from "../session/xr-frame";
+import { DesktopControls } from "../input/desktop-controls";
+import { XRFrameHandler } from "../session/xr-frame";
 import type { Outgoing } from "../session/connection";
 import { LatencyMeter } from "../session/latency";
 import type { Body, Phase, Scene, ServerMessage, StopWay, Visibility, Welcome } from "../generated/messages";
@@ -15,26 +15,26 @@ import { AGAIN, BACK, DONE } from "../panel/paint-panel";
 import { Panel } from "../panel/panel";
 import { Questionnaire } from "../panel/questionnaire";
 import { createRoom } from "../scene/room";
-import { inputOfAll, wordsFor, type Input } from "../input/input-kind";
+import { inputKindOf, textFor, type InputKind } from "../input/input-kind";
 import { Senses } from "../session/haptics-and-sounds";
-import { ImmersiveSession, reasonAgainstVR } from "../session/xr-session";
+import { XRSessionManager, vrUnavailableReason } from "../session/xr-session";
 import { StopControl } from "../input/stop-control";
 import { StateDecoder, type State } from "../session/state-decoder";
 import type { Poses } from "../tracking/pose-reader";
 import { View, type Detail } from "../scene/view";
-import { Watching } from "../session/spectator";
-import { RobotPointer, Whereabouts } from "../scene/robot-direction";
-import { ENGLISH, firstWords, wordsOf, type Key, type Words } from "./texts";
+import { Spectator } from "../session/spectator";
+import { RobotPointer, RobotArrow } from "../scene/robot-direction";
+import { ENGLISH_TEXTS, initialTexts, textsOf, type Key, type Texts } from "./texts";
 import { World } from "../scene/world";
 
 /** As often as a headset of 72 Hz sends its poses. */
-const PLAY_INTERVAL_MS = 1000 / 72;
+const DESKTOP_INTERVAL_MS = 1000 / 72;
 
 /** The whole client: what the server says goes in, what the participant does goes out. */
 export class App {
   readonly view: View;
   readonly panel: Panel;
-  readonly immersive: Immersive;
+  readonly xrFrames: XRFrameHandler;
   readonly stopControl = new StopControl();
   readonly questionnaire = new Questionnaire();
   phase: Phase | null = null;
@@ -43,38 +43,38 @@ export class App {
 
   private readonly page: Page;
   readonly world = new World();
-  private readonly session: ImmersiveSession;
+  private readonly session: XRSessionManager;
   private readonly connection: Connection;
-  private readonly flat: FlatPlay;
+  private readonly desktop: DesktopControls;
   private readonly latency: LatencyMeter;
   private readonly states = new StateDecoder();
-  private readonly drawnFrames = new DrawnFrames();
+  private readonly frameIntervals = new FrameIntervals();
   private readonly senses: Senses;
-  private readonly watching: Watching | null;
-  private readonly whereabouts: Whereabouts;
-  private readonly pointsAtRobot: RobotPointer;
+  private readonly spectator: Spectator | null;
+  private readonly robotArrow: RobotArrow;
+  private readonly robotPointer: RobotPointer;
   private welcome: Welcome | null = null;
   private lastPoses: Poses | null = null;
   private body: Body | null = null;
   private link: Link = "connecting";
   private code = 0;
-  private words: Words;
-  private readonly notice = new Notice(() => this.refresh());
+  private texts: Texts;
+  private readonly notice = new Notice(() => this.update());
   private contextLost = false;
-  private toldVisibility: Visibility = "visible";
+  private sentVisibility: Visibility = "visible";
   private readonly countdown = new Countdown();
-  private input: Input = "trigger";
+  private input: InputKind = "trigger";
 
   constructor(
     private readonly token: string,
     private readonly emulated: boolean,
     detail: Detail,
-    private readonly watches: boolean,
+    private readonly isSpectator: boolean,
   ) {
-    this.words = watches ? ENGLISH : firstWords(navigator.languages);
-    this.page = new Page(watches, {
-      enterOrLeave: () => void this.enterOrLeave(),
-      playOrEnd: () => this.playOrEnd(),
+    this.texts = isSpectator ? ENGLISH_TEXTS : initialTexts(navigator.languages);
+    this.page = new Page(isSpectator, {
+      toggleVR: () => void this.toggleVR(),
+      toggleDesktop: () => this.toggleDesktop(),
       ready: () => this.send({ type: "ready" }),
       recalibrate: () => this.send({ type: "recalibrate" }),
       stop: () => this.stop("page"),
@@ -82,45 +82,45 @@ export class App {
       answer: (value) => this.answer(value),
       chooseBody: (choice) => this.send(choice),
     });
-    this.flat = new FlatPlay(this.page.view, this.page.handButtons);
+    this.desktop = new DesktopControls(this.page.view, this.page.handButtons);
     this.view = new View(this.page.view, this.page.card, detail);
-    this.pointsAtRobot = new RobotPointer(this.view.scene);
+    this.robotPointer = new RobotPointer(this.view.scene);
     this.panel = new Panel(detail.anisotropy);
-    this.connection = new Connection(socketAddress(watches ? "watch" : "ws"), token, emulated, {
+    this.connection = new Connection(socketAddress(isSpectator ? "watch" : "ws"), token, emulated, {
       message: (message) => this.receive(message),
-      link: (link, code) => this.linked(link, code),
+      link: (link, code) => this.onLink(link, code),
     });
-    this.immersive = new Immersive(this.panel, this.connection, (eyes) => this.world.around(eyes));
-    this.latency = new LatencyMeter((sequence) => this.immersive.numbering.timesOf(sequence));
-    this.session = new ImmersiveSession(this.view.renderer, {
+    this.xrFrames = new XRFrameHandler(this.panel, this.connection, (eyes) => this.world.surfacePoints(eyes));
+    this.latency = new LatencyMeter((sequence) => this.xrFrames.numbering.timesOf(sequence));
+    this.session = new XRSessionManager(this.view.renderer, {
       begins: (session) => this.stopControl.listen(session),
       entered: () => this.entered(),
       left: () => this.left(),
       selected: (source, frame) => this.selected(source, frame),
       menuPressed: () => (mayRecalibrate(this.phase) ? this.send({ type: "recalibrate" }) : this.stop("button")),
       originReset: () => this.originReset(),
-      visibilityChanged: () => this.tellVisibility(),
+      visibilityChanged: () => this.sendVisibility(),
     });
     this.senses = new Senses(
       (hand, strength, ms) => this.session.pulse(hand, strength, ms),
       () => this.allowedSenses(),
     );
-    this.watching = watches ? this.watch() : null;
-    this.whereabouts = new Whereabouts(this.page.view, this.page.card);
-    this.furnish(detail);
+    this.spectator = isSpectator ? this.watch() : null;
+    this.robotArrow = new RobotArrow(this.page.view, this.page.card);
+    this.addScenery(detail);
   }
 
-  private watch(): Watching {
-    this.page.hideTakingPart();
-    return new Watching(
+  private watch(): Spectator {
+    this.page.hideParticipation();
+    return new Spectator(
       (message) => this.send(message),
-      (fromInside) => this.seeFromInside(fromInside),
+      (firstPerson) => this.setFirstPerson(firstPerson),
     );
   }
 
-  private seeFromInside(inside: boolean): void {
-    this.world.seeFromInside(inside);
-    this.view.seeWith(inside && this.watching ? this.watching.eyes : null);
+  private setFirstPerson(inside: boolean): void {
+    this.world.setFirstPerson(inside);
+    this.view.useCamera(inside && this.spectator ? this.spectator.eyes : null);
   }
 
   /** The plan and the participant must both want them. */
@@ -133,36 +133,36 @@ export class App {
     return this.session.presenting;
   }
 
-  private get onShow(): boolean {
+  private get isViewing(): boolean {
     return this.phase?.name === "viewing";
   }
 
   /** Whether somebody takes part here, in VR or without a headset. */
-  private get takesPart(): boolean {
-    return this.presenting || this.flat.playing;
+  private get participates(): boolean {
+    return this.presenting || this.desktop.playing;
   }
 
   start(): void {
-    if (!this.watches) this.page.speak(this.words);
+    if (!this.isSpectator) this.page.speak(this.texts);
     this.connection.open();
-    this.refresh();
+    this.update();
     this.view.renderer.setAnimationLoop((timeMs, frame) => this.frame(timeMs, frame));
     const { domElement } = this.view.renderer;
     for (const event of ["webglcontextlost", "webglcontextrestored"])
-      domElement.addEventListener(event, () => this.drawingLost(event === "webglcontextlost"));
-    document.addEventListener("visibilitychange", () => this.tellVisibility());
+      domElement.addEventListener(event, () => this.onContextLost(event === "webglcontextlost"));
+    document.addEventListener("visibilitychange", () => this.sendVisibility());
     window.addEventListener("keydown", (event) => this.key(event));
-    setInterval(() => this.playFrame(), PLAY_INTERVAL_MS);
+    setInterval(() => this.sendDesktopPoses(), DESKTOP_INTERVAL_MS);
     navigator.xr?.addEventListener("devicechange", () => void this.checkVR());
     void this.checkVR();
   }
 
-  private furnish(detail: Detail): void {
+  private addScenery(detail: Detail): void {
     const { root } = this.world;
     root.add(createRoom(detail));
     if (detail.lighting) this.view.reflect(root);
-    this.view.scene.add(root, this.panel.mesh, this.stopControl.sign.mesh, this.immersive.pointers.group);
-    this.view.standBefore(root);
+    this.view.scene.add(root, this.panel.mesh, this.stopControl.sign.mesh, this.xrFrames.pointers.group);
+    this.view.placeSpectator(root);
   }
 
   private send(message: Outgoing): boolean {
@@ -172,47 +172,47 @@ export class App {
   // From the server
 
   private receive(message: ServerMessage): void {
-    if (message.type === "state") return this.stateCame(this.states.decode(message));
+    if (message.type === "state") return this.onState(this.states.decode(message));
     if (message.type === "passed") return this.latency.announce(message);
     if (message.type === "feedback") return this.senses.take(message);
-    if (message.type === "status") return this.watching?.statusCame(message);
-    if (message.type === "timing") return this.watching?.timingCame(message);
+    if (message.type === "status") return this.spectator?.onStatus(message);
+    if (message.type === "timing") return this.spectator?.onTiming(message);
     if (message.type === "placed") return this.world.move(message, performance.now());
-    if (message.type === "upcoming") return this.fetchAhead(message.url);
-    if (message.type === "welcome") this.welcomed(message);
-    if (message.type === "language") this.speak(wordsOf(message));
-    if (message.type === "body") this.bodyCame(message);
-    if (message.type === "scene") void this.sceneCame(message);
-    if (message.type === "phase") this.phaseCame(message);
-    if (message.type === "question" && !this.watches) this.questionnaire.show(message, performance.now());
+    if (message.type === "upcoming") return this.prefetch(message.url);
+    if (message.type === "welcome") this.onWelcome(message);
+    if (message.type === "language") this.speak(textsOf(message));
+    if (message.type === "body") this.onBody(message);
+    if (message.type === "scene") void this.onScene(message);
+    if (message.type === "phase") this.onPhase(message);
+    if (message.type === "question" && !this.isSpectator) this.questionnaire.show(message, performance.now());
     if (message.type === "problem") this.notice.show(message);
-    this.refresh();
+    this.update();
   }
 
   /** A new connection knows nothing of the participant in VR yet. */
-  private welcomed(welcome: Welcome): void {
+  private onWelcome(welcome: Welcome): void {
     this.welcome = welcome;
-    this.watching?.welcomed(welcome);
+    this.spectator?.onWelcome(welcome);
     this.page.commands = welcome.role === "experimenter";
     this.world.forgetStates();
-    this.toldVisibility = "visible";
-    if (this.takesPart) this.send({ type: "entered" });
-    this.tellVisibility();
+    this.sentVisibility = "visible";
+    if (this.participates) this.send({ type: "entered" });
+    this.sendVisibility();
   }
 
   private get visibility(): Visibility {
-    if (!this.takesPart) return "visible";
+    if (!this.participates) return "visible";
     if (this.contextLost) return "context-lost";
     return this.presenting ? this.session.visibility : document.visibilityState;
   }
 
   /** The server holds the robot while the participant does not see the scene or cannot act. */
-  private tellVisibility(): void {
+  private sendVisibility(): void {
     const { visibility } = this;
-    this.immersive.blocked = visibility !== "visible";
-    this.watchAnswering();
-    if (visibility !== this.toldVisibility && this.send({ type: "visibility_changed", visibility }))
-      this.toldVisibility = visibility;
+    this.xrFrames.blocked = visibility !== "visible";
+    this.updateAnswering();
+    if (visibility !== this.sentVisibility && this.send({ type: "visibility_changed", visibility }))
+      this.sentVisibility = visibility;
   }
 
   /** Whether the participant sees the questions and can point at an answer. */
@@ -222,124 +222,124 @@ export class App {
     return this.link === "connected" && seen === "visible" && tracked;
   }
 
-  private watchAnswering(): void {
+  private updateAnswering(): void {
     this.questionnaire.block(!this.canAnswer, performance.now());
   }
 
   /** Fills the browser's cache, so that the scene is there when it is wanted. */
-  private fetchAhead(url: string): void {
+  private prefetch(url: string): void {
     void fetchBytes(url, this.token).catch(() => undefined);
   }
 
-  private stateCame(state: State): void {
+  private onState(state: State): void {
     const nowMs = performance.now();
     this.statesReceived++;
     if (this.world.push(state)) this.lastState = state;
-    this.latency.stateCame(state, nowMs);
+    this.latency.onState(state, nowMs);
   }
 
-  private async sceneCame(scene: Scene): Promise<void> {
+  private async onScene(scene: Scene): Promise<void> {
     this.states.beginScene();
-    this.watching?.sceneCame(scene);
+    this.spectator?.onScene(scene);
     try {
       const before = this.world.root.matrix.clone();
       const loading = this.world.load(scene, fetchBytes(scene.url, this.token));
-      if (!this.world.root.matrix.equals(before)) this.view.standBefore(this.world.root);
+      if (!this.world.root.matrix.equals(before)) this.view.placeSpectator(this.world.root);
       await loading;
-      this.page.setFurnished();
+      this.page.setSceneLoaded();
       this.panel.review();
-      if (!this.watches) this.send({ type: "scene_loaded", url: scene.url });
-      else if (this.onShow) this.send({ type: "scene_watched", url: scene.url });
+      if (!this.isSpectator) this.send({ type: "scene_loaded", url: scene.url });
+      else if (this.isViewing) this.send({ type: "scene_watched", url: scene.url });
     } catch (error) {
       this.explain("scene_not_loaded", error);
     }
   }
 
-  private bodyCame(body: Body): void {
+  private onBody(body: Body): void {
     this.body = body;
     this.world.hands.colour(body);
   }
 
-  private phaseCame(phase: Phase): void {
+  private onPhase(phase: Phase): void {
     this.phase = phase;
     this.panel.review();
-    this.page.setOnShow(this.onShow);
+    this.page.setViewing(this.isViewing);
     this.countdown.begin(phase.seconds, performance.now());
     if (phase.name !== "questionnaire") this.questionnaire.clear();
     if (phase.name === "headset" || phase.name === "calibration") this.world.forgetHands();
   }
 
   /** The participant's page speaks their language; what those who watch read of it is marked as theirs. */
-  private speak(words: Words): void {
-    if (this.watches) return this.page.markAsParticipants(words);
-    this.words = words;
-    this.page.speak(words);
+  private speak(texts: Texts): void {
+    if (this.isSpectator) return this.page.markAsParticipants(texts);
+    this.texts = texts;
+    this.page.speak(texts);
     void this.checkVR();
   }
 
-  private linked(link: Link, code: number): void {
+  private onLink(link: Link, code: number): void {
     this.link = link;
     this.code = code;
-    if (asksForCode(code)) this.page.showEntrance();
-    this.watchAnswering();
-    this.refresh();
+    if (asksForCode(code)) this.page.showCodeForm();
+    this.updateAnswering();
+    this.update();
   }
 
   // From the participant
 
-  private async enterOrLeave(): Promise<void> {
+  private async toggleVR(): Promise<void> {
     if (this.presenting) return this.session.leave();
     this.senses.wake();
     if (this.emulated && !navigator.userActivation.isActive) {
       return this.explain("real_click");
     }
-    this.page.setReason(this.words.say("entering"));
+    this.page.setVRUnavailableReason(this.texts.get("entering"));
     await this.session.enter(navigator.xr!).catch((error) => this.explain("not_entered", error));
-    this.page.setReason("");
+    this.page.setVRUnavailableReason("");
   }
 
-  private playOrEnd(): void {
-    const playing = !this.flat.playing;
+  private toggleDesktop(): void {
+    const playing = !this.desktop.playing;
     this.senses.wake();
-    this.flat.playing = playing;
+    this.desktop.playing = playing;
     this.page.setPlaying(playing);
-    this.world.seeFromInside(playing);
-    this.view.seeWith(playing ? this.flat.camera : null);
+    this.world.setFirstPerson(playing);
+    this.view.useCamera(playing ? this.desktop.camera : null);
     this.send({ type: playing ? "entered" : "left" });
-    this.tellVisibility();
-    this.refresh();
+    this.sendVisibility();
+    this.update();
   }
 
   private entered(): void {
     this.panel.unplace();
     this.showPresenting(true);
     this.send({ type: "entered" });
-    this.tellVisibility();
+    this.sendVisibility();
   }
 
   private left(): void {
-    this.immersive.pointers.hide();
+    this.xrFrames.pointers.hide();
     this.stopControl.sign.hide();
     this.showPresenting(false);
     this.send({ type: "left" });
-    this.tellVisibility();
+    this.sendVisibility();
   }
 
-  private drawingLost(lost: boolean): void {
+  private onContextLost(lost: boolean): void {
     this.contextLost = lost;
-    this.tellVisibility();
+    this.sendVisibility();
     if (lost) this.explain("drawing_lost");
   }
 
   private showPresenting(presenting: boolean): void {
     this.page.setPresenting(presenting);
-    this.world.seeFromInside(presenting);
-    this.refresh();
+    this.world.setFirstPerson(presenting);
+    this.update();
   }
 
   private selected(source: XRInputSource, frame: XRFrame): void {
     const space = this.view.renderer.xr.getReferenceSpace();
-    const value = space && this.immersive.pointedAt(source, frame, space);
+    const value = space && this.xrFrames.pointedAt(source, frame, space);
     const choice = this.panel.choice(value);
     if (value === BACK) this.send({ type: "back" });
     else if (this.questionnaire.question) this.answer(value);
@@ -352,15 +352,15 @@ export class App {
   private answer(value: number | null): void {
     if (value === null) return;
     this.questionnaire.answer(value, performance.now(), (answer) => this.send(answer));
-    this.refresh();
+    this.update();
   }
 
   private key(event: KeyboardEvent): void {
     if (this.answerByKey(event)) return;
-    if (this.flat.press(event.code)) return;
-    if (this.flat.playing && event.key === "Enter" && event.target === document.body && awaitsReady(this.phase))
+    if (this.desktop.press(event.code)) return;
+    if (this.desktop.playing && event.key === "Enter" && event.target === document.body && awaitsReady(this.phase))
       this.send({ type: "ready" });
-    if (!isStopKey(event) || !(this.takesPart || isRunning(this.phase))) return;
+    if (!isStopKey(event) || !(this.participates || isRunning(this.phase))) return;
     event.preventDefault();
     this.stop("key");
   }
@@ -369,32 +369,32 @@ export class App {
   private answerByKey(event: KeyboardEvent): boolean {
     const { question, answered } = this.questionnaire;
     const isOther = event.repeat || event.ctrlKey || event.altKey || event.metaKey || !/^\d$/.test(event.key);
-    if (!question || answered !== null || isOther || this.watches) return false;
+    if (!question || answered !== null || isOther || this.isSpectator) return false;
     const value = Number(event.key) || 10;
     if (question.points > 10 || value > question.points) return false;
-    this.page.answersByKeyboard();
+    this.page.noteKeyboardAnswer();
     this.answer(value);
     return true;
   }
 
   private stop(way: StopWay): void {
-    if (!this.watches) this.send({ type: "stop", way });
+    if (!this.isSpectator) this.send({ type: "stop", way });
     else if (this.page.commands) this.send({ type: "command", name: "stop" });
   }
 
   /** Holds the robot once a participant in VR has held what stops it. */
-  private watchStop(frame: XRFrame, space: XRReferenceSpace, timeMs: number): void {
-    const { phase, words, immersive, stopControl } = this;
-    const way = stopControl.watch(frame, space, timeMs, immersive.bareHands, canBeStopped(phase), words);
+  private checkStopGesture(frame: XRFrame, space: XRReferenceSpace, timeMs: number): void {
+    const { phase, texts, xrFrames, stopControl } = this;
+    const way = stopControl.watch(frame, space, timeMs, xrFrames.bareHands, canBeStopped(phase), texts);
     if (way) this.stop(way);
   }
 
-  /** Shows the panel's words for the participant's input. */
-  private watchInput(sources: XRInputSourceArray): void {
-    const input = inputOfAll(sources) ?? this.input;
+  /** Shows the panel's texts for the participant's input. */
+  private updateInput(sources: XRInputSourceArray): void {
+    const input = inputKindOf(sources) ?? this.input;
     if (input === this.input) return;
     this.input = input;
-    this.refresh();
+    this.update();
   }
 
   private originReset(): void {
@@ -404,27 +404,27 @@ export class App {
   }
 
   private async checkVR(): Promise<void> {
-    this.page.setReason(this.words.say("looking"));
-    const reason = await reasonAgainstVR();
-    this.page.setReason(reason ? this.words.say(reason) : "");
+    this.page.setVRUnavailableReason(this.texts.get("looking"));
+    const reason = await vrUnavailableReason();
+    this.page.setVRUnavailableReason(reason ? this.texts.get(reason) : "");
   }
 
-  // Words
+  // Texts
 
   private explain(key: Key, error?: unknown): void {
-    this.notice.explain(this.words, key, error);
+    this.notice.explain(this.texts, key, error);
   }
 
-  private refresh(): void {
-    const { words, link, code, phase, takesPart, input } = this;
+  private update(): void {
+    const { texts, link, code, phase, participates, input } = this;
     const { secondsLeft } = this.countdown;
     const { problem } = this.notice;
     const question = link === "connected" ? this.questionnaire.question : null;
     const { answered } = this.questionnaire;
     const body = this.welcome?.role === "spectator" ? null : this.body;
-    const message = problem && wordsFor(input, problem.message, problem.messages_by_input);
-    const counted = { secondsLeft, takesPart, input };
-    const display: Display = { words, link, code, phase, body, question, answered, problem: message, ...counted };
+    const message = problem && textFor(input, problem.message, problem.messages_by_input);
+    const counted = { secondsLeft, participates, input };
+    const display: DisplayState = { texts, link, code, phase, body, question, answered, problem: message, ...counted };
     this.page.show({ ...display, problem: problem && (problem.page_message || problem.message) });
     this.panel.show(this.presenting ? panelContent(display) : null);
   }
@@ -432,57 +432,57 @@ export class App {
   // Frames
 
   private frame(timeMs: number, frame?: XRFrame): void {
-    if (this.countdown.goOn(performance.now())) this.refresh();
-    this.watchAnswering();
+    if (this.countdown.advance(performance.now())) this.update();
+    this.updateAnswering();
     const space = this.view.renderer.xr.getReferenceSpace();
     if (frame && space && this.presenting) {
-      this.updateWorld(timeMs, this.immersive.read(frame, space, timeMs), this.immersive.bareHands);
+      this.updateWorld(timeMs, this.xrFrames.read(frame, space, timeMs), this.xrFrames.bareHands);
       this.session.watchButtons(frame.session.inputSources);
-      this.watchInput(frame.session.inputSources);
-      this.immersive.frame(frame, space);
-      this.watchStop(frame, space, timeMs);
-    } else this.updateWorld(timeMs, this.flat.playing ? this.flat.poses : null);
-    if (this.watching?.fromInside && !this.presenting) this.watching.follow(this.lastState, this.world.root);
-    this.pointAtRobot();
+      this.updateInput(frame.session.inputSources);
+      this.xrFrames.frame(frame, space);
+      this.checkStopGesture(frame, space, timeMs);
+    } else this.updateWorld(timeMs, this.desktop.playing ? this.desktop.poses : null);
+    if (this.spectator?.firstPerson && !this.presenting) this.spectator.follow(this.lastState, this.world.root);
+    this.updateRobotDirection();
     this.view.render();
-    this.tellLatency();
-    this.tellFrames(timeMs);
+    this.sendLatency();
+    this.sendFrameIntervals(timeMs);
   }
 
   /** Says on screen, and in VR while it moves, where the robot is when it is out of view. */
-  private pointAtRobot(): void {
+  private updateRobotDirection(): void {
     const place = this.world.robot;
     const head = this.presenting && isRunning(this.phase) ? this.lastPoses?.head : null;
-    this.pointsAtRobot.update(head ?? null, place);
-    this.whereabouts.update(this.view.camera, this.presenting ? null : place);
+    this.robotPointer.update(head ?? null, place);
+    this.robotArrow.update(this.view.camera, this.presenting ? null : place);
   }
 
-  private tellLatency(): void {
+  private sendLatency(): void {
     const nowMs = performance.now();
     this.latency.pictureDrawn(this.world.drawnTimeS, nowMs);
-    const latency = this.takesPart ? this.latency.take(nowMs) : null;
+    const latency = this.participates ? this.latency.take(nowMs) : null;
     if (latency) this.send(latency);
   }
 
   /** While the headset is checked. */
-  private tellFrames(timeMs: number): void {
-    if (!this.takesPart || this.phase?.name !== "headset_check") return this.drawnFrames.forget();
+  private sendFrameIntervals(timeMs: number): void {
+    if (!this.participates || this.phase?.name !== "headset_check") return this.frameIntervals.forget();
     const { emulated } = this;
     const headset = () => ({ device: navigator.userAgent.slice(0, 512), emulated, ...this.session.hardware });
-    const frames = this.drawnFrames.drawn(timeMs, headset);
+    const frames = this.frameIntervals.drawn(timeMs, headset);
     if (frames) this.send(frames);
   }
 
-  private updateWorld(timeMs: number, poses: Poses | null, bareHands?: BareHandsTracked): void {
+  private updateWorld(timeMs: number, poses: Poses | null, bareHands?: TrackedHands): void {
     this.lastPoses = poses;
-    const lagMs = this.immersive.numbering.ageMs(this.lastState?.tracking_sequence ?? -1, timeMs);
+    const lagMs = this.xrFrames.numbering.ageMs(this.lastState?.tracking_sequence ?? -1, timeMs);
     this.world.update(timeMs, poses, lagMs, bareHands);
   }
 
-  private playFrame(): void {
-    if (!this.flat.playing) return;
+  private sendDesktopPoses(): void {
+    if (!this.desktop.playing) return;
     const nowMs = performance.now();
-    this.immersive.track(this.flat.frame(nowMs), nowMs);
+    this.xrFrames.track(this.desktop.frame(nowMs), nowMs);
   }
 }
 

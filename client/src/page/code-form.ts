@@ -1,17 +1,17 @@
 import { element } from "./dom";
-import type { Key, Words } from "./texts";
+import type { Key, Texts } from "./texts";
 
 const TOO_MANY = 429;
 
 /** The form in which the code of a session is entered: a right code opens the session's link on this page. */
-export function exchangeCodes(words: () => Words): void {
+export function setUpCodeForm(texts: () => Texts): void {
   const form = element<HTMLFormElement>("entrance");
   const input = element<HTMLInputElement>("code");
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     void open(input.value).then((wrong) => {
       element("code-wrong").hidden = wrong === null;
-      element("code-wrong").textContent = wrong && words().say(wrong);
+      element("code-wrong").textContent = wrong && texts().get(wrong);
       input.select();
     });
   });

@@ -2,7 +2,7 @@ import "./page.css";
 import { App } from "./app";
 import { element } from "./dom";
 import { CannotDrawError, FULL_DETAIL, LIGHT_DETAIL } from "../scene/view";
-import { ENGLISH, firstWords } from "./texts";
+import { ENGLISH_TEXTS, initialTexts } from "./texts";
 
 const asked = new URLSearchParams(location.search);
 const emulated = asked.get("emulate") === "1";
@@ -12,21 +12,21 @@ const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
 const emulator = emulated ? await import("../emulator/emulator") : null;
 const device = emulator?.installEmulator(asked.get("headset") ?? "quest-3");
 
-const watches = location.pathname.endsWith("/spectator");
+const isSpectator = location.pathname.endsWith("/spectator");
 
 function sayWhyNothingIsDrawn(error: unknown): void {
   if (!(error instanceof CannotDrawError)) throw error;
-  const words = watches ? ENGLISH : firstWords(navigator.languages);
-  words.fill(document);
+  const texts = isSpectator ? ENGLISH_TEXTS : initialTexts(navigator.languages);
+  texts.applyTo(document);
   for (const id of ["loading", "status", "take-part", "help"]) element(id).hidden = true;
   element("problem").hidden = false;
-  element("problem").textContent = words.say("no_drawing");
+  element("problem").textContent = texts.get("no_drawing");
 }
 
 document.body.classList.toggle("embedded", asked.get("embedded") === "1");
 
 try {
-  const app = new App(token, emulated, detail, watches);
+  const app = new App(token, emulated, detail, isSpectator);
   if (emulator && device) emulator.exposeEmulator(app, device);
   app.start();
 } catch (error) {

@@ -1,5 +1,5 @@
 import type { Problem } from "../generated/messages";
-import type { Key, Words } from "./texts";
+import type { Key, Texts } from "./texts";
 
 /** How long a problem is shown: as long as it takes to read. */
 const SHOWN_MS = 6000;
@@ -21,9 +21,9 @@ export class Notice {
   }
 
   /** Shows why something on this page failed. */
-  explain(words: Words, key: Key, error?: unknown): void {
+  explain(texts: Texts, key: Key, error?: unknown): void {
     if (error !== undefined) console.warn(error);
-    const text = words.say(key, { reason: error === undefined ? "" : reasonOf(error) });
+    const text = texts.get(key, { reason: error === undefined ? "" : reasonOf(error) });
     this.show({ type: "problem", message: text, role: "participant", page_message: "", messages_by_input: {} });
   }
 

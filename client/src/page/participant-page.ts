@@ -1,26 +1,26 @@
-import { mayChooseBody } from "../panel/body-choice";
+import { canChooseBody } from "../panel/body-choice";
 import {
   awaitsReady,
   canBeStopped,
   confirmsAnswers,
-  linkWords,
+  linkText,
   mayGoBack,
   mayRecalibrate,
   phaseLabel,
-  type Display,
+  type DisplayState,
 } from "../session/display-state";
 import { element } from "./dom";
-import { exchangeCodes } from "./code-form";
+import { setUpCodeForm } from "./code-form";
 import type { Body, ChooseBody, Phase, Question } from "../generated/messages";
-import { Scale } from "./answer-scale";
+import { AnswerScale } from "./answer-scale";
 import type { Allowed } from "../session/haptics-and-sounds";
-import { ENGLISH, type Key, type Words } from "./texts";
+import { ENGLISH_TEXTS, type Key, type Texts } from "./texts";
 
 const SENSES = ["haptics", "sounds"] as const;
 
 export interface PageEvents {
-  enterOrLeave(): void;
-  playOrEnd(): void;
+  toggleVR(): void;
+  toggleDesktop(): void;
   ready(): void;
   recalibrate(): void;
   stop(): void;
@@ -29,7 +29,7 @@ export interface PageEvents {
   chooseBody(choice: ChooseBody): void;
 }
 
-/** The words and buttons over the flat view. */
+/** The texts and buttons over the flat view. */
 export class Page {
   readonly view = element("view");
   readonly card = element("card");
@@ -38,21 +38,21 @@ export class Page {
   private readonly play = element<HTMLButtonElement>("play");
   private readonly sex = element<HTMLSelectElement>("sex");
   private readonly tone = element<HTMLSelectElement>("skin-tone");
-  private readonly scale: Scale;
-  private readonly texts = new Map<string, string>();
-  private words = ENGLISH;
+  private readonly scale: AnswerScale;
+  private readonly shownTexts = new Map<string, string>();
+  private texts = ENGLISH_TEXTS;
   private presenting = false;
   private playing = false;
   /** Whether the experimenter is here, who may always stop the robot. */
   commands = false;
 
   constructor(
-    private readonly watches: boolean,
+    private readonly isSpectator: boolean,
     private readonly events: PageEvents,
   ) {
-    this.scale = new Scale((value) => events.answer(value));
-    this.enter.addEventListener("click", () => events.enterOrLeave());
-    this.play.addEventListener("click", () => events.playOrEnd());
+    this.scale = new AnswerScale((value) => events.answer(value));
+    this.enter.addEventListener("click", () => events.toggleVR());
+    this.play.addEventListener("click", () => events.toggleDesktop());
     element("ready").addEventListener("click", () => events.ready());
     element("stop").addEventListener("pointerdown", () => events.stop());
     element("stop").addEventListener("click", ({ detail }) => detail === 0 && events.stop());
@@ -61,25 +61,25 @@ export class Page {
     for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
     for (const sense of SENSES) remember(element<HTMLInputElement>(sense));
     element<HTMLDetailsElement>("help").open = window.innerHeight > 620 && window.innerWidth > 720;
-    exchangeCodes(() => this.words);
-    this.speak(ENGLISH);
+    setUpCodeForm(() => this.texts);
+    this.speak(ENGLISH_TEXTS);
   }
 
-  /** Says everything in these words from now on. */
-  speak(words: Words): void {
-    this.words = words;
-    words.fill(document);
-    for (const option of this.tone.options) option.text = words.say(option.value as Key);
-    this.sayActions();
+  /** Says everything in these texts from now on. */
+  speak(texts: Texts): void {
+    this.texts = texts;
+    texts.applyTo(document);
+    for (const option of this.tone.options) option.text = texts.get(option.value as Key);
+    this.updateActionLabels();
   }
 
   /** What those who watch read of a participant is in the participant's language. */
-  markAsParticipants(words: Words): void {
-    Object.assign(element("phase-text"), { lang: words.language, dir: words.direction });
+  markAsParticipants(texts: Texts): void {
+    Object.assign(element("phase-text"), { lang: texts.language, dir: texts.direction });
   }
 
   /** Empty: VR can be entered. */
-  setReason(reason: string): void {
+  setVRUnavailableReason(reason: string): void {
     this.enter.disabled = reason !== "";
     this.text("reason", reason);
   }
@@ -87,12 +87,12 @@ export class Page {
   setPresenting(presenting: boolean): void {
     document.body.classList.toggle("presenting", presenting);
     this.presenting = presenting;
-    this.sayActions();
+    this.updateActionLabels();
     this.enter.blur();
   }
 
   /** An environment is on show, outside of any session. */
-  setOnShow(onShow: boolean): void {
+  setViewing(onShow: boolean): void {
     document.body.classList.toggle("on-show", onShow);
   }
 
@@ -103,7 +103,7 @@ export class Page {
   }
 
   /** A scene is shown: there is more to see than an empty room. */
-  setFurnished(): void {
+  setSceneLoaded(): void {
     document.body.classList.remove("sceneless");
     element("loading").hidden = true;
   }
@@ -111,50 +111,50 @@ export class Page {
   setPlaying(playing: boolean): void {
     this.playing = playing;
     document.body.classList.toggle("playing", playing);
-    this.sayActions();
+    this.updateActionLabels();
     element("play-help").hidden = element("hand").hidden = !playing;
     element("help").hidden = playing;
     this.enter.hidden = element("reason").hidden = playing;
     this.play.blur();
   }
 
-  private sayActions(): void {
-    this.enter.textContent = this.words.say(this.presenting ? "leave" : "enter");
-    this.play.textContent = this.words.say(this.playing ? "end_play" : "play");
+  private updateActionLabels(): void {
+    this.enter.textContent = this.texts.get(this.presenting ? "leave" : "enter");
+    this.play.textContent = this.texts.get(this.playing ? "end_play" : "play");
   }
 
   /** Only a link or a code leads on. */
-  showEntrance(): void {
+  showCodeForm(): void {
     for (const id of ["take-part", "help", "loading", "body"]) element(id).hidden = true;
     element("entrance").hidden = false;
   }
 
-  /** Whoever only watches takes no part. */
-  hideTakingPart(): void {
+  /** Whoever only isSpectator takes no part. */
+  hideParticipation(): void {
     element("take-part").hidden = element("help").hidden = true;
   }
 
   /** The latest answer came from the keyboard, which then stays at the answers. */
-  answersByKeyboard(): void {
+  noteKeyboardAnswer(): void {
     this.scale.byKeyboard = true;
   }
 
-  show(display: Display): void {
-    const { words, phase, question, problem, secondsLeft } = display;
+  show(display: DisplayState): void {
+    const { texts, phase, question, problem, secondsLeft } = display;
     const confirms = confirmsAnswers(phase) && !question;
     const hadFocus = this.card.contains(document.activeElement);
     element("status").dataset["link"] = display.link;
-    this.text("status-words", linkWords(display));
+    this.text("status-words", linkText(display));
     this.text("problem", problem ?? "");
-    this.text("phase-label", this.watches ? "" : phaseLabel(phase, words));
-    this.text("phase-text", (this.watches ? phase?.text : phase?.page_text || phase?.text) ?? "");
-    this.text("countdown", secondsLeft === null ? "" : words.say("seconds", { seconds: secondsLeft }));
-    this.text("ready", words.say(confirms ? "done" : "go_on"));
+    this.text("phase-label", this.isSpectator ? "" : phaseLabel(phase, texts));
+    this.text("phase-text", (this.isSpectator ? phase?.text : phase?.page_text || phase?.text) ?? "");
+    this.text("countdown", secondsLeft === null ? "" : texts.get("seconds", { seconds: secondsLeft }));
+    this.text("ready", texts.get(confirms ? "done" : "go_on"));
     element("problem").hidden = !problem;
-    element("emergency").hidden = !this.commands && !(display.takesPart && canBeStopped(phase));
-    element("ready").hidden = this.watches || (!confirms && !(display.takesPart && awaitsReady(phase)));
-    element("again").hidden = !display.takesPart || !mayRecalibrate(phase);
-    element("back").hidden = this.watches || !mayGoBack(display);
+    element("emergency").hidden = !this.commands && !(display.participates && canBeStopped(phase));
+    element("ready").hidden = this.isSpectator || (!confirms && !(display.participates && awaitsReady(phase)));
+    element("again").hidden = !display.participates || !mayRecalibrate(phase);
+    element("back").hidden = this.isSpectator || !mayGoBack(display);
     element("phase").hidden = !phase?.text || question !== null;
     this.showBody(display.body, phase);
     this.showQuestion(question, display.answered);
@@ -169,10 +169,10 @@ export class Page {
 
   private showBody(body: Body | null, phase: Phase | null): void {
     element("body").hidden = body === null;
-    element<HTMLFieldSetElement>("body").disabled = !mayChooseBody(phase);
+    element<HTMLFieldSetElement>("body").disabled = !canChooseBody(phase);
     if (!body) return;
     if (this.tone.options.length === 0)
-      this.tone.append(...body.skin_tones.map((tone) => new Option(this.words.say(tone as Key), tone)));
+      this.tone.append(...body.skin_tones.map((tone) => new Option(this.texts.get(tone as Key), tone)));
     this.sex.value = body.sex;
     this.tone.value = body.skin_tone;
   }
@@ -185,15 +185,15 @@ export class Page {
   private showQuestion(question: Question | null, answered: number | null): void {
     element("question").hidden = question === null;
     if (question)
-      this.text("question-label", this.words.say("question", { number: question.number, count: question.count }));
+      this.text("question-label", this.texts.get("question", { number: question.number, count: question.count }));
     this.text("statement", question?.text ?? "");
-    this.scale.show(question, answered, this.words);
+    this.scale.show(question, answered, this.texts);
   }
 
   /** Sets a text only when it changes: screen readers announce every change. */
   private text(id: string, text: string): void {
-    if (this.texts.get(id) === text) return;
-    this.texts.set(id, text);
+    if (this.shownTexts.get(id) === text) return;
+    this.shownTexts.set(id, text);
     element(id).textContent = text;
   }
 }

@@ -1,6 +1,6 @@
 import { PHASES_WHERE, type Body, type ChooseBody, type Phase } from "../generated/messages";
 import { layoutButtons, type Box, type Button } from "./questionnaire";
-import type { Words } from "../page/texts";
+import type { Texts } from "../page/texts";
 
 export const SEXES = ["woman", "man"] as const;
 
@@ -16,15 +16,15 @@ interface Choice {
 export interface BodyButton extends Button, Choice {}
 
 /** Whether the participant's body may be chosen: no trial runs. */
-export function mayChooseBody(phase: Phase | null): boolean {
+export function canChooseBody(phase: Phase | null): boolean {
   return phase !== null && PHASES_WHERE.can_choose_body.includes(phase.name);
 }
 
 /** Both bodies side by side in the upper half of an area, all tones of skin in the lower; their values count on. */
-export function bodyButtons(body: Body, area: Box, words: Words): BodyButton[] {
+export function layoutBodyButtons(body: Body, area: Box, texts: Texts): BodyButton[] {
   const height = area.height * 0.46;
   const tones = { ...area, y: area.y + area.height - height, height };
-  const rows = [row(sexChoices(body, words), { ...area, height }, 3), row(toneChoices(body), tones, 1)].flat();
+  const rows = [row(sexChoices(body, texts), { ...area, height }, 3), row(toneChoices(body), tones, 1)].flat();
   return rows.map((button, at) => ({ ...button, value: at + 1 }));
 }
 
@@ -32,9 +32,9 @@ export function cssColour(rgb: readonly number[]): string {
   return `rgb(${rgb.map((share) => Math.round(255 * share)).join(" ")})`;
 }
 
-function sexChoices(body: Body, words: Words): Choice[] {
+function sexChoices(body: Body, texts: Texts): Choice[] {
   return SEXES.map((sex) => ({
-    label: words.say(sex),
+    label: texts.get(sex),
     colour: null,
     chosen: sex === body.sex,
     message: { type: "choose_body", sex, skin_tone: body.skin_tone },

@@ -1,4 +1,4 @@
-import { bodyButtons, type BodyButton } from "./body-choice";
+import { layoutBodyButtons, type BodyButton } from "./body-choice";
 import type { PanelContent } from "../session/display-state";
 import type { Body, Question } from "../generated/messages";
 import {
@@ -12,26 +12,26 @@ import {
   type Box,
   type Button,
 } from "./questionnaire";
-import type { Key, Words } from "../page/texts";
+import type { Key, Texts } from "../page/texts";
 
 /** The values of the buttons that answer nothing: to the question before, all answers stay, measure again, go on. */
 export const BACK = -1;
 export const DONE = -2;
 export const AGAIN = -3;
 export const GO_ON = -4;
-const ACTION_WORDS: Readonly<Record<number, Key>> = { [BACK]: "back", [DONE]: "done", [AGAIN]: "again", [GO_ON]: "go_on" };
+const ACTION_TEXTS: Readonly<Record<number, Key>> = { [BACK]: "back", [DONE]: "done", [AGAIN]: "again", [GO_ON]: "go_on" };
 
 /** Pixels of the panel's canvas. */
 export const WIDTH = 1536;
 export const HEIGHT = 960;
 
 const MARGIN = 76;
-/** Pixels of words, where there is room for them; `docs/reference/tracking.md` says what angles they are. */
+/** Pixels of texts, where there is room for them; `docs/reference/tracking.md` says what angles they are. */
 const LABEL = 64;
 const NOTICE = 52;
 const STATEMENT = 72;
 const INSTRUCTION = 84;
-/** Pixels of the smallest words that are still read. */
+/** Pixels of the smallest texts that are still read. */
 const SMALLEST = 24;
 const FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
 const TEXT_BOX: Box = { x: MARGIN, y: 150, width: WIDTH - 2 * MARGIN, height: 620 };
@@ -44,12 +44,12 @@ const PANEL_BOX: Box = { x: 0, y: 0, width: WIDTH, height: HEIGHT };
 const BACK_BOX: Box = { x: 48, y: 36, width: 320, height: 100 };
 const CONFIRM_BOX: Box = { x: MARGIN + 150, y: 560, width: WIDTH - 2 * MARGIN - 300, height: 140 };
 const BODY_BOX: Box = { x: MARGIN + 150, y: 450, width: WIDTH - 2 * MARGIN - 300, height: 350 };
-/** The greatest height of a button with words, and the share of it that they take. */
+/** The greatest height of a button with texts, and the share of it that they take. */
 const WORDS_HEIGHT = 150;
 const WORDS_SHARE = 0.92;
 /** Nearer to each other the ticks of a line would not be told apart. */
 const TICKS_APART = 30;
-/** How high a notice may be, which grows upwards; the first that its words fit in. */
+/** How high a notice may be, which grows upwards; the first that its texts fit in. */
 const NOTICE_HEIGHTS = [128, 190, 250, 310];
 const NOTICE_PADDING = 30;
 
@@ -71,7 +71,7 @@ type Choosing = PanelContent & { body: Body };
 export function buttonsOf(content: PanelContent | null): Button[] {
   if (!content || !(content.question || content.confirms || content.again)) return bodiesOf(content);
   const buttons = content.question ? questionButtons(content.question) : actionButtons(content.confirms);
-  return isRightToLeft(content.words) ? mirrored(buttons, PANEL_BOX) : buttons;
+  return isRightToLeft(content.texts) ? mirrored(buttons, PANEL_BOX) : buttons;
 }
 
 function questionButtons(question: Question): Button[] {
@@ -94,12 +94,12 @@ function actionButtons(confirms: boolean): Button[] {
   ];
 }
 
-function isRightToLeft({ direction }: Words): boolean {
+function isRightToLeft({ direction }: Texts): boolean {
   return direction === "rtl";
 }
 
 export function bodiesOf(content: PanelContent | null): BodyButton[] {
-  return content?.body && !content.question ? bodyButtons(content.body, BODY_BOX, content.words) : [];
+  return content?.body && !content.question ? layoutBodyButtons(content.body, BODY_BOX, content.texts) : [];
 }
 
 /** Paints the whole panel; what has no content stays transparent. */
@@ -111,7 +111,7 @@ export function paint(
 ): void {
   context.clearRect(0, 0, WIDTH, HEIGHT);
   if (content.text) paintBackground(context);
-  context.direction = isRightToLeft(content.words) ? "rtl" : "ltr";
+  context.direction = isRightToLeft(content.texts) ? "rtl" : "ltr";
   if (asks(content)) paintQuestion(context, content, buttons, hovered);
   else if (content.confirms || content.again) paintChoice(context, content, buttons, hovered);
   else if (letsChoose(content)) paintBodies(context, content, hovered);
@@ -146,12 +146,12 @@ function paintText(context: Context, { label, text, secondsLeft }: PanelContent)
 }
 
 function paintQuestion(context: Context, content: Asking, buttons: Button[], hovered: number | null): void {
-  const { question, words } = content;
+  const { question, texts } = content;
   const answered = content.answered ?? question.given;
   const scale = buttons.filter(({ value }) => value > 0);
   paintLabel(context, content.label);
   paintLines(context, content.text, STATEMENT_BOX, STATEMENT);
-  paintActions(context, words, buttons, hovered);
+  paintActions(context, texts, buttons, hovered);
   if (isLine(question)) paintLineOf(context, scale, hovered, answered);
   else {
     const size = labelSize(context, question, scale);
@@ -160,19 +160,19 @@ function paintQuestion(context: Context, content: Asking, buttons: Button[], hov
       paintButton(context, button, labelOf(question, button.value), size, colours);
     }
   }
-  if (!saysItsEnds(question) || isLine(question)) paintAnchors(context, question, scale, isRightToLeft(words));
+  if (!saysItsEnds(question) || isLine(question)) paintAnchors(context, question, scale, isRightToLeft(texts));
 }
 
 function paintChoice(context: Context, content: PanelContent, buttons: Button[], hovered: number | null): void {
-  paintLabel(context, content.confirms ? content.words.say("answers_given") : content.label);
+  paintLabel(context, content.confirms ? content.texts.get("answers_given") : content.label);
   paintLines(context, content.text, WORDS_BOX, STATEMENT);
-  paintActions(context, content.words, buttons, hovered);
+  paintActions(context, content.texts, buttons, hovered);
 }
 
 /** The buttons that answer nothing. */
-function paintActions(context: Context, words: Words, buttons: Button[], hovered: number | null): void {
+function paintActions(context: Context, texts: Texts, buttons: Button[], hovered: number | null): void {
   for (const button of buttons.filter(({ value }) => value < 0)) {
-    const label = words.say(ACTION_WORDS[button.value]!);
+    const label = texts.get(ACTION_TEXTS[button.value]!);
     const size = fittingSize(context, label, inside(button), LABEL, 600);
     paintButton(context, button, label, size, buttonColours(button.value, hovered, null));
   }
@@ -198,7 +198,7 @@ function paintLineOf(context: Context, places: Button[], hovered: number | null,
   }
 }
 
-/** The size that the words on every button fit in. */
+/** The size that the texts on every button fit in. */
 function labelSize(context: Context, question: Question, buttons: Button[]): number {
   const sizes = buttons.map((button) =>
     fittingSize(context, labelOf(question, button.value), inside(button), Math.round(button.height * 0.5), 600),
@@ -206,7 +206,7 @@ function labelSize(context: Context, question: Question, buttons: Button[]): num
   return Math.min(...sizes);
 }
 
-/** The part of a button that words may take. */
+/** The part of a button that texts may take. */
 function inside({ x, y, width, height }: Box): Box {
   const margin = (1 - WORDS_SHARE) / 2;
   return {

@@ -39,10 +39,10 @@ function effort({ distance, turn, elevation }: Candidate): number {
  * The place is as nearly straight ahead as it can be; where none is free, it is the one that least is in the way of.
  * `forward` is level; `points` are x, y, z of what stands around, densely enough that the panel slips through nowhere.
  */
-export function freePlace(eyes: Vector3, forward: Vector3, points: Float32Array, half: HalfSize): Vector3 {
+export function findFreePlace(eyes: Vector3, forward: Vector3, points: Float32Array, half: HalfSize): Vector3 {
   let [best, least] = [CANDIDATES[0]!, Infinity];
   for (const candidate of CANDIDATES) {
-    const count = inTheWay(eyes, axesOf(candidate, forward), candidate.distance, points, half);
+    const count = countObstacles(eyes, axesOf(candidate, forward), candidate.distance, points, half);
     if (count < least) [best, least] = [candidate, count];
     if (least === 0) break;
   }
@@ -53,7 +53,7 @@ export function freePlace(eyes: Vector3, forward: Vector3, points: Float32Array,
 export function isFree(eyes: Vector3, middle: Vector3, points: Float32Array, half: HalfSize): boolean {
   const ahead = middle.clone().sub(eyes);
   const distance = ahead.length();
-  return inTheWay(eyes, facing(ahead.divideScalar(distance)), distance, points, half) === 0;
+  return countObstacles(eyes, facing(ahead.divideScalar(distance)), distance, points, half) === 0;
 }
 
 interface Axes {
@@ -75,7 +75,7 @@ function facing(ahead: Vector3): Axes {
 const UP = new Vector3(0, 1, 0);
 
 /** How many points lie between the eyes and the panel, in it or close to it. */
-function inTheWay(eyes: Vector3, axes: Axes, distance: number, points: Float32Array, half: HalfSize): number {
+function countObstacles(eyes: Vector3, axes: Axes, distance: number, points: Float32Array, half: HalfSize): number {
   const { ahead, right, up } = axes;
   let count = 0;
   for (let at = 0; at < points.length; at += 3) {

@@ -1,7 +1,7 @@
 import { Vector3 } from "three";
 import { CanvasPlane } from "./canvas-plane";
 import type { PanelContent } from "../session/display-state";
-import { freePlace, isFree } from "./panel-placement";
+import { findFreePlace, isFree } from "./panel-placement";
 import type { ChooseBody } from "../generated/messages";
 import { HEIGHT, WIDTH, bodiesOf, buttonsOf, paint } from "./paint-panel";
 import { hitButton, type Button } from "./questionnaire";
@@ -17,7 +17,7 @@ export interface PanelHit {
   value: number | null;
 }
 
-/** The panel of words in VR. It is placed before the participant when it appears and then stays. */
+/** The panel of texts in VR. It is placed before the participant when it appears and then stays. */
 export class Panel {
   readonly mesh: CanvasPlane["mesh"];
   buttons: Button[] = [];
@@ -71,14 +71,14 @@ export class Panel {
   }
 
   /** Puts a panel that has just appeared where there is room for it, as near as that is to where the head looks. */
-  place(head: Vector3, forward: Vector3, around: (eyes: Vector3) => Float32Array): void {
+  place(head: Vector3, forward: Vector3, surfacePoints: (eyes: Vector3) => Float32Array): void {
     if (!this.content || (this.placed && this.reviewed)) return;
-    const points = around(head);
+    const points = surfacePoints(head);
     const stays = this.placed && isFree(head, this.mesh.position, points, PANEL_HALF_M);
     this.placed = this.reviewed = true;
     this.mesh.visible = true;
     if (stays) return;
-    this.mesh.position.copy(freePlace(head, forward, points, PANEL_HALF_M));
+    this.mesh.position.copy(findFreePlace(head, forward, points, PANEL_HALF_M));
     this.mesh.lookAt(head);
     this.mesh.updateMatrixWorld();
   }

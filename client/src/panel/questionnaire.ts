@@ -25,7 +25,7 @@ export function layoutButtons(points: number, area: Box): Button[] {
   return Array.from({ length: points }, (_, at) => ({ value: at + 1, x: left + pitch * at, y, width: size, height: size }));
 }
 
-/** The buttons of words 1 … `points` in one row: as wide as `area` allows, no higher than wide and than `height`. */
+/** The buttons of texts 1 … `points` in one row: as wide as `area` allows, no higher than wide and than `height`. */
 export function layoutWords(points: number, area: Box, height: number): Button[] {
   const pitch = area.width / (points - GAP_OF_WORDS);
   const width = pitch * (1 - GAP_OF_WORDS);
@@ -34,7 +34,7 @@ export function layoutWords(points: number, area: Box, height: number): Button[]
   return Array.from({ length: points }, (_, at) => ({ value: at + 1, x: area.x + pitch * at, y, ...size }));
 }
 
-/** What stands on the button of a value: its words, else its number. */
+/** What stands on the button of a value: its texts, else its number. */
 export function labelOf({ labels }: Question, value: number): string {
   return labels[value - 1] ?? String(value);
 }

@@ -15,11 +15,11 @@ async function play(trials: Replayed[]): Promise<void> {
   const timelines = trials.map(({ timeline }) => timeline);
   const clock = new Clock({ from: 0, to: Math.max(...timelines.map(({ seconds }) => seconds)) });
   const page = new ReplayPage(timelines, clock, (inside) => {
-    for (const stage of stages) stage.seeFromInside(inside);
+    for (const stage of stages) stage.setFirstPerson(inside);
   });
   const stages = trials.map((trial, at) => new Stage(page.holders[at]!, page.card, trial, detail));
   const [first, ...others] = stages.map(({ view }) => view);
-  for (const other of others) other.turnWith(first!);
+  for (const other of others) other.linkCamera(first!);
   first!.renderer.setAnimationLoop((timeMs) => {
     clock.tick(timeMs);
     page.show();

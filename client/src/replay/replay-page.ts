@@ -4,10 +4,10 @@ import { SPEEDS, type Clock, type Span } from "./replay-clock";
 import { latest, robotsPart, type Timeline } from "./replay-data";
 import {
   description,
-  entriesOf,
+  timelineEntries,
   figures,
   labels,
-  whoWasSimulated,
+  simulatedText,
   type Entry,
 } from "./replay-texts";
 
@@ -35,7 +35,7 @@ export class ReplayPage {
   constructor(
     private readonly timelines: readonly Timeline[],
     private readonly clock: Clock,
-    private readonly viewChanged: (fromInside: boolean) => void,
+    private readonly viewChanged: (firstPerson: boolean) => void,
   ) {
     this.labels = labels(timelines.length);
     this.whole = clock.part;
@@ -43,7 +43,7 @@ export class ReplayPage {
     this.holders = timelines.map((_, at) => this.holder(at));
     this.describe();
     this.cells = timelines.map((timeline) => addColumn(figures(timeline, 0)));
-    this.happened = entriesOf(timelines);
+    this.happened = timelineEntries(timelines);
     this.entries = this.happened.map((entry) => this.entry(entry));
     element("happenings").append(...this.entries);
     this.speed.append(...SPEEDS.map((speed) => new Option(`${speed} ×`, String(speed))));
@@ -76,7 +76,7 @@ export class ReplayPage {
     document.title = `${timelines.map(({ title }) => title).join(" | ")} – AVR Gym`;
     document.body.classList.toggle("comparing", timelines.length > 1);
     element("title").append(...timelines.flatMap((timeline, at) => description(timeline, labels[at]!)));
-    const simulated = whoWasSimulated(timelines);
+    const simulated = simulatedText(timelines);
     element("simulated").textContent = simulated;
     element("simulated").hidden = !simulated;
     for (const label of labels) element("columns").append(headingCell(label));

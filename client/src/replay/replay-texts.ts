@@ -23,7 +23,7 @@ export function description(timeline: Timeline, label: string): Node[] {
 }
 
 /** Which of the trials shown were of simulated participants, in words; empty where none was. */
-export function whoWasSimulated(timelines: readonly Timeline[]): string {
+export function simulatedText(timelines: readonly Timeline[]): string {
   const named = labels(timelines.length).filter((_, at) => timelines[at]!.simulated);
   if (named.length === timelines.length) {
     return named.length > 1 ? "Simulated participants" : "Simulated participant";
@@ -53,7 +53,7 @@ export interface Entry extends Happening {
 }
 
 /** What happened in all trials, in the order of time. */
-export function entriesOf(timelines: readonly Timeline[]): Entry[] {
+export function timelineEntries(timelines: readonly Timeline[]): Entry[] {
   const named = labels(timelines.length);
   return timelines
     .flatMap(({ happenings }, at) => happenings.map((happening) => ({ ...happening, label: named[at]! })))

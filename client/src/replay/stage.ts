@@ -1,4 +1,4 @@
-import { Eyes } from "../scene/participant-camera";
+import { ParticipantCamera } from "../scene/participant-camera";
 import { POSE } from "../scene/state-interpolation";
 import type { Replayed } from "./replay-data";
 import { Frames } from "./recorded-frames";
@@ -10,7 +10,7 @@ import { World } from "../scene/world";
 export class Stage {
   readonly view: View;
   private readonly world = new World();
-  private readonly eyes = new Eyes();
+  private readonly eyes = new ParticipantCamera();
   private readonly frames: Frames;
   private readonly poses: Float32Array;
 
@@ -25,7 +25,7 @@ export class Stage {
     holder.ariaLabel = `${timeline.title}, drawn in 3D`;
     this.frames = new Frames(timeline.frames_s, poses);
     this.poses = new Float32Array((scene.bodies.length + scene.marks) * POSE);
-    this.eyes.sceneCame(scene);
+    this.eyes.onScene(scene);
     this.view = new View(holder, card, detail);
     this.world.root.add(createRoom(detail));
     if (detail.lighting) this.view.reflect(this.world.root);
@@ -34,12 +34,12 @@ export class Stage {
 
   async load(): Promise<void> {
     await this.world.load(this.replayed.timeline.scene, this.replayed.glb);
-    this.view.standBefore(this.world.root);
+    this.view.placeSpectator(this.world.root);
   }
 
-  seeFromInside(inside: boolean): void {
-    this.world.seeFromInside(inside);
-    this.view.seeWith(inside ? this.eyes.camera : null);
+  setFirstPerson(inside: boolean): void {
+    this.world.setFirstPerson(inside);
+    this.view.useCamera(inside ? this.eyes.camera : null);
   }
 
   /** Draws the trial as it was at a time. */

@@ -1,10 +1,10 @@
 import type { Material } from "three";
 
 /** From here on towards the eyes things fade, and at half of it they are gone: eyes cannot fuse what is so near. */
-export const FADES_M = 0.08;
+export const FADE_DISTANCE_M = 0.08;
 
 const FADE = `
-  diffuseColor.a *= smoothstep(${(FADES_M / 2).toFixed(3)}, ${FADES_M.toFixed(3)}, length(vViewPosition));
+  diffuseColor.a *= smoothstep(${(FADE_DISTANCE_M / 2).toFixed(3)}, ${FADE_DISTANCE_M.toFixed(3)}, length(vViewPosition));
   if (diffuseColor.a < 0.01) discard;`;
 const AFTER = "#include <alphamap_fragment>";
 

@@ -3,13 +3,13 @@ import { POSE } from "./state-interpolation";
 import type { Scene } from "../generated/messages";
 
 /** A camera where the simulated person's eyes are. */
-export class Eyes {
+export class ParticipantCamera {
   /** Looks ahead along -z, as cameras do; the head's own axes are x left, -y ahead, z up. */
   readonly camera = new PerspectiveCamera(undefined, 1, 0.03, 30);
   private headAt = -1;
   private readonly inHead = new Vector3();
 
-  sceneCame({ bodies, head_bodies, eyes }: Scene): void {
+  onScene({ bodies, head_bodies, eyes }: Scene): void {
     this.headAt = bodies.indexOf(head_bodies[0]!) * POSE;
     this.inHead.set(...eyes);
   }

@@ -1,17 +1,17 @@
 import { TICK_S } from "../generated/messages";
 
 /** By so many pictures the delay is chosen: two seconds of a headset's. */
-const REMEMBERED = 180;
+const HISTORY = 180;
 /** The share of pictures for which the state that they want may not have come yet. */
-const MISSED = 0.02;
+const MISSED_SHARE = 0.02;
 /** However the network jitters, no more than this behind the states that came without delay. */
-export const MOST_BEHIND_S = 0.2;
+export const MAX_DELAY_S = 0.2;
 /** Farther behind than this the way is not made good but left out. */
-export const LEFT_OUT_S = 0.25;
+export const SKIP_DELAY_S = 0.25;
 /** How much faster or slower than time pictures may go to come nearer to the delay that is wanted. */
-export const HASTE = 0.1;
+export const MAX_RATE_CHANGE = 0.1;
 /** An error this small is made good within about this time, so that haste fades away. */
-const EASE_S = 0.1;
+const SETTLING_TIME_S = 0.1;
 
 /**
  * The clock by which the simulation is drawn: as close behind the newest state as these come evenly.
@@ -22,8 +22,8 @@ const EASE_S = 0.1;
  */
 export class Playback {
   /** How far the newest state was ahead of local time, at the latest pictures; the oldest is overwritten. */
-  private readonly ahead = new Float64Array(REMEMBERED);
-  private readonly sorted = new Float64Array(REMEMBERED);
+  private readonly ahead = new Float64Array(HISTORY);
+  private readonly sorted = new Float64Array(HISTORY);
   private pictures = 0;
   private atS = 0;
   /** The simulation time that is drawn. */
@@ -37,22 +37,22 @@ export class Playback {
     this.atS = nowS;
     const wantedS = nowS + this.wantedAheadS();
     const errorS = wantedS - (this.drawnS + elapsedS);
-    const rate = 1 + Math.min(Math.max(errorS / EASE_S, -HASTE), HASTE);
-    const next = errorS > LEFT_OUT_S ? wantedS : this.drawnS + elapsedS * rate;
+    const rate = 1 + Math.min(Math.max(errorS / SETTLING_TIME_S, -MAX_RATE_CHANGE), MAX_RATE_CHANGE);
+    const next = errorS > SKIP_DELAY_S ? wantedS : this.drawnS + elapsedS * rate;
     this.drawnS = Math.max(Math.min(next, newestS), this.drawnS);
     return this.drawnS;
   }
 
   private note(aheadS: number): void {
-    this.ahead[this.pictures++ % REMEMBERED] = aheadS;
+    this.ahead[this.pictures++ % HISTORY] = aheadS;
   }
 
   /** How far ahead of local time nearly all pictures had a state. */
   private wantedAheadS(): number {
-    const count = Math.min(this.pictures, REMEMBERED);
+    const count = Math.min(this.pictures, HISTORY);
     const sorted = this.sorted.subarray(0, count);
     sorted.set(this.ahead.subarray(0, count));
     sorted.sort();
-    return Math.max(sorted[Math.floor(MISSED * count)]!, sorted[count - 1]! - MOST_BEHIND_S);
+    return Math.max(sorted[Math.floor(MISSED_SHARE * count)]!, sorted[count - 1]! - MAX_DELAY_S);
   }
 }

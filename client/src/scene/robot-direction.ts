@@ -56,7 +56,7 @@ export function without(part: Rectangle, control: Rectangle): Rectangle {
 }
 
 /** The arrow with the robot's name at the edge of the flat picture, while the robot is out of view. */
-export class Whereabouts {
+export class RobotArrow {
   private readonly mark = element("whereabouts");
   private readonly controls = [element("emergency"), element("hand")];
 

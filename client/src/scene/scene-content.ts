@@ -16,7 +16,7 @@ import {
 import { POSE } from "./state-interpolation";
 import type { Scene } from "../generated/messages";
 import { fadeNearEyes } from "./near-fade";
-import { Surfaces } from "./surface-points";
+import { SurfacePoints } from "./surface-points";
 
 /** Poses as the server streams them: x, y, z, then w, x, y, z for each body, then for each mark. */
 type Poses = Float32Array;
@@ -38,25 +38,25 @@ interface Copies {
 }
 
 /** Not 0: a matrix that cannot be inverted has no normals. */
-const FOLDED = 1e-3;
+const COLLAPSED_SCALE = 1e-3;
 /** How the names of the robot's bodies begin, its tool's among them. */
 const ROBOT = "robot/";
 
 /** What a scene shows. `extras` of the GLB's nodes say which poses move them; see the server's `scene_export`. */
-export class Content {
+export class SceneContent {
   private readonly followers: Follower[] = [];
   private readonly swings: Swing[] = [];
   private readonly copies: Copies[] = [];
   private readonly heads: Material[] = [];
   private readonly faded = new Map<Material, Material>();
-  readonly surfaces: Surfaces;
+  readonly surfaces: SurfacePoints;
 
   constructor(
     readonly group: Group,
     private readonly scene: Scene,
   ) {
     for (const node of [...group.children]) this.take(node);
-    this.surfaces = new Surfaces(group);
+    this.surfaces = new SurfacePoints(group);
     this.addMarks();
     group.traverse(prepare);
   }
@@ -74,15 +74,15 @@ export class Content {
   }
 
   /** From inside, the participant's own head is not drawn, but it still casts its shadow. */
-  seeFromInside(inside: boolean): void {
+  setFirstPerson(inside: boolean): void {
     for (const material of this.heads) material.colorWrite = material.depthWrite = !inside;
   }
 
   /** Folds a body's skin into the joint that carries it, or unfolds it. */
-  fold(body: string, folded: boolean): void {
+  collapse(body: string, folded: boolean): void {
     const at = this.poseOf(body);
     for (const follower of this.followers)
-      if (follower.at === at) follower.node.scale.setScalar(folded ? FOLDED : 1);
+      if (follower.at === at) follower.node.scale.setScalar(folded ? COLLAPSED_SCALE : 1);
   }
 
   dispose(): void {

@@ -34,7 +34,7 @@ export class StateBuffer {
     const newest = this.newest();
     if (state.poses.length !== this.bodies * POSE) return false;
     if (newest && state.sequence <= newest.sequence) return false;
-    if (newest && state.simulation_time_s < newest.timeS) this.beginAnew();
+    if (newest && state.simulation_time_s < newest.timeS) this.reset();
     const samePlace = this.count > 0 && newest?.timeS === state.simulation_time_s;
     if (!samePlace) this.advance();
     this.store(this.slots[this.last]!, state);
@@ -83,7 +83,7 @@ export class StateBuffer {
     slot.poses.set(state.poses);
   }
 
-  private beginAnew(): void {
+  private reset(): void {
     this.count = 0;
     this.playback = new Playback();
   }

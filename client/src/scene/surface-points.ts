@@ -13,7 +13,7 @@ const SKIN_VERTICES = 1500;
 const REACH_M = 0.8;
 
 /** Points on the surfaces of a scene, to tell where there is room. Drops, crumbs and marks are left out. */
-export class Surfaces {
+export class SurfacePoints {
   private readonly rigid: { mesh: Mesh; points: Vector3[] }[] = [];
   private readonly skins: SkinnedMesh[] = [];
 

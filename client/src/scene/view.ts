@@ -102,13 +102,13 @@ export class View {
   }
 
   /** Who turns one of two views turns both. */
-  turnWith(other: View): void {
+  linkCamera(other: View): void {
     this.controls.stopListenToKeyEvents();
-    this.controls.addEventListener("change", () => other.standLike(this));
-    other.controls.addEventListener("change", () => this.standLike(other));
+    this.controls.addEventListener("change", () => other.copyCamera(this));
+    other.controls.addEventListener("change", () => this.copyCamera(other));
   }
 
-  private standLike({ spectator, controls }: View): void {
+  private copyCamera({ spectator, controls }: View): void {
     const away =
       this.spectator.position.distanceTo(spectator.position) + this.controls.target.distanceTo(controls.target);
     if (away < ALIKE_M) return;
@@ -118,13 +118,13 @@ export class View {
   }
 
   /** Shows what this camera sees, or the spectator's view again. */
-  seeWith(camera: PerspectiveCamera | null): void {
+  useCamera(camera: PerspectiveCamera | null): void {
     this.borrowed = camera;
     this.fit();
   }
 
   /** Shows the person from the front left, where no robot stands, wherever the simulation's frame stands. */
-  standBefore(root: Object3D): void {
+  placeSpectator(root: Object3D): void {
     this.spectator.position.copy(root.localToWorld(EYE_W.clone()));
     this.controls.target.copy(root.localToWorld(CHEST_W.clone()));
     this.controls.update();

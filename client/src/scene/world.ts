@@ -1,19 +1,19 @@
 import { Group, Quaternion, Vector3 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
-import { BareHands, NO_BARE_HANDS, type BareHandsTracked } from "../body/bare-hands";
-import { Content } from "./scene-content";
+import { BareHands, NO_TRACKED_HANDS, type TrackedHands } from "../body/bare-hands";
+import { SceneContent } from "./scene-content";
 import { POSE, StateBuffer } from "./state-interpolation";
 import { bodyPose } from "../body/body-pose";
 import { PERSON } from "../generated/body-model";
 import type { BodyPose, Pose, Side } from "../body/body-solver";
 import type { Placed, Scene, XRPose } from "../generated/messages";
-import { OwnBody } from "../body/participant-body";
+import { ParticipantBody } from "../body/participant-body";
 import { Hands } from "../tracking/modality-switch";
 import type { State } from "../session/state-decoder";
 import { poseOf, type Poses } from "../tracking/pose-reader";
 
 /** A way of the world, from one place in `local-floor` to another. */
-interface Glide {
+interface Motion {
   from: Vector3;
   to: Vector3;
   beginsMs: number;
@@ -30,17 +30,17 @@ export class World {
   readonly root = uprightRoot();
   readonly hands = new BareHands();
   private followed = new Hands();
-  private content: Content | null = null;
+  private content: SceneContent | null = null;
   private states: StateBuffer | null = null;
-  private own: OwnBody | null = null;
+  private own: ParticipantBody | null = null;
   /** The bodies' poses as they are simulated and as they are drawn, and where the participant is, in the latest frame. */
   simulated = new Float32Array();
   drawn = new Float32Array();
   tracked: BodyPose | null = null;
   private newest: Scene | null = null;
   private shown: Scene | null = null;
-  private seenFromInside = false;
-  private glide: Glide | null = null;
+  private firstPerson = false;
+  private motion: Motion | null = null;
 
   constructor() {
     this.root.add(this.hands.group);
@@ -52,10 +52,10 @@ export class World {
     this.states = new StateBuffer(posesIn(scene));
     this.simulated = new Float32Array(posesIn(scene) * POSE);
     this.drawn = new Float32Array(posesIn(scene) * POSE);
-    this.own = new OwnBody(scene);
+    this.own = new ParticipantBody(scene);
     placeRoot(this.root, scene.xr_from_world);
-    this.glide = null;
-    const content = new Content((await loader.parseAsync(await glb, "")).scene, scene);
+    this.motion = null;
+    const content = new SceneContent((await loader.parseAsync(await glb, "")).scene, scene);
     if (scene === this.newest) this.replace(content, scene);
     else content.dispose();
   }
@@ -63,7 +63,7 @@ export class World {
   /** The whole world goes to another place, evenly. */
   move({ xr_from_world: [to], seconds }: Placed, nowMs: number): void {
     const from = this.root.position.clone();
-    this.glide = { from, to: new Vector3(...to), beginsMs: nowMs, lastsMs: 1000 * seconds };
+    this.motion = { from, to: new Vector3(...to), beginsMs: nowMs, lastsMs: 1000 * seconds };
   }
 
   /** False when the state is old or of another scene. */
@@ -83,8 +83,8 @@ export class World {
    *
    * `lagMs` is the age of the pose that the newest state follows.
    */
-  update(nowMs: number, poses: Poses | null, lagMs: number, bareHands: BareHandsTracked = NO_BARE_HANDS): void {
-    this.goOn(nowMs);
+  update(nowMs: number, poses: Poses | null, lagMs: number, bareHands: TrackedHands = NO_TRACKED_HANDS): void {
+    this.advance(nowMs);
     const followed = poses && this.followed.follow(poses, nowMs);
     if (!poses) this.forgetHands();
     if (this.shown !== this.newest || !this.states?.draw(nowMs / 1000, this.simulated)) return;
@@ -120,23 +120,23 @@ export class World {
   }
 
   /** From inside, the participant's own head is not drawn. */
-  seeFromInside(inside: boolean): void {
-    this.seenFromInside = inside;
-    this.content?.seeFromInside(inside);
+  setFirstPerson(inside: boolean): void {
+    this.firstPerson = inside;
+    this.content?.setFirstPerson(inside);
   }
 
   /** Points on all that stands around, x, y, z of each. */
-  around(eyes: Vector3): Float32Array {
+  surfacePoints(eyes: Vector3): Float32Array {
     this.root.updateMatrixWorld();
     return this.content?.surfaces.around(eyes) ?? new Float32Array();
   }
 
   /** The fingers of a hand that is `seen` at a pose go along with it to where it is drawn. */
-  private drawHand(side: Side, bareHands: BareHandsTracked, seen: Pose | null | undefined): void {
+  private drawHand(side: Side, bareHands: TrackedHands, seen: Pose | null | undefined): void {
     const body = `${PERSON.prefix}${side}_hand`;
     const joints = bareHands[side];
     const at = this.shown!.bodies.indexOf(body) * POSE;
-    this.content?.fold(body, !!(joints && seen));
+    this.content?.collapse(body, !!(joints && seen));
     if (!joints || !seen) return this.hands.hide(side);
     const [x, y, z, ...q] = this.drawn.subarray(at, at + POSE);
     const [w, qx, qy, qz] = q;
@@ -146,25 +146,25 @@ export class World {
     this.hands.draw(side, joints, this.root.matrix, seen, drawn);
   }
 
-  private goOn(nowMs: number): void {
-    if (!this.glide) return;
-    const { from, to, beginsMs, lastsMs } = this.glide;
+  private advance(nowMs: number): void {
+    if (!this.motion) return;
+    const { from, to, beginsMs, lastsMs } = this.motion;
     const share = Math.min(Math.max((nowMs - beginsMs) / lastsMs, 0), 1);
     this.root.position.lerpVectors(from, to, share);
     this.root.updateMatrixWorld();
-    if (share === 1) this.glide = null;
+    if (share === 1) this.motion = null;
   }
 
   private get standing(): XRPose {
     return poseOf(this.root.position, this.root.quaternion);
   }
 
-  private replace(content: Content, scene: Scene): void {
+  private replace(content: SceneContent, scene: Scene): void {
     this.content?.dispose();
     this.root.add(content.group);
     this.content = content;
     this.shown = scene;
-    content.seeFromInside(this.seenFromInside);
+    content.setFirstPerson(this.firstPerson);
   }
 }
 

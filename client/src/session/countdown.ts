@@ -10,7 +10,7 @@ export class Countdown {
   }
 
   /** Whether another number is shown than before. */
-  goOn(nowMs: number): boolean {
+  advance(nowMs: number): boolean {
     const before = this.secondsLeft;
     this.secondsLeft = this.secondsUntilEnd(nowMs);
     return this.secondsLeft !== before;

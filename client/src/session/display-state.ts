@@ -1,11 +1,11 @@
 import type { Link } from "./connection";
 import { PHASES_WHERE, type Body, type Phase, type Question } from "../generated/messages";
-import { wordsFor, type Input } from "../input/input-kind";
-import type { Key, Words } from "../page/texts";
+import { textFor, type InputKind } from "../input/input-kind";
+import type { Key, Texts } from "../page/texts";
 
-/** Everything that words are shown about. */
-export interface Display {
-  words: Words;
+/** Everything that texts are shown about. */
+export interface DisplayState {
+  texts: Texts;
   link: Link;
   /** What the server closed the connection with, or 0. */
   code: number;
@@ -17,13 +17,13 @@ export interface Display {
   problem: string | null;
   secondsLeft: number | null;
   /** How the participant selects in VR. */
-  input: Input;
+  input: InputKind;
   /** Whether the participant is in VR, or plays without a headset. */
-  takesPart: boolean;
+  participates: boolean;
 }
 
 export interface PanelContent {
-  words: Words;
+  texts: Texts;
   label: string;
   text: string;
   secondsLeft: number | null;
@@ -38,7 +38,7 @@ export interface PanelContent {
   again: boolean;
 }
 
-const LINK_WORDS: Record<Link, Key> = {
+const LINK_TEXTS: Record<Link, Key> = {
   connecting: "connecting",
   connected: "connected",
   lost: "lost",
@@ -62,33 +62,33 @@ export function asksForCode(code: number): boolean {
   return code === 4410 || code === 4411;
 }
 
-export function linkWords({ words, link, code }: Pick<Display, "words" | "link" | "code">): string {
-  return words.say((link !== "connected" && REASONS[code]) || LINK_WORDS[link]);
+export function linkText({ texts, link, code }: Pick<DisplayState, "texts" | "link" | "code">): string {
+  return texts.get((link !== "connected" && REASONS[code]) || LINK_TEXTS[link]);
 }
 
 /** What the panel in VR shows; null while there is nothing to read. */
-export function panelContent(display: Display): PanelContent | null {
-  const { words, question, phase, answered, secondsLeft } = display;
-  const notice = display.link === "connected" ? display.problem : linkWords(display);
-  const label = question ? words.say("of", { number: question.number, count: question.count }) : phaseLabel(phase, words);
+export function panelContent(display: DisplayState): PanelContent | null {
+  const { texts, question, phase, answered, secondsLeft } = display;
+  const notice = display.link === "connected" ? display.problem : linkText(display);
+  const label = question ? texts.get("of", { number: question.number, count: question.count }) : phaseLabel(phase, texts);
   const text = question ? question.text : phaseText(phase, display.input);
   if (!text && !notice) return null;
   const body = phase?.name === "calibration" ? display.body : null;
   const [confirms, again] = [confirmsAnswers(phase), mayRecalibrate(phase)];
   const counts = question ? null : secondsLeft;
-  return { words, label, text, secondsLeft: counts, question, body, answered, notice, confirms, again };
+  return { texts, label, text, secondsLeft: counts, question, body, answered, notice, confirms, again };
 }
 
 /** Which trial of how many; empty outside the trials. */
-export function phaseLabel(phase: Phase | null, words: Words): string {
+export function phaseLabel(phase: Phase | null, texts: Texts): string {
   if (!phase || phase.trial < 1) return "";
-  return phase.practice ? words.say("practice") : words.say("trial", { trial: phase.trial, trials: phase.trials });
+  return phase.practice ? texts.get("practice") : texts.get("trial", { trial: phase.trial, trials: phase.trials });
 }
 
 /** Nothing stands between the person and the robot while it moves. */
-function phaseText(phase: Phase | null, input: Input): string {
+function phaseText(phase: Phase | null, input: InputKind): string {
   if (!phase || phase.name === "trial" || phase.name === "retreat") return "";
-  return wordsFor(input, phase.text, phase.texts_by_input);
+  return textFor(input, phase.text, phase.texts_by_input);
 }
 
 /** Whether the participant confirms their answers now. */
@@ -97,7 +97,7 @@ export function confirmsAnswers(phase: Phase | null): boolean {
 }
 
 /** Whether there is an earlier answer to change. */
-export function mayGoBack({ phase, question }: Pick<Display, "phase" | "question">): boolean {
+export function mayGoBack({ phase, question }: Pick<DisplayState, "phase" | "question">): boolean {
   return question ? question.number > 1 : confirmsAnswers(phase);
 }
 

@@ -1,16 +1,16 @@
 import type { HeadsetFrames } from "../generated/messages";
 
-const TOLD_EVERY_MS = 1000;
+const SEND_INTERVAL_MS = 1000;
 /** What one message holds. */
-const MOST_INTERVALS = 512;
+const MAX_INTERVALS = 512;
 
 /** What frames are drawn on. */
 export type Headset = Pick<HeadsetFrames, "device" | "emulated" | "profiles" | "display_hz">;
 
 /** Notes when frames are drawn while the headset is checked, to tell it once a second. */
-export class DrawnFrames {
+export class FrameIntervals {
   private lastMs = NaN;
-  private toldMs = 0;
+  private sentMs = 0;
   private intervalsMs: number[] = [];
 
   /** A frame is drawn; what to tell of those of the last second, when that is due. */
@@ -18,14 +18,14 @@ export class DrawnFrames {
     const intervalMs = timeMs - this.lastMs;
     this.lastMs = timeMs;
     if (!(intervalMs > 0)) {
-      this.toldMs = timeMs;
+      this.sentMs = timeMs;
       return null;
     }
     this.intervalsMs.push(intervalMs);
-    if (timeMs < this.toldMs + TOLD_EVERY_MS) return null;
-    const intervals_ms = this.intervalsMs.slice(-MOST_INTERVALS);
+    if (timeMs < this.sentMs + SEND_INTERVAL_MS) return null;
+    const intervals_ms = this.intervalsMs.slice(-MAX_INTERVALS);
     this.forget();
-    this.lastMs = this.toldMs = timeMs;
+    this.lastMs = this.sentMs = timeMs;
     return { type: "headset_frames", ...headset(), intervals_ms };
   }
 

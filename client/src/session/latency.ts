@@ -2,14 +2,14 @@ import type { Latency, Passed } from "../generated/messages";
 import type { State } from "./state-decoder";
 import type { FrameTimes } from "../tracking/pose-reader";
 
-const TOLD_EVERY_MS = 1000;
+const SEND_INTERVAL_MS = 1000;
 /** By so many of the latest frames the clocks are aligned: ten seconds of 90 a second. */
-const ALIGNED_BY = 900;
+const CLOCK_SAMPLES = 900;
 /** What one message holds; a page that draws nothing has no more to tell. */
-const MOST_FRAMES = 256;
+const MAX_FRAMES = 256;
 
 /** The ways of one frame: by the client's clock, and while it is with the server by the server's; milliseconds. */
-interface Journey extends FrameTimes {
+interface FrameJourney extends FrameTimes {
   sequence: number;
   receivedMs: number;
   simulatedMs: number;
@@ -22,8 +22,8 @@ interface Journey extends FrameTimes {
 /** Measures how long frames take from pose to picture, stage by stage. */
 export class LatencyMeter {
   private passed: Passed | null = null;
-  private waiting: Journey[] = [];
-  private drawn: Journey[] = [];
+  private waiting: FrameJourney[] = [];
+  private drawn: FrameJourney[] = [];
   private toldMs = 0;
   private readonly ways: { upMs: number; downMs: number }[] = [];
 
@@ -35,7 +35,7 @@ export class LatencyMeter {
     this.passed = passed;
   }
 
-  stateCame({ tracking_sequence, simulation_time_s }: State, cameMs: number): void {
+  onState({ tracking_sequence, simulation_time_s }: State, cameMs: number): void {
     const { passed } = this;
     this.passed = null;
     const times = passed?.tracking_sequence === tracking_sequence ? this.times(tracking_sequence) : null;
@@ -44,25 +44,25 @@ export class LatencyMeter {
       (seconds) => 1000 * seconds,
     ) as [number, number, number];
     this.ways.push({ upMs: receivedMs - times.sentMs, downMs: cameMs - leftMs });
-    if (this.ways.length > ALIGNED_BY) this.ways.shift();
+    if (this.ways.length > CLOCK_SAMPLES) this.ways.shift();
     this.waiting.push({
       ...{ ...times, sequence: tracking_sequence, receivedMs, simulatedMs, leftMs, cameMs },
       ...{ simulationTimeS: simulation_time_s, drawnMs: NaN },
     });
-    if (this.waiting.length > MOST_FRAMES) this.waiting.shift();
+    if (this.waiting.length > MAX_FRAMES) this.waiting.shift();
   }
 
   /** A picture of a simulation time has been drawn. */
   pictureDrawn(simulationTimeS: number, nowMs: number): void {
-    const isShown = (journey: Journey) => journey.simulationTimeS <= simulationTimeS;
+    const isShown = (journey: FrameJourney) => journey.simulationTimeS <= simulationTimeS;
     for (const journey of this.waiting) if (isShown(journey)) this.drawn.push({ ...journey, drawnMs: nowMs });
     this.waiting = this.waiting.filter((journey) => !isShown(journey));
   }
 
   /** What to tell the server, once a second. */
   take(nowMs: number): Latency | null {
-    if (nowMs < this.toldMs + TOLD_EVERY_MS || this.drawn.length === 0) return null;
-    const journeys = this.drawn.slice(-MOST_FRAMES);
+    if (nowMs < this.toldMs + SEND_INTERVAL_MS || this.drawn.length === 0) return null;
+    const journeys = this.drawn.slice(-MAX_FRAMES);
     this.toldMs = nowMs;
     this.drawn = [];
     return latencyOf(journeys, this.serverAheadMs());
@@ -75,8 +75,8 @@ export class LatencyMeter {
   }
 }
 
-function latencyOf(journeys: Journey[], aheadMs: number): Latency {
-  const stage = (took: (journey: Journey) => number) => journeys.map((journey) => Math.max(took(journey), 0));
+function latencyOf(journeys: FrameJourney[], aheadMs: number): Latency {
+  const stage = (took: (journey: FrameJourney) => number) => journeys.map((journey) => Math.max(took(journey), 0));
   return {
     type: "latency",
     sequence: journeys.map(({ sequence }) => sequence),

@@ -1,6 +1,6 @@
 import {
   FORCE_LIMITS_N,
-  STAGE_WORDS,
+  STAGE_LABELS,
   STALE_S,
   TICK_S,
   type Part,
@@ -11,7 +11,7 @@ import {
 } from "../generated/messages";
 
 /** What happens in a phase, for those who watch. */
-export const PHASE_WORDS: Readonly<Record<PhaseName, string>> = {
+export const PHASE_TEXTS: Readonly<Record<PhaseName, string>> = {
   waiting: "the participant is not in VR",
   headset: "the headset is about to be checked",
   headset_check: "the headset is checked",
@@ -34,81 +34,81 @@ export const PHASE_WORDS: Readonly<Record<PhaseName, string>> = {
 };
 
 /** Why the participant does not see the scene. */
-export const UNSEEN_WORDS: Readonly<Record<Exclude<Visibility, "visible">, string>> = {
+export const VISIBILITY_TEXTS: Readonly<Record<Exclude<Visibility, "visible">, string>> = {
   "visible-blurred": "a menu covers the scene",
   hidden: "headset taken off or page in the background",
   "context-lost": "the graphics failed",
 };
 
 /** What the experimenter's *skip* leaves out now. */
-export function skipWords(phase: PhaseName): string {
+export function skipText(phase: PhaseName): string {
   return phase.startsWith("headset") ? "Skip headset check" : "Skip trial";
 }
 
 /** What each line about a session says, by the id of its element. */
-export function statusWords(status: Status): Record<string, string> {
+export function statusTexts(status: Status): Record<string, string> {
   return {
     "watch-trial": `${status.trial} of ${status.trials}, attempt ${status.attempt || "–"}`,
     "watch-environment": status.environment.replace("avrgym/", ""),
-    "watch-phase": PHASE_WORDS[status.phase] + pausedWords(status),
+    "watch-phase": PHASE_TEXTS[status.phase] + pauseText(status),
     "watch-steps": `${status.step} of ${status.steps}`,
-    "watch-reward": `${status.reward.toFixed(1)}${successWords(status)}`,
+    "watch-reward": `${status.reward.toFixed(1)}${successText(status)}`,
     "watch-distance": `${(100 * status.distance_m).toFixed(1)} cm`,
     "watch-force": `${status.force_on_person_n.toFixed(1)} N`,
-    "watch-limit": limitWords(status),
-    "watch-tracking": trackingWords(status),
-    "watch-latency": latencyWords(status),
-    "watch-streams": streamWords(status),
+    "watch-limit": limitText(status),
+    "watch-tracking": trackingText(status),
+    "watch-latency": latencyText(status),
+    "watch-streams": streamText(status),
     "watch-height": `${(100 * status.torso_height_m).toFixed(1)} cm`,
   };
 }
 
-function successWords({ success, withdrawing }: Status): string {
+function successText({ success, withdrawing }: Status): string {
   return success ? `, success${withdrawing ? ", withdrawn" : ""}` : "";
 }
 
-function limitWords({ force_region, force_share, retracting }: Status): string {
+function limitText({ force_region, force_share, retracting }: Status): string {
   const limit = FORCE_LIMITS_N[force_region];
   const bears = limit === undefined ? "no force" : `${(100 * force_share).toFixed(0)} % of ${limit} N, ${force_region.replaceAll("_", " ")}`;
   return `${bears}${retracting ? ": draws back" : ""}`;
 }
 
-function pausedWords({ paused, pause_reason }: Status): string {
+function pauseText({ paused, pause_reason }: Status): string {
   return paused ? (pause_reason ? `; on hold: ${pause_reason}` : "; on hold") : "";
 }
 
-function trackingWords(status: Status): string {
+function trackingText(status: Status): string {
   const { tracking_age_s, visibility, left_modality, right_modality } = status;
-  if (visibility !== "visible") return `the participant does not see the scene: ${UNSEEN_WORDS[visibility]}`;
+  if (visibility !== "visible") return `the participant does not see the scene: ${VISIBILITY_TEXTS[visibility]}`;
   if (tracking_age_s === null) return "none yet";
   if (tracking_age_s > STALE_S) return `lost for ${tracking_age_s.toFixed(1)} s, person and robot are held`;
   const hands = left_modality === right_modality ? left_modality : `left ${left_modality}, right ${right_modality}`;
-  return `${(1000 * tracking_age_s).toFixed(0)} ms old, ${hands}${untrackedWords(status)}`;
+  return `${(1000 * tracking_age_s).toFixed(0)} ms old, ${hands}${untrackedText(status)}`;
 }
 
-const PART_WORDS: Readonly<Record<Part, string>> = { head: "head", left: "left hand", right: "right hand" };
+const PART_TEXTS: Readonly<Record<Part, string>> = { head: "head", left: "left hand", right: "right hand" };
 
-function untrackedWords({ untracked_parts, needed_parts }: Status): string {
+function untrackedText({ untracked_parts, needed_parts }: Status): string {
   const words = (part: Part) =>
-    `; ${PART_WORDS[part]} not tracked${needed_parts.includes(part) ? ": the task needs it" : ""}`;
+    `; ${PART_TEXTS[part]} not tracked${needed_parts.includes(part) ? ": the task needs it" : ""}`;
   return untracked_parts.map(words).join("");
 }
 
 /** From pose to picture, the half and all but one in twenty; then the halves of its stages. */
-function latencyWords({ latency }: Status): string {
+function latencyText({ latency }: Status): string {
   const total = latency.find(({ stage }) => stage === "total_ms");
   if (!total) return "–";
-  const words: Readonly<Record<string, string>> = STAGE_WORDS;
+  const words: Readonly<Record<string, string>> = STAGE_LABELS;
   const parts = latency.filter(({ stage }) => stage in words);
   const stages = parts.map(({ stage, p50 }) => `${words[stage]} ${p50.toFixed(0)}`).join(", ");
   return `${total.p50.toFixed(0)} ms, 95 % within ${total.p95.toFixed(0)}: ${stages}`;
 }
 
-function streamWords({ streams }: Status): string {
+function streamText({ streams }: Status): string {
   return streams.map(({ name, present }) => (present ? name : `${name} is missing`)).join(", ") || "–";
 }
 
-export function timingWords({ tick_ms_median, tick_ms_max, missed_ticks }: Timing): string {
+export function timingText({ tick_ms_median, tick_ms_max, missed_ticks }: Timing): string {
   const late = tick_ms_median > 1000 * TICK_S ? "too slow: " : "";
   return `${late}${tick_ms_median.toFixed(1)} ms, at most ${tick_ms_max.toFixed(1)} ms; ${missed_ticks} missed`;
 }

@@ -1,6 +1,6 @@
 import type { Object3D } from "three";
-import { Driving } from "../input/operator-control";
-import { Eyes } from "../scene/participant-camera";
+import { OperatorControl } from "../input/operator-control";
+import { ParticipantCamera } from "../scene/participant-camera";
 import type {
   CommandName,
   ExperimenterMessage,
@@ -10,26 +10,26 @@ import type {
   Welcome,
 } from "../generated/messages";
 import type { State } from "./state-decoder";
-import { skipWords, statusWords, timingWords } from "./session-status";
+import { skipText, statusTexts, timingText } from "./session-status";
 
 function element<T extends HTMLElement>(id: string): T {
   return document.getElementById(id) as T;
 }
 
 /** The page of those who watch: the participant's own view on demand, how things stand, and the experimenter's commands. */
-export class Watching {
-  fromInside = false;
-  private readonly participant = new Eyes();
-  private driving: Driving | null = null;
+export class Spectator {
+  firstPerson = false;
+  private readonly participant = new ParticipantCamera();
+  private driving: OperatorControl | null = null;
 
   constructor(
     private readonly send: (message: ExperimenterMessage) => void,
-    private readonly viewChanged: (fromInside: boolean) => void,
+    private readonly viewChanged: (firstPerson: boolean) => void,
   ) {
     element("watch").hidden = false;
     element<HTMLInputElement>("from-inside").addEventListener("change", (event) => {
-      this.fromInside = (event.target as HTMLInputElement).checked;
-      this.viewChanged(this.fromInside);
+      this.firstPerson = (event.target as HTMLInputElement).checked;
+      this.viewChanged(this.firstPerson);
     });
     for (const button of document.querySelectorAll<HTMLButtonElement>("[data-command]"))
       button.addEventListener("click", () =>
@@ -38,10 +38,10 @@ export class Watching {
     element<HTMLFormElement>("height-form").addEventListener("submit", (event) => this.correctHeight(event));
   }
 
-  welcomed({ role }: Welcome): void {
+  onWelcome({ role }: Welcome): void {
     element("commands").hidden = role !== "experimenter";
     const drives = role === "experimenter" && !document.body.classList.contains("embedded");
-    if (drives) this.driving ??= new Driving(element("drive"), this.send);
+    if (drives) this.driving ??= new OperatorControl(element("drive"), this.send);
   }
 
   /** What the participant sees. */
@@ -49,20 +49,20 @@ export class Watching {
     return this.participant.camera;
   }
 
-  sceneCame(scene: Scene): void {
-    this.participant.sceneCame(scene);
+  onScene(scene: Scene): void {
+    this.participant.onScene(scene);
   }
 
-  statusCame(status: Status): void {
-    this.driving?.statusCame(status);
-    for (const [id, text] of Object.entries(statusWords(status))) element(id).textContent = text;
-    element("skip-word").textContent = skipWords(status.phase);
+  onStatus(status: Status): void {
+    this.driving?.onStatus(status);
+    for (const [id, text] of Object.entries(statusTexts(status))) element(id).textContent = text;
+    element("skip-word").textContent = skipText(status.phase);
     element<HTMLButtonElement>("pause").dataset["command"] = status.paused ? "continue" : "pause";
     element("pause").textContent = status.paused ? "Continue" : "Pause";
   }
 
-  timingCame(timing: Timing): void {
-    element("watch-ticks").textContent = timingWords(timing);
+  onTiming(timing: Timing): void {
+    element("watch-ticks").textContent = timingText(timing);
   }
 
   /** Puts the camera where the participant's eyes are in the newest state. */

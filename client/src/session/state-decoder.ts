@@ -10,13 +10,13 @@ export interface State extends Omit<StateChange, "type" | "joint_targets" | "pos
 
 /** The client's end of a connection over which states come as changes; the server's is `vr/protocol/state_encoding.py`. */
 export class StateDecoder {
-  private targets = new Told(JOINT_STEPS);
-  private poses = new Told(POSE_STEPS);
+  private targets = new DeltaRows(JOINT_STEPS);
+  private poses = new DeltaRows(POSE_STEPS);
 
   /** After a scene, states differ from nothing. */
   beginScene(): void {
-    this.targets = new Told(JOINT_STEPS);
-    this.poses = new Told(POSE_STEPS);
+    this.targets = new DeltaRows(JOINT_STEPS);
+    this.poses = new DeltaRows(POSE_STEPS);
   }
 
   decode({ sequence, simulation_time_s, tracking_sequence, held, joint_targets, poses }: StateChange): State {
@@ -38,7 +38,7 @@ export class StateDecoder {
 }
 
 /** Rows of numbers as they were told last: in whole steps, so that nothing drifts, and what these amount to. */
-class Told {
+class DeltaRows {
   private whole = new Float64Array();
   private numbers = new Float64Array();
 

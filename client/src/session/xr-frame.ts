@@ -1,12 +1,12 @@
 import { Quaternion, Vector3 } from "three";
-import type { BareHandsTracked } from "../body/bare-hands";
+import type { TrackedHands } from "../body/bare-hands";
 import type { Connection } from "./connection";
 import type { Panel } from "../panel/panel";
 import { Pointers } from "../input/pointers";
 import { BACKLOG_LIMIT_BYTES, Numbering, Reader, Throttle, type Poses } from "../tracking/pose-reader";
 
 /** What happens in every frame of VR: poses go out, the panel is placed, input sources point at it. */
-export class Immersive {
+export class XRFrameHandler {
   readonly numbering = new Numbering();
   readonly pointers = new Pointers();
   /** How many frames have been drawn. */
@@ -24,7 +24,7 @@ export class Immersive {
   constructor(
     private readonly panel: Panel,
     private readonly connection: Connection,
-    private readonly around: (eyes: Vector3) => Float32Array,
+    private readonly surfacePoints: (eyes: Vector3) => Float32Array,
   ) {}
 
   /** Reads the frame's poses and sends them. */
@@ -42,7 +42,7 @@ export class Immersive {
   }
 
   /** The fingers of bare hands in the latest frame. */
-  get bareHands(): BareHandsTracked {
+  get bareHands(): TrackedHands {
     return this.reader.bareHands;
   }
 
@@ -62,6 +62,6 @@ export class Immersive {
     const { position, orientation } = viewer.transform;
     this.head.set(position.x, position.y, position.z);
     this.turn.set(orientation.x, orientation.y, orientation.z, orientation.w);
-    this.panel.place(this.head, this.forward.set(0, 0, -1).applyQuaternion(this.turn), this.around);
+    this.panel.place(this.head, this.forward.set(0, 0, -1).applyQuaternion(this.turn), this.surfacePoints);
   }
 }

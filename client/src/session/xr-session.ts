@@ -18,7 +18,7 @@ export interface SessionEvents {
 }
 
 /** Enters and leaves immersive VR and reports what the participant does there. */
-export class ImmersiveSession {
+export class XRSessionManager {
   private session: XRSession | null = null;
   private menuWasDown = false;
 
@@ -94,7 +94,7 @@ export class ImmersiveSession {
 }
 
 /** Why VR cannot be entered; null when it can. */
-export async function reasonAgainstVR(): Promise<Key | null> {
+export async function vrUnavailableReason(): Promise<Key | null> {
   if (!window.isSecureContext) return "insecure";
   if (!navigator.xr) return "no_vr";
   const supported = await navigator.xr.isSessionSupported("immersive-vr").catch(() => false);

@@ -20,7 +20,7 @@ function gripFromWrist(side: Side): Place {
 }
 
 /** One hand whose device may change; the server's own law, see `vr/tracking/switches.py`, which says why. */
-export class SwitchingHand {
+export class HandFollower {
   private modality: Modality = "none";
   private followed: Place | null = null;
   private seenMs = 0;
@@ -61,8 +61,8 @@ export class SwitchingHand {
 
 /** Both hands of one stay in VR. */
 export class Hands {
-  private readonly left = new SwitchingHand("left");
-  private readonly right = new SwitchingHand("right");
+  private readonly left = new HandFollower("left");
+  private readonly right = new HandFollower("right");
 
   /** The poses with the grips to follow in the place of those of the hands. */
   follow(poses: Poses, nowMs: number): Poses {

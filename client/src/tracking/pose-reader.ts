@@ -1,4 +1,4 @@
-import { JOINTS, type BareHandsTracked, type HandJoints } from "../body/bare-hands";
+import { JOINTS, type TrackedHands, type HandJoints } from "../body/bare-hands";
 import type { Modality, Tracking, XRPose } from "../generated/messages";
 
 export const HIGHEST_RATE_HZ = 90;
@@ -34,7 +34,7 @@ export class Reader {
   private readonly leftJoints = noJoints();
   private readonly rightJoints = noJoints();
   /** The fingers of bare hands in the frame that was read last. */
-  readonly bareHands: BareHandsTracked = { left: null, right: null };
+  readonly bareHands: TrackedHands = { left: null, right: null };
 
   read(frame: XRFrame, space: XRReferenceSpace): Poses {
     const { poses } = this;
@@ -57,13 +57,13 @@ export interface FrameTimes {
   sentMs: number;
 }
 
-const REMEMBERED = 1024;
+const HISTORY = 1024;
 
 /** Numbers the frames that are sent, in one message that is filled anew for each, and remembers when that was. */
 export class Numbering {
   private readonly message: Tracking = { type: "tracking", sequence: -1, client_time_ms: 0, ...UNTRACKED };
-  private readonly readMs = new Float64Array(REMEMBERED);
-  private readonly sentMs = new Float64Array(REMEMBERED);
+  private readonly readMs = new Float64Array(HISTORY);
+  private readonly sentMs = new Float64Array(HISTORY);
 
   /** How many frames have been numbered; the next one has this sequence number. */
   get count(): number {
@@ -76,16 +76,16 @@ export class Numbering {
     Object.assign(message, poses);
     message.sequence++;
     message.client_time_ms = timeMs;
-    this.readMs[message.sequence % REMEMBERED] = timeMs;
-    this.sentMs[message.sequence % REMEMBERED] = sentMs;
+    this.readMs[message.sequence % HISTORY] = timeMs;
+    this.sentMs[message.sequence % HISTORY] = sentMs;
     return message;
   }
 
   /** When one of the latest frames was read and sent; null for frames that nobody remembers. */
   timesOf(sequence: number): FrameTimes | null {
     const newest = this.message.sequence;
-    if (sequence < 0 || sequence > newest || sequence <= newest - REMEMBERED) return null;
-    const at = sequence % REMEMBERED;
+    if (sequence < 0 || sequence > newest || sequence <= newest - HISTORY) return null;
+    const at = sequence % HISTORY;
     return { readMs: this.readMs[at]!, sentMs: this.sentMs[at]! };
   }
 

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { kinematics, solveArm } from "../../src/body/arm-solver";
-import { ofQuaternion, ofXyz, seenFrom, times, turnBetween, turned, turnedBack, xyzOf } from "../../src/body/linear-algebra";
+import { fromQuaternion, fromEulerXYZ, multiplyTransposed, multiply, rotationVector, rotate, rotateInverse, toEulerXYZ } from "../../src/body/linear-algebra";
 import { BodySolver, type BodyPose } from "../../src/body/body-solver";
 import { solveSymmetric } from "../../src/body/linear-algebra";
 import type { Skeleton } from "../../src/generated/messages";
@@ -48,40 +48,40 @@ describe("the participant's own body", () => {
       const wanted = kinematics(lengths, start.map((angle) => angle + 0.4 * (random() - 0.5)));
       const found = kinematics(lengths, solveArm(lengths, wanted, start, 0.5));
       expect(Math.hypot(...found.position.map((x, at) => x - wanted.position[at]!))).toBeLessThan(1e-3);
-      expect(Math.hypot(...turnBetween(found.axes, wanted.axes))).toBeLessThan(0.01);
+      expect(Math.hypot(...rotationVector(found.axes, wanted.axes))).toBeLessThan(0.01);
     }
   });
 });
 
 describe("axes", () => {
   const random = seededRandom(5);
-  const some = () => ofXyz(6 * random() - 3, 3 * random() - 1.5, 6 * random() - 3);
+  const some = () => fromEulerXYZ(6 * random() - 3, 3 * random() - 1.5, 6 * random() - 3);
 
   it("give back the angles that they were made of", () => {
     for (let n = 0; n < 50; n++) {
       const angles = [6 * random() - 3, 3 * random() - 1.5, 6 * random() - 3] as const;
-      xyzOf(ofXyz(...angles)).forEach((angle, at) => expect(angle).toBeCloseTo(angles[at]!, 9));
+      toEulerXYZ(fromEulerXYZ(...angles)).forEach((angle, at) => expect(angle).toBeCloseTo(angles[at]!, 9));
     }
   });
 
   it("turn back what they turned", () => {
     for (let n = 0; n < 20; n++) {
       const [axes, vector] = [some(), [random(), random(), random()] as [number, number, number]];
-      turnedBack(axes, turned(axes, vector)).forEach((x, at) => expect(x).toBeCloseTo(vector[at]!, 12));
+      rotateInverse(axes, rotate(axes, vector)).forEach((x, at) => expect(x).toBeCloseTo(vector[at]!, 12));
     }
   });
 
   it("are a rotation vector apart", () => {
     for (let n = 0; n < 20; n++) {
       const [from, to] = [some(), some()];
-      const vector = turnBetween(from, to);
+      const vector = rotationVector(from, to);
       const half = 0.5 * Math.hypot(...vector);
       const scale = Math.sin(half) / (2 * half);
       const q = [Math.cos(half), ...vector.map((x) => scale * x)] as [number, number, number, number];
-      times(ofQuaternion(q), from).forEach((entry, at) =>
+      multiply(fromQuaternion(q), from).forEach((entry, at) =>
         expect(entry).toBeCloseTo(to[at]!, 9),
       );
-      expect(seenFrom(from, from)[0]).toBeCloseTo(1, 12);
+      expect(multiplyTransposed(from, from)[0]).toBeCloseTo(1, 12);
     }
   });
 });

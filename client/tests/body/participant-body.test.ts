@@ -6,7 +6,7 @@ import { chainsOf, drawChain } from "../../src/body/kinematic-chain";
 import { POSE } from "../../src/scene/state-interpolation";
 import { bodyPose } from "../../src/body/body-pose";
 import type { Modality, Part, Scene, XRPose } from "../../src/generated/messages";
-import { CROSSING_MS, OwnBody } from "../../src/body/participant-body";
+import { BLEND_MS, ParticipantBody } from "../../src/body/participant-body";
 import type { State } from "../../src/session/state-decoder";
 import { Hands } from "../../src/tracking/modality-switch";
 import { poseOf as xrPoseOf, type Poses } from "../../src/tracking/pose-reader";
@@ -95,7 +95,7 @@ function served(frames: number, moving: (frame: number) => JointAngles): { pose:
 }
 
 class Client {
-  readonly own = new OwnBody(SCENE);
+  readonly own = new ParticipantBody(SCENE);
   private frames = 0;
 
   constructor() {
@@ -119,7 +119,7 @@ describe("the participant's own arms", () => {
     way.forEach(({ pose }, frame) => {
       const { targets } = way[Math.max(frame - LATE, 0)]!;
       const poses = client.draw(pose, targets);
-      if (frame * FRAME_MS < CROSSING_MS + 30) return;
+      if (frame * FRAME_MS < BLEND_MS + 30) return;
       for (const side of ["left", "right"] as const) {
         const { m, deg } = apart(handOf(poses, side), pose[side]!);
         expect(m).toBeLessThan(0.01);
@@ -160,7 +160,7 @@ describe("the participant's own arms", () => {
     reaching[PERSON.joints.right[1]]! -= 0.15;
     const pose = poseOf(reaching);
     const gap = apart(handOf(simulated(blocked), "right"), pose.right!).m;
-    const frames = Math.ceil(CROSSING_MS / FRAME_MS) + 1;
+    const frames = Math.ceil(BLEND_MS / FRAME_MS) + 1;
     const show = (count: number, held: Part[]) =>
       Array.from({ length: count }, () => client.draw(pose, reaching, held, blocked));
     const [free, over, back] = [show(60, []), show(frames, ["right"]), show(frames, [])];
@@ -172,7 +172,7 @@ describe("the participant's own arms", () => {
     expect(gap).toBeGreaterThan(0.1);
     const all = [...free.slice(-1), ...over, ...back];
     for (let n = 1; n < all.length; n++)
-      expect(apart(handOf(all[n]!, "right"), handOf(all[n - 1]!, "right")).m).toBeLessThan((2 * gap * FRAME_MS) / CROSSING_MS);
+      expect(apart(handOf(all[n]!, "right"), handOf(all[n - 1]!, "right")).m).toBeLessThan((2 * gap * FRAME_MS) / BLEND_MS);
   });
 
   const HERE: XRPose = [[0, 0, 0], [0, 0, 0, 1]]; // prettier-ignore

@@ -1,13 +1,13 @@
 import { describe, expect, it } from "vitest";
-import { sessionWords } from "../../src/dashboard/live-session";
+import { sessionText } from "../../src/dashboard/live-session";
 import { Refusal, type ConditionResults, type Participant, type Trial } from "../../src/dashboard/study-api";
 import {
-  beginWords,
+  beginText,
   paragraphs,
   participantsTable,
-  participantWords,
+  participantText,
   resultsTable,
-  resultsWords,
+  resultsText,
   trialsTable,
 } from "../../src/dashboard/tables";
 
@@ -84,28 +84,28 @@ describe("tables", () => {
 
 describe("words", () => {
   it("tell what comes next", () => {
-    expect(participantWords(PERSON, false)).toBe(
+    expect(participantText(PERSON, false)).toBe(
       "allocated; woman; 22 years; reads en; name stored; no consent yet. Next: begin.",
     );
-    expect(participantWords({ ...PERSON, state: "enrolled" }, false)).toMatch(/record their consent\.$/);
-    expect(participantWords({ ...PERSON, must_reconsent: true }, false)).toMatch(/consent to the new version of the text\.$/);
-    expect(participantWords(PERSON, true)).toMatch(/Their session runs\.$/);
-    expect(beginWords(PERSON)).toBe("Begin session");
-    expect(beginWords({ ...PERSON, trials: [{ ...TRIAL, state: "completed" }] })).toMatch(/^Continue/);
+    expect(participantText({ ...PERSON, state: "enrolled" }, false)).toMatch(/record their consent\.$/);
+    expect(participantText({ ...PERSON, must_reconsent: true }, false)).toMatch(/consent to the new version of the text\.$/);
+    expect(participantText(PERSON, true)).toMatch(/Their session runs\.$/);
+    expect(beginText(PERSON)).toBe("Begin session");
+    expect(beginText({ ...PERSON, trials: [{ ...TRIAL, state: "completed" }] })).toMatch(/^Continue/);
   });
 
   it("say what letters mean only where there are any", () => {
-    expect(resultsWords(true)).toContain("blind");
-    expect(resultsWords(false)).not.toContain("blind");
+    expect(resultsText(true)).toContain("blind");
+    expect(resultsText(false)).not.toContain("blind");
   });
 
   it("tell where the session stands", () => {
     const phase = { type: "phase", name: "free_before", text: "Move.", trial: 2, trials: 5, page_text: "", texts_by_input: {} } as const;
-    expect(sessionWords({ ...phase, practice: false, seconds: 5 })).toBe("Free movement before the robot starts.");
+    expect(sessionText({ ...phase, practice: false, seconds: 5 })).toBe("Free movement before the robot starts.");
     for (const none of [null, { ...phase, trials: 0, practice: false, seconds: null }])
-      expect(sessionWords(none)).toBe("No session runs here.");
+      expect(sessionText(none)).toBe("No session runs here.");
     const asked = { ...phase, name: "questionnaire", text: "Please answer.", trial: 0, trials: 0 } as const;
-    expect(sessionWords({ ...asked, practice: false, seconds: null })).toBe("The participant answers questions.");
+    expect(sessionText({ ...asked, practice: false, seconds: null })).toBe("The participant answers questions.");
   });
 
   it("keep paragraphs and mend broken lines", () => {

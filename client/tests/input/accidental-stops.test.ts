@@ -1,10 +1,10 @@
 import { Euler, Quaternion, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
 import { DEVICES } from "../../src/generated/body-model";
-import { NO_BARE_HANDS, type BareHandsTracked } from "../../src/body/bare-hands";
+import { NO_TRACKED_HANDS, type TrackedHands } from "../../src/body/bare-hands";
 import type { Side } from "../../src/body/body-solver";
 import { standingMiddle } from "../../src/input/stop-sign";
-import { Stopping, type WayInVR } from "../../src/input/stop-gestures";
+import { StopGestures, type StopWayInVR } from "../../src/input/stop-gestures";
 import { handJoints, placed } from "../helpers/hand-joints";
 import KEPT from "../data/motions.json";
 
@@ -62,10 +62,10 @@ const TURNS = [-40, 0, 40].flatMap((x) =>
 function stopsIn(
   { frames, everyMs }: Motion,
   sources: XRInputSource[],
-  hands: (frame: readonly number[]) => BareHandsTracked = () => NO_BARE_HANDS,
+  hands: (frame: readonly number[]) => TrackedHands = () => NO_TRACKED_HANDS,
   before: (session: EventTarget, nowMs: number) => void = () => undefined,
-): WayInVR[] {
-  const [session, stopping] = [new EventTarget(), new Stopping()];
+): StopWayInVR[] {
+  const [session, stopping] = [new EventTarget(), new StopGestures()];
   stopping.listen(session as XRSession);
   let sign: Vector3 | null = null;
   return frames.flatMap((frame, at) => {

@@ -1,5 +1,5 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { FlatPlay } from "../../src/input/desktop-controls";
+import { DesktopControls } from "../../src/input/desktop-controls";
 
 /** An element or window that only passes events on. */
 class Emitter {
@@ -17,12 +17,12 @@ class Emitter {
 describe("playing without a headset", () => {
   let view: Emitter;
   let page: Emitter;
-  let play: FlatPlay;
+  let play: DesktopControls;
 
   beforeEach(() => {
     [view, page] = [new Emitter(), new Emitter()];
     vi.stubGlobal("window", page);
-    play = new FlatPlay(view as unknown as HTMLElement);
+    play = new DesktopControls(view as unknown as HTMLElement);
     play.playing = true;
   });
   afterEach(() => vi.unstubAllGlobals());

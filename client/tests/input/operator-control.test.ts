@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { drivingWords, gamepadWish, keysWish } from "../../src/input/operator-control";
+import { drivingText, gamepadCommand, keyboardCommand } from "../../src/input/operator-control";
 import type { Status } from "../../src/generated/messages";
 
 const still = [0, 0, 0];
@@ -14,31 +14,31 @@ function pad(axes: number[], held: Record<number, number>): Pick<Gamepad, "axes"
 
 describe("the operator's keys", () => {
   it("move nothing without the dead-man's key", () => {
-    expect(keysWish(new Set(["KeyW"])).engaged).toBe(false);
-    expect(keysWish(new Set(["Space"]))).toEqual({ type: "drive", engaged: true, linear: still, angular: still });
+    expect(keyboardCommand(new Set(["KeyW"])).engaged).toBe(false);
+    expect(keyboardCommand(new Set(["Space"]))).toEqual({ type: "drive", engaged: true, linear: still, angular: still });
   });
 
   it("add up, and opposite ones cancel out", () => {
-    const wish = keysWish(new Set(["Space", "KeyW", "KeyA", "KeyE", "KeyQ", "ArrowRight", "KeyP"]));
+    const wish = keyboardCommand(new Set(["Space", "KeyW", "KeyA", "KeyE", "KeyQ", "ArrowRight", "KeyP"]));
     expect(wish).toEqual({ type: "drive", engaged: true, linear: [1, 1, 0], angular: [0, 0, -1] });
   });
 });
 
 describe("the operator's gamepad", () => {
   it("moves nothing without a shoulder button", () => {
-    expect(gamepadWish(pad([0, -1, 0, 0], {})).engaged).toBe(false);
-    expect(gamepadWish(pad([0, -1, 0, 0], { 5: 1 }))).toMatchObject({ engaged: true, linear: [1, 0, 0] });
+    expect(gamepadCommand(pad([0, -1, 0, 0], {})).engaged).toBe(false);
+    expect(gamepadCommand(pad([0, -1, 0, 0], { 5: 1 }))).toMatchObject({ engaged: true, linear: [1, 0, 0] });
   });
 
   it("ignores sticks that barely rest off centre, and reaches the end of each axis", () => {
-    expect(gamepadWish(pad([0.1, -0.1, 0.1, 0.1], { 4: 1 }))).toMatchObject({ linear: [0, 0, 0], angular: [0, 0, 0] });
-    const { linear, angular } = gamepadWish(pad([1, 1, -1, -1], { 4: 1, 7: 1, 12: 1 }));
+    expect(gamepadCommand(pad([0.1, -0.1, 0.1, 0.1], { 4: 1 }))).toMatchObject({ linear: [0, 0, 0], angular: [0, 0, 0] });
+    const { linear, angular } = gamepadCommand(pad([1, 1, -1, -1], { 4: 1, 7: 1, 12: 1 }));
     expect([linear, angular]).toEqual([[-1, -1, 1], [1, -1, 1]]);
   });
 });
 
 describe("the words beside the keys", () => {
-  const words = (phase: Status["phase"], idle: boolean) => drivingWords({ phase, idle } as Status);
+  const words = (phase: Status["phase"], idle: boolean) => drivingText({ phase, idle } as Status);
 
   it("say who moves the robot, in a trial and where an environment is viewed", () => {
     for (const phase of ["trial", "viewing"] as const) {

@@ -1,6 +1,6 @@
 import { Quaternion, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
-import { palmIsRaised } from "../../src/input/palm-gesture";
+import { isPalmRaised } from "../../src/input/palm-gesture";
 import { handJoints, placed, raisedHand } from "../helpers/hand-joints";
 
 const EYES = new Vector3(0.3, 1.2, -0.4);
@@ -11,7 +11,7 @@ const about = (x: number, y: number, z: number, degrees: number) =>
 
 describe.each(SIDES)("an open palm of the %s hand", (side) => {
   const other = side === "left" ? "right" : "left";
-  const says = (turn?: Quaternion, bent?: number) => palmIsRaised(side, raisedHand(side, EYES, turn, bent).matrices, EYES);
+  const says = (turn?: Quaternion, bent?: number) => isPalmRaised(side, raisedHand(side, EYES, turn, bent).matrices, EYES);
 
   it("says stop when it is raised away from the face", () => {
     expect(says()).toBe(true);
@@ -36,18 +36,18 @@ describe.each(SIDES)("an open palm of the %s hand", (side) => {
   it("does not say stop in the lap or at the face", () => {
     const joints = handJoints(side);
     for (const where of [new Vector3(0.1, -0.6, -0.3), new Vector3(0.02, -0.1, -0.1)])
-      expect(palmIsRaised(side, placed(joints, where.add(EYES), new Quaternion()).matrices, EYES)).toBe(false);
+      expect(isPalmRaised(side, placed(joints, where.add(EYES), new Quaternion()).matrices, EYES)).toBe(false);
   });
 
   it("says it in whatever direction the participant sits", () => {
     for (let degrees = 0; degrees < 360; degrees += 15) {
       const turn = about(0, 1, 0, degrees);
       const wrist = new Vector3(side === "right" ? 0.18 : -0.18, -0.25, -0.35).applyQuaternion(turn).add(EYES);
-      expect(palmIsRaised(side, placed(handJoints(side), wrist, turn).matrices, EYES)).toBe(true);
+      expect(isPalmRaised(side, placed(handJoints(side), wrist, turn).matrices, EYES)).toBe(true);
     }
   });
 
   it("is not that of the other hand", () => {
-    expect(palmIsRaised(other, raisedHand(side, EYES).matrices, EYES)).toBe(false);
+    expect(isPalmRaised(other, raisedHand(side, EYES).matrices, EYES)).toBe(false);
   });
 });

@@ -4,7 +4,7 @@ import { panelContent } from "../../src/session/display-state";
 import type { Question } from "../../src/generated/messages";
 import { Panel } from "../../src/panel/panel";
 import { Pointers } from "../../src/input/pointers";
-import { ENGLISH } from "../../src/page/texts";
+import { ENGLISH_TEXTS } from "../../src/page/texts";
 
 const QUESTION: Question = {
   ...{ type: "question", item: "L1", text: "Safe?", points: 7, labels: [], low: "no", high: "yes" },
@@ -22,8 +22,8 @@ beforeAll(() => {
 /** A panel that asks a question, straight ahead. */
 function askingPanel(): Panel {
   const panel = new Panel(1);
-  const display = { phase: null, body: null, answered: null, problem: null, secondsLeft: null, takesPart: true };
-  panel.show(panelContent({ words: ENGLISH, link: "connected", code: 0, input: "trigger", question: QUESTION, ...display }));
+  const display = { phase: null, body: null, answered: null, problem: null, secondsLeft: null, participates: true };
+  panel.show(panelContent({ texts: ENGLISH_TEXTS, link: "connected", code: 0, input: "trigger", question: QUESTION, ...display }));
   panel.place(EYES, new Vector3(0, 0, -1), NOBODY);
   panel.mesh.updateMatrixWorld();
   return panel;

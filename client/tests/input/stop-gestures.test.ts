@@ -1,7 +1,7 @@
 import { Vector3 } from "three";
 import { describe, expect, it } from "vitest";
-import { NO_BARE_HANDS, type BareHandsTracked } from "../../src/body/bare-hands";
-import { SIGN_RADIUS_RAD, Stopping, WAYS, kindOf, menuIsDown, wayOf, type Seen, type WayInVR } from "../../src/input/stop-gestures";
+import { NO_TRACKED_HANDS, type TrackedHands } from "../../src/body/bare-hands";
+import { SIGN_RADIUS_RAD, StopGestures, STOP_WAYS, kindOf, menuIsDown, wayOf, type Seen, type StopWayInVR } from "../../src/input/stop-gestures";
 import { TEXTS } from "../../src/generated/interface-texts";
 import { raisedHand } from "../helpers/hand-joints";
 import PROFILES from "../data/profiles.json";
@@ -34,9 +34,9 @@ const FRAME_MS = 1000 / 72;
 
 /** A participant with some input sources, frame by frame. */
 class Participant {
-  readonly stopping = new Stopping();
+  readonly stopping = new StopGestures();
   gaze = AHEAD;
-  hands: BareHandsTracked = NO_BARE_HANDS;
+  hands: TrackedHands = NO_TRACKED_HANDS;
   possible = true;
   nowMs = 0;
   private readonly session = new EventTarget();
@@ -52,16 +52,16 @@ class Participant {
       this.session.dispatchEvent(Object.assign(new Event(kind + (down ? "start" : "end")), { inputSource }));
   }
 
-  frame(): WayInVR | null {
+  frame(): StopWayInVR | null {
     this.nowMs += FRAME_MS;
     const seen: Seen = { sources: this.sources, eyes: EYES, gaze: this.gaze, hands: this.hands, sign: SIGN };
     return this.stopping.watch(seen, this.possible, this.nowMs);
   }
 
   /** All ways in which the robot was stopped within so many seconds. */
-  wait(seconds: number): WayInVR[] {
+  wait(seconds: number): StopWayInVR[] {
     const ends = this.nowMs + 1000 * seconds;
-    const stops: WayInVR[] = [];
+    const stops: StopWayInVR[] = [];
     while (this.nowMs < ends) stops.push(...[this.frame()].filter((way) => way !== null));
     return stops;
   }
@@ -76,7 +76,7 @@ function sourcesOf({ profiles, hands, buttons }: (typeof PROFILES)[number], join
 }
 
 /** Does what the sign says. */
-function obey(participant: Participant, way: WayInVR): void {
+function obey(participant: Participant, way: StopWayInVR): void {
   const { sources } = participant;
   if (way === "triggers" || way === "select") participant.press("select", true, ...sources);
   if (way === "palm") participant.hands = { left: null, right: raisedHand("right", EYES) };
@@ -99,7 +99,7 @@ describe("of every input profile in the registry", () => {
           continue;
         }
         obey(participant, way);
-        expect(participant.wait(WAYS[way].heldMs / 1000 - 0.05)).toEqual([]);
+        expect(participant.wait(STOP_WAYS[way].heldMs / 1000 - 0.05)).toEqual([]);
         expect(participant.stopping.progress).toBeGreaterThan(0.9);
         expect(participant.wait(3)).toEqual([way]);
       }
@@ -201,7 +201,7 @@ describe("a stop", () => {
     participant.wait(2);
     participant.possible = true;
     expect(participant.wait(0.4)).toEqual([]);
-    participant.hands = NO_BARE_HANDS;
+    participant.hands = NO_TRACKED_HANDS;
     expect(participant.wait(0.1)).toEqual([]);
     participant.hands = raised;
     expect(participant.wait(0.3)).toEqual(["palm"]);
@@ -222,7 +222,7 @@ describe("a stop", () => {
 
   it("is said in every language, in words of its own for each way but the squeeze, which is said with the triggers", () => {
     for (const { words } of Object.values(TEXTS)) {
-      const said = Object.values(WAYS).map(({ words: key }) => words[key]);
+      const said = Object.values(STOP_WAYS).map(({ text: key }) => words[key]);
       expect(new Set(said).size).toBe(said.length - 1);
     }
   });

@@ -7,7 +7,7 @@ import type { Question } from "../../src/generated/messages";
 import { WIDTH, buttonsOf, paint } from "../../src/panel/paint-panel";
 import { PANEL_HALF_M } from "../../src/panel/panel";
 import { TEXTS } from "../../src/generated/interface-texts";
-import { ENGLISH } from "../../src/page/texts";
+import { ENGLISH_TEXTS } from "../../src/page/texts";
 
 /** A Quest 2's. */
 const PIXELS_PER_DEGREE = 20;
@@ -33,7 +33,7 @@ function notingCanvas(): { context: CanvasRenderingContext2D; written: Map<strin
 function smallestDeg(content: Partial<PanelContent>): number {
   const { context, written } = notingCanvas();
   const nothing = { label: "", text: "", secondsLeft: null, question: null, body: null, answered: null, notice: null };
-  const whole: PanelContent = { ...nothing, words: ENGLISH, confirms: false, again: false, ...content };
+  const whole: PanelContent = { ...nothing, texts: ENGLISH_TEXTS, confirms: false, again: false, ...content };
   paint(context, whole, buttonsOf(whole), null);
   const pixel_m = (2 * PANEL_HALF_M.x) / WIDTH;
   return (Math.min(...written.values()) * pixel_m * 180) / Math.PI / FARTHEST_M;
@@ -57,7 +57,7 @@ const SAID = Object.values(LANGUAGES).flatMap((texts) => Object.entries(texts));
 /** In a headset's pixels. */
 const smallest = (content: Partial<PanelContent>) => PIXELS_PER_DEGREE * smallestDeg(content);
 
-describe("the smallest words on the panel", () => {
+describe("the smallest texts on the panel", () => {
   it("are 23 pixels of a headset high where they say what to do, and 20 above a countdown", () => {
     for (const [key, text] of SAID) {
       expect(smallest({ text }), key).toBeGreaterThan(23);

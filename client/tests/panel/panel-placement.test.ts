@@ -12,9 +12,9 @@ import {
   type BufferGeometry,
 } from "three";
 import { describe, expect, it } from "vitest";
-import { freePlace, isFree } from "../../src/panel/panel-placement";
+import { findFreePlace, isFree } from "../../src/panel/panel-placement";
 import { PANEL_HALF_M } from "../../src/panel/panel";
-import { Surfaces } from "../../src/scene/surface-points";
+import { SurfacePoints } from "../../src/scene/surface-points";
 import scenes from "../data/scenes.json";
 
 const AHEAD = new Vector3(0, 0, -1);
@@ -67,7 +67,7 @@ describe("the place of the panel", () => {
   it.each(scenes.map((scene) => [scene.name, scene] as const))("is free in %s", (_, { eyes, geoms }) => {
     const scene = built(geoms as unknown as Geom[]);
     const from = scene.localToWorld(new Vector3().fromArray(eyes));
-    const middle = freePlace(from, AHEAD, new Surfaces(scene).around(from), PANEL_HALF_M);
+    const middle = findFreePlace(from, AHEAD, new SurfacePoints(scene).around(from), PANEL_HALF_M);
     expect(nearest(scene, from, middle)).toBe(Infinity);
     expect(middle.distanceTo(from)).toBeGreaterThanOrEqual(1);
     expect(middle.distanceTo(from)).toBeLessThanOrEqual(1.5);
@@ -76,7 +76,7 @@ describe("the place of the panel", () => {
 
   it("is straight ahead where nothing stands", () => {
     const eyes = new Vector3(0, 1.2, 0);
-    const middle = freePlace(eyes, AHEAD, new Float32Array(), PANEL_HALF_M);
+    const middle = findFreePlace(eyes, AHEAD, new Float32Array(), PANEL_HALF_M);
     expect(middle.x).toBeCloseTo(0);
     expect(middle.z).toBeLessThan(-1.2);
     expect(middle.y).toBeLessThan(1.2);
@@ -87,11 +87,11 @@ describe("the place of the panel", () => {
     const pole = new Mesh(new BoxGeometry(0.1, 3, 0.1), MATERIAL);
     pole.position.set(0, 1, -0.7);
     const scene = new Group().add(pole);
-    const middle = freePlace(eyes, AHEAD, new Surfaces(scene).around(eyes), PANEL_HALF_M);
+    const middle = findFreePlace(eyes, AHEAD, new SurfacePoints(scene).around(eyes), PANEL_HALF_M);
     expect(nearest(scene, eyes, middle)).toBe(Infinity);
     const behind = new Vector3(0, 1.1, -1.25);
     expect(nearest(scene, eyes, behind)).toBeLessThan(1);
-    const points = new Surfaces(scene).around(eyes);
+    const points = new SurfacePoints(scene).around(eyes);
     expect([middle, behind].map((place) => isFree(eyes, place, points, PANEL_HALF_M))).toEqual([true, false]);
   });
 });

@@ -80,7 +80,7 @@ describe("words on buttons", () => {
     expect(labelOf(question("a", ["none", "some", "much"]), 3)).toBe("much");
   });
 
-  it("make the words at the ends needless where they are the same", () => {
+  it("make the texts at the ends needless where they are the same", () => {
     expect(saysItsEnds(question("a"))).toBe(false);
     expect(saysItsEnds(question("a", ["0", "50", "100"]))).toBe(false);
     expect(saysItsEnds(question("a", ["no", "perhaps", "yes"]))).toBe(true);

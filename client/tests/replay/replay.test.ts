@@ -4,7 +4,7 @@ import { Clock, SPEEDS } from "../../src/replay/replay-clock";
 import { latest, phasesOf, robotsPart, type Timeline } from "../../src/replay/replay-data";
 import { Frames } from "../../src/replay/recorded-frames";
 import { unpackPoses } from "../../src/replay/packed-trials";
-import { entriesOf, whoWasSimulated } from "../../src/replay/replay-texts";
+import { timelineEntries, simulatedText } from "../../src/replay/replay-texts";
 
 const TIMES = [0, 0.02, 0.04];
 
@@ -165,17 +165,17 @@ describe("words", () => {
   const trial = (simulated: boolean) => ({ simulated, happenings: [] }) as unknown as Timeline;
 
   it("say who was simulated", () => {
-    expect(whoWasSimulated([trial(false)])).toBe("");
-    expect(whoWasSimulated([trial(true)])).toBe("Simulated participant");
-    expect(whoWasSimulated([trial(true), trial(true)])).toBe("Simulated participants");
-    expect(whoWasSimulated([trial(false), trial(true)])).toBe("B: simulated participant");
+    expect(simulatedText([trial(false)])).toBe("");
+    expect(simulatedText([trial(true)])).toBe("Simulated participant");
+    expect(simulatedText([trial(true), trial(true)])).toBe("Simulated participants");
+    expect(simulatedText([trial(false), trial(true)])).toBe("B: simulated participant");
   });
 
   it("list what happened in two trials in the order of time", () => {
     const [one, other] = [[1, 4], [2, 3]].map((times) => ({
       happenings: times.map((time_s) => ({ time_s, kind: "event", words: "stop" })),
     })) as unknown as Timeline[];
-    const entries = entriesOf([one!, other!]).map(({ label, time_s }) => `${label}${time_s}`);
+    const entries = timelineEntries([one!, other!]).map(({ label, time_s }) => `${label}${time_s}`);
     expect(entries).toEqual(["A1", "B2", "B3", "A4"]);
   });
 });

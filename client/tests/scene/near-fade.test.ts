@@ -1,8 +1,8 @@
 import { BoxGeometry, Group, InstancedMesh, Mesh, MeshStandardMaterial, Object3D, ShaderLib, type WebGLProgramParametersWithUniforms } from "three";
 import { describe, expect, it } from "vitest";
-import { Content } from "../../src/scene/scene-content";
+import { SceneContent } from "../../src/scene/scene-content";
 import type { Scene } from "../../src/generated/messages";
-import { FADES_M, fadeNearEyes } from "../../src/scene/near-fade";
+import { FADE_DISTANCE_M, fadeNearEyes } from "../../src/scene/near-fade";
 
 /** The fragment shader that a material is compiled to. */
 function fragmentShader(material: MeshStandardMaterial): string {
@@ -13,7 +13,7 @@ function fragmentShader(material: MeshStandardMaterial): string {
 
 describe("what comes near the eyes", () => {
   it("fades within 8 cm, smoothly, by the distance from the eye", () => {
-    expect(FADES_M).toBe(0.08);
+    expect(FADE_DISTANCE_M).toBe(0.08);
     const material = new MeshStandardMaterial();
     fadeNearEyes(material);
     const shader = fragmentShader(material);
@@ -46,7 +46,7 @@ describe("what comes near the eyes", () => {
     carrier.add(link);
     const scene = { bodies: ["robot/tool", "robot/link_1", "wheelchair", "water_0"], head_bodies: [], marks: 0 };
     const group = new Group().add(tool!, chair!, drops!, carrier);
-    new Content(group, scene as unknown as Scene);
+    new SceneContent(group, scene as unknown as Scene);
     const fading = (mesh: Mesh) => (mesh.material as MeshStandardMaterial).transparent;
     const copies = group.children.find((child) => child instanceof InstancedMesh) as InstancedMesh;
     expect([tool!, link, copies, chair!].map(fading)).toEqual([true, true, true, false]);

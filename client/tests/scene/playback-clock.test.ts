@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { TICK_S } from "../../src/generated/messages";
-import { HASTE, LEFT_OUT_S, MOST_BEHIND_S, Playback } from "../../src/scene/playback-clock";
+import { MAX_RATE_CHANGE, SKIP_DELAY_S, MAX_DELAY_S, Playback } from "../../src/scene/playback-clock";
 import { seededRandom } from "../../src/scene/random";
 
 const START_S = 5000;
@@ -80,10 +80,10 @@ describe.each(Object.entries(WAYS))("over %s", (_, late) => {
     for (const { nowS, newestS, drawnS } of pictures(7, late, frameS)) {
       freshest = Math.max(freshest, newestS - nowS);
       expect(drawnS).toBeLessThanOrEqual(newestS);
-      expect(newestS - drawnS).toBeLessThan(MOST_BEHIND_S + LEFT_OUT_S + 0.1);
+      expect(newestS - drawnS).toBeLessThan(MAX_DELAY_S + SKIP_DELAY_S + 0.1);
       expect(drawnS).toBeGreaterThanOrEqual(before);
       if (newestS - nowS > freshest - 0.01)
-        expect(nowS + freshest - drawnS).toBeLessThan(MOST_BEHIND_S + LEFT_OUT_S);
+        expect(nowS + freshest - drawnS).toBeLessThan(MAX_DELAY_S + SKIP_DELAY_S);
       before = drawnS;
     }
   });
@@ -111,8 +111,8 @@ describe("how far behind", () => {
   it("stays bounded where states come a second apart", () => {
     const shown = pictures(30, (n) => (100 - (n % 100)) * TICK_S);
     for (const { nowS, newestS, drawnS } of after(shown, 3)) {
-      expect(nowS - drawnS).toBeLessThan(1 + MOST_BEHIND_S + LEFT_OUT_S);
-      expect(newestS - drawnS).toBeLessThan(MOST_BEHIND_S + LEFT_OUT_S);
+      expect(nowS - drawnS).toBeLessThan(1 + MAX_DELAY_S + SKIP_DELAY_S);
+      expect(newestS - drawnS).toBeLessThan(MAX_DELAY_S + SKIP_DELAY_S);
     }
   });
 
@@ -133,7 +133,7 @@ describe("pictures", () => {
   it.each(["loopback", "a good radio", "bursts"])("move evenly over %s once the delay is found", (way) => {
     const shown = after(pictures(20, WAYS[way]!), 6);
     const steps = shown.slice(1).map(({ drawnS }, n) => (drawnS - shown[n]!.drawnS) / FRAME_S);
-    const uneven = steps.filter((step) => Math.abs(step - 1) > HASTE + 1e-6);
+    const uneven = steps.filter((step) => Math.abs(step - 1) > MAX_RATE_CHANGE + 1e-6);
     expect(uneven.length / steps.length).toBeLessThan(0.03);
   });
 });

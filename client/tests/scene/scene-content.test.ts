@@ -10,7 +10,7 @@ import {
   Vector3,
 } from "three";
 import { describe, expect, it } from "vitest";
-import { Content } from "../../src/scene/scene-content";
+import { SceneContent } from "../../src/scene/scene-content";
 import { POSE } from "../../src/scene/state-interpolation";
 import type { Scene } from "../../src/generated/messages";
 
@@ -71,14 +71,14 @@ describe("what a scene shows", () => {
   it("puts each node where its body is", () => {
     const arm = node({ body: "forearm" });
     const turn = about(1, 2, 3, 0.7);
-    new Content(new Group().add(arm), SCENE).place(poses({ forearm: turn }));
+    new SceneContent(new Group().add(arm), SCENE).place(poses({ forearm: turn }));
     expect(arm.position.toArray()).toEqual([1, 2, 3]);
     expect(apart(arm.quaternion, turn)).toBeLessThan(1e-6);
   });
 
   it("leaves alone what names no body of the scene", () => {
     const stranger = node({ body: "tail" });
-    new Content(new Group().add(stranger), SCENE).place(poses({}));
+    new SceneContent(new Group().add(stranger), SCENE).place(poses({}));
     expect(stranger.position.toArray()).toEqual([0, 0, 0]);
   });
 
@@ -88,7 +88,7 @@ describe("what a scene shows", () => {
     for (const twist of [-1.5, 0, 0.6, 1.5]) {
       const swing = node({ swing: "forearm", parent: "upper_arm" });
       const body = parent.clone().multiply(bend).multiply(about(0, 0, 1, twist));
-      new Content(new Group().add(swing), SCENE).place(poses({ upper_arm: parent, forearm: body }));
+      new SceneContent(new Group().add(swing), SCENE).place(poses({ upper_arm: parent, forearm: body }));
       expect(apart(swing.quaternion, parent.clone().multiply(bend))).toBeLessThan(1e-3);
       expect(swing.position.toArray()).toEqual([1, 2, 3]);
     }
@@ -96,14 +96,14 @@ describe("what a scene shows", () => {
 
   it("stays finite where a limb is folded back on itself", () => {
     const swing = node({ swing: "forearm", parent: "upper_arm" });
-    const content = new Content(new Group().add(swing), SCENE);
+    const content = new SceneContent(new Group().add(swing), SCENE);
     content.place(poses({ forearm: about(1, 0, 0, Math.PI) }));
     expect(swing.quaternion.length()).toBeCloseTo(1, 6);
   });
 
   it("draws bodies that look alike, and the marks, in one call each", () => {
     const group = new Group().add(node({ bodies: ["drop_0", "drop_1"] }, box()));
-    new Content(group, SCENE).place(poses({}));
+    new SceneContent(group, SCENE).place(poses({}));
     const [drops, marks] = copiesIn(group);
     expect(group.children).toEqual([drops, marks]);
     expect([drops!.count, marks!.count]).toEqual([2, 2]);
@@ -115,11 +115,11 @@ describe("what a scene shows", () => {
     const [head, hand] = [box(), box()];
     hand.material = head.material;
     const group = new Group().add(node({ skin_of: "head" }, head), node({ skin_of: "hand" }, hand));
-    const content = new Content(group, SCENE);
-    content.seeFromInside(true);
+    const content = new SceneContent(group, SCENE);
+    content.setFirstPerson(true);
     expect((head.material as MeshStandardMaterial).colorWrite).toBe(false);
     expect((hand.material as MeshStandardMaterial).colorWrite).toBe(true);
-    content.seeFromInside(false);
+    content.setFirstPerson(false);
     expect((head.material as MeshStandardMaterial).colorWrite).toBe(true);
   });
 });

@@ -1,7 +1,7 @@
 import { Quaternion, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
 import { POSE, StateBuffer, TELEPORT_M } from "../../src/scene/state-interpolation";
-import { MOST_BEHIND_S } from "../../src/scene/playback-clock";
+import { MAX_DELAY_S } from "../../src/scene/playback-clock";
 import type { State } from "../../src/session/state-decoder";
 
 type Pose = [x: number, y: number, z: number, qw: number, qx: number, qy: number, qz: number];
@@ -85,7 +85,7 @@ describe("sampling by simulation time", () => {
 
   it("remembers enough for the delay after many states", () => {
     const buffer = filled(...Array.from({ length: 500 }, (_, n) => state(n, n / 100, at(n / 100))));
-    const oldest = 4.99 - MOST_BEHIND_S;
+    const oldest = 4.99 - MAX_DELAY_S;
     expect(sampled(buffer, oldest)[0]).toBeCloseTo(oldest, 5);
   });
 });

@@ -6,15 +6,15 @@ describe("the countdown of a phase", () => {
     const countdown = new Countdown();
     countdown.begin(2, 1000);
     expect(countdown.secondsLeft).toBe(2);
-    expect(countdown.goOn(1900)).toBe(false);
-    expect([countdown.goOn(2100), countdown.secondsLeft]).toEqual([true, 1]);
-    expect([countdown.goOn(3000), countdown.secondsLeft]).toEqual([true, null]);
+    expect(countdown.advance(1900)).toBe(false);
+    expect([countdown.advance(2100), countdown.secondsLeft]).toEqual([true, 1]);
+    expect([countdown.advance(3000), countdown.secondsLeft]).toEqual([true, null]);
   });
 
   it("is absent in a phase without an end", () => {
     const countdown = new Countdown();
     countdown.begin(2, 0);
     countdown.begin(null, 100);
-    expect([countdown.goOn(200), countdown.secondsLeft]).toEqual([false, null]);
+    expect([countdown.advance(200), countdown.secondsLeft]).toEqual([false, null]);
   });
 });

@@ -1,10 +1,10 @@
 import { describe, expect, it } from "vitest";
-import { mayChooseBody } from "../../src/panel/body-choice";
-import { isRunning, linkWords, panelContent, type Display } from "../../src/session/display-state";
+import { canChooseBody } from "../../src/panel/body-choice";
+import { isRunning, linkText, panelContent, type DisplayState } from "../../src/session/display-state";
 import type { Body, Phase, Question } from "../../src/generated/messages";
 import { bodiesOf, buttonsOf, wrap } from "../../src/panel/paint-panel";
 import { hitButton } from "../../src/panel/questionnaire";
-import { ENGLISH } from "../../src/page/texts";
+import { ENGLISH_TEXTS } from "../../src/page/texts";
 
 const QUESTION: Question = {
   type: "question",
@@ -30,21 +30,21 @@ const BODY: Body = {
   ],
 };
 
-function phase(name: Phase["name"], text = "Words"): Phase {
+function phase(name: Phase["name"], text = "Texts"): Phase {
   return { type: "phase", name, text, trial: 3, trials: 8, practice: false, seconds: null, page_text: "", texts_by_input: {} };
 }
 
-function display(changes: Partial<Display>): Display {
-  const nothing = { phase: null, body: null, question: null, answered: null, problem: null, secondsLeft: null, takesPart: true };
-  return { words: ENGLISH, link: "connected", code: 0, input: "trigger", ...nothing, ...changes };
+function display(changes: Partial<DisplayState>): DisplayState {
+  const nothing = { phase: null, body: null, question: null, answered: null, problem: null, secondsLeft: null, participates: true };
+  return { texts: ENGLISH_TEXTS, link: "connected", code: 0, input: "trigger", ...nothing, ...changes };
 }
 
 describe("the panel", () => {
-  it("shows the words of a phase with its countdown", () => {
+  it("shows the texts of a phase with its countdown", () => {
     const content = panelContent(display({ phase: phase("countdown"), secondsLeft: 3 }));
     expect(content).toMatchObject({
       label: "Trial 3 of 8",
-      text: "Words",
+      text: "Texts",
       secondsLeft: 3,
       question: null,
       notice: null,
@@ -74,7 +74,7 @@ describe("the panel", () => {
     expect(texts).toEqual(["Press the trigger.", "Pinch.", "Press the trigger."]);
   });
 
-  it("puts the question in the place of the phase's words", () => {
+  it("puts the question in the place of the phase's texts", () => {
     const content = panelContent(
       display({ phase: phase("questionnaire"), question: QUESTION, secondsLeft: 9 }),
     );
@@ -111,18 +111,18 @@ describe("the bodies to choose", () => {
 
   it("may be chosen while no trial runs", () => {
     const allowed = (["waiting", "calibration", "check", "paused", "trial", "questionnaire"] as const).map((name) =>
-      mayChooseBody(phase(name)),
+      canChooseBody(phase(name)),
     );
     expect(allowed).toEqual([true, true, true, true, false, false]);
   });
 });
 
-describe("the connection in words", () => {
+describe("the connection in texts", () => {
   it("says why, when the server gave a reason", () => {
-    expect(linkWords(display({ link: "refused", code: 4403 }))).toBe(
-      ENGLISH.say("earlier_start"),
+    expect(linkText(display({ link: "refused", code: 4403 }))).toBe(
+      ENGLISH_TEXTS.get("earlier_start"),
     );
-    expect(linkWords(display({ link: "connected" }))).toBe("Connected to the server");
+    expect(linkText(display({ link: "connected" }))).toBe("Connected to the server");
   });
 });
 
@@ -146,7 +146,7 @@ describe("breaking lines", () => {
     expect(Math.max(...lines.map(measure))).toBeLessThanOrEqual(16);
   });
 
-  it("keeps given line ends and words that are too long", () => {
+  it("keeps given line ends and texts that are too long", () => {
     expect(wrap("a\n\nlongestword b", 5, measure)).toEqual(["a", "", "longestword", "b"]);
   });
 });

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { PhaseName, Status } from "../../src/generated/messages";
-import { skipWords, statusWords, timingWords } from "../../src/session/session-status";
+import { skipText, statusTexts, timingText } from "../../src/session/session-status";
 
 const STATUS: Status = {
   type: "status",
@@ -36,7 +36,7 @@ const STATUS: Status = {
 
 describe("how a session stands", () => {
   it("is said in plain words and units", () => {
-    expect(statusWords(STATUS)).toEqual({
+    expect(statusTexts(STATUS)).toEqual({
       "watch-trial": "2 of 5, attempt 3",
       "watch-environment": "FeedingJaco-v1",
       "watch-phase": "free movement before the robot starts; on hold",
@@ -58,15 +58,15 @@ describe("how a session stands", () => {
       { stage: "up_ms", p50: 3.4, p95: 5, p99: 9 },
       { stage: "draw_ms", p50: 44.7, p95: 50, p99: 60 },
     ];
-    expect(statusWords({ ...STATUS, latency })["watch-latency"]).toBe("82 ms, 95 % within 97: up 3, drawing 45");
+    expect(statusTexts({ ...STATUS, latency })["watch-latency"]).toBe("82 ms, 95 % within 97: up 3, drawing 45");
   });
 
   it("says when there is nothing to say", () => {
-    const words = statusWords({ ...STATUS, attempt: 0, tracking_age_s: null, paused: false, success: false });
+    const words = statusTexts({ ...STATUS, attempt: 0, tracking_age_s: null, paused: false, success: false });
     expect(words["watch-trial"]).toBe("2 of 5, attempt –");
     expect(words["watch-tracking"]).toBe("none yet");
     expect(words["watch-phase"]).toBe("free movement before the robot starts");
-    expect(statusWords({ ...STATUS, left_modality: "controller" })["watch-tracking"]).toBe(
+    expect(statusTexts({ ...STATUS, left_modality: "controller" })["watch-tracking"]).toBe(
       "11 ms old, left controller, right hand",
     );
     expect(words["watch-reward"]).toBe("41.3");
@@ -74,37 +74,37 @@ describe("how a session stands", () => {
 
   it("says which part of the body bears most, and when the robot draws back", () => {
     const pressed = { ...STATUS, force_region: "upper_arms", force_share: 0.56 };
-    expect(statusWords(pressed)["watch-limit"]).toBe("56 % of 150 N, upper arms");
-    expect(statusWords({ ...pressed, retracting: true })["watch-limit"]).toBe("56 % of 150 N, upper arms: draws back");
+    expect(statusTexts(pressed)["watch-limit"]).toBe("56 % of 150 N, upper arms");
+    expect(statusTexts({ ...pressed, retracting: true })["watch-limit"]).toBe("56 % of 150 N, upper arms: draws back");
   });
 
   it("says when the robot has withdrawn after success", () => {
-    expect(statusWords({ ...STATUS, withdrawing: true })["watch-reward"]).toBe("41.3, success, withdrawn");
+    expect(statusTexts({ ...STATUS, withdrawing: true })["watch-reward"]).toBe("41.3, success, withdrawn");
   });
 
   it("says for which answer a stop rule paused the session, until it goes on", () => {
     const held = { ...STATUS, pause_reason: "'Nausea' was answered 'severe'" };
-    expect(statusWords(held)["watch-phase"]).toBe("free movement before the robot starts; on hold: 'Nausea' was answered 'severe'");
-    expect(statusWords({ ...held, paused: false })["watch-phase"]).toBe("free movement before the robot starts");
+    expect(statusTexts(held)["watch-phase"]).toBe("free movement before the robot starts; on hold: 'Nausea' was answered 'severe'");
+    expect(statusTexts({ ...held, paused: false })["watch-phase"]).toBe("free movement before the robot starts");
   });
 
   it("says in words what is wrong", () => {
-    expect(statusWords({ ...STATUS, visibility: "visible-blurred" })["watch-tracking"]).toBe(
+    expect(statusTexts({ ...STATUS, visibility: "visible-blurred" })["watch-tracking"]).toBe(
       "the participant does not see the scene: a menu covers the scene",
     );
-    expect(statusWords({ ...STATUS, tracking_age_s: 1.26 })["watch-tracking"]).toBe(
+    expect(statusTexts({ ...STATUS, tracking_age_s: 1.26 })["watch-tracking"]).toBe(
       "lost for 1.3 s, person and robot are held",
     );
-    expect(statusWords({ ...STATUS, untracked_parts: ["left", "right"] })["watch-tracking"]).toBe(
+    expect(statusTexts({ ...STATUS, untracked_parts: ["left", "right"] })["watch-tracking"]).toBe(
       "11 ms old, hand; left hand not tracked; right hand not tracked: the task needs it",
     );
     const timing = { type: "timing", tick_ms_median: 12, tick_ms_max: 31.25, missed_ticks: 4 } as const;
-    expect(timingWords(timing)).toBe("too slow: 12.0 ms, at most 31.3 ms; 4 missed");
-    expect(timingWords({ ...timing, tick_ms_median: 3 })).toMatch(/^3\.0 ms/);
+    expect(timingText(timing)).toBe("too slow: 12.0 ms, at most 31.3 ms; 4 missed");
+    expect(timingText({ ...timing, tick_ms_median: 3 })).toMatch(/^3\.0 ms/);
   });
 });
 
 it("what the experimenter skips is what goes on", () => {
-  expect(["headset", "headset_check", "headset_stop"].map((phase) => skipWords(phase as PhaseName))).toEqual(Array(3).fill("Skip headset check"));
-  expect(skipWords("calibration")).toBe("Skip trial");
+  expect(["headset", "headset_check", "headset_stop"].map((phase) => skipText(phase as PhaseName))).toEqual(Array(3).fill("Skip headset check"));
+  expect(skipText("calibration")).toBe("Skip trial");
 });

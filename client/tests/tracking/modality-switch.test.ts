@@ -2,7 +2,7 @@ import { Quaternion } from "three";
 import { describe, expect, it } from "vitest";
 import type { Side } from "../../src/body/body-solver";
 import type { Modality, XRPose } from "../../src/generated/messages";
-import { Hands, SwitchingHand } from "../../src/tracking/modality-switch";
+import { Hands, HandFollower } from "../../src/tracking/modality-switch";
 import type { Poses } from "../../src/tracking/pose-reader";
 import examples from "../data/switches.json";
 
@@ -21,7 +21,7 @@ describe("a hand whose device changes", () => {
   it("is followed as the server follows it", () => {
     let [most, rad] = [0, 0];
     for (const { side, frames } of examples as unknown as Example[]) {
-      const hand = new SwitchingHand(side);
+      const hand = new HandFollower(side);
       for (const { ms, pose, modality, grip } of frames) {
         const found = apart(hand.grip(pose, modality, ms), grip);
         [most, rad] = [Math.max(most, found.m), Math.max(rad, found.rad)];

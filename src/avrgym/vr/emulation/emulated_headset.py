@@ -213,7 +213,7 @@ class BrowserClient:
         headset.enter_vr()
         while self._phase[0] != "finished":
             now = time.monotonic() - began
-            phase, question = headset.call("standing")
+            phase, question = headset.call("phaseAndQuestion")
             self._notice(phase, now)
             if now - self._changed_s > PHASE_LIMIT_S:
                 raise TimeoutError(
