@@ -166,7 +166,7 @@ def test_who_never_answers_stops_nobody_and_is_replaced(tmp_path: Path, workers:
 def test_who_never_answers_does_not_hold_up_simulated_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(drivers, "ANSWER_SIMULATED_WITHIN_S", 0.2)
+    monkeypatch.setattr(drivers, "SIMULATED_RESPONSE_TIMEOUT_S", 0.2)
     plan = driven_by("Hangs", seeds=(3, 4))
     recordings = completed(Visit(tmp_path, plan, load_policies(plan)))
     assert len(recordings) == 2

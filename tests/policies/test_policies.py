@@ -315,7 +315,9 @@ def test_a_policy_for_another_environment_is_refused_unless_that_is_allowed(pack
     """Also where all sizes are the same."""
     path, other = packaged / "FeedingPR2-original.safetensors", make_policy().metadata.environment
     assert other == ENVIRONMENT
-    with pytest.raises(PolicyError, match=f"trained for {ENVIRONMENT}, not for avrgym/FeedingPR2-v1; allowed only"):
+    with pytest.raises(
+        PolicyError, match=f"trained for {ENVIRONMENT}, not for avrgym/FeedingPR2-v1; allowed only"
+    ):
         load_policy(path, "avrgym/FeedingPR2-v1", 25, 7)
     assert load_policy(path, "avrgym/FeedingPR2-v1", 25, 7, allow_other_environment=True).action_size == 7
     with pytest.raises(PolicyError, match=r"has 30 and 7"):

@@ -116,7 +116,7 @@ def test_evaluation_reports_draws_and_warns_above_the_limit(
     assert MAX_MEAN_DRAWS < row["start_draws_mean"] <= row["start_draws_max"]
     assert row["starts_refused"] == round(8 * (row["start_draws_mean"] - 1.0))
     assert f"a start is drawn {row['start_draws_mean']:.1f} times on average" in ran.stderr
-    assert f"{row['starts_refused']} people were left out" in ran.stderr
+    assert f"{row['starts_refused']} people were omitted" in ran.stderr
 
 
 def test_evaluation_of_a_robot_with_room_counts_one_draw_a_start(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import Person, Posture
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-from avrgym.vr.live_world.drivers import driver_of
+from avrgym.vr.live_world.drivers import make_driver
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import BodyPose
@@ -76,7 +76,7 @@ def test_a_lost_hand_keeps_its_pose() -> None:
 
 def test_a_policys_chance_comes_from_the_seed_of_the_trial() -> None:
     world = LiveWorld("avrgym/FeedingJaco-v1", Person())
-    driver = driver_of(replace(drive(world.environment), action_std=0.1), beside=False)
+    driver = make_driver(replace(drive(world.environment), action_std=0.1), background=False)
 
     def actions(seed: int) -> list[np.ndarray]:
         world.reset(seed)

@@ -20,7 +20,7 @@ from avrgym.study.storage.store import Store
 from avrgym.tasks.episodes import Episodes
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
-from avrgym.vr.live_world.drivers import OPERATOR_HEARD_S
+from avrgym.vr.live_world.drivers import OPERATOR_TIMEOUT_S
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import TICK_S, Drive, Entered, Problem, Ready, SceneLoaded, Status
 from avrgym.vr.server.live_server import LiveServer
@@ -114,7 +114,7 @@ def test_who_lets_go_or_falls_silent_holds_the_robot_and_every_step_says_who_dro
     last = max(driven)
     assert (min(time_ns for time_ns in stopped if time_ns > last) - last) / 1e9 <= 0.1 + TICK_S
     told = min(time_ns for time_ns in driven if time_ns > stopped[1])
-    assert (last - told) / 1e9 <= OPERATOR_HEARD_S + TICK_S
+    assert (last - told) / 1e9 <= OPERATOR_TIMEOUT_S + TICK_S
     assert all(step.idle for step in steps[-5:])
     assert verify(recording).identical
 

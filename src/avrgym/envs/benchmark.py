@@ -1,4 +1,4 @@
-"""How fast the simulation is, against the bare physics of the same worlds."""
+"""Measures the speed of environments, and of the bare physics of the same worlds."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,10 +26,10 @@ RUNS = 5
 class SimulationSpeed:
     """Medians over runs of whole episodes with random actions and static people.
 
-    ``steps_per_second`` are control steps of 0.1 s, with resets, observations and rewards;
-    ``physics_steps_per_second`` are steps of 10 ms of the same models, from the same starts, under the same
-    commands and nothing else; ``ratio`` is the first over the second, in the same unit, per run. On any engine but
-    threads control steps stay on its device, as they do in training.
+    ``steps_per_second``: control steps of 0.1 s, with resets, observations and rewards. ``physics_steps_per_second``:
+    steps of 10 ms of the same models, from the same starts, with the same commands and nothing else. ``ratio``: the
+    first over the second, in the same unit, per run. On any engine but threads, control steps stay on its device, as in
+    training.
     """
 
     env: str
@@ -53,11 +53,11 @@ class _Run:
 def measure_simulation(
     environment_id: str, num_envs: int, progress: Callable[[], None] = lambda: None, engine: str = THREADS
 ) -> SimulationSpeed:
-    """Measure an environment, ``RUNS`` times; ``progress`` is told after each run.
+    """Measure an environment ``RUNS`` times; ``progress`` is called after each run.
 
     Raises:
-        ValueError: for an unknown environment or engine, or fewer than one world, naming what is allowed.
-        RuntimeError: where what the engine needs is not installed.
+        ValueError: for an unknown environment or engine, or fewer than one world.
+        RuntimeError: if a package that the engine needs is not installed.
     """
     if num_envs < 1:
         raise ValueError(f"{num_envs} environments; at least 1 is needed")
@@ -84,16 +84,16 @@ def measure_simulation(
 
 
 def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
-    """One episode of all worlds, then its physics alone."""
+    """Run one episode of all worlds, then its physics alone."""
     engine = episodes.simulation.engine
     drawn = random_streams.benchmark_actions(seed).uniform(
         -1.0, 1.0, (steps, episodes.simulation.num_worlds, episodes.action_size)
     )
     actions = moved_to(drawn, episodes.simulation.exemplar)
     began = perf_counter()
-    _begin(episodes, seed)
+    _reset(episodes, seed)
     reset_s = perf_counter() - began
-    apart = _bare(engine.batch) if engine.name == THREADS else None
+    apart = _copy_of(engine.batch) if engine.name == THREADS else None
     began = perf_counter()
     commands: list[FloatArray] = []
     for action in actions:
@@ -102,20 +102,20 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     episodes.check()  # which waits for what is still under way on a device
     episode_s = perf_counter() - began
     if apart is None:  # another set of worlds would take the device's memory twice
-        _begin(episodes, seed)
+        _reset(episodes, seed)
         return _Run(reset_s, episode_s, _physics_s(engine, engine.now.ctrl, engine.step, commands))
     return _Run(
         reset_s, episode_s, _physics_s(engine, apart.bind("ctrl"), partial(apart.step, None), commands)
     )
 
 
-def _begin(episodes: Episodes, seed: int) -> None:
+def _reset(episodes: Episodes, seed: int) -> None:
     worlds = np.arange(episodes.simulation.num_worlds)
     episodes.reset(worlds, [random_streams.benchmark_episode(seed, world) for world in worlds.tolist()])
 
 
 def _physics_s(engine: Engine, ctrl: Any, step: Callable[[int], None], commands: list[FloatArray]) -> float:
-    """How long control steps under these commands take, without anything that reads what comes of them."""
+    """The time of control steps with these commands, without observations and rewards."""
     began = perf_counter()
     for command in commands:
         ctrl[:] = command
@@ -124,8 +124,8 @@ def _physics_s(engine: Engine, ctrl: Any, step: Callable[[int], None], commands:
     return perf_counter() - began
 
 
-def _bare(batch: Batch) -> Batch:
-    """The worlds of a batch as they are, apart from it."""
+def _copy_of(batch: Batch) -> Batch:
+    """A copy of the worlds of a batch."""
     bare = Batch(batch.get_model(0), batch.nsim, batch.nthread, persistent=True)
     bare.set_models([batch.get_model(world) for world in range(batch.nsim)])
     bare.state[:] = batch.state

@@ -13,7 +13,7 @@ from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
 from avrgym.array_types import Float32Array, FloatArray
-from avrgym.envs.rendering import Drawn
+from avrgym.envs.rendering import Renderer
 from avrgym.envs.single import METADATA, check_render_mode, info_of, spaces_of
 from avrgym.envs.vector_conventions import plain_seed
 from avrgym.models.human import Person, as_person
@@ -27,11 +27,11 @@ Action = Float32Array
 ROBOT, HUMAN = "robot", "human"
 
 
-class AssistiveParallelEnv(Drawn, ParallelEnv[str, FloatArray, Action]):
-    """One world in which both act. Observations, rewards and infos are those of ``gym.make`` for the robot.
+class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
+    """One world with two agents. Observations, rewards and infos of the robot are those of ``gym.make``.
 
-    The human's action (K,) says how fast each joint goes that the task has people offer, -1 to 1 of the speeds of
-    unhurried people: ``joints`` names them. Nothing, the zero action, is to sit as people do who do not move.
+    The human's action (K,) is the speed of each of ``joints``, as a share, −1 to 1, of the speed of unhurried people.
+    With the zero action the human sits still.
     """
 
     metadata: dict[str, Any]
@@ -51,11 +51,11 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, FloatArray, Action]):
 
         The human's actions replace people's own movements. A person may be given as the mapping of their fields.
 
-        Without a shared reward each agent pays for its own effort: the human's reward has the human's squared action
-        in the place of the robot's.
+        Without a shared reward each agent pays for its own effort: the human's reward contains the human's squared
+        action instead of the robot's.
 
         Raises:
-            ValueError: for an unknown name, naming what is allowed.
+            ValueError: for an unknown name, with the allowed ones.
         """
         check_render_mode(render_mode, environment_id)
         self.render_mode, self._shared_reward = render_mode, shared_reward
@@ -71,7 +71,7 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, FloatArray, Action]):
             force_guard=force_guard,
         )
         self.joints = self.episodes.offered_joints
-        """The joints that the human's action drives, in its order."""
+        """The joints that the human's action moves, in its order."""
         self.possible_agents, self.agents = [ROBOT, HUMAN], []
         bound, (seen, acted) = self.episodes.human_view.bound, spaces_of(self.episodes)
         self.observation_spaces = {ROBOT: seen, HUMAN: gym.spaces.Box(-bound, bound, dtype=np.float64)}
@@ -81,17 +81,17 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, FloatArray, Action]):
         self._steps_left = 0
 
     def observation_space(self, agent: str) -> gym.Space[FloatArray]:
-        """The space of an agent's observations."""
+        """Returns the space of an agent's observations."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> gym.Space[Action]:
-        """The space of an agent's actions."""
+        """Returns the space of an agent's actions."""
         return self.action_spaces[agent]
 
     def reset(
         self, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, FloatArray], dict[str, dict[str, Any]]]:
-        """Begin an episode, for a seed the one of ``gym.make``; without one the random stream goes on."""
+        """Start an episode. A seed gives that of ``gym.make``; without one the random stream continues."""
         if seed is not None or self._random is None:
             self._random, _ = seeding.np_random(plain_seed(seed))
         self.agents, self._steps_left = self.possible_agents[:], EPISODE_STEPS
@@ -109,7 +109,7 @@ class AssistiveParallelEnv(Drawn, ParallelEnv[str, FloatArray, Action]):
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """One control step of 0.1 s; for both agents the episode is truncated after 200.
+        """Take one control step of 0.1 s; for both agents the episode is truncated after 200.
 
         Raises:
             ValueError: without an action of each agent, for another shape, or for numbers that are not finite.

@@ -1,6 +1,6 @@
-"""The Gymnasium environments, registered: one world, or many as the native vector environment.
+"""Registers the Gymnasium environments: one world, or many as the native vector environment.
 
-Whatever makes them is imported when the first one is made.
+The modules behind them are imported when the first environment is made.
 """
 
 # Gymnasium's functions: their types are known only in part.
@@ -27,7 +27,7 @@ def register() -> None:
 
 
 def _environment_ids() -> Iterable[str]:
-    """Tasks and robots of other packages have to be imported for their ids; ours are known."""
+    """Ids of all environments; without plug-ins, no task is imported for them."""
     if not (plugins.entries(plugins.TASKS) or plugins.entries(plugins.ROBOTS)):
         return ENVIRONMENTS
     from avrgym.tasks import registry

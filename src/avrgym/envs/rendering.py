@@ -1,4 +1,4 @@
-"""Pictures of a world: the scene with the person's clothed body, seen by a camera."""
+"""Renders images of a world: the scene with the person's clothed body, seen by a camera."""
 
 import warnings
 from functools import cache
@@ -19,14 +19,14 @@ from avrgym.tasks.task import View
 
 HEIGHT_PX, WIDTH_PX = 480, 640
 SHADOW_PX = 2048
-"""Half of MuJoCo's own size, and fine enough for a scene of 2 m: without a graphics card it saves a quarter."""
+"""Half of MuJoCo's default, sufficient for a scene of 2 m; saves a quarter of the time without a graphics card."""
 EYES, EYES_FIELD_DEG = "eyes", 96.0
-"""As high as a Quest 3 shows it."""
+"""Vertical field of view of a Quest 3."""
 HIDDEN_GROUP = 5
 
 
 class Camera:
-    """A camera on one world for as long as its person stays."""
+    """A camera in one world, for one episode."""
 
     def __init__(
         self,
@@ -37,10 +37,10 @@ class Camera:
         height_px: int = HEIGHT_PX,
         first_person: bool = False,
     ) -> None:
-        """Build the scene of the present episode as it looks, from beside or with the person's own eyes.
+        """Build the scene of the present episode with its appearance, seen from the side or with the person's eyes.
 
         Raises:
-            RuntimeError: where no picture can be drawn, naming what to set.
+            RuntimeError: if nothing can be rendered, with what to set.
         """
         self._episodes, self._world = episodes, world
         scene, simulation = episodes.scene, episodes.simulation
@@ -53,20 +53,20 @@ class Camera:
         placed = simulation.batch.get_model(world)
         self._model.body_pos[:], self._model.body_quat[:] = placed.body_pos, placed.body_quat
         self._data = mujoco.MjData(self._model)
-        self._eye: mujoco.MjvCamera | str = EYES
+        self._viewpoint: mujoco.MjvCamera | str = EYES
         if first_person:
             _hide_head(self._model)
         else:
             views = episodes.task.views
-            self._eye = _camera(views.on_floor if scene.mount.on_floor else views.mounted)
+            self._viewpoint = _camera(views.on_floor if scene.mount.on_floor else views.mounted)
         self._renderer = _renderer(self._model, width_px, height_px)
 
     def picture(self) -> NDArray[np.uint8]:
-        """The world as it stands, (``height_px``, ``width_px``, 3)."""
+        """Returns an image (``height_px``, ``width_px``, 3) of the present state."""
         self._data.qpos[:] = self._episodes.simulation.qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        self._renderer.update_scene(self._data, self._eye, _shown())
+        self._renderer.update_scene(self._data, self._viewpoint, _visible_groups())
         self._add_marks()
         return self._renderer.render()
 
@@ -86,26 +86,26 @@ class Camera:
             scene.ngeom += 1
 
     def close(self) -> None:
-        """Give the graphics memory back."""
+        """Free the graphics memory."""
         self._renderer.close()
 
 
-class Drawn:
-    """An environment of one world that draws pictures of it, with a camera for each episode."""
+class Renderer:
+    """Base of environments of one world that render images, with a new camera for each episode."""
 
     episodes: Episodes
     render_mode: str | None
     _camera: Camera | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy goes on where this is, to the same bits; it draws its pictures with a camera of its own."""
+        """A copy continues to the same bits and renders with its own camera."""
         return {**self.__dict__, "_camera": None}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture (480, 640, 3) with the render mode ``rgb_array``, else nothing.
+        """Returns an image (480, 640, 3) with the render mode ``rgb_array``, else ``None``.
 
         Raises:
-            RuntimeError: where no picture can be drawn, naming what to set.
+            RuntimeError: if nothing can be rendered, with what to set.
         """
         if self.render_mode is None:
             return None
@@ -114,14 +114,14 @@ class Drawn:
         return self._camera.picture()
 
     def close(self) -> None:
-        """Put the camera away; the next picture takes a new one."""
+        """Free the camera; the next image gets a new one."""
         if self._camera is not None:
             self._camera.close()
             self._camera = None
 
 
 def _add_surroundings(spec: mujoco.MjSpec) -> None:
-    """A floor and a sky that can be seen, and light from above and before the person."""
+    """Add a visible floor and sky, and light from above and in front of the person."""
     spec.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20.0, 20.0, 0.1], rgba=[0.72, 0.71, 0.68, 1.0],
         group=VISUAL_GROUP, contype=0, conaffinity=0,
@@ -138,7 +138,7 @@ def _add_surroundings(spec: mujoco.MjSpec) -> None:
 
 
 def _add_eyes(spec: mujoco.MjSpec, person: Person) -> None:
-    """A camera where a headset of the person would be."""
+    """Add a camera at the position of the person's headset."""
     sites = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m])).site_pos
     x, y, z = sites["head_centre"][0]
     spec.body(human.PREFIX + "head").add_camera(
@@ -158,7 +158,7 @@ def _camera(view: View) -> mujoco.MjvCamera:
     return camera
 
 
-def _shown() -> mujoco.MjvOption:
+def _visible_groups() -> mujoco.MjvOption:
     option = mujoco.MjvOption()
     option.geomgroup[:] = 0
     option.geomgroup[VISUAL_GROUP] = 1
@@ -175,7 +175,9 @@ def _renderer(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.Re
 
 @cache
 def _graphics_error() -> str | None:
-    """Why nothing can be drawn, found out once: a second try without a graphics library would end the process."""
+    """The reason why nothing can be rendered; cached, because a second attempt without a graphics library ends the
+    process.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -1,4 +1,4 @@
-"""A scene with its person and robot, as an episode begins, in the files of other programs: MJB, MJCF and USD."""
+"""Exports the start of an episode, scene, person and robot, to MJB, MJCF and USD."""
 
 import json
 from dataclasses import asdict
@@ -23,19 +23,19 @@ from avrgym.system.files import write_atomically
 from avrgym.tasks.episodes import Episodes
 
 MJB, MJCF, START, USD = "scene.mjb", "scene.xml", "start.json", "scene.usdc"
-OF_THE_EPISODE = ("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia")
-"""What an episode sets in a compiled model, and MJCF can say. It cannot say ``body_invweight0``."""
+EPISODE_FIELDS = ("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia")
+"""Model fields that an episode sets and MJCF can express. MJCF cannot express ``body_invweight0``."""
 START_KEY = "start"
 
 
 def write_scene(episodes: Episodes, out: Path) -> None:
-    """Write the first world, whose episode has just begun, into a new folder: MJB, MJCF with textures, and its start.
+    """Write the start of the first world's episode into a new folder: MJB, MJCF with textures, and the state.
 
-    The MJB steps to the same bits and holds no looks. The MJCF holds both, its numbers with six digits, but compiles to
-    a person who gives way less where they are pressed: ``body_invweight0``, which is raised for them, is no part of it.
+    The MJB steps to the same bits and contains no appearance. The MJCF contains both, with six digits, but its person
+    is less compliant: MJCF cannot contain their higher ``body_invweight0``.
 
     Raises:
-        FileExistsError: where there is something of that name.
+        FileExistsError: if the folder exists.
     """
     check_new_folder(out)
     out.mkdir(parents=True)
@@ -55,13 +55,13 @@ def write_scene(episodes: Episodes, out: Path) -> None:
 
 
 def check_new_folder(out: Path) -> None:
-    """Raise ``FileExistsError`` where something would be overwritten."""
+    """Raises ``FileExistsError`` if something would be overwritten."""
     if out.exists():
         raise FileExistsError(f"{out} exists; scenes go into a new folder")
 
 
 def write_usd(episodes: Episodes, file: Path) -> None:
-    """Write how the first world looks now; the person's skin is a mesh that stands still.
+    """Write the present appearance of the first world; the person's skin is a static mesh.
 
     Raises:
         ModuleNotFoundError: without usd-core.
@@ -81,12 +81,12 @@ def write_usd(episodes: Episodes, file: Path) -> None:
 
 
 def _spec(episodes: Episodes) -> mujoco.MjSpec:
-    """The scene of the first world with its looks, and where the episode put things."""
+    """The scene of the first world with its appearance and the positions of the episode."""
     scene, simulation = episodes.scene, episodes.simulation
     spec = build_spec(scene, episodes.person_in(0), moving=simulation.moving, appearance=True)
     compliance.limit_contact_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
     model, placed = spec.compile(), simulation.batch.get_model(0)
-    for field in OF_THE_EPISODE:
+    for field in EPISODE_FIELDS:
         getattr(model, field)[:] = getattr(placed, field)
     spec.copy_back(model)
     data = _at_start(model, episodes)
@@ -114,7 +114,7 @@ def _write_textures(spec: mujoco.MjSpec, out: Path) -> None:
 
 
 def _embed_meshes(spec: mujoco.MjSpec) -> None:
-    """Let the MJCF hold the vertices of meshes that were read from files, as it holds all others'."""
+    """Store the vertices of meshes from files in the MJCF, as those of all other meshes."""
     model = spec.compile()
     for mesh in spec.meshes:
         if mesh.file:
@@ -124,7 +124,7 @@ def _embed_meshes(spec: mujoco.MjSpec) -> None:
 
 
 def _as_read(model: mujoco.MjModel, mesh: int) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Vertices and faces of a mesh in its file's frame: MuJoCo moves them into that of the mesh's inertia."""
+    """Vertices and faces of a mesh in the frame of its file; MuJoCo stores them in the frame of the mesh's inertia."""
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, model.mesh_quat[mesh])
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
@@ -134,7 +134,7 @@ def _as_read(model: mujoco.MjModel, mesh: int) -> tuple[FloatArray, NDArray[np.i
 
 
 def _freeze_skins(spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Put in place of skins, which USD's exporter leaves out, meshes of one colour as the skins are at present."""
+    """Replace skins, which USD's exporter omits, by meshes of one colour with their present shape."""
     scene = mujoco.MjvScene(model, maxgeom=10_000)
     mujoco.mjv_updateScene(
         model, data, _visible(), None, mujoco.MjvCamera(), mujoco.mjtCatBit.mjCAT_ALL, scene

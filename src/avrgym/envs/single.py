@@ -10,9 +10,9 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 
 from avrgym.array_types import Float32Array, FloatArray
-from avrgym.envs.rendering import Drawn
-from avrgym.envs.specs import PlainSpec
-from avrgym.envs.vector_conventions import NO_END, check_length, plain_seed
+from avrgym.envs.rendering import Renderer
+from avrgym.envs.specs import SerializableSpec
+from avrgym.envs.vector_conventions import NO_TIME_LIMIT, check_length, plain_seed
 from avrgym.models.human import Person, as_person
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.tasks.actions import checked_actions
@@ -24,14 +24,14 @@ METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1
 
 
 def spaces_of(episodes: Episodes) -> tuple[gym.Space[FloatArray], gym.Space[Float32Array]]:
-    """The spaces of observations (O,) and actions (J,), a number for each joint of the arm."""
+    """Returns the spaces of observations (O,) and actions (J,), one number for each joint of the arm."""
     bound = episodes.observation.bound
     observation = gym.spaces.Box(-bound, bound, dtype=np.float64)
     return observation, gym.spaces.Box(-1.0, 1.0, (episodes.action_size,), np.float32)
 
 
 class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
-    PlainSpec, Drawn, gym.Env[FloatArray, Float32Array]
+    SerializableSpec, Renderer, gym.Env[FloatArray, Float32Array]
 ):
     """One world.
 
@@ -56,10 +56,10 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     ) -> None:
         """See ``Episodes`` for people, person, impairment, withdrawal and force guard.
 
-        A person may be given as the mapping of their fields. Episodes of ``max_episode_steps`` -1 never end.
+        A person may be given as the mapping of their fields. Episodes with ``max_episode_steps`` −1 never end.
 
         Raises:
-            ValueError: for an unknown name or a number out of range, naming what is allowed.
+            ValueError: for an unknown name or a number out of range, with what is allowed.
         """
         check_render_mode(render_mode, environment_id)
         check_length(max_episode_steps)
@@ -81,7 +81,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     def reset(
         self, *, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
     ) -> tuple[FloatArray, dict[str, Any]]:
-        """Begin an episode; without a seed the random stream goes on. The info is that of the start."""
+        """Start an episode; without a seed the random stream continues. The info describes the start."""
         super().reset(seed=plain_seed(seed))
         self._steps_left = self.max_episode_steps
         self.episodes.reset(np.array([0]), [self.np_random])
@@ -90,7 +90,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return start.observation[0], info_of(start)
 
     def step(self, action: Float32Array) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
-        """One control step of 0.1 s; the episode is truncated after ``max_episode_steps`` and never ends before.
+        """Take one control step of 0.1 s; the episode is truncated after ``max_episode_steps`` and never terminates.
 
         Raises:
             ValueError: for an action of another shape than (J,), or with numbers that are not finite.
@@ -104,28 +104,29 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 
 
 class _SingleEntry:
-    """Makes the single environments that Gymnasium is asked for.
+    """Entry point of ``gym.make``.
 
-    Where an environment draws pictures, Gymnasium makes a window of the render mode "human", which fails at the first
-    reset without a screen. With "human" among the modes here it hands the mode on, and the environment refuses it.
+    For environments that render images, Gymnasium adds a window for the render mode "human", which fails at the first
+    reset without a screen. With "human" among the modes here, Gymnasium passes the mode on and the environment rejects
+    it.
     """
 
     metadata: ClassVar[dict[str, Any]] = {**METADATA, "render_modes": [*METADATA["render_modes"], "human"]}
 
     def __call__(self, **kwargs: Any) -> AssistiveEnv:
-        return AssistiveEnv(**kwargs, max_episode_steps=_length_asked_for(currentframe()))
+        return AssistiveEnv(**kwargs, max_episode_steps=_requested_length(currentframe()))
 
 
-def _length_asked_for(entry: FrameType | None) -> int:
-    """The length of episodes in the call of ``gym.make`` that called the entry point.
+def _requested_length(entry: FrameType | None) -> int:
+    """The episode length in the call of ``gym.make`` that called the entry point.
 
-    Gymnasium puts a time limit around the environment and does not pass it on. The environment needs it to refuse steps
-    after an episode's end. A wrapper around the time limit (``additional_wrappers``) does not work: ``gym.make_vec``
-    refuses it next to a vector entry point.
+    Gymnasium wraps the environment in a time limit and does not pass the limit on. The environment needs it to reject
+    steps after an episode's end. A wrapper around the time limit (``additional_wrappers``) does not work:
+    ``gym.make_vec`` rejects it next to a vector entry point.
     """
     make = None if entry is None or entry.f_back is None else entry.f_back.f_locals
     asked, spec = (None if make is None else make.get(name) for name in ("max_episode_steps", "env_spec"))
-    return asked or getattr(spec, "max_episode_steps", None) or NO_END
+    return asked or getattr(spec, "max_episode_steps", None) or NO_TIME_LIMIT
 
 
 single_entry = _SingleEntry()
@@ -134,7 +135,7 @@ single_entry = _SingleEntry()
 def info_of(step: Step) -> dict[str, Any]:
     """Returns the info of the first world.
 
-    In plain values: Gymnasium's vector environments make arrays of Python's bools, but not of NumPy's.
+    Values are Python's own: Gymnasium's vector environments make arrays of Python's bools, but not of NumPy's.
     """
     info: dict[str, Any] = {
         "success": bool(step.success[0]),
@@ -149,11 +150,7 @@ def info_of(step: Step) -> dict[str, Any]:
 
 
 def check_render_mode(render_mode: str | None, environment_id: str) -> None:
-    """Refuse a render mode that there is not.
-
-    Raises:
-        ValueError: naming the modes there are.
-    """
+    """Raises ``ValueError`` for an unknown render mode, with the allowed ones."""
     if render_mode is not None and render_mode not in METADATA["render_modes"]:
         raise ValueError(
             f"unknown render mode {render_mode!r}; the modes are None, {', '.join(METADATA['render_modes'])}; "

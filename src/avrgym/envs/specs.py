@@ -1,4 +1,4 @@
-"""What the specs of environments hold: plain data, from which Gymnasium makes the same environment again."""
+"""Makes the specs of environments plain data, from which Gymnasium makes the same environment again."""
 
 import copy
 from dataclasses import asdict
@@ -13,14 +13,14 @@ from avrgym.models.human import Person
 from avrgym.system.type_guards import is_array, is_table
 
 
-class PlainSpec:
-    """An environment whose ``spec`` has keyword arguments of plain data, so that ``spec.to_json()`` works."""
+class SerializableSpec:
+    """Base of environments with plain keyword arguments in ``spec``, so that ``spec.to_json()`` works."""
 
     _spec: EnvSpec | None = None
 
     @property
     def spec(self) -> Any:
-        """How Gymnasium made it."""
+        """Gymnasium's specification of the environment."""
         return self._spec
 
     @spec.setter
@@ -34,7 +34,7 @@ class PlainSpec:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: a person as the table of their fields."""
+    """Returns a value as JSON represents it; a person becomes the table of their fields."""
     if isinstance(value, Person):
         return plain(asdict(value))
     if isinstance(value, Enum):

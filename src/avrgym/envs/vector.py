@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from avrgym.array_types import BoolArray, Float32Array, FloatArray, NumpyArray
 from avrgym.envs.rendering import Camera
 from avrgym.envs.single import METADATA, check_render_mode, spaces_of
-from avrgym.envs.specs import PlainSpec
+from avrgym.envs.specs import SerializableSpec
 from avrgym.envs.vector_conventions import (
     RandomStreams,
     Seeds,
@@ -35,13 +35,12 @@ from avrgym.tasks.episodes import Episodes
 
 
 class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
-    PlainSpec, VectorEnv[FloatArray, Float32Array, NumpyArray]
+    SerializableSpec, VectorEnv[FloatArray, Float32Array, NumpyArray]
 ):
-    """N worlds stepped together; they behave as ``gymnasium.vector.SyncVectorEnv`` of N single environments does.
+    """N worlds stepped together, with the behaviour of ``gymnasium.vector.SyncVectorEnv`` of N single environments.
 
-    ``autoreset_mode`` says when a world whose episode has ended begins the next one: within the same step, which is
-    usual here, in the next step, which then ignores the world's action and rewards nothing, or when ``reset`` is told
-    by ``options={"reset_mask": mask}``.
+    ``autoreset_mode`` determines when a world starts its next episode: in the same step (default); in the next step,
+    which ignores the world's action and has reward 0; or by ``reset`` with ``options={"reset_mask": mask}``.
     """
 
     single_observation_space: gym.Space[Any]
@@ -66,11 +65,11 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     ) -> None:
         """See ``Episodes`` for people, person, impairment, threads, engine, withdrawal and force guard.
 
-        A person may be given as the mapping of their fields. Episodes of ``max_episode_steps`` -1 never end.
+        A person may be given as the mapping of their fields. Episodes with ``max_episode_steps`` −1 never end.
 
         Raises:
-            ValueError: for an unknown name or a number out of range, naming what is allowed.
-            RuntimeError: where what the engine needs is not installed.
+            ValueError: for an unknown name or a number out of range, with what is allowed.
+            RuntimeError: if a package that the engine needs is not installed.
         """
         self._cameras: dict[int, Camera] = {}
         check_render_mode(render_mode, environment_id)
@@ -102,30 +101,30 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self._worlds = [World(self, index, METADATA) for index in range(num_envs)]
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy goes on where this is, to the same bits; it draws its pictures with cameras of its own."""
+        """A copy continues to the same bits and renders with its own cameras."""
         return {**self.__dict__, "_cameras": {}}
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """The random stream of each world."""
+        """The random generator of each world."""
         return tuple(self._random.generators)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """The seed that each world's random stream was made from."""
+        """The seed of each world's random generator."""
         return tuple(self._random.seeds)
 
     def reset(
         self, *, seed: Seeds = None, options: dict[str, Any] | None = None
     ) -> tuple[FloatArray, dict[str, Any]]:
-        """Begin episodes in all worlds, or in those of ``options["reset_mask"]``, boolean (N,).
+        """Start episodes in all worlds, or in those of ``options["reset_mask"]``, boolean (N,).
 
-        World i with seed s is the single environment with seed s + i; a list has a seed for each world, or None where
-        the random stream goes on.
+        World i with seed s is the single environment with seed s + i. A list has a seed for each world, or None where
+        the random stream continues.
 
         Raises:
-            ValueError: for another number of seeds than worlds, or a mask of another kind.
-            gymnasium.error.ResetNeeded: where not every world has begun an episode yet and the mask is not for all.
+            ValueError: for another number of seeds than worlds, or an invalid mask.
+            gymnasium.error.ResetNeeded: if the first reset has a mask that is not for all worlds.
         """
         which = reset_mask(options, self.num_envs)
         if self._now is None and not which.all():
@@ -138,7 +137,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     def step(
         self, actions: Float32Array
     ) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
-        """One control step of all worlds.
+        """Take one control step in all worlds.
 
         Raises:
             ValueError: for actions of another shape than (N, J), or with numbers that are not finite.
@@ -169,7 +168,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             )
 
     def _begin(self, which: BoolArray) -> Step:
-        """Begin episodes in some worlds (N,); what all worlds show then."""
+        """Start episodes in some worlds (N,); returns the present outcome of all worlds."""
         ids = np.nonzero(which)[0]
         if not len(ids) and self._now is not None:
             return self._now
@@ -183,16 +182,16 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return self._now
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """What each world's method of that name gives, or its attribute of that name."""
+        """Returns the results of each world's method, or each world's attribute, with this name."""
         found = [getattr(world, name) for world in self._worlds]
         return tuple(each(*args, **kwargs) if callable(each) else each for each in found)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Each world's attribute of that name."""
+        """Returns each world's attribute with this name."""
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Give each world an attribute: one of a list or tuple (N,) each, or the same value all.
+        """Set an attribute of each world: from a list or tuple (N,), or to the same value.
 
         Raises:
             ValueError: for another number of values than worlds.
@@ -206,12 +205,12 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             setattr(world, name, value)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """One picture (480, 640, 3) of each world with the render mode ``rgb_array``, else nothing.
+        """Returns an image (480, 640, 3) of each world with the render mode ``rgb_array``, else ``None``.
 
-        Every world has a model and a graphics context of its own: meant for a few worlds.
+        Every world has its own model and graphics context: use it with few worlds.
 
         Raises:
-            RuntimeError: where no picture can be drawn, naming what to set.
+            RuntimeError: if nothing can be rendered, with what to set.
         """
         if self.render_mode is None:
             return None
@@ -223,11 +222,11 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return self._cameras[world].picture()
 
     def picture(self, world: int) -> NDArray[np.uint8] | None:
-        """A picture (480, 640, 3) of one world with the render mode ``rgb_array``, else nothing."""
+        """Returns an image (480, 640, 3) of one world with the render mode ``rgb_array``, else ``None``."""
         return None if self.render_mode is None else self._picture(world)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Put the cameras away."""
+        """Free the cameras."""
         for camera in self._cameras.values():
             camera.close()
         self._cameras.clear()

@@ -1,4 +1,4 @@
-"""What vector environments share beside their worlds: seeds, infos and attributes as Gymnasium's own give them."""
+"""Gymnasium's conventions for vector environments: seeds, infos and attributes."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
@@ -19,7 +19,7 @@ Seeds = int | np.integer | Sequence[int | None] | NDArray[np.integer] | None
 
 
 class RandomStreams:
-    """The random streams of N worlds: their ``generators`` and the ``seeds`` that these were made from."""
+    """The random generators of N worlds, with their seeds."""
 
     def __init__(self, count: int) -> None:
         made = [seeding.np_random() for _ in range(count)]
@@ -27,7 +27,7 @@ class RandomStreams:
         self.seeds: list[int] = [seed for _, seed in made]
 
     def reseed(self, seed: Seeds, which: BoolArray) -> None:
-        """Begin the streams of some worlds (N,) anew: world i with seed + i, or the i-th seed unless that is None.
+        """Seed the generators of some worlds (N,): world i with seed + i, or with the i-th seed unless that is None.
 
         Raises:
             ValueError: for another number of seeds than worlds.
@@ -50,29 +50,29 @@ class RandomStreams:
         return [int(seed) + i for i in range(count)]
 
 
-NO_END = -1
-"""The length of episodes that nothing truncates, as ``gym.make`` has it."""
+NO_TIME_LIMIT = -1
+"""The length of episodes without a time limit, as in ``gym.make``."""
 
 
 def check_count(name: str, count: object) -> None:
-    """Raise ``ValueError`` for anything but a whole number of 1 or more."""
+    """Raises ``ValueError`` for anything but an integer of 1 or more."""
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
         raise ValueError(f"{name} is {count!r}; allowed: 1 or more")
 
 
 def check_length(steps: object) -> None:
-    """Raise ``ValueError`` for a number of steps that no episode can have."""
-    if steps != NO_END:
+    """Raises ``ValueError`` for an invalid number of steps of an episode."""
+    if steps != NO_TIME_LIMIT:
         check_count("max_episode_steps", steps)
 
 
 def plain_seed(seed: int | np.integer | None) -> int | None:
-    """A seed as Gymnasium wants it, which knows no integers of NumPy."""
+    """Returns a seed as Python's int, because Gymnasium rejects NumPy's."""
     return int(seed) if isinstance(seed, np.integer) else seed
 
 
 def reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
-    """Which worlds (N,) a reset is for: those of ``options["reset_mask"]``, without it all.
+    """Returns the worlds (N,) to reset: those of ``options["reset_mask"]``, or all.
 
     Raises:
         ValueError: for anything but a boolean array (N,) with one ``True`` or more.
@@ -122,7 +122,7 @@ def infos(step: Step, of: BoolArray) -> dict[str, Any]:
 
 
 def final_infos(step: Step, ended: BoolArray) -> dict[str, Any]:
-    """With what the episodes ended that did (N,), where others have begun within the same step."""
+    """Returns the last observations and infos of the worlds (N,) whose episodes ended in this step."""
     observations = np.full(len(ended), None, dtype=object)
     for world in np.nonzero(ended)[0]:
         observations[world] = step.observation[world].copy()
@@ -134,7 +134,7 @@ def _masked(values: Mapping[str, Any], of: BoolArray) -> dict[str, Any]:
 
 
 class World:
-    """One world of a vector environment: the attributes that Gymnasium's environments have."""
+    """One world of a vector environment, with the attributes of Gymnasium's environments."""
 
     metadata: Mapping[str, Any]
 
@@ -171,5 +171,5 @@ class World:
         return self._env.np_random_seed[self._index]
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture (480, 640, 3) with the render mode ``rgb_array``, else nothing."""
+        """Returns an image (480, 640, 3) with the render mode ``rgb_array``, else ``None``."""
         return self._env.picture(self._index)

@@ -11,7 +11,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from avrgym.array_types import NumpyArray
 from avrgym.envs.vector import AssistiveVectorEnv
-from avrgym.envs.vector_conventions import NO_END
+from avrgym.envs.vector_conventions import NO_TIME_LIMIT
 
 
 class SB3VectorEnv(VecEnv):
@@ -28,7 +28,7 @@ class SB3VectorEnv(VecEnv):
                 f"autoreset mode {env.autoreset_mode.name} does not fit Stable-Baselines3; allowed: "
                 "gym.make_vec(..., autoreset_mode=AutoresetMode.SAME_STEP)"
             )
-        if env.max_episode_steps == NO_END:
+        if env.max_episode_steps == NO_TIME_LIMIT:
             raise ValueError(
                 "Stable-Baselines3 needs episodes that end; allowed: max_episode_steps of 1 or more"
             )

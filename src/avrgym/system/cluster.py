@@ -23,7 +23,7 @@ from avrgym.system import jobs
 Result = TypeVar("Result")
 
 LOOK_EVERY_S = 0.5
-ANSWER_WITHIN_S = 5.0
+RESPONSE_TIMEOUT_S = 5.0
 """How long a cluster may take to take a connection."""
 BEGIN_WITHIN_S = 300.0
 """How long no worker at all may have begun: some clusters start computers as they are needed."""
@@ -273,7 +273,7 @@ def _check_answers(address: str) -> None:
     if not colon or not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise ValueError(f"{address!r} is no cluster; allowed: local, auto, HOST:PORT or ray://HOST:PORT")
     try:
-        socket.create_connection((host.strip("[]"), int(port)), ANSWER_WITHIN_S).close()
+        socket.create_connection((host.strip("[]"), int(port)), RESPONSE_TIMEOUT_S).close()
     except OSError as error:
         raise RuntimeError(
             f"no Ray cluster answers at {address} ({error.strerror or error}); `ray start --head` begins one, and "

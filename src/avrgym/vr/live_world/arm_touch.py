@@ -1,4 +1,4 @@
-"""What a participant feels: touches on their arms."""
+"""Detects touches on a participant's arms, for haptic feedback."""
 
 import mujoco
 import numpy as np
@@ -11,7 +11,7 @@ ARM_BODIES = ("upper_arm", "forearm", "hand")
 
 
 class ArmTouch:
-    """Which of the person's arms robot or tool touch."""
+    """Detects which of the person's arms robot or tool touch."""
 
     def __init__(self, simulation: Simulation) -> None:
         model = simulation.batch.get_model(0)
@@ -24,7 +24,7 @@ class ArmTouch:
         }
 
     def sides(self) -> tuple[bool, bool]:
-        """Whether the left and the right arm are touched now, hands included."""
+        """Returns whether the left and the right arm are touched, hands included."""
         geoms = self._batch.get_data(0, self._data).contact.geom
         return self._touches("left", geoms), self._touches("right", geoms)
 

@@ -1,4 +1,4 @@
-"""Who drives the robot of a live world: a driver answers in time or has the robot hold still, and never raises."""
+"""Drivers command the robot of a live world. A driver answers in time or returns zero actions, and never raises."""
 
 import threading
 import time
@@ -19,63 +19,63 @@ from avrgym.vr.protocol.messages import Drive
 
 Generators = Sequence[np.random.Generator]
 
-ANSWER_WITHIN_S = 0.08
-"""How long somebody else's controller may take for an action, of the control step's 0.1 s."""
-ANSWER_SIMULATED_WITHIN_S = 10.0
-"""The same where time is simulated, which waits for the answer."""
-OPERATOR_HEARD_S = 0.2
-"""After so long without a word of the operator the robot holds still."""
+RESPONSE_TIMEOUT_S = 0.08
+"""Time limit of an external controller for an action, within the control step of 0.1 s."""
+SIMULATED_RESPONSE_TIMEOUT_S = 10.0
+"""The same limit in simulated time, which waits for the answer."""
+OPERATOR_TIMEOUT_S = 0.2
+"""Without a command from the operator for this long, the robot stands still."""
 
-NOTHING = np.zeros((1, 0))
-"""The action of a robot that is not known yet."""
+NO_ACTION = np.zeros((1, 0))
+"""The action of an unknown robot."""
 
 
-def still(episodes: Episodes) -> FloatArray:
-    """The action (1, A) that holds a robot still."""
+def zero_action(episodes: Episodes) -> FloatArray:
+    """Returns the action (1, A) of a robot that stands still."""
     return np.zeros((1, episodes.action_size))
 
 
 class Driver(Protocol):
-    """Drives one episode after another."""
+    """Commands a robot in one episode after another."""
 
     @property
     def failure(self) -> str:
-        """What keeps it from driving at present, as ``ControllerError`` says it; empty while it drives."""
+        """The present failure, in the words of ``ControllerError``; empty without one."""
         ...
 
     @property
     def idle(self) -> bool:
-        """Whether the robot holds still for want of an action."""
+        """Whether the robot stands still because there is no action."""
         ...
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
-        """Prepare for the episode that has begun in a world, drawn from its generator."""
+        """Prepare for the episode that has started in a world, drawn from its generator."""
         ...
 
     def act(self, observation: FloatArray) -> FloatArray:
-        """The action (1, A) with which a control step begins that sees ``observation`` (1, O)."""
+        """Returns the action (1, A) at the start of a control step, given its observation (1, O)."""
         ...
 
     def amend(self) -> FloatArray | None:
-        """Asked at every other tick of the step: another action (1, A), if there is one since."""
+        """Returns another action (1, A) at a later tick of the control step, or ``None`` to continue."""
         ...
 
     def close(self) -> None:
-        """Drive no more."""
+        """Stop."""
         ...
 
 
-def driver_of(policy: AnyPolicy, *, beside: bool) -> Driver:
-    """Who drives by a policy; others' controllers run ``beside`` the thread that asks, or it waits for them."""
+def make_driver(policy: AnyPolicy, *, background: bool) -> Driver:
+    """Returns the driver for a policy. External controllers run in the ``background``, or the caller waits for them."""
     if isinstance(policy, HumanOperator):
         return Operator()
     if isinstance(policy, ExternalController):
-        return Guarded(policy, beside=beside)
-    return InTick(policy)
+        return ThreadedDriver(policy, background=background)
+    return SynchronousDriver(policy)
 
 
-class InTick:
-    """A policy that comes with AVR Gym or is a file of its format: it answers at once."""
+class SynchronousDriver:
+    """Drives by a policy of AVR Gym, which answers within the tick."""
 
     def __init__(self, policy: Policy | Script) -> None:
         self.failure = ""
@@ -84,123 +84,122 @@ class InTick:
 
     @property
     def idle(self) -> bool:
-        """Whether the robot holds still for want of an action."""
+        """Whether the robot stands still because there is no action."""
         return self.failure != ""
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
-        """Prepare for the episode that has begun in a world, drawn from its generator."""
+        """Prepare for the episode that has started in a world, drawn from its generator."""
         self.failure, self._act = "", None
-        self._begun, self._still = (episodes, generators), still(episodes)
+        self._begun, self._zero_action = (episodes, generators), zero_action(episodes)
 
     def act(self, observation: FloatArray) -> FloatArray:
-        """The action (1, A) with which a control step begins that sees ``observation`` (1, O)."""
+        """Returns the action (1, A) at the start of a control step, given its observation (1, O)."""
         try:
             act = self._act = self._act or registry.action_function(self._policy, *self._begun)
-            action = controllers.checked_action(lambda: act(observation), self._still.shape)
+            action = controllers.checked_action(lambda: act(observation), self._zero_action.shape)
         except Exception as error:  # an oracle in a situation that nobody foresaw
             self.failure = str(controllers.controller_error(error))
-            return self._still
+            return self._zero_action
         self.failure = ""
         return action
 
     def amend(self) -> FloatArray | None:
-        """Nothing comes later."""
+        """Returns ``None``: the action does not change within a control step."""
 
     def close(self) -> None:
-        """Nothing is left."""
+        """Does nothing."""
 
 
-class Guarded:
-    """Somebody else's controller, on a thread of its own.
+class ThreadedDriver:
+    """Drives by an external controller, on a thread of its own.
 
-    What fails, and what takes longer than ``ANSWER_WITHIN_S`` (``ANSWER_SIMULATED_WITHIN_S`` unless it runs ``beside``
-    the thread that asks), holds the robot still; an answer that comes too late is dropped. Until an answer is due, the
-    robot goes on as it was told last. One that still thinks when the next episode begins is left behind, and another
-    made.
+    After a failure, or an answer later than ``RESPONSE_TIMEOUT_S`` (``SIMULATED_RESPONSE_TIMEOUT_S`` unless in the
+    ``background``), the robot stands still; a late answer is dropped. Until an answer is due, the latest action
+    continues. If the controller is still busy at the next episode, it is abandoned and another one is made.
     """
 
-    def __init__(self, foreign: ExternalController, *, beside: bool) -> None:
-        self._foreign, self._beside = foreign, beside
-        self._limit_s = ANSWER_WITHIN_S if beside else ANSWER_SIMULATED_WITHIN_S
-        self._late = f"late: no answer within {1000 * self._limit_s:.0f} ms"
+    def __init__(self, foreign: ExternalController, *, background: bool) -> None:
+        self._controller_factory, self._background = foreign, background
+        self._limit_s = RESPONSE_TIMEOUT_S if background else SIMULATED_RESPONSE_TIMEOUT_S
+        self._timeout_message = f"late: no answer within {1000 * self._limit_s:.0f} ms"
         self._worker = Worker(foreign)
-        self._ready = self._asked = None
-        self._still = NOTHING
+        self._ready = self._pending = None
+        self._zero_action = NO_ACTION
         self._hold("")
 
     @property
     def idle(self) -> bool:
-        """Whether the robot holds still for want of an action."""
+        """Whether the robot stands still because there is no action."""
         return self.failure != ""
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
-        """Prepare for the episode that has begun in a world, drawn from its generator."""
+        """Prepare for the episode that has started in a world, drawn from its generator."""
         if self._worker.busy:
             self._worker.close()
-            self._worker = Worker(self._foreign)
+            self._worker = Worker(self._controller_factory)
         seed, environment = registry.controller_seed(generators[0]), episodes.environment_id
-        self._ready = self._ask(lambda controller: controllers.reset(controller, seed, environment))
-        self._asked, self._still = None, still(episodes)
+        self._ready = self._request(lambda controller: controllers.reset(controller, seed, environment))
+        self._pending, self._zero_action = None, zero_action(episodes)
         self._hold("")
 
     def act(self, observation: FloatArray) -> FloatArray:
-        """The action (1, A) with which a control step begins that sees ``observation`` (1, O)."""
-        self._hear()
+        """Returns the action (1, A) at the start of a control step, given its observation (1, O)."""
+        self._poll()
         if self._ready is None or not self._ready.done:
-            self._hold(self._late)
+            self._hold(self._timeout_message)
         elif self._ready.failure:
             self._hold(self._ready.failure)
-        elif self._asked is None:
-            row, count = observation[0].copy(), self._still.shape[1]
-            self._asked = self._ask(lambda controller: controllers.act(controller, row, count))
-            self._hear()
+        elif self._pending is None:
+            row, count = observation[0].copy(), self._zero_action.shape[1]
+            self._pending = self._request(lambda controller: controllers.act(controller, row, count))
+            self._poll()
         return self._action
 
     def amend(self) -> FloatArray | None:
-        """Asked at every other tick of the step: another action (1, A), if there is one since."""
+        """Returns the controller's action (1, A) if it has arrived since, else ``None``."""
         before = self._action
-        self._hear()
+        self._poll()
         return None if self._action is before else self._action
 
     def close(self) -> None:
-        """Let the controller go as soon as it has answered."""
-        waits = not self._beside and not self._worker.busy
+        """Close the controller after its last answer."""
+        waits = not self._background and not self._worker.busy
         self._worker.close()
         if waits:
             self._worker.join(self._limit_s)
 
-    def _ask(self, work: "Work") -> "Request":
-        request = self._worker.ask(work)
-        if not self._beside:
+    def _request(self, work: "Work") -> "Request":
+        request = self._worker.submit(work)
+        if not self._background:
             request.wait(self._limit_s)
         return request
 
-    def _hear(self) -> None:
-        """Take an answer that has come; wait no longer for one that is late."""
-        asked = self._asked
+    def _poll(self) -> None:
+        """Take an answer that has arrived; give up one that is late."""
+        asked = self._pending
         if asked is None:
             return
         if asked.done:
-            self._asked = None
-        if asked.took_s > self._limit_s:
-            self._hold(self._late)
-        elif self._asked is None and asked.failure:
+            self._pending = None
+        if asked.elapsed_s > self._limit_s:
+            self._hold(self._timeout_message)
+        elif self._pending is None and asked.failure:
             self._hold(asked.failure)
-        elif self._asked is None and asked.answer is not None:
+        elif self._pending is None and asked.answer is not None:
             self._action, self.failure = asked.answer[None], ""
 
     def _hold(self, failure: str) -> None:
-        self._action, self.failure = self._still, failure
+        self._action, self.failure = self._zero_action, failure
 
 
 Work = Callable[[Controller], FloatArray | None]
 
 
 class Request:
-    """Something that is asked of a controller; ``answer`` or ``failure`` are there before it is ``done``."""
+    """A request to a controller; ``answer`` or ``failure`` is set before it is ``done``."""
 
     def __init__(self, work: Work) -> None:
-        self._work, self._asked_s, self._ended_s = work, time.monotonic(), 0.0
+        self._work, self._requested_s, self._ended_s = work, time.monotonic(), 0.0
         self._done = threading.Event()
         self.answer: FloatArray | None = None
         self.failure = ""
@@ -211,12 +210,12 @@ class Request:
         return self._done.is_set()
 
     @property
-    def took_s(self) -> float:
-        """How long it took, or takes so far."""
-        return (self._ended_s if self.done else time.monotonic()) - self._asked_s
+    def elapsed_s(self) -> float:
+        """Time from the request to its end, or until now."""
+        return (self._ended_s if self.done else time.monotonic()) - self._requested_s
 
     def run(self, find: Callable[[], Controller]) -> None:
-        """Do it."""
+        """Call the controller."""
         try:
             answer = self._work(find())
         except (Exception, SystemExit) as error:  # other people's code may raise anything
@@ -227,113 +226,115 @@ class Request:
         self._done.set()
 
     def wait(self, most_s: float) -> None:
-        """Wait until it is done, or so long."""
+        """Wait until it is done, but no longer than this."""
         self._done.wait(most_s)
 
 
 class Worker:
-    """Asks one controller, which it makes when it is needed, one thing after another on a thread of its own."""
+    """Runs requests to one controller in order, on a thread of its own, which makes the controller at the first
+    request.
+    """
 
     def __init__(self, foreign: ExternalController) -> None:
-        self._foreign = foreign
+        self._controller_factory = foreign
         self._controller: Controller | None = None
         self._latest: Request | None = None
-        self._waiting: SimpleQueue[Request | None] = SimpleQueue()
+        self._queue: SimpleQueue[Request | None] = SimpleQueue()
         self._closed = False
         self._thread = threading.Thread(target=self._run, name=foreign.name, daemon=True)
         self._thread.start()
 
     @property
     def busy(self) -> bool:
-        """Whether the controller still has to answer."""
+        """Whether a request is not done."""
         return self._latest is not None and not self._latest.done
 
-    def ask(self, work: Work) -> Request:
-        """Have something done."""
+    def submit(self, work: Work) -> Request:
+        """Append a request."""
         self._latest = request = Request(work)
-        self._waiting.put(request)
+        self._queue.put(request)
         return request
 
     def close(self) -> None:
-        """Let the controller go, and end."""
+        """Close the controller and end the thread."""
         if self._controller is not None and not self._closed:
-            self.ask(controllers.close)
+            self.submit(controllers.close)
         self._closed = True
-        self._waiting.put(None)
+        self._queue.put(None)
 
     def join(self, most_s: float) -> None:
-        """Wait for its end, or so long."""
+        """Wait for its end, but no longer than this."""
         self._thread.join(most_s)
 
     def _run(self) -> None:
-        while (request := self._waiting.get()) is not None:
+        while (request := self._queue.get()) is not None:
             request.run(self._found)
 
     def _found(self) -> Controller:
-        self._controller = self._controller or self._foreign.make()
+        self._controller = self._controller or self._controller_factory.make()
         return self._controller
 
 
 class Operator:
-    """A person who moves the robot's hand, and lets it go by saying so or nothing."""
+    """Drives by the commands of a person, who moves the robot's hand. Without commands the robot stands still."""
 
     failure = ""
 
     def __init__(self) -> None:
         self._hand: CartesianController | None = None
-        self._still = NOTHING
-        self._wish: tuple[FloatArray, FloatArray] | None = None
-        self._heard_s = 0.0
+        self._zero_action = NO_ACTION
+        self._velocity: tuple[FloatArray, FloatArray] | None = None
+        self._commanded_s = 0.0
         self._changed = False
 
     @property
     def idle(self) -> bool:
-        """Whether the robot holds still for want of an action."""
-        return self._wish is None
+        """Whether the robot stands still because there is no command."""
+        return self._velocity is None
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
-        """Prepare for the episode that has begun in a world."""
-        self._hand, self._still = CartesianController(episodes.simulation), still(episodes)
-        self.let_go()
+        """Prepare for the episode that has started in a world."""
+        self._hand, self._zero_action = CartesianController(episodes.simulation), zero_action(episodes)
+        self.release()
 
-    def obey(self, asked: Drive, now_s: float) -> None:
-        """Move the hand as the operator's page asks, or let it go."""
+    def take_command(self, asked: Drive, now_s: float) -> None:
+        """Take a command of the operator's page."""
         if asked.engaged:
             self.drive(_in_world(asked.linear), _in_world(asked.angular), now_s)
         else:
-            self.let_go()
+            self.release()
 
     def drive(self, linear: FloatArray, angular: FloatArray, now_s: float) -> None:
-        """Move the hand so from now on, both (3,) as ``Hand.action`` takes them."""
-        self._wish, self._heard_s = (linear, angular), now_s
+        """Move the hand from now on with a linear and an angular velocity (3,), as in ``Hand.action``."""
+        self._velocity, self._commanded_s = (linear, angular), now_s
         self._changed = True
 
-    def let_go(self) -> None:
-        """Hold the robot still."""
-        self._wish, self._changed = None, True
+    def release(self) -> None:
+        """Let the robot stand still."""
+        self._velocity, self._changed = None, True
 
-    def watch(self, now_s: float) -> None:
-        """Hold the robot still when nothing was heard for too long."""
-        if self._wish is not None and now_s - self._heard_s > OPERATOR_HEARD_S:
-            self.let_go()
+    def check_timeout(self, now_s: float) -> None:
+        """Let the robot stand still if the latest command is older than ``OPERATOR_TIMEOUT_S``."""
+        if self._velocity is not None and now_s - self._commanded_s > OPERATOR_TIMEOUT_S:
+            self.release()
 
     def act(self, observation: FloatArray) -> FloatArray:
-        """The action (1, A) with which a control step begins, whatever it sees."""
+        """Returns the action (1, A) of the latest command."""
         self._changed = False
-        if self._hand is None or self._wish is None:
-            return self._still
-        return self._hand.action(*self._wish)[None]
+        if self._hand is None or self._velocity is None:
+            return self._zero_action
+        return self._hand.action(*self._velocity)[None]
 
     def amend(self) -> FloatArray | None:
-        """What the operator wants, where that has changed during the step."""
-        return self.act(self._still) if self._changed else None
+        """Returns the action (1, A) of a command that arrived within the control step, else ``None``."""
+        return self.act(self._zero_action) if self._changed else None
 
     def close(self) -> None:
-        """Hold the robot still."""
-        self.let_go()
+        """Let the robot stand still."""
+        self.release()
 
 
 def _in_world(direction: Sequence[float]) -> FloatArray:
-    """A vector (3,) in the world frame that is given ahead of the person, to their left and up."""
+    """Returns a vector (3,) in the world frame, given ahead of the person, to their left and up."""
     ahead, left, up = direction
     return np.array([left, -ahead, up])

@@ -1,7 +1,7 @@
-"""Which parts of a person something is in the way of: contacts keep them from where their servos aim.
+"""Detects obstructed parts of the person's body: contacts keep them from their targets.
 
-At rest a servo of stiffness k holds its joint τ / k from its aim where contacts press with a torque τ. In free movement
-servos lag behind too, but τ is zero: so what is in the way is told from what is only late.
+At rest a servo of stiffness k is τ / k from its target, if contacts apply a torque τ. In free motion servos lag too,
+but with τ = 0. The torque therefore tells obstruction from lag.
 """
 
 import numpy as np
@@ -14,14 +14,14 @@ from avrgym.simulation.worlds import Simulation
 from avrgym.vr.protocol.messages import Skeleton
 from avrgym.vr.tracking.body import ARMS, HEAD, WAIST
 
-HELD_M, FREE_M = 0.008, 0.004
-"""A part that is moved so far out of its way is held back, until it is nearer than the other."""
+OBSTRUCTED_M, FREE_M = 0.008, 0.004
+"""A part is obstructed when contacts displace it by more than the first, until by less than the second."""
 FINGERS = 4.0
-"""The fingers' ends are about so many of the hand's radii from the wrist."""
+"""Distance of the fingertips from the wrist, in radii of the hand."""
 
 
-class HeldBack:
-    """Watches head, elbows and fingers of the first world's person, who has this skeleton."""
+class ObstructionMonitor:
+    """Monitors head, elbows and fingers of the first world's person with this skeleton."""
 
     def __init__(self, simulation: Simulation, skeleton: Skeleton) -> None:
         model, bind = simulation.batch.get_model(0), simulation.batch.bind
@@ -39,16 +39,16 @@ class HeldBack:
         self._of_part = np.array([[part == each for part, *_ in points] for each in PARTS])
         self._torque, self._axis, self._anchor = bind("qfrc_constraint"), bind("xaxis"), bind("xanchor")
         self._xpos, self._xmat = bind("xpos"), bind("xmat")
-        self._held = np.zeros(len(PARTS), dtype=bool)
+        self._obstructed = np.zeros(len(PARTS), dtype=bool)
 
-    def now(self) -> tuple[Part, ...]:
-        """The parts that the latest physics step held back."""
-        moved_m = (self._of_part * np.linalg.norm(self._moved(), axis=-1)).max(axis=-1)
-        self._held = moved_m > np.where(self._held, FREE_M, HELD_M)
-        return tuple(part for part, held in zip(PARTS, self._held.tolist(), strict=True) if held)
+    def parts(self) -> tuple[Part, ...]:
+        """Returns the parts that are obstructed after the latest physics step."""
+        displacement_m = (self._of_part * np.linalg.norm(self._displacement_m(), axis=-1)).max(axis=-1)
+        self._obstructed = displacement_m > np.where(self._obstructed, FREE_M, OBSTRUCTED_M)
+        return tuple(part for part, held in zip(PARTS, self._obstructed.tolist(), strict=True) if held)
 
-    def _moved(self) -> FloatArray:
-        """By how much contacts move each point (P, 3), metres: of each joint the turn times the point's lever."""
+    def _displacement_m(self) -> FloatArray:
+        """Displacement (P,) of each point by contacts, in metres: joint rotation times the point's lever."""
         turns = self._torque[0, self._dofs] / self._stiffness
         axes_w, anchors_w = self._axis[0, self._joints], self._anchor[0, self._joints]
         points_w = self._xpos[0, self._bodies] + self._along_m[:, None] * self._xmat[0, self._bodies, 2::3]

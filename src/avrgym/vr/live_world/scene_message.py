@@ -1,4 +1,4 @@
-"""Messages that describe a scene: what a client draws, and where its bodies are."""
+"""Messages for clients: the scene to draw, and the poses of its bodies."""
 
 import numpy as np
 
@@ -12,15 +12,17 @@ from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.tracking.body import skeleton
 
 
-def most_pressed(simulation: Simulation) -> tuple[str, float]:
-    """Where the first person bears most by a region's limit, and what share of that; nowhere, an empty name and 0."""
+def most_loaded_region(simulation: Simulation) -> tuple[str, float]:
+    """Returns the region of the first person with the highest share of its limit, and that share; without contact ""
+    and 0.
+    """
     share = simulation.region_force_n()[0] / QUASI_STATIC_LIMIT_N
     most = int(share.argmax())
     return (BODY_REGIONS[most].name if share[most] else ""), float(share[most])
 
 
 def scene_message(number: int, episodes: Episodes, registration: Registration) -> messages.Scene:
-    """What a client has to draw of the first world; see ``messages.Scene``."""
+    """Returns the scene of the first world; see ``messages.Scene``."""
     marks = episodes.task.marks
     people = episodes.people
     head_centre = human.layout(people.is_woman, people.torso_height_m).site_pos["head_centre"][0]
@@ -38,12 +40,12 @@ def scene_message(number: int, episodes: Episodes, registration: Registration) -
 
 
 def scene_url(number: int) -> str:
-    """The address of a scene on its server."""
+    """Returns the address of a scene on its server."""
     return f"/scenes/{number}.glb"
 
 
 def poses(episodes: Episodes) -> bytes:
-    """Bodies and marks of the first world as ``messages.State`` wants them."""
+    """Returns the poses of bodies and marks in the first world, in the format of ``messages.State``."""
     bodies, marks_w = episodes.simulation.body_poses(0), episodes.marks_w()[0]
     all_poses = np.empty((len(bodies) + len(marks_w), 7), "<f4")
     all_poses[: len(bodies)] = bodies

@@ -1,4 +1,4 @@
-"""The world that a participant sits in: one scene with a moving person, stepped tick by tick."""
+"""The world of a participant: one scene with a moving person, stepped tick by tick."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from avrgym.system import random_streams
 from avrgym.tasks.control_loop import ControlLoop, ControlStep
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import Task
-from avrgym.vr.live_world.drivers import Driver, still
+from avrgym.vr.live_world.drivers import Driver, zero_action
 from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S
@@ -42,7 +42,7 @@ class LiveWorld:
         )
         self._solver = BodySolver(person, self._episodes.scene.posture)
         self._loop = self._episodes.loop
-        self._zeros = still(self._episodes)
+        self._zeros = zero_action(self._episodes)
         self.person = person
         self.joint_targets_rad = person.joint_angles_rad
         self.ticks = 0
@@ -127,7 +127,7 @@ class LiveWorld:
 
     @property
     def retreating(self) -> bool:
-        """Whether the robot still moves its tool away."""
+        """Whether the robot zero_action moves its tool away."""
         return self._retreated_ticks is not None
 
     def prepare(
@@ -150,7 +150,7 @@ class LiveWorld:
     def tick(self, driver: Driver | None, *, hold: bool = False) -> ControlStep | None:
         """Advance by 10 ms; with a prepared driver the robot moves, and every tenth tick returns a control step.
 
-        With ``hold``, the brakes hold the robot, in a retreat too; a guard that overrides still moves it.
+        With ``hold``, the brakes hold the robot, in a retreat too; a guard that overrides zero_action moves it.
         """
         self.ticks += 1
         if self._retreated_ticks is not None:
@@ -169,18 +169,18 @@ class LiveWorld:
         self._loop.move(None if action is None else action[None])
 
     def state_vector(self) -> FloatArray:
-        """The simulator's integration state."""
+        """Returns MuJoCo's integration state."""
         return self._episodes.simulation.integration_state()
 
     @property
     def skeleton(self) -> messages.Skeleton:
-        """The person's measures."""
+        """The person's dimensions."""
         return skeleton(self.person, self._episodes.scene.posture)
 
     def body_poses(self) -> bytes:
-        """Poses of ``bodies`` and marks as the protocol's ``State`` wants them."""
+        """Returns the poses of ``bodies`` and marks, in the format of ``messages.State``."""
         return poses(self._episodes)
 
     def scene(self, number: int, registration: Registration) -> messages.Scene:
-        """What the client has to draw; ``number`` is that of the scene in its address."""
+        """Returns the scene for clients; ``number`` is the scene's number in its address."""
         return scene_message(number, self._episodes, registration)

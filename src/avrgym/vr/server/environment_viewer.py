@@ -10,8 +10,8 @@ from avrgym.system import random_streams
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import ControlStep
 from avrgym.tasks.episodes import Episodes
-from avrgym.vr.live_world.drivers import Operator, driver_of
-from avrgym.vr.live_world.scene_message import most_pressed, poses, scene_message
+from avrgym.vr.live_world.drivers import Operator, make_driver
+from avrgym.vr.live_world.scene_message import most_loaded_region, poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, Received, Send
 from avrgym.vr.protocol.webxr import Registration
@@ -55,7 +55,7 @@ class EnvironmentViewer:
             environment_id, 1, people=people, impairment=impairment, num_threads=1, by_region=True
         )
         self._policy, self._seed, self._send = policy, seed, send
-        self._driver = driver_of(find_for_session(policy, environment_id), beside=True)
+        self._driver = make_driver(find_for_session(policy, environment_id), background=True)
         self._phase: Literal["loading", "running", "ended"] = "loading"
         self._now_s, self._ticks = 0.0, 0
         self._paused = False
@@ -85,7 +85,7 @@ class EnvironmentViewer:
             case messages.Command(name="skip"):
                 self._begin()
             case messages.Drive() if isinstance(self._driver, Operator):
-                self._driver.obey(message, now_s)
+                self._driver.take_command(message, now_s)
             case _:
                 pass
 
@@ -93,7 +93,7 @@ class EnvironmentViewer:
         """Advance by 10 ms."""
         self._now_s = now_s
         if isinstance(self._driver, Operator):
-            self._driver.watch(now_s)
+            self._driver.check_timeout(now_s)
         if not self._paused:
             self._go_on()
         self._ticks += 1
@@ -161,7 +161,7 @@ class EnvironmentViewer:
         return messages.Phase(name="viewing", text=text, trial=0, trials=0, practice=False, seconds=None)
 
     def _status(self) -> messages.Status:
-        region, share = most_pressed(self._episodes.simulation)
+        region, share = most_loaded_region(self._episodes.simulation)
         latest = self._latest.outcome if self._latest is not None else None
         return messages.Status(
             phase="viewing",

@@ -5,8 +5,8 @@ from avrgym.models.scene import SUBSTEPS
 from avrgym.tasks.control_loop import ControlStep
 from avrgym.vr.live_world.arm_touch import ArmTouch
 from avrgym.vr.live_world.drivers import Driver, Operator
-from avrgym.vr.live_world.obstruction import HeldBack
-from avrgym.vr.live_world.scene_message import most_pressed
+from avrgym.vr.live_world.obstruction import ObstructionMonitor
+from avrgym.vr.live_world.scene_message import most_loaded_region
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, Send
@@ -39,7 +39,7 @@ class Reporter:
         self._ticks += 1
         if world is not self._world:
             self._world, self._touch = world, ArmTouch(world.simulation)
-            self._held_back = HeldBack(world.simulation, world.skeleton)
+            self._obstruction = ObstructionMonitor(world.simulation, world.skeleton)
         if self._ticks % SUBSTEPS == 0:
             self._touched = self._touch.sides()
         self._tell_feedback(step)
@@ -48,7 +48,7 @@ class Reporter:
             self._send(self._state(world, tracking))
 
     def _state(self, world: LiveWorld, tracking: TrackingState) -> messages.State:
-        held = {*tracking.held, *self._held_back.now()}
+        held = {*tracking.held, *self._obstruction.parts()}
         return messages.State(
             sequence=self._ticks,
             simulation_time_s=self._ticks * TICK_S,
@@ -74,7 +74,7 @@ def status(
 ) -> messages.Status:  # fmt: skip
     """How a session stands that is in a phase; a trial has so many ``steps``, ``why`` is a stop rule's reason."""
     left, right = tracking.modalities
-    region, share = most_pressed(world.simulation)
+    region, share = most_loaded_region(world.simulation)
     latest = attempt.latest.outcome if attempt is not None and attempt.latest is not None else None
     return messages.Status(
         phase=phase.name,

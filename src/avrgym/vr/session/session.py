@@ -83,7 +83,7 @@ class Session:
         worlds = TrialWorlds(plan, trial, person, workers or AtOnce(), [] if scenes is None else scenes)
         sink = EventSink(observe if streams is None else _both(streams.tell, observe), kept)
         storage = AttemptStorage(folder, sink)
-        drivers = Drivers(policies, beside=workers is not None)
+        drivers = Drivers(policies, background=workers is not None)
         versions()  # reads files the first time, for which no tick may wait
         self._state = SessionState(plan, drivers, identifier, send, sink, storage, worlds, trial, person)
         self._called_off = called_off

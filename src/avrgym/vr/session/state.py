@@ -287,7 +287,7 @@ class SessionState:
     def watch_driver(self) -> None:
         """Record whenever the driver fails or drives again; tell each kind of failure once an attempt."""
         if isinstance(self.driver, Operator):
-            self.driver.watch(self.now_s)
+            self.driver.check_timeout(self.now_s)
         failure = self.driver.failure
         if failure == self.drivers.failure:
             return

@@ -2,18 +2,18 @@
 
 from avrgym.policies.registry import plugins_used
 from avrgym.system.used_plugins import UsedPlugin
-from avrgym.vr.live_world.drivers import Driver, driver_of
+from avrgym.vr.live_world.drivers import Driver, make_driver
 from avrgym.vr.session.plan import Policies, TrialPlan
 
 
 class Drivers:
     """A driver for each policy of each environment. ``failure`` is what the current one was last heard to fail with."""
 
-    def __init__(self, policies: Policies, *, beside: bool) -> None:
-        """Others' controllers run ``beside`` the session's thread, or make it wait."""
+    def __init__(self, policies: Policies, *, background: bool) -> None:
+        """Others' controllers run ``background`` the session's thread, or make it wait."""
         self.failure = ""
         self.kinds_told: set[str] = set()
-        self._drivers = {key: driver_of(policy, beside=beside) for key, policy in policies.items()}
+        self._drivers = {key: make_driver(policy, background=background) for key, policy in policies.items()}
         self._plugins = {key: plugins_used(key[0], policy) for key, policy in policies.items()}
 
     def of(self, trial: TrialPlan) -> Driver:

@@ -62,7 +62,7 @@ class Trial(Stoppable):
         if not isinstance(self.driver, Operator):
             self._report("in this trial nobody drives by hand")
         else:
-            self.driver.obey(wish, self.state.now_s)
+            self.driver.take_command(wish, self.state.now_s)
 
     def finish_step(self, step: ControlStep) -> Retreat | Self:
         attempt = self.state.storage.attempt

@@ -12,7 +12,7 @@ from avrgym.models import human, robot
 from avrgym.models.human import Person
 from avrgym.models.scene import TOOL
 from avrgym.vr.live_world.drivers import Driver, Operator
-from avrgym.vr.live_world.obstruction import HELD_M, HeldBack
+from avrgym.vr.live_world.obstruction import OBSTRUCTED_M, ObstructionMonitor
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import TICK_S, State
 from avrgym.vr.tracking.body import RELAXED_RAD, BodyPose
@@ -28,7 +28,7 @@ class Sitting:
     def __init__(self) -> None:
         person = Person("woman", 0.54, RELAXED_RAD)
         self.world = LiveWorld(ENVIRONMENT, person)
-        self.held_back = HeldBack(self.world.simulation, self.world.skeleton)
+        self.obstruction = ObstructionMonitor(self.world.simulation, self.world.skeleton)
         self.rest = pose_of(person, self.world.scene_config.posture, RELAXED_RAD)
         assert self.rest.left is not None
         assert self.rest.right is not None
@@ -40,7 +40,7 @@ class Sitting:
         pose = BodyPose(self.rest.head, self.rest.left, replace(self.rest.right, pos_w=hand_w))
         self.world.follow(pose)
         self.world.tick(driver)
-        return self.held_back.now()
+        return self.obstruction.parts()
 
     def hand_w(self, side: str = "right") -> np.ndarray:
         """Where the centre of a simulated hand is."""
@@ -107,7 +107,7 @@ def test_a_robot_that_pushes_an_arm_holds_it_back(sitting: Sitting) -> None:
         held.append(sitting.reach(before_tool_w, operator))
     assert held[:50] == [()] * 50
     assert "right" in held[-1]
-    assert np.linalg.norm(sitting.hand_w() - before_tool_w) > HELD_M
+    assert np.linalg.norm(sitting.hand_w() - before_tool_w) > OBSTRUCTED_M
 
 
 def test_a_body_is_held_back_that_is_not_tracked(tmp_path: Path) -> None:
