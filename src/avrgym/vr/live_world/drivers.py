@@ -118,11 +118,11 @@ class ThreadedDriver:
     continues. If the controller is still busy at the next episode, it is abandoned and another one is made.
     """
 
-    def __init__(self, foreign: ExternalController, *, background: bool) -> None:
-        self._controller_factory, self._background = foreign, background
+    def __init__(self, factory: ExternalController, *, background: bool) -> None:
+        self._controller_factory, self._background = factory, background
         self._limit_s = RESPONSE_TIMEOUT_S if background else SIMULATED_RESPONSE_TIMEOUT_S
         self._timeout_message = f"late: no answer within {1000 * self._limit_s:.0f} ms"
-        self._worker = Worker(foreign)
+        self._worker = Worker(factory)
         self._ready = self._pending = None
         self._zero_action = NO_ACTION
         self._hold("")
@@ -176,17 +176,17 @@ class ThreadedDriver:
 
     def _poll(self) -> None:
         """Take an answer that has arrived; give up one that is late."""
-        asked = self._pending
-        if asked is None:
+        pending = self._pending
+        if pending is None:
             return
-        if asked.done:
+        if pending.done:
             self._pending = None
-        if asked.elapsed_s > self._limit_s:
+        if pending.elapsed_s > self._limit_s:
             self._hold(self._timeout_message)
-        elif self._pending is None and asked.failure:
-            self._hold(asked.failure)
-        elif self._pending is None and asked.answer is not None:
-            self._action, self.failure = asked.answer[None], ""
+        elif self._pending is None and pending.failure:
+            self._hold(pending.failure)
+        elif self._pending is None and pending.answer is not None:
+            self._action, self.failure = pending.answer[None], ""
 
     def _hold(self, failure: str) -> None:
         self._action, self.failure = self._zero_action, failure
@@ -235,13 +235,13 @@ class Worker:
     request.
     """
 
-    def __init__(self, foreign: ExternalController) -> None:
-        self._controller_factory = foreign
+    def __init__(self, factory: ExternalController) -> None:
+        self._controller_factory = factory
         self._controller: Controller | None = None
         self._latest: Request | None = None
         self._queue: SimpleQueue[Request | None] = SimpleQueue()
         self._closed = False
-        self._thread = threading.Thread(target=self._run, name=foreign.name, daemon=True)
+        self._thread = threading.Thread(target=self._run, name=factory.name, daemon=True)
         self._thread.start()
 
     @property
@@ -297,15 +297,15 @@ class Operator:
         self._hand, self._zero_action = CartesianController(episodes.simulation), zero_action(episodes)
         self.release()
 
-    def take_command(self, asked: Drive, now_s: float) -> None:
+    def take_command(self, command: Drive, now_s: float) -> None:
         """Take a command of the operator's page."""
-        if asked.engaged:
-            self.drive(_in_world(asked.linear), _in_world(asked.angular), now_s)
+        if command.engaged:
+            self.drive(_in_world(command.linear), _in_world(command.angular), now_s)
         else:
             self.release()
 
     def drive(self, linear: FloatArray, angular: FloatArray, now_s: float) -> None:
-        """Move the hand from now on with a linear and an angular velocity (3,), as in ``Hand.action``."""
+        """Move the hand from now on with a linear and an angular velocity (3,), as in ``CartesianController.action``."""
         self._velocity, self._commanded_s = (linear, angular), now_s
         self._changed = True
 
