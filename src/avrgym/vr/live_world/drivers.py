@@ -305,7 +305,7 @@ class Operator:
             self.release()
 
     def drive(self, linear: FloatArray, angular: FloatArray, now_s: float) -> None:
-        """Move the hand from now on with a linear and an angular velocity (3,), as in ``CartesianController.action``."""
+        """Move the hand with a linear and an angular velocity (3,), see ``CartesianController.action``."""
         self._velocity, self._commanded_s = (linear, angular), now_s
         self._changed = True
 
