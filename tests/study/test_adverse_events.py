@@ -98,7 +98,7 @@ def test_only_grades_of_the_scales_are_stored(store: Store, scale: str) -> None:
 @pytest.mark.parametrize(
     ("pseudonym", "changes", "follows", "words"),
     [
-        ("sub-003", {}, None, "sub-003 is simulated; only people have adverse events"),
+        ("sub-003", {}, None, "sub-003 is simulated; allowed: people"),
         ("sub-004", {}, None, "there is no sub-004"),
         ("sub-001", {"trial": 9}, None, "there is no trial 9 of sub-001"),
         ("sub-002", {}, 1, "there is no adverse event 1 of sub-002"),
@@ -108,9 +108,9 @@ def test_only_grades_of_the_scales_are_stored(store: Store, scale: str) -> None:
             "sub-001",
             {"began_at": "2026-11-27T14:30:00"},
             None,
-            "is no time; allowed: ISO 8601 with an offset",
+            "is not a time; allowed: ISO 8601 with an offset",
         ),
-        ("sub-001", {"began_at": "yesterday"}, None, "is no time"),
+        ("sub-001", {"began_at": "yesterday"}, None, "is not a time"),
         ("sub-001", {"began_at": "2126-11-27T14:30:00Z"}, None, "is in the future"),
     ],
 )

@@ -241,7 +241,7 @@ def test_who_declines_withdraws_and_keeps_or_deletes_their_data(folder: Path) ->
 def test_nobody_must_reconsent_without_another_version(store: Store) -> None:
     enrolled, allocated = enrol(store, "man"), take_in(store)
     for pseudonym in (enrolled, allocated):
-        with pytest.raises(StudyError, match="has no re-consent to give"):
+        with pytest.raises(StudyError, match="needs no re-consent"):
             decline_consent(store, pseudonym)
     with pytest.raises(StudyError, match="is allocated and cannot become consented"):
         record_consent(store, allocated)

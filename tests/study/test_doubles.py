@@ -49,7 +49,7 @@ def test_the_same_person_is_refused_by_code_and_nothing_is_stored(
     store: Store, name: str, contact: str
 ) -> None:
     before = contents(store)
-    with pytest.raises(PossibleDuplicate, match=r"sub-001.*--confirm-double") as refused:
+    with pytest.raises(PossibleDuplicate, match=r"sub-001.*--confirm-duplicate") as refused:
         enrol(store, "woman", name=name, contact=contact)
     assert "stra" not in str(refused.value).lower()
     assert "zo" not in str(refused.value).lower()
@@ -63,7 +63,7 @@ def test_other_people_are_enrolled(store: Store, name: str, contact: str) -> Non
 
 
 def test_a_confirmed_double_is_enrolled_and_check_names_codes_alone(store: Store) -> None:
-    enrol(store, "man", name=NAME.upper(), contact=CONTACT, confirm_double=True)
+    enrol(store, "man", name=NAME.upper(), contact=CONTACT, confirm_duplicate=True)
     (warning,) = named(store)
     assert warning.startswith("sub-002 may be the same person as sub-001")
     assert not any(part.lower() in warning.lower() for part in (*NAME.split(), CONTACT))
@@ -75,7 +75,7 @@ def test_whoever_withdrew_is_no_double_in_check_but_is_not_enrolled_again_unseen
     withdraw(store, "sub-001")
     with pytest.raises(PossibleDuplicate, match="sub-001"):
         enrol(store, "woman", name=NAME, contact=CONTACT)
-    enrol(store, "woman", name=NAME, contact=CONTACT, confirm_double=True)
+    enrol(store, "woman", name=NAME, contact=CONTACT, confirm_duplicate=True)
     assert named(store) == []
 
 
@@ -85,7 +85,7 @@ def test_a_corrected_name_is_compared_with_all_others(store: Store) -> None:
     with pytest.raises(PossibleDuplicate, match="sub-001"):
         set_identity(store, "sub-002", NAME, CONTACT)
     assert read_identities(store.folder)["sub-002"].name == "Ada Example"
-    set_identity(store, "sub-002", NAME, CONTACT, confirm_double=True)
+    set_identity(store, "sub-002", NAME, CONTACT, confirm_duplicate=True)
     assert len(named(store)) == 1
 
 
@@ -94,6 +94,6 @@ def test_the_command_line_refuses_and_takes_a_confirmation(store: Store) -> None
     refused = CliRunner().invoke(app, command)
     assert refused.exit_code == 1
     assert "sub-001" in refused.output
-    confirmed = CliRunner().invoke(app, [*command, "--confirm-double"])
+    confirmed = CliRunner().invoke(app, [*command, "--confirm-duplicate"])
     assert confirmed.exit_code == 0, confirmed.output
     assert "sub-002" in confirmed.output

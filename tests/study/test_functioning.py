@@ -66,9 +66,9 @@ def test_every_question_may_be_declined(store: Store) -> None:
         ({"levels": {"seeing": "none"}}, "each question needs an answer or 'declined'"),
         (
             {"levels": ANSWERS.levels | {"walking": "badly"}},
-            "walking: 'badly' is no answer; allowed: none, some",
+            "walking is 'badly'; allowed: none, some",
         ),
-        ({"devices": ("13",)}, "'13' is no class of devices; allowed: 04, 05"),
+        ({"devices": ("13",)}, "unknown device class '13'; allowed: 04, 05"),
         ({"devices": ("none", "12")}, "'none' cannot be combined"),
         ({"diagnosis": "x" * 201}, "the diagnosis is 201 characters long"),
     ],
@@ -81,9 +81,9 @@ def test_what_is_no_answer_is_refused(store: Store, changes: dict[str, Any], wor
 
 
 def test_nobody_is_asked_before_consent_or_without_the_design(store: Store, tmp_path: Path) -> None:
-    with pytest.raises(StudyError, match="consent comes first"):
+    with pytest.raises(StudyError, match="record the consent first"):
         record_functioning(store, enrol(store, "man"), ANSWERS)
-    with pytest.raises(StudyError, match="is simulated; only people answer these questions"):
+    with pytest.raises(StudyError, match="is simulated; allowed: people"):
         record_functioning(store, take_in(store), ANSWERS)
     with Store(small_study(tmp_path / "without")) as without:
         pseudonym = take_in(without, simulated=False)
@@ -158,4 +158,4 @@ def test_the_command_asks_in_the_participant_s_language(tmp_path: Path) -> None:
         assert store.participant(pseudonym).functioning is not None
     result = CliRunner().invoke(app, ["study", "functioning", str(folder), english], input=answers)
     assert "keine Schwierigkeiten" in result.output
-    assert "consent comes first" in result.output
+    assert "record the consent first" in result.output

@@ -56,7 +56,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
                 | {"description": f"{name.lower()}-event"}
             )
             record_adverse_event(opened, pseudonym, report, recorded_by="kim")
-        set_identity(opened, "sub-001", "Zora", "zora@example.org", confirm_double=True)
+        set_identity(opened, "sub-001", "Zora", "zora@example.org", confirm_duplicate=True)
         set_identity(opened, "sub-001", "Ada", "ada@example.org")
         yield opened
 

@@ -162,7 +162,7 @@ DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
     "trial undone": (_change(schema.TRIAL, state="planned"), "trial 2 of sub-001", "is planned with 1 completed"),
     "escape": (_change(schema.ATTEMPT, recording="../../x.mcap"), "../../x.mcap", "leads out of the study's folder"),
     "open names": (
-        lambda s: s.path("private/identities.json").chmod(0o644), "private/identities.json", "can be read by other users",
+        lambda s: s.path("private/identities.json").chmod(0o644), "private/identities.json", "other users",
     ),
     "stranger": (
         lambda s: identity_file.write_entry(s.folder, "sub-009", identity_file.Identity("Ada", "")),

@@ -182,7 +182,7 @@ def test_a_refused_action_leaves_no_entry(folder: Path) -> None:
         before = store.database.head()
         with pytest.raises(StudyError):
             withdraw(store, "sub-009")
-        with pytest.raises(StudyError, match="is not one of sub-002"):
+        with pytest.raises(StudyError, match="is not a session of sub-002"):
             add_note(store, "sub-002", "x", session=99)
         assert store.database.head() == before
     assert wrong(folder) == []

@@ -229,7 +229,7 @@ def test_sites_that_share_a_database_are_blocks_of_its_orders(tmp_path: Path) ->
             record_inclusion(store, pseudonym, fitting_answers(store))
         cells = [(each.site, each.cell) for each in store.participants()]
         assert sorted(cells) == [(site, cell) for site in ("atlanta", "berlin") for cell in range(4)]
-        with pytest.raises(StudyError, match="'a b' is no site; allowed: at most 40 letters"):
+        with pytest.raises(StudyError, match="'a b' is not a valid site; allowed: at most 40 letters"):
             enrol(store, "man", site="a b")
 
 

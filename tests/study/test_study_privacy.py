@@ -109,7 +109,7 @@ def test_an_identity_file_that_is_damaged_is_refused_and_kept(store: Store) -> N
 
 
 def test_a_simulated_participant_has_no_name(store: Store) -> None:
-    with pytest.raises(StudyError, match="neither name nor contact"):
+    with pytest.raises(StudyError, match="cannot have a name or contact"):
         enrol(store, "man", name="Robo", simulated=True)
     assert len(store.participants()) == 3
 
@@ -166,7 +166,7 @@ def test_a_deletion_that_broke_off_is_finished_by_deleting_again(
 def test_nobody_is_deleted_while_their_session_runs(store: Store) -> None:
     session = open_session(store, "sub-002")
     before = files(store.folder / "recordings")
-    with pytest.raises(StudyError, match=r"is open at .*; close it there before deleting"):
+    with pytest.raises(StudyError, match=r"is open at .*; close it before the deletion"):
         delete_participant(store, "sub-002")
     assert files(store.folder / "recordings") == before
     assert store.participant("sub-002").state == "allocated"

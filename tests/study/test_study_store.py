@@ -246,7 +246,7 @@ def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
     refused(store, lambda: open_session(store, pseudonym), "is open at .*; close it there first")
     refused(store, lambda: begin_attempt(store, session.id, 9), "there is no trial 9")
     refused(store, lambda: begin_attempt(store, 99, 1), "there is no session 99")
-    refused(store, lambda: add_note(store, other, "x", session.id), "is not one of sub-002")
+    refused(store, lambda: add_note(store, other, "x", session.id), "is not a session of sub-002")
     refused(
         store, lambda: record_session_event(store, session.id, "x", attempt_id=1), "there is no attempt 1"
     )

@@ -36,8 +36,8 @@ function field(form: HTMLFormElement, name: string): string {
 }
 
 function identityIn(form: HTMLFormElement): Identity {
-  const confirmed = field(form, "confirm_double") !== "";
-  return { name: field(form, "name"), contact: field(form, "contact"), confirm_double: confirmed };
+  const confirmed = field(form, "confirm_duplicate") !== "";
+  return { name: field(form, "name"), contact: field(form, "contact"), confirm_duplicate: confirmed };
 }
 
 /** Shows why an action was refused and the field that confirms it, if the form has one, and passes the refusal on. */

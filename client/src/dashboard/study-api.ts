@@ -144,7 +144,7 @@ export type Action = "identity" | "consent" | "declined-consent" | "inclusion" |
 export interface Identity {
   name: string;
   contact: string;
-  confirm_double: boolean;
+  confirm_duplicate: boolean;
 }
 
 /** A refusal in the server's words; `confirm` names what the experimenter can confirm to do it all the same. */

@@ -116,7 +116,7 @@ describe("words", () => {
     expect(new Refusal(409, '{"detail": "no session"}').message).toBe("no session");
     for (const text of ["<html>", "{}", '{"detail": [1]}'])
       expect(new Refusal(500, text).message).toBe("the server answered with status 500");
-    expect(new Refusal(409, '{"detail": "sub-001?", "confirm": "double"}').confirm).toBe("double");
+    expect(new Refusal(409, '{"detail": "sub-001?", "confirm": "duplicate"}').confirm).toBe("duplicate");
     expect(new Refusal(409, '{"detail": "no session"}').confirm).toBeNull();
   });
 });

@@ -123,10 +123,10 @@ def enrol(
     name: Annotated[str, typer.Option(help=IN_IDENTITY_FILE)] = "",
     contact: Annotated[str, typer.Option(help=IN_IDENTITY_FILE)] = "",
     site: Annotated[str, typer.Option(help="Where; without it the site of study.toml.")] = "",
-    confirm_double: Annotated[
+    confirm_duplicate: Annotated[
         bool,
         typer.Option(
-            "--confirm-double", help="Enrol another person with the same name and contact as somebody."
+            "--confirm-duplicate", help="Enrol another person with the same name and contact as somebody."
         ),
     ] = False,
 ) -> None:
@@ -152,7 +152,7 @@ def enrol(
             name=name,
             contact=contact,
             site=site,
-            confirm_double=confirm_double,
+            confirm_duplicate=confirm_duplicate,
         )
         log(store, "enrol", pseudonym)
     say(f"enrolled  {pseudonym}")

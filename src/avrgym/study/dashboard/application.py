@@ -99,7 +99,7 @@ class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     language: Line = ""
     name: Line = ""
     contact: Line = ""
-    confirm_double: bool = False
+    confirm_duplicate: bool = False
 
 
 class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -107,7 +107,7 @@ class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: Line
     contact: Line
-    confirm_double: bool = False
+    confirm_duplicate: bool = False
 
 
 class Agreement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -166,13 +166,13 @@ def _enrol(board: Dashboard, new: Enrolment) -> dict[str, str]:
         language=new.language,
         name=new.name,
         contact=new.contact,
-        confirm_double=new.confirm_double,
+        confirm_duplicate=new.confirm_duplicate,
     )
     return {"participant": pseudonym}
 
 
 def _identify(board: Dashboard, pseudonym: str, who: Identification) -> None:
-    set_identity(board.store, pseudonym, who.name, who.contact, confirm_double=who.confirm_double)
+    set_identity(board.store, pseudonym, who.name, who.contact, confirm_duplicate=who.confirm_duplicate)
 
 
 def _consent(board: Dashboard, pseudonym: str, agreement: Agreement) -> None:
@@ -281,7 +281,7 @@ def dashboard_app(
     board, log = Dashboard(store, live), DashboardLog(store)
     app = FastAPI(openapi_url=None, dependencies=[Depends(experimenter_only)])
     app.add_exception_handler(StudyError, _refuse(409))
-    app.add_exception_handler(PossibleDuplicate, _refuse(409, confirm="double"))
+    app.add_exception_handler(PossibleDuplicate, _refuse(409, confirm="duplicate"))
     app.add_exception_handler(PolicyError, _refuse(409))
     app.add_exception_handler(OSError, _refuse(507))
 

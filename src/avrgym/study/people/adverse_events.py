@@ -43,12 +43,12 @@ SOURCES = (
     "from it."
 )
 SAFETY_EVENTS = ("stopped", "stop rule met", "controller failed")
-"""The events of a session that are shown next to adverse events, but are not adverse events."""
+"""Events of a session that are shown with adverse events, but are not adverse events."""
 _CLOCKS_DIFFER = timedelta(minutes=5)
 
 
 class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A report of an adverse event: ``began_at`` is ISO 8601 with an offset from UTC, ``trial`` a position."""
+    """A report of an adverse event; ``began_at`` is ISO 8601 with an offset from UTC, ``trial`` a position."""
 
     began_at: str
     description: str
@@ -62,7 +62,7 @@ class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class AdverseEventHistory:
-    """An adverse event with all its reports in order; the latest is its present state."""
+    """An adverse event with all its reports in order."""
 
     reports: tuple[AdverseEvent, ...]
 
@@ -79,7 +79,7 @@ class AdverseEventHistory:
 
 @dataclass(frozen=True)
 class SafetyEvent:
-    """An event that a session reported, in a trial of this position or between trials; it is not an adverse event."""
+    """A safety event of a session, in a trial of this position or between trials."""
 
     at: str
     trial: int | None
@@ -96,19 +96,19 @@ def record_adverse_event(
         store: the study.
         pseudonym: the participant.
         report: the report.
-        follows: the event that is followed up, by its number; ``None`` for a new event.
-        recorded_by: who records it.
+        follows: the number of the event that is followed up; ``None`` for a new event.
+        recorded_by: the experimenter.
 
     Raises:
-        StudyError: for a grade that no scale has, a time that is none or in the future, a trial or event that is not
-            the participant's, and for simulated participants.
+        StudyError: for an unknown grade, an invalid or future time, a trial or event of another participant, and for
+            simulated participants.
     """
     _check(report)
     check_line("the name", recorded_by)
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.simulated:
-            raise StudyError(f"{pseudonym} is simulated; only people have adverse events")
+            raise StudyError(f"{pseudonym} is simulated; allowed: people")
         own = {"participant": participant.number}
         trial = None
         if report.trial is not None:
@@ -134,7 +134,7 @@ def record_adverse_event(
 
 
 def group_by_event(reports: Iterable[AdverseEvent]) -> list[AdverseEventHistory]:
-    """Reports by the event that they are about, in the order in which events were recorded."""
+    """Group reports by event, in order of the first reports."""
     events: dict[int, list[AdverseEvent]] = {}
     for report in reports:
         events.setdefault(report.follows or report.id, []).append(report)
@@ -142,7 +142,7 @@ def group_by_event(reports: Iterable[AdverseEvent]) -> list[AdverseEventHistory]
 
 
 def safety_events(store: Store, pseudonym: str) -> Iterator[SafetyEvent]:
-    """Safety events that sessions of a participant reported, to review when adverse events are recorded."""
+    """Safety events in the sessions of a participant, for review when adverse events are recorded."""
     number = store.participant(pseudonym).number
     positions = {trial.id: trial.position for trial in store.trials(pseudonym)}
     trials = {attempt.id: positions[attempt.trial] for attempt in store.attempts(pseudonym)}
@@ -154,11 +154,11 @@ def safety_events(store: Store, pseudonym: str) -> Iterator[SafetyEvent]:
 def _check(report: Report) -> None:
     for name, scale in SCALES.items():
         if getattr(report, name) not in scale:
-            raise StudyError(f"{name} {getattr(report, name)!r} is not known; allowed: {', '.join(scale)}")
+            raise StudyError(f"unknown {name} {getattr(report, name)!r}; allowed: {', '.join(scale)}")
     check_note(report.description, "the description")
     check_line("the action", report.action)
     if datetime.fromisoformat(_utc(report.began_at)) > datetime.now(UTC) + _CLOCKS_DIFFER:
-        raise StudyError(f"{report.began_at} is in the future; allowed: when the event began, until now")
+        raise StudyError(f"{report.began_at} is in the future; allowed: times until now")
 
 
 def _utc(at: str) -> str:
@@ -168,6 +168,6 @@ def _utc(at: str) -> str:
         moment = None
     if moment is None or moment.tzinfo is None:
         raise StudyError(
-            f"{at!r} is no time; allowed: ISO 8601 with an offset, such as 2026-11-27T14:30+01:00"
+            f"{at!r} is not a time; allowed: ISO 8601 with an offset, such as 2026-11-27T14:30+01:00"
         )
     return moment.astimezone(UTC).isoformat(timespec="seconds")

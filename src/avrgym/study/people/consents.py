@@ -1,4 +1,4 @@
-"""Decisions about consent texts. Each is stored with the checksum of its text, and the archive stores the text."""
+"""Decisions about consent texts. Each is stored with the checksum of its text; the archive contains the text."""
 
 import hashlib
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ from avrgym.texts.interface_texts import TextsError, normalize_whitespace, read_
 
 @dataclass(frozen=True)
 class ShownText:
-    """The consent text of the study's design as it is shown in one language."""
+    """The consent text of the design in one language."""
 
     version: str
     language: str
@@ -33,9 +33,9 @@ class ShownText:
 def consents_to_other_texts(
     shown: ShownText, consents: Iterable[Consent], archive: Iterable[ConsentText], first_language: str
 ) -> list[Consent]:
-    """The consents to the same version in the same language whose text has other words; line breaks do not count.
+    """Consents to the same version and language, but to a different text; line breaks are ignored.
 
-    ``first_language`` is that of consents that name none.
+    ``first_language`` is the language of consents without one.
     """
     same = {
         kept.sha256 for kept in archive if normalize_whitespace(kept.text) == normalize_whitespace(shown.text)
@@ -56,10 +56,10 @@ def store_consent(
     *,
     agreed: bool,
 ) -> Consent:
-    """Store a participant's decision about a text, and the text in the archive if it is new there.
+    """Store a participant's decision about a text, and archive the text if it is new.
 
     Raises:
-        StudyError: when somebody agreed to other words under the same version.
+        StudyError: when another participant agreed to a different text with the same version.
     """
     archive = find_all(connection, ConsentText)
     others = consents_to_other_texts(shown, find_all(connection, Consent), archive, first_language)
@@ -86,9 +86,9 @@ def latest_consent(consents: Iterable[Consent]) -> RecordedConsent | None:
 def restore_consents(
     store: Store, connection: sa.Connection, number: int, recorded: Iterable[RecordedConsent]
 ) -> None:
-    """Store the consents of a participant from recordings, in order, and the latest one in their row.
+    """Store the consents of a participant from recordings, in order, and the latest in their row.
 
-    The design's text is archived again if they agreed to it.
+    The design's text is archived if they agreed to it.
     """
     consents = {each.at: each for each in recorded}
     for _, each in sorted(consents.items()):
@@ -102,7 +102,7 @@ def restore_consents(
 
 
 def current_text(store: Store, language: str) -> ShownText | None:
-    """The design's text in a language; ``None`` for one without texts."""
+    """The design's text in a language; ``None`` for a language without texts."""
     consent = store.design.consent
     try:
         text = read_texts(language, store.folder).translate(consent.text)
@@ -112,12 +112,12 @@ def current_text(store: Store, language: str) -> ShownText | None:
 
 
 def consenting_participants(consents: Iterable[Consent]) -> str:
-    """The participants of these consents, each once."""
+    """The pseudonyms of these consents, each once, as text."""
     return ", ".join(pseudonym_of(number) for number in sorted({each.participant for each in consents}))
 
 
 def _archived(connection: sa.Connection, shown: ShownText, archive: Iterable[ConsentText]) -> str:
-    """The checksum of the archived text with these words; archives this text if there was none."""
+    """The checksum of the archived text; a new text is archived."""
     for kept in archive:
         same_use = (kept.version, kept.language) == (shown.version, shown.language)
         if same_use and normalize_whitespace(kept.text) == normalize_whitespace(shown.text):

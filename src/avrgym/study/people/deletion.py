@@ -1,4 +1,4 @@
-"""Deleting a participant: what they left is gone, and nobody else's data change."""
+"""Deletion of a participant's data. Data of other participants are unchanged."""
 
 import shutil
 
@@ -16,12 +16,12 @@ from avrgym.study.storage.study_folder import used_numbers
 
 
 def delete_participant(store: Store, pseudonym: str) -> None:
-    """Delete a participant's recordings, rows and key entry, every backup of the database, and the study's analysis.
+    """Delete a participant's recordings, rows and name, all backups of the database, and the study's analysis.
 
-    The number stays in a tombstone and is never given again. After a crash, deleting again finishes the work.
+    The number stays in a tombstone and is never used again. After a crash, a second deletion finishes the work.
 
     Raises:
-        StudyError: when there is no such participant, or a session of theirs is open.
+        StudyError: for an unknown participant, or while they have an open session.
     """
     number = participant_number(pseudonym)
     with store.database.write() as connection:
@@ -40,17 +40,17 @@ def delete_participant(store: Store, pseudonym: str) -> None:
 
 
 def _is_row(store: Store, connection: sa.Connection, number: int) -> bool:
-    """Whether there are rows to delete, as there must be unless identity file or recordings outlived them."""
+    """Whether there are rows to delete; not if only the identity file or recordings contain the participant."""
     return bool(find_all(connection, Participant, number=number)) or number not in used_numbers(store.folder)
 
 
 def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> bool:
-    """Delete all rows about a participant; whether they were simulated."""
+    """Delete all rows about a participant; returns whether they were simulated."""
     participant = find_participant(connection, pseudonym)
     sessions = find_all(connection, StudySession, participant=participant.number)
     for session in sessions:
         if session.state == "open" and may_be_running(store, session):
-            raise StudyError(f"{session} is open at {session.station}; close it there before deleting")
+            raise StudyError(f"{session} is open at {session.station}; close it before the deletion")
     number = participant.number
     own = schema.SESSION.c.participant == number
     visits = sa.select(schema.SESSION.c.id).where(own)
@@ -72,7 +72,7 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> boo
 
 
 def _remove(store: Store, name: str) -> None:
-    """Remove a folder of the study with all it holds; of a link, only the link."""
+    """Remove a folder of the study; of a symbolic link, only the link."""
     path = store.folder / name
     if path.is_symlink():
         path.unlink()

@@ -1,4 +1,4 @@
-"""Experimenters with tokens of their own. A token is shown once; the study stores only its checksum."""
+"""Experimenters with personal tokens. A token is shown once; the study stores only its checksum."""
 
 import hashlib
 import secrets
@@ -16,23 +16,24 @@ from avrgym.study.storage.store import Store, find_all
 
 TOKEN_BYTES = 16
 REFRESH_S = 1.0
-"""Interval at which a server reads the tokens; a revoked token opens nothing after this time."""
+"""Interval in seconds at which a server reads the tokens; a revoked token is invalid after this time."""
 
 
 def add_experimenter(store: Store, name: str) -> str:
-    """Give an experimenter a token of their own, which is returned and stored nowhere.
+    """Create a personal token and return it; it is not stored.
 
-    ``StudyError`` for what cannot be a name, and for an experimenter who has a token.
+    Raises:
+        StudyError: for an invalid name, or if the experimenter has a token.
     """
     if not NAME.fullmatch(name) or name == UNNAMED:
         raise StudyError(
-            f"{name!r} is no name of an experimenter; allowed: at most 40 letters, digits, - and _, but not {UNNAMED}"
+            f"{name!r} is not a valid name; allowed: at most 40 letters, digits, - and _, but not {UNNAMED}"
         )
     token = secrets.token_urlsafe(TOKEN_BYTES)
     with store.database.write() as connection:
         if any(each.name == name for each in find_all(connection, Experimenter, revoked_at=None)):
             raise StudyError(
-                f"{name} has a token; `avrgym study revoke-experimenter` revokes it, then they can have another"
+                f"{name} has a token already; revoke it first with `avrgym study revoke-experimenter`"
             )
         row = {"name": name, "token_sha256": _sha256(token), "created_at": now()}
         hash_chain.insert(connection, schema.EXPERIMENTER, **row)
@@ -40,24 +41,24 @@ def add_experimenter(store: Store, name: str) -> str:
 
 
 def revoke_experimenter(store: Store, name: str) -> None:
-    """End the token of an experimenter; ``StudyError`` where they have none."""
+    """Revoke the token of an experimenter; ``StudyError`` if there is none."""
     with store.database.write() as connection:
         valid = find_all(connection, Experimenter, revoked_at=None)
         own = [each for each in valid if each.name == name]
         if not own:
             names = ", ".join(each.name for each in valid) or "nobody"
-            raise StudyError(f"{name!r} has no token; those who have one: {names}")
+            raise StudyError(f"{name!r} has no token; experimenters with a token: {names}")
         hash_chain.update(connection, schema.EXPERIMENTER, own[0].id, revoked_at=now())
 
 
 def list_experimenters(store: Store) -> list[Experimenter]:
-    """Everybody who has or had a token, in the order of creation."""
+    """All experimenters, also with revoked tokens, in order of creation."""
     with store.database.read() as connection:
         return find_all(connection, Experimenter)
 
 
 class Experimenters:
-    """Experimenters who have a token now, as a context manager; a thread reads them every second."""
+    """Experimenters with a valid token, as a context manager; a thread reads them every second."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -66,16 +67,16 @@ class Experimenters:
         self._thread = threading.Thread(target=self._run, name="experimenters", daemon=True)
 
     def name_of(self, token: str) -> str | None:
-        """The experimenter whose token this is."""
+        """The experimenter with this token."""
         return self._names.get(_sha256(token))
 
-    def look(self) -> None:
-        """Read the experimenters with a token."""
+    def refresh(self) -> None:
+        """Read the valid tokens."""
         valid = [each for each in list_experimenters(self._store) if each.revoked_at is None]
         self._names = {each.token_sha256: each.name for each in valid}
 
     def __enter__(self) -> Self:
-        self.look()
+        self.refresh()
         self._thread.start()
         return self
 
@@ -85,8 +86,8 @@ class Experimenters:
 
     def _run(self) -> None:
         while not self._closed.wait(REFRESH_S):
-            with suppress(StudyError):  # a database that cannot be read shows when something is to be stored
-                self.look()
+            with suppress(StudyError):  # other operations report an unreadable database
+                self.refresh()
 
 
 def _sha256(token: str) -> str:

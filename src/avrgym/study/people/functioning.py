@@ -1,4 +1,4 @@
-"""Recording answers about disability, diagnosis and assistive devices, where the design asks for them."""
+"""Answers about disability, diagnosis and assistive devices."""
 
 import msgspec
 
@@ -10,7 +10,7 @@ from avrgym.study.storage.store import Store, find_participant, record_event
 
 
 class Functioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A level for each question, the numbers of classes of devices, and a diagnosis in free text."""
+    """A level for each question, numbers of device classes, and a diagnosis as free text."""
 
     levels: dict[str, str]
     devices: tuple[str, ...] = ()
@@ -18,10 +18,10 @@ class Functioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def record_functioning(store: Store, pseudonym: str, answers: Functioning) -> None:
-    """Store a participant's answers in the place of earlier ones.
+    """Store a participant's answers; they replace earlier ones.
 
     Raises:
-        StudyError: where the design does not ask, before consent, for a simulated participant, and for what is no
+        StudyError: if the design has no such questions, before consent, for a simulated participant, and for an invalid
             answer.
     """
     if not store.design.ask_functioning:
@@ -32,9 +32,9 @@ def record_functioning(store: Store, pseudonym: str, answers: Functioning) -> No
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.simulated:
-            raise StudyError(f"{pseudonym} is simulated; only people answer these questions")
+            raise StudyError(f"{pseudonym} is simulated; allowed: people")
         if participant.consented_at is None:
-            raise StudyError(f"{pseudonym} has not consented; consent comes first")
+            raise StudyError(f"{pseudonym} has not consented; record the consent first")
         given = msgspec.to_builtins(answers)
         hash_chain.update(connection, schema.PARTICIPANT, participant.number, functioning=given)
         record_event(connection, "functioning recorded", "", {"participant": participant.number})
@@ -47,10 +47,10 @@ def _check(answers: Functioning) -> None:
         )
     for question, level in answers.levels.items():
         if level not in LEVELS:
-            raise StudyError(f"{question}: {level!r} is no answer; allowed: {', '.join(LEVELS)}")
+            raise StudyError(f"{question} is {level!r}; allowed: {', '.join(LEVELS)}")
     for device in answers.devices:
         if device not in DEVICES:
-            raise StudyError(f"{device!r} is no class of devices; allowed: {', '.join(DEVICES)}")
+            raise StudyError(f"unknown device class {device!r}; allowed: {', '.join(DEVICES)}")
     alone = {NONE, DECLINED} & set(answers.devices)
     if alone and len(answers.devices) > 1:
         raise StudyError(

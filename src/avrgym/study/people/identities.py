@@ -12,17 +12,17 @@ from avrgym.study.storage.store import Store
 
 
 class PossibleDuplicate(StudyError):
-    """Someone who may take part already; the message contains pseudonyms and no names."""
+    """A person who may be enrolled already; the message contains pseudonyms and no names."""
 
 
 def check_duplicate(folder: Path, identity: Identity, *, confirmed: bool, pseudonym: str = "") -> str:
-    """The detail of an enrolment event: the participants who look like the same person, or an empty text.
+    """Check an identity for duplicates; returns the detail of the event, empty without duplicates.
 
     Args:
         folder: the study's folder.
         identity: the name and contact to be stored.
         confirmed: the experimenter confirms that this is another person.
-        pseudonym: the participant of this identity, if there is one; their own entry is not compared.
+        pseudonym: the participant, if they are enrolled; their entry is not compared.
 
     Raises:
         PossibleDouble: when the identity file has an entry of the same person, and nobody confirmed the difference.
@@ -30,28 +30,28 @@ def check_duplicate(folder: Path, identity: Identity, *, confirmed: bool, pseudo
     """
     if not identity.name and not identity.contact:
         return ""
-    doubles = " and ".join(
+    duplicates = " and ".join(
         other
         for other, known in read_identities(folder).items()
         if other != pseudonym and may_be_same_person(known, identity)
     )
-    if doubles and not confirmed:
+    if duplicates and not confirmed:
         raise PossibleDuplicate(
-            f"this may be {doubles}, with the same name or contact; nothing was stored. Each person is enrolled once; "
-            "if this is another person, confirm that by --confirm-double or on the dashboard"
+            f"{duplicates} has the same name or contact. Nothing was stored, because each person takes part once. If "
+            "this is another person, use --confirm-duplicate or confirm it on the dashboard"
         )
-    return doubles and f"confirmed as another person than {doubles}"
+    return duplicates and f"confirmed as another person than {duplicates}"
 
 
 def possible_duplicates(key: Mapping[str, Identity], pseudonyms: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Pairs of these participants that may be one person."""
+    """Pairs of these participants that may be the same person."""
     for first, second in combinations(sorted(set(pseudonyms) & set(key)), 2):
         if may_be_same_person(key[first], key[second]):
             yield first, second
 
 
 def may_be_same_person(first: Identity, second: Identity) -> bool:
-    """Whether two entries agree in name or contact and differ in neither; one that is empty differs from nothing."""
+    """Whether two entries have an equal name or contact and no different one; empty values are ignored."""
     pairs = (
         (_plain_name(first.name), _plain_name(second.name)),
         (_plain_contact(first.contact), _plain_contact(second.contact)),
@@ -65,28 +65,28 @@ def _plain_name(name: str) -> str:
 
 
 def _plain_contact(contact: str) -> str:
-    """Without any spaces, which mean nothing in addresses and telephone numbers."""
+    """A contact without spaces, as addresses and telephone numbers are compared."""
     return "".join(_folded(contact).split())
 
 
 def _folded(text: str) -> str:
-    """Unicode's NFKC form without case and without invisible format characters."""
+    """The NFKC form of Unicode, case-folded, without format characters."""
     folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", text).casefold())
     return "".join(character for character in folded if unicodedata.category(character) != "Cf")
 
 
 def encrypt_names(store: Store, new_passphrase: Callable[[], str] | None = None) -> bool:
-    """Encrypt all names with a new key file, or with a new passphrase; whether a plain file was removed.
+    """Encrypt all names with a new key file or passphrase; returns whether an unencrypted file was removed.
 
     Raises:
-        Locked: when the names are encrypted, and their present key is not at hand.
-        StudyError: for a passphrase that is too short, or when reading back fails. Nothing is changed then.
+        KeyUnavailable: when the present key of encrypted names is missing.
+        StudyError: for a short passphrase, or when reading back fails. Nothing is changed then.
     """
     identity_file.read_identities(store.folder)
     passphrase = new_passphrase() if new_passphrase is not None else None
     if passphrase is not None:
         identity_keys.check_passphrase(passphrase)
-    with store.write():  # one writer at a time, for the identity file as well
+    with store.write():  # the lock also protects the identity file
         present = identity_file.read_identities(store.folder)
         was_plain = identity_file.plain_path(store.folder) is not None
         if passphrase is not None:

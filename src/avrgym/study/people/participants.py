@@ -31,7 +31,7 @@ from avrgym.study.storage.study_folder import used_numbers
 from avrgym.texts.interface_texts import Texts, TextsError, read_texts
 
 CONSENTED_AGAIN = "participant consented again"
-"""The event of a consent to another version than before."""
+"""Event: a consent to a new version of the text."""
 
 
 def enrol(
@@ -44,16 +44,16 @@ def enrol(
     contact: str = "",
     simulated: bool = False,
     site: str = "",
-    confirm_double: bool = False,
+    confirm_duplicate: bool = False,
 ) -> str:
     """Take someone in and return their pseudonym; name and contact go into the identity file and nowhere else.
 
     Orders are balanced within each ``site``; without one it is the design's. They read the study in ``language``, one
-    of the design's, its first unless given. ``confirm_double``: they are another person than any with the same name
+    of the design's, its first unless given. ``confirm_duplicate``: they are another person than any with the same name
     and contact.
 
     Raises:
-        PossibleDouble: when they may be enrolled already, and ``confirm_double`` is false.
+        PossibleDouble: when they may be enrolled already, and ``confirm_duplicate`` is false.
         StudyError: for an unknown body model or language, an impossible age, a simulated participant with a name, or a
             name, contact or site that cannot be one.
         Locked: for a name or contact where the identity file's key is not at hand.
@@ -61,18 +61,18 @@ def enrol(
     if sex not in SEXES:
         raise StudyError(f"unknown body model {sex!r}; allowed: {', '.join(SEXES)}")
     if age_years is not None and not 0 <= age_years <= 130:
-        raise StudyError(f"nobody is {age_years} years old; allowed: 0 to 130")
+        raise StudyError(f"age is {age_years} years; allowed: 0 to 130")
     languages = store.design.languages
     if language and language not in languages:
         raise StudyError(f"the study is not in {language!r}; allowed: {', '.join(languages)}")
     if simulated and (name or contact):
-        raise StudyError("a simulated participant has neither name nor contact")
+        raise StudyError("a simulated participant cannot have a name or contact")
     _check_identity(name, contact)
     if site and not NAME.fullmatch(site):
-        raise StudyError(f"{site!r} is no site; allowed: at most 40 letters, digits, - and _")
+        raise StudyError(f"{site!r} is not a valid site; allowed: at most 40 letters, digits, - and _")
     identity = identity_file.Identity(name, contact)
     with store.write() as connection:
-        told_apart = check_duplicate(store.folder, identity, confirmed=confirm_double)
+        confirmation = check_duplicate(store.folder, identity, confirmed=confirm_duplicate)
         if name or contact:
             identity_file.create_if_missing(store.folder)
         number = _next_number(store, connection)
@@ -89,35 +89,37 @@ def enrol(
             language=language or languages[0],
             enrolled_at=now(),
         )
-        record_event(connection, "participant enrolled", told_apart, {"participant": number})
+        record_event(connection, "participant enrolled", confirmation, {"participant": number})
     if name or contact:
-        with store.write():  # after the row is on disk: a crash leaves no name of nobody
+        with store.write():  # after the commit: a crash leaves no name without a participant
             identity_file.write_entry(store.folder, pseudonym, identity)
     return pseudonym
 
 
 def set_identity(
-    store: Store, pseudonym: str, name: str, contact: str, *, confirm_double: bool = False
+    store: Store, pseudonym: str, name: str, contact: str, *, confirm_duplicate: bool = False
 ) -> None:
     """Store who a participant is, in the identity file only.
 
     Raises:
-        PossibleDouble: when another participant may be the same person, and ``confirm_double`` is false.
+        PossibleDouble: when another participant may be the same person, and ``confirm_duplicate`` is false.
         StudyError: for what cannot be a name or contact.
         Locked: when the identity file's key is not at hand.
     """
     _check_identity(name, contact)
     identity = identity_file.Identity(name, contact)
-    with store.write() as connection:  # one writer at a time, for the identity file as well
+    with store.write() as connection:  # the lock also protects the identity file
         number = find_participant(connection, pseudonym).number
-        told_apart = check_duplicate(store.folder, identity, confirmed=confirm_double, pseudonym=pseudonym)
-        if told_apart:
-            record_event(connection, "identity corrected", told_apart, {"participant": number})
+        confirmation = check_duplicate(
+            store.folder, identity, confirmed=confirm_duplicate, pseudonym=pseudonym
+        )
+        if confirmation:
+            record_event(connection, "identity corrected", confirmation, {"participant": number})
         identity_file.write_entry(store.folder, pseudonym, identity)
 
 
 def participant_texts(store: Store, participant: Participant) -> Texts:
-    """What a participant reads; ``StudyError`` where their language has no texts any more."""
+    """The texts in a participant's language; ``StudyError`` if there are none."""
     try:
         return read_texts(participant.language or store.design.languages[0], store.folder)
     except TextsError as error:
@@ -131,12 +133,13 @@ def consent_text(store: Store, participant: Participant) -> ShownText:
 
 
 def record_consent(store: Store, pseudonym: str) -> None:
-    """Store that a participant agreed to the consent text of the study's design, in their language.
+    """Store that a participant agreed to the consent text of the design, in their language.
 
-    A participant who agreed to another version before keeps their state, order and earlier consents.
+    Re-consent to a new version does not change the state, the order and earlier consents.
 
     Raises:
-        StudyError: when their state does not allow it, or somebody agreed to other words under the same version.
+        StudyError: when the state does not allow it, or another participant agreed to a different text with the same
+            version.
     """
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
@@ -158,14 +161,14 @@ def record_consent(store: Store, pseudonym: str) -> None:
 
 
 def decline_consent(store: Store, pseudonym: str) -> None:
-    """Store that a participant does not re-consent to the new version: they withdraw.
+    """Store that a participant does not re-consent to the new version and withdraws.
 
-    ``StudyError`` for anybody else.
+    ``StudyError`` if no re-consent is necessary.
     """
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         if not participant.must_reconsent(store.design.consent.version):
-            raise StudyError(f"{pseudonym} has no re-consent to give; withdraw them instead")
+            raise StudyError(f"{pseudonym} needs no re-consent; use `avrgym study withdraw` for a withdrawal")
         declined = _store_consent(store, connection, participant, agreed=False)
         _withdraw(store, connection, participant, f"does not agree to version {declined.version}")
 
@@ -178,17 +181,19 @@ def _store_consent(
 
 
 def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) -> bool:
-    """Store the answers to the inclusion questions; give an order and trials to whoever can take part.
+    """Store the answers to the inclusion questions; allocate the participant or exclude them.
 
     Returns:
-        Whether the participant can take part; otherwise they are excluded.
+        Whether the participant can take part.
 
     Raises:
-        StudyError: when a question is not answered or not asked, or without consent.
+        StudyError: for missing or unknown answers, or without consent.
     """
     questions = {question.id: question.required for question in store.design.inclusion}
     if set(answers) != set(questions) or not all(type(answer) is bool for answer in answers.values()):
-        raise StudyError(f"each question needs a yes or no; the questions are {', '.join(questions)}")
+        raise StudyError(
+            f"each question needs an answer true or false; the questions are {', '.join(questions)}"
+        )
     fits = all(answers[question] == required for question, required in questions.items())
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
@@ -205,9 +210,9 @@ def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) 
 
 
 def withdraw(store: Store, pseudonym: str, reason: str = "") -> None:
-    """Store that a participant takes part no longer; a trial that runs is stopped, their sessions end.
+    """Withdraw a participant; a running trial is stopped and open sessions end.
 
-    ``StudyError`` for a reason that is too long, or when they do not take part.
+    ``StudyError`` for a reason that is too long, or when the state does not allow it.
     """
     check_line("the reason", reason)
     with store.write() as connection:
@@ -220,23 +225,23 @@ def _withdraw(store: Store, connection: sa.Connection, participant: Participant,
 
 
 def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
-    """Store that a participant consented and did not withdraw, by evidence such as a signed form; their state then.
+    """Store that a participant with unknown state consented and did not withdraw; returns the new state.
 
-    It is for participants whose state is unknown because the database was lost.
+    ``evidence`` is for example a signed form and its place.
 
     Raises:
-        StudyError: for an empty evidence or one that is too long, and for anybody whose state is known.
+        StudyError: for empty or too long evidence, and for participants with a known state.
     """
     check_line("the evidence", evidence)
     if not evidence.strip():
-        raise StudyError('confirming needs evidence, such as "consent form of 3 May in folder 2"')
+        raise StudyError('evidence is empty; allowed: text such as "consent form of 3 May in folder 2"')
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.state != UNKNOWN or participant.cell is None:
             order = "" if participant.cell is not None else " and has no order of trials"
             raise StudyError(
-                f"{participant} is {participant.state}{order}; only those with an order whose state is unknown since "
-                "the database was rebuilt are confirmed"
+                f"{participant} is {participant.state}{order}; allowed: participants with an order and unknown state "
+                "after a rebuild of the database"
             )
         after = "completed" if has_finished(store, connection, participant) else "allocated"
         about = {"participant": participant.number}
@@ -250,25 +255,25 @@ def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
 
 
 def add_note(store: Store, pseudonym: str, text: str, session: int | None = None) -> None:
-    """Store a note of the experimenter on a participant, or on one of their sessions by its id.
+    """Store a note on a participant, or on one of their sessions by its id.
 
-    ``StudyError`` for an empty note or one that is too long, and for somebody else's session.
+    ``StudyError`` for an empty or too long note, and for a session of another participant.
     """
     check_note(text)
     with store.write() as connection:
         participant = find_participant(connection, pseudonym)
         own = find_all(connection, StudySession, participant=participant.number)
         if session is not None and session not in {visit.id for visit in own}:
-            raise StudyError(f"session {session} is not one of {participant}")
+            raise StudyError(f"session {session} is not a session of {participant}")
         note = {"at": now(), "participant": participant.number, "session": session, "text": text}
         hash_chain.insert(connection, schema.NOTE, **note)
 
 
 def edit_note(store: Store, pseudonym: str, note_id: int, text: str) -> None:
-    """Replace the text of a note on a participant; an event says that it was changed, and when.
+    """Replace the text of a note; an event contains the time.
 
-    What it said before is kept nowhere: it may have held a name by mistake. ``StudyError`` as ``add_note``, and for a
-    note that is not theirs.
+    The earlier text is not stored, because it may contain a name. ``StudyError`` as in ``add_note``, and for a note on
+    another participant.
     """
     check_note(text)
     with store.write() as connection:
@@ -285,7 +290,7 @@ def _check_identity(name: str, contact: str) -> None:
 
 
 def _next_number(store: Store, connection: sa.Connection) -> int:
-    """The first number that nobody has or had, also by identity file, list and recordings."""
+    """The next number that was never used, also not in identity file, participation list or recordings."""
     taken = used_numbers(store.folder)
     for table in (schema.PARTICIPANT, schema.TOMBSTONE):
         taken.add(connection.execute(sa.select(sa.func.max(table.c.number))).scalar() or 0)
@@ -293,7 +298,7 @@ def _next_number(store: Store, connection: sa.Connection) -> int:
 
 
 def _free_cell(connection: sa.Connection, design: Design, participant: Participant) -> int:
-    """The cell of a participant; simulated ones never take the place of people."""
+    """The cell of a participant; people and simulated participants are balanced separately."""
     taken: dict[bool, list[int]] = {True: [], False: []}
     for other in find_all(connection, Participant, simulated=participant.simulated):
         if other.state in PARTICIPATING and other.cell is not None:

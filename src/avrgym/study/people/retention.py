@@ -1,4 +1,4 @@
-"""Deletion by schedule: which data of people are due by the design, and their deletion on request."""
+"""Scheduled deletion: data of people that are due by the design's retention periods."""
 
 import shutil
 from collections.abc import Iterator, Mapping
@@ -14,7 +14,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_all, record_event
 
 EVENTS = {IDENTITIES: "identity deleted by schedule", RECORDINGS: "recordings deleted by schedule"}
-"""Event: a kind of data of a participant was deleted; ``DATA`` leaves a tombstone instead."""
+"""Events of deletions by kind of data; ``DATA`` leaves a tombstone instead."""
 DATA_NAMES = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", DATA: "all data"}
 
 
@@ -27,26 +27,27 @@ class ScheduledDeletion:
     participants: tuple[str, ...]
 
     def is_due(self, day: date) -> bool:
-        """Whether it is to be deleted on this day."""
+        """Whether the data are due on a day."""
         return bool(self.participants) and self.due_on <= day
 
 
 def today() -> date:
-    """The day as dates are stored, in UTC."""
+    """The present date in UTC."""
     return datetime.now(UTC).date()
 
 
 def schedule(store: Store) -> list[ScheduledDeletion]:
-    """Each kind of data of people with the day on which it is due."""
+    """Each kind of data of people with its due date."""
     people = [each.pseudonym for each in store.participants() if not each.simulated]
     known = identity_file.named_pseudonyms(store.folder)
-    held = {
+    present = {
         IDENTITIES: [name for name in people if name in known],
         RECORDINGS: [name for name in people if (store.folder / FOLDER / name).exists()],
         DATA: people,
     }
     return [
-        ScheduledDeletion(what, day, tuple(held[what])) for what, day in store.design.retention.due_on.items()
+        ScheduledDeletion(what, day, tuple(present[what]))
+        for what, day in store.design.retention.due_on.items()
     ]
 
 
@@ -56,7 +57,7 @@ def due(store: Store, day: date) -> list[ScheduledDeletion]:
 
 
 def describe_due(store: Store, day: date) -> Iterator[str]:
-    """Sentences about data that are due, and about fields that the schedule needs."""
+    """Sentences about due data, and about a missing end of the study."""
     retention = store.design.retention
     for each in due(store, day):
         number = len(each.participants)
@@ -65,34 +66,34 @@ def describe_due(store: Store, day: date) -> Iterator[str]:
             f"`avrgym study retention {store.folder}` lists them, with --delete it deletes them"
         )
     if retention.months and retention.end is None and _is_complete(store):
-        yield "the planned participants have completed: state in [retention] of study.toml on which day the study ended"
+        yield "all planned participants have completed: set ended_on in [retention] of study.toml"
 
 
 def delete_due(store: Store, day: date) -> Iterator[tuple[str, str]]:
-    """Delete what is due on a day, and report each kind of data and participant once it is gone.
+    """Delete data that are due on a day; yields kind of data and participant after each deletion.
 
-    All data of participants go as ``delete_participant`` deletes them. Deleting again finishes what broke off.
+    ``DATA`` is deleted with ``delete_participant``. After a crash, a second call finishes the work.
 
     Raises:
-        StudyError: when a session took place after the study's end, and nothing is deleted; or, after everything else
-            is deleted, for participants who could not be deleted.
+        StudyError: when a session took place after the study's end (nothing is deleted), or at the end for participants
+            that could not be deleted.
     """
     _check_ended(store)
-    kept: list[str] = []
+    errors: list[str] = []
     for each in due(store, day):
         for pseudonym in each.participants:
             try:
                 _delete(store, each.what, pseudonym)
             except StudyError as error:
-                kept.append(str(error))
+                errors.append(str(error))
             else:
                 yield each.what, pseudonym
-    if kept:
-        raise StudyError("; ".join(kept))
+    if errors:
+        raise StudyError("; ".join(errors))
 
 
 def recordings_deleted(store: Store) -> Mapping[int, str]:
-    """When recordings were deleted by schedule, by the participant's number."""
+    """Times of scheduled deletions of recordings, by number of the participant."""
     with store.database.read() as connection:
         events = find_all(connection, StudyEvent, name=EVENTS[RECORDINGS])
     return {event.participant: event.at for event in events if event.participant is not None}
