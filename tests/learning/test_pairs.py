@@ -376,11 +376,11 @@ def test_who_cannot_be_there_is_named_in_one_line(tmp_path):
     assert_refused(
         run("evaluate", FEEDING, "--people", human), f"a human trained for {SCRATCHING}, not for {FEEDING}"
     )
-    assert_refused(run(*evaluation, robot), "a robot's policy, and no human; --policy takes it")
+    assert_refused(run(*evaluation, robot), "a policy of a robot, not of a human; pass it to --policy")
     assert_refused(run("evaluate", SCRATCHING, "--policy", human), "no robot's policy; --people takes it")
     assert_refused(run(*evaluation, damaged), "not a readable .safetensors file")
     assert_refused(run(*evaluation, resized_path), "actions; avrgym/ScratchItchJaco-v1 has")
-    assert_refused(run(*evaluation, tmp_path / "empty"), "holds no trained human; allowed: a folder with")
+    assert_refused(run(*evaluation, tmp_path / "empty"), "contains no trained human; allowed: a folder of")
     assert_refused(run("train", FEEDING, "--people", human, "--out", tmp_path / "no"), "a human trained for")
     assert_refused(run("view", FEEDING, "--people", human, "--port", 0), "a human trained for")
     assert_refused(
@@ -398,7 +398,7 @@ def test_a_human_with_a_memory_is_refused(tmp_path):
     memory = Memory(np.zeros((size, 3)), np.zeros(3), np.zeros((1, 3)), np.zeros(3))
     remembering = replace(plain, weights=(np.zeros((size + 1, joints)),), memory=memory)
     path = saved(tmp_path / "human.safetensors", remembering)
-    with pytest.raises(PolicyError, match="a human who remembers"):
+    with pytest.raises(PolicyError, match="a recurrent policy; allowed"):
         find_populations(path, TASKS)
 
 

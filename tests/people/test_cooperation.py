@@ -51,11 +51,11 @@ def test_nobody_reacts_before_the_reaction_time(upright):
     aside = with_tool(upright, [0.5, -0.5, 0.0])
     for quickness in (0.0, 0.5, 0.99):
         person = mind(quickness)
-        before = after(aside, int(person.reaction[0]), start=person)
+        before = after(aside, int(person.reaction_steps[0]), start=person)
         assert_array_equal(before.targets_rad, person.targets_rad)
-        later = after(aside, int(person.reaction[0]) + 1, start=person)
+        later = after(aside, int(person.reaction_steps[0]) + 1, start=person)
         assert not np.array_equal(later.targets_rad, person.targets_rad)
-        assert 0.2 <= 0.1 * person.reaction[0] <= 0.4
+        assert 0.2 <= 0.1 * person.reaction_steps[0] <= 0.4
 
 
 @pytest.mark.parametrize(("side", "sign"), [(0.4, 1.0), (-0.4, -1.0)])
@@ -68,7 +68,7 @@ def test_the_face_turns_to_the_side_of_the_tool(upright, side, sign):
 
 def test_a_full_turn_would_look_straight_at_the_tool(upright):
     aside = with_tool(upright, [0.2, -0.5, 0.1])
-    whole = replace(mind(), facing=np.ones(1))
+    whole = replace(mind(), facing_share=np.ones(1))
     angles = after(aside, 30, start=whole).targets_rad
     _, q_w = human.body_frames(distributions.repeat_person(Person("man", 0.6, angles[0]), 1))
     looks = transforms.rotate(q_w["head"], [0.0, -1.0, 0.0])[0]

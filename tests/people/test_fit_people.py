@@ -238,7 +238,7 @@ def test_too_few_participants_are_refused(tmp_path: Path, count: int) -> None:
 
 def test_drawn_people_fill_the_ranges_of_the_file(fitted: Path, rng: np.random.Generator) -> None:
     file, distribution = read_people(fitted, TASKS), distributions.find_distribution(str(fitted), TASKS)
-    pose = distribution.pose_in(TASK, TASKS[TASK].pose)
+    pose = distribution.pose_for_task(TASK, TASKS[TASK].pose)
     group = distributions.sample_people(
         distribution, pose, SEATED, None, rng.random((4000, distributions.NUM_UNIFORMS))
     )
@@ -254,7 +254,7 @@ def test_drawn_people_fill_the_ranges_of_the_file(fitted: Path, rng: np.random.G
 
 def test_elsewhere_they_are_found_in_the_tasks_own_pose(fitted: Path) -> None:
     distribution, usual = distributions.find_distribution(str(fitted), TASKS), TASKS["ScratchItch"].pose
-    pose = distribution.pose_in("ScratchItch", usual)
+    pose = distribution.pose_for_task("ScratchItch", usual)
     np.testing.assert_array_equal(pose.rest_rad, usual.rest_rad)
     np.testing.assert_array_equal(pose.spread_rad, usual.spread_rad)
 
@@ -338,7 +338,7 @@ def test_a_file_by_hand_needs_no_source() -> None:
         ("cooperating = false", "cooperating = 3", "p.toml: cooperating: Expected `?bool"),
         ("cooperating = false", "", "p.toml: .*missing required field cooperating"),
         ("cooperating = false", "cooperating = false\ntall = 1", "unknown field tall"),
-        ("cooperating = false", "cooperating = ", "p.toml: not TOML"),
+        ("cooperating = false", "cooperating = ", "p.toml: invalid TOML"),
     ],
 )
 def test_mistakes_in_a_file_are_named_with_their_key(old: str, new: str, words: str) -> None:

@@ -154,7 +154,7 @@ def test_nobody_moves_faster_or_more_suddenly_than_the_speeds_and_accelerations_
     for _ in range(150):
         tool = np.clip(tool + rng.uniform(-0.08, 0.08, tool.shape), -0.6, 0.6)
         later = partner_behaviour.step(mind, sight(tool, len(ALL)), offered, SEATED, possible)
-        startled = (later.startled_s <= PARTNER_PARAMETERS.of(later.partner).startle_s)[:, None]
+        startled = (later.since_startle_s <= PARTNER_PARAMETERS.of(later.partner).startle_s)[:, None]
         pace = np.where(
             startled,
             partner_behaviour.STARTLE_SPEED_FACTOR,

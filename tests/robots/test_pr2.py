@@ -85,7 +85,7 @@ def test_all_that_does_not_move_is_where_the_description_has_it(side, models, de
     """The other arm at the angles of the reference, the head looking down, the hands closed."""
     model, data = models[side], mujoco.MjData(models[side])
     mujoco.mj_kinematics(model, data)
-    holding = {joint: np.array(angle) for joint, angle in PR2.holding.items() if joint[0] != side[0]}
+    holding = {joint: np.array(angle) for joint, angle in PR2.fixed_joints.items() if joint[0] != side[0]}
     lift = np.array(raised(model, description))
     values = holding | {"torso_lift_joint": lift, "head_tilt_joint": np.array(HEAD_TILT_RAD)}
     for body in (model.body(i).name for i in range(2, model.nbody)):
@@ -97,9 +97,9 @@ def test_all_that_does_not_move_is_where_the_description_has_it(side, models, de
 
 def test_the_arms_rest_as_in_the_reference():
     left = [1.75, 1.25, 1.5, -0.5, 1.0, 0.0, 1.0]
-    assert_array_equal([PR2.holding[joint] for joint in PR2.arms["left"].joints], left)
+    assert_array_equal([PR2.fixed_joints[joint] for joint in PR2.arms["left"].joints], left)
     right = [-1.75, 1.25, -1.5, -0.5, -1.0, 0.0, -1.0]
-    assert_array_equal([PR2.holding[joint] for joint in PR2.arms["right"].joints], right)
+    assert_array_equal([PR2.fixed_joints[joint] for joint in PR2.arms["right"].joints], right)
 
 
 def test_the_torso_is_raised_as_far_as_it_may(models, description):
@@ -114,7 +114,7 @@ def test_right_and_left_mirror_each_other(rng, pose, chains):
         "random": (MIRROR * (lefts := within_ranges(rng, left)), lefts),
         "seed": (PR2.arms["right"].seed_pose_rad[None], PR2.arms["left"].seed_pose_rad[None]),
         "holding": tuple(
-            np.array([[PR2.holding[joint] for joint in PR2.arms[side].joints]]) for side in SIDES
+            np.array([[PR2.fixed_joints[joint] for joint in PR2.arms[side].joints]]) for side in SIDES
         ),
     }[pose]
     (right_pos, right_q), (left_pos, left_q) = (

@@ -63,7 +63,7 @@ def robot_of(text: str, arm: Arm) -> Robot:
     jaco = ROBOTS["Jaco"]
     grips = {name: replace(grip, fingers={"joint_7": 0.02}) for name, grip in jaco.grips.items()}
     return replace(
-        jaco, name="Made", build=lambda _: build(text), base="base", torso="base", holding={},
+        jaco, name="Made", build=lambda _: build(text), base="base", torso="base", fixed_joints={},
         arms={"right": arm, "left": arm}, grips=grips,
     )  # fmt: skip
 

@@ -78,7 +78,7 @@ def people_from(uniforms: Any, distribution: str, impairment: str, task: str) ->
     ).tolist()
     posture = RECLINED if task == "BedBathing" else SEATED
     who = distributions.sample_people(
-        whom, whom.pose_in(task, usual.pose), posture, None, uniforms[:, :of_people]
+        whom, whom.pose_for_task(task, usual.pose), posture, None, uniforms[:, :of_people]
     )
     if whom.partners is not None:
         who = partners.apply_partner_bodies(who, whom.partners.draw(uniforms[:, of_people:of_mind]))
@@ -110,7 +110,7 @@ def situation(request: pytest.FixtureRequest) -> tuple[str, State, Any, Any]:
     state = crowded_state(rng, joints, 0 if particles is None else len(particles.bodies))
     kept = task.init_state(
         people_from(rng.random((WORLDS, NUM_UNIFORMS)), "revised", "none", name),
-        rng.random((WORLDS, task.uniforms)),
+        rng.random((WORLDS, task.num_uniforms)),
     )
     if task.marks is not None:
         spots = task.marks.places(state, kept)[:, rng.integers(task.marks.count, size=TOOL_CONTACTS)]

@@ -82,7 +82,7 @@ def on_top_of_upper_arm(along_m: float, above_m: float = 0.0) -> tuple[float, fl
 
 def fresh(*persons: Person) -> BedBathingState:
     who = People.of(persons or [MAN])
-    return TASK.init_state(who, np.zeros((len(who.is_woman), TASK.uniforms)))
+    return TASK.init_state(who, np.zeros((len(who.is_woman), TASK.num_uniforms)))
 
 
 def judged(seen: State, task_state: BedBathingState | None = None, action: np.ndarray = STILL) -> StepResult:
@@ -246,7 +246,7 @@ def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
     tool_q = transforms.from_matrix(np.stack([x, along, np.cross(x, along)], axis=-1))
     pad = 0.5 * (shoulder + elbow) - (UPPER_ARM_RADIUS_M + PAD_HALF_SIZE_M[half] + 0.015) * down
     tool = (pad - transforms.rotate(tool_q, PAD_CENTRE_M))[None]
-    uniforms = np.random.default_rng(0).random((1, TASK.uniforms))
+    uniforms = np.random.default_rng(0).random((1, TASK.num_uniforms))
     start = placement.placed_start(
         scene, who, {}, tool, tool_q[None], tool[:, None], tool_q[None, None], uniforms
     )
@@ -431,12 +431,12 @@ def test_episodes_begin_with_the_cloth_beside_the_arm(robot):
 
 def test_the_nightstand_goes_with_the_robot(rng):
     scene = TASK.scene(JACO)
-    start = TASK.start(scene, distributions.repeat_person(MAN, 8), rng.random((8, TASK.uniforms)))
+    start = TASK.start(scene, distributions.repeat_person(MAN, 8), rng.random((8, TASK.num_uniforms)))
     assert_array_equal(start.placed_pos_w["nightstand"], start.robot_pos_w)
     assert np.abs(start.robot_pos_w - [-0.75, 0.15, 0.6]).max() <= 0.1
     assert (
         TASK.start(
-            TASK.scene(PR2), distributions.repeat_person(MAN, 1), rng.random((1, TASK.uniforms))
+            TASK.scene(PR2), distributions.repeat_person(MAN, 1), rng.random((1, TASK.num_uniforms))
         ).placed_pos_w
         == {}
     )

@@ -50,7 +50,7 @@ def state(water: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> 
 
 def fresh(count: int = 1) -> DrinkingState:
     return DRINKING.init_state(
-        distributions.repeat_person(Person(), count), np.zeros((count, DRINKING.uniforms))
+        distributions.repeat_person(Person(), count), np.zeros((count, DRINKING.num_uniforms))
     )
 
 

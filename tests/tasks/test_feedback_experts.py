@@ -90,18 +90,18 @@ def test_a_tip_goes_around_the_limb_and_not_through_it():
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_an_arm_that_leans_on_somebody_draws_back_to_where_its_hand_has_room(robot):
     episodes = begun(f"avrgym/ScratchItch{robot}-v1", 4)
-    guide, state, itch = FeedbackPlanner(episodes), episodes.state(), episodes.task_state
+    planner, state, itch = FeedbackPlanner(episodes), episodes.state(), episodes.task_state
     leaning = replace(state, links_force_n=np.array([0.0, 4.0, 6.0, 100.0]))
-    pos_w, q_w, speed = feedback_expert.scratching_target(leaning, itch, guide)
-    free = feedback_expert.scratching_target(replace(state, links_force_n=np.zeros(4)), itch, guide)
+    pos_w, q_w, speed = feedback_expert.scratching_target(leaning, itch, planner)
+    free = feedback_expert.scratching_target(replace(state, links_force_n=np.zeros(4)), itch, planner)
     for now, then in zip((pos_w, q_w, speed), free, strict=True):
         assert_array_equal(now[:2], then[:2])
     out_w, _ = surface(itch, limb_frame(state, itch)[1])
-    away = pos_w - guide.pos_w
+    away = pos_w - planner.pos_w
     in_front = feedback_expert.faces_in(out_w) * (robot == "Jaco")
     assert_allclose(normalize(away[2:]), feedback_expert.hand(out_w, in_front)[2:], atol=1e-12)
     assert np.all(speed[2:] > 0.0)
-    assert_array_equal(q_w[2:], guide.q_w[2:])
+    assert_array_equal(q_w[2:], planner.q_w[2:])
 
 
 def directions(seed: int) -> np.ndarray:
@@ -149,11 +149,11 @@ def test_a_hand_that_comes_from_in_front_turns_before_it_comes(robot):
     """With the itch on the inner side of the forearm a mounted arm aims before the wrist, and then at the itch."""
     episodes = begun(f"avrgym/ScratchItch{robot}-v1", 8)
     itch = forearm_itch(episodes, np.full(8, np.radians(-150.0)))
-    guide, state = FeedbackPlanner(episodes), episodes.state()
+    planner, state = FeedbackPlanner(episodes), episodes.state()
     out_w, _ = surface(itch, limb_frame(state, itch)[1])
     in_front = feedback_expert.faces_in(out_w) == 1.0
     before_wrist_w = state.right_arm_pos_w[:, 2] + expert.FROM_WRIST_M
-    goal_w, _, _ = feedback_expert.scratching_target(state, itch, guide)
+    goal_w, _, _ = feedback_expert.scratching_target(state, itch, planner)
     waits = np.all(np.abs(goal_w - before_wrist_w) < 1e-9, axis=-1)
     assert in_front.any()
     assert_array_equal(waits, in_front & (robot == "Jaco"))

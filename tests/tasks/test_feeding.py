@@ -52,7 +52,7 @@ def state(food: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> S
 
 def fresh(count: int = 1) -> FeedingState:
     return FEEDING.init_state(
-        distributions.repeat_person(Person(), count), np.zeros((count, FEEDING.uniforms))
+        distributions.repeat_person(Person(), count), np.zeros((count, FEEDING.num_uniforms))
     )
 
 
@@ -267,7 +267,7 @@ def test_episodes_begin_above_the_bowl_with_a_level_spoon():
 
 
 def test_a_start_says_where_the_bowl_is(rng, feeding_scene):
-    uniforms = rng.random((3, FEEDING.uniforms))
+    uniforms = rng.random((3, FEEDING.num_uniforms))
     start = FEEDING.start(feeding_scene, distributions.repeat_person(Person(), 3), uniforms)
     assert_allclose(
         start.placed_pos_w[BOWL_BODY], np.array([-0.15, -0.55, 0.75]) + 0.1 * (uniforms[:, :3] - 0.5)

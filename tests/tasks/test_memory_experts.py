@@ -116,11 +116,11 @@ def test_a_cup_beside_the_lips_is_turned_so_that_it_pours_there(state):
 def test_a_turned_cup_comes_to_everybody(robot):
     """The Jaco cannot bring it straight to all of them."""
     episodes = begun(robot, "zoo/train", 24)
-    guide, state, tilt = FeedbackPlanner(episodes), episodes.state(), np.full(24, np.radians(88.0))
+    planner, state, tilt = FeedbackPlanner(episodes), episodes.state(), np.full(24, np.radians(88.0))
 
     def reached(left_m: float) -> np.ndarray:
         pos_w, q_w = expert.at_mouth(state, memory_expert._way(np.full(24, left_m)), tilt)
-        _, cost_s = guide.find(pos_w[:, None], q_w[:, None])
+        _, cost_s = planner.find_angles(pos_w[:, None], q_w[:, None])
         return np.isfinite(cost_s)
 
     assert reached(memory_expert.TURNED_M).all()

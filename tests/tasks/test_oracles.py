@@ -6,7 +6,7 @@ from avrgym.geometry import transforms
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import MAX_LEAD_RAD
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.motion_planner import BLOCKED_S, MotionPlanner
+from avrgym.tasks.experts.motion_planner import COLLISION_COST_S, MotionPlanner
 from avrgym.tasks.feeding.expert import FeedingExpert
 
 COUNT = 4
@@ -27,32 +27,32 @@ def start() -> Episodes:
 
 
 def nearby(
-    guide: MotionPlanner, way: tuple[float, float, float], turn_rad: float
+    planner: MotionPlanner, way: tuple[float, float, float], turn_rad: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The tool's pose, moved along ``way`` and turned about the vertical."""
-    turn = transforms.from_axis_angle([0.0, 0.0, 1.0], np.full(len(guide.q_w), turn_rad))
-    return guide.pos_w + way, transforms.multiply(turn, guide.q_w)
+    turn = transforms.from_axis_angle([0.0, 0.0, 1.0], np.full(len(planner.q_w), turn_rad))
+    return planner.pos_w + way, transforms.multiply(turn, planner.q_w)
 
 
-# The guide
+# The planner
 
 
 def test_a_guide_begins_where_the_tool_is(start):
-    guide, state = MotionPlanner(start), start.simulation.state()
-    assert_allclose(guide.pos_w, state.tool_pos_w, atol=1e-9)
-    assert_allclose(transforms.angle_between(guide.q_w, state.tool_q_w), 0.0, atol=1e-6)
+    planner, state = MotionPlanner(start), start.simulation.state()
+    assert_allclose(planner.pos_w, state.tool_pos_w, atol=1e-9)
+    assert_allclose(transforms.angle_between(planner.q_w, state.tool_q_w), 0.0, atol=1e-6)
 
 
 def test_a_tool_follows_a_straight_line():
     """Asked for and done, within 5 mm, where nothing is in the way; it arrives within 2 mm and 1°."""
     episodes = begun(robot="PR2")
-    guide = MotionPlanner(episodes)
-    begin = guide.pos_w
-    target, q_w = nearby(guide, (-0.04, 0.0, 0.08), 0.2)
+    planner = MotionPlanner(episodes)
+    begin = planner.pos_w
+    target, q_w = nearby(planner, (-0.04, 0.0, 0.08), 0.2)
     along = transforms.normalize(target - begin)
     for _ in range(45):
-        episodes.step(guide.toward(target, q_w, 0.05, 0.1))
-        for pos in (guide.pos_w, episodes.simulation.state().tool_pos_w):
+        episodes.step(planner.action_toward(target, q_w, 0.05, 0.1))
+        for pos in (planner.pos_w, episodes.simulation.state().tool_pos_w):
             way = pos - begin
             off = way - (way * along).sum(axis=-1, keepdims=True) * along
             assert np.linalg.norm(off, axis=-1).max() < 0.005
@@ -63,19 +63,19 @@ def test_a_tool_follows_a_straight_line():
 
 def test_a_tool_moves_and_turns_no_faster_than_it_may():
     episodes = begun()
-    guide = MotionPlanner(episodes)
-    target, q_w = nearby(guide, (0.1, 0.1, 0.0), 1.0)
+    planner = MotionPlanner(episodes)
+    target, q_w = nearby(planner, (0.1, 0.1, 0.0), 1.0)
     for _ in range(10):
-        pos, q = guide.pos_w, guide.q_w
-        episodes.step(guide.toward(target, q_w, 0.05, 0.2))
-        assert np.linalg.norm(guide.pos_w - pos, axis=-1).max() <= CONTROL_STEP_S * 0.05 + 1e-4
-        assert transforms.angle_between(guide.q_w, q).max() <= CONTROL_STEP_S * 0.2 + 1e-3
+        pos, q = planner.pos_w, planner.q_w
+        episodes.step(planner.action_toward(target, q_w, 0.05, 0.2))
+        assert np.linalg.norm(planner.pos_w - pos, axis=-1).max() <= CONTROL_STEP_S * 0.05 + 1e-4
+        assert transforms.angle_between(planner.q_w, q).max() <= CONTROL_STEP_S * 0.2 + 1e-3
 
 
 def test_actions_are_shares_of_the_joints_speeds(start):
     """However far and fast it should go."""
-    guide = MotionPlanner(start)
-    action = guide.toward(guide.pos_w + 1.0, guide.q_w, 10.0, 10.0)
+    planner = MotionPlanner(start)
+    action = planner.action_toward(planner.pos_w + 1.0, planner.q_w, 10.0, 10.0)
     assert np.abs(action).max() <= 1.0 + 1e-12
     far = MotionPlanner(start)
     assert_allclose(np.abs(far.ask(far.angles_rad + np.linspace(-3.0, 3.0, 7))).max(axis=-1), 1.0)
@@ -83,51 +83,51 @@ def test_actions_are_shares_of_the_joints_speeds(start):
 
 def test_what_is_asked_for_does_not_run_away_from_a_blocked_arm(start):
     """Nobody steps the world: the arm does not follow."""
-    guide = MotionPlanner(start)
-    target, q_w = nearby(guide, (0.0, 0.3, 0.0), 0.0)
+    planner = MotionPlanner(start)
+    target, q_w = nearby(planner, (0.0, 0.3, 0.0), 0.0)
     for _ in range(20):
-        guide.toward(target, q_w, 0.2, 0.5)
-    ahead = np.abs(guide.angles_rad - start.simulation.state().arm_angles_rad).max()
+        planner.action_toward(target, q_w, 0.2, 0.5)
+    ahead = np.abs(planner.angles_rad - start.simulation.state().arm_angles_rad).max()
     one_step = start.scene.arm.speed_limit_rad_s.max() * CONTROL_STEP_S
     assert 0.05 < ahead <= MAX_LEAD_RAD + one_step + 1e-9
 
 
 def test_a_swing_arrives_at_its_angles_with_the_tool_level():
     episodes = begun()
-    guide = MotionPlanner(episodes)
-    target = guide.angles_rad + np.array([0.3, 0.1, -0.2, 0.2, 0.3, 0.2, 0.4])
-    target = guide.angles_at(guide.pose(target)[0], guide.q_w, target)
+    planner = MotionPlanner(episodes)
+    target = planner.angles_rad + np.array([0.3, 0.1, -0.2, 0.2, 0.3, 0.2, 0.4])
+    target = planner.angles_at(planner.pose(target)[0], planner.q_w, target)
     for _ in range(40):
-        episodes.step(guide.ask(guide.swing(target, 0.3, np.radians(10.0))))
-        z_w = transforms.rotate(guide.q_w, [0.0, 0.0, 1.0])
+        episodes.step(planner.action_to(planner.joint_step(target, 0.3, np.radians(10.0))))
+        z_w = transforms.rotate(planner.q_w, [0.0, 0.0, 1.0])
         assert np.degrees(np.arccos(z_w[:, 2])).max() < 11.0
     assert_allclose(episodes.simulation.state().arm_angles_rad, target, atol=0.01)
 
 
 def test_found_angles_have_the_pose(start):
-    guide = MotionPlanner(start)
-    pos_w, q_w = nearby(guide, (0.05, 0.05, 0.05), -0.3)
-    angles, cost = guide.find(pos_w[:, None], q_w[:, None])
-    found_pos, found_q = guide.pose(angles[:, 0])
+    planner = MotionPlanner(start)
+    pos_w, q_w = nearby(planner, (0.05, 0.05, 0.05), -0.3)
+    angles, cost = planner.find_angles(pos_w[:, None], q_w[:, None])
+    found_pos, found_q = planner.pose(angles[:, 0])
     assert np.isfinite(cost).all()
     assert np.linalg.norm(found_pos - pos_w, axis=-1).max() < 0.003
     assert transforms.angle_between(found_q, q_w).max() < 0.03
 
 
 def test_nothing_is_found_out_of_reach(start):
-    guide = MotionPlanner(start)
-    _, cost = guide.find(guide.pos_w[:, None] + [0.0, 0.0, 2.0], guide.q_w[:, None])
+    planner = MotionPlanner(start)
+    _, cost = planner.find_angles(planner.pos_w[:, None] + [0.0, 0.0, 2.0], planner.q_w[:, None])
     assert np.isinf(cost).all()
 
 
 def test_it_costs_to_reach_through_the_table(start):
     """A hand in the air is free; with the spoon in the table's top it is not."""
-    guide = MotionPlanner(start)
+    planner = MotionPlanner(start)
     in_table = np.tile([0.0, -0.70, 0.735], (COUNT, 1))
-    poses = np.stack([nearby(guide, (0.0, 0.1, 0.0), 0.0)[0], in_table], axis=1)
-    _, cost = guide.find(poses, np.stack([guide.q_w, guide.q_w], axis=1))
+    poses = np.stack([nearby(planner, (0.0, 0.1, 0.0), 0.0)[0], in_table], axis=1)
+    _, cost = planner.find_angles(poses, np.stack([planner.q_w, planner.q_w], axis=1))
     assert (cost[:, 0] < 5.0).all()
-    assert (cost[:, 1] > BLOCKED_S).all()
+    assert (cost[:, 1] > COLLISION_COST_S).all()
 
 
 def test_a_world_is_led_alike_alone_and_among_others(start):

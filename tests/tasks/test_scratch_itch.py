@@ -200,7 +200,7 @@ def test_the_itch_is_marked_where_it_is_above_skin_and_sleeve():
 
 @pytest.fixture(scope="module")
 def itches() -> tuple[People, ScratchItchState]:
-    uniforms = np.random.default_rng(5).random((4000, SCRATCHING.uniforms))
+    uniforms = np.random.default_rng(5).random((4000, SCRATCHING.num_uniforms))
     who = distributions.repeat_person(Person("man", 0.70), 4000)
     return who, SCRATCHING.init_state(who, uniforms)
 

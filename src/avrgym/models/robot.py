@@ -102,7 +102,7 @@ class Robot:
     relative to, the base of a robot without one. ``arms`` are by the side of the person that tasks are done with;
     a robot with one arm has the same for both. ``mounts`` are by where the person is, ``grips`` by the tool's name:
     a robot does the tasks for which it has arm, mount and grip. ``half_width_m`` is that of a square base on the floor.
-    ``holding`` are the positions of other joints, radians or metres, 0 for those not named.
+    ``fixed_joints`` are the positions of other joints, radians or metres, 0 for those not named.
     """
 
     name: str
@@ -113,7 +113,7 @@ class Robot:
     mounts: Mapping[Place, Mount]
     grips: Mapping[str, Grip]
     half_width_m: float = 0.0
-    holding: Mapping[str, float] = field(default_factory=dict[str, float])
+    fixed_joints: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
 class UnsuitableError(ValueError):
@@ -150,10 +150,10 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
         else:
             geom.contype, geom.conaffinity = collision_bits.ROBOT.contype, collision_bits.ROBOT.conaffinity
     _delete_unused_meshes(spec)
-    held = dict(robot.holding)
+    fixed = dict(robot.fixed_joints)
     if grip is not None:
-        held |= {arm.finger_prefix + finger: value for finger, value in grip.fingers.items()}
-    fix_joints(spec, arm.joints, held)
+        fixed |= {arm.finger_prefix + finger: value for finger, value in grip.fingers.items()}
+    fix_joints(spec, arm.joints, fixed)
     _add_servos(spec, arm)
     _shape_brakes(spec, arm)
     return spec
@@ -179,27 +179,27 @@ def _delete_unused_meshes(spec: mujoco.MjSpec) -> None:
         spec.delete(mesh)
 
 
-def fix_joints(spec: mujoco.MjSpec, moving: Sequence[str], held: Mapping[str, float]) -> None:
-    """Weld all joints but the moving ones: hinges at radians, slides at metres, 0 where ``held`` names none.
+def fix_joints(spec: mujoco.MjSpec, moving: Sequence[str], fixed: Mapping[str, float]) -> None:
+    """Weld all joints but the moving ones: hinges at radians, slides at metres, 0 where ``fixed`` names none.
 
     A joint that mimics another one, in MuJoCo by an equality, is where that one puts it.
 
     Raises:
         ValueError: for a moving joint that mimics another one, or is mimicked.
     """
-    held = _with_mimics(spec, moving, held)
+    fixed = _with_mimics(spec, moving, fixed)
     for joint in [joint for joint in spec.joints if joint.name not in moving]:
-        if value := held.get(joint.name, 0.0):
+        if value := fixed.get(joint.name, 0.0):
             _displace(joint.parent, joint, value)
         spec.delete(joint)
 
 
 def _with_mimics(
-    spec: mujoco.MjSpec, moving: Sequence[str], held: Mapping[str, float]
+    spec: mujoco.MjSpec, moving: Sequence[str], fixed: Mapping[str, float]
 ) -> Mapping[str, float]:
     """The positions of held joints, those that mimic others included; their equalities are deleted."""
     mimics = [each for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_JOINT]
-    positions = dict(held)
+    positions = dict(fixed)
     for each in mimics:
         if {each.name1, each.name2} & {*moving}:
             raise ValueError(
@@ -207,7 +207,7 @@ def _with_mimics(
             )
     for _ in mimics:  # a joint may mimic one that mimics
         for each in mimics:
-            if each.name1 not in held:
+            if each.name1 not in fixed:
                 leads = positions.get(each.name2, 0.0)
                 positions[each.name1] = sum(float(each.data[power]) * leads**power for power in range(5))
     for each in mimics:

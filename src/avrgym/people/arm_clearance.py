@@ -1,4 +1,4 @@
-"""How much room a person's right arm has: towards the rest of their body and towards furniture."""
+"""Distance of a person's right arm from the rest of the body and from furniture."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from avrgym.models.robot import Furniture
 
 @dataclass(frozen=True)
 class Boxes:
-    """B boxes, alike for all people: centres (B, 3), orientations (B, 4), half edges (B, 3); world frame."""
+    """B boxes, the same for all people: centres (B, 3), orientations (B, 4), half edges (B, 3); world frame."""
 
     pos_w: FloatArray
     q_w: FloatArray
@@ -25,7 +25,7 @@ class Boxes:
 
 
 JOINED = frozenset({("right_upper_arm", "right_shoulder"), ("right_upper_arm", "chest")})
-"""Parts that overlap whenever the arm hangs down, which says nothing about the pose."""
+"""Neighbouring parts. They overlap in every pose with a hanging arm."""
 
 PAIRS = tuple(
     (part, other)
@@ -34,7 +34,7 @@ PAIRS = tuple(
     if other not in RIGHT_ARM
     if (part, other) not in JOINED
 )
-"""The arm's capsules, each with every capsule of the rest of the body that it must keep away from."""
+"""Pairs of an arm capsule and another body capsule that must not touch."""
 
 _NAMES = tuple(GEOMS)
 _ARM = np.array([_NAMES.index(part) for part in RIGHT_ARM])
@@ -43,7 +43,7 @@ _OTHER = np.array([_NAMES.index(other) for _, other in PAIRS])
 
 
 def furniture_boxes(furniture: Sequence[Furniture]) -> Boxes:
-    """The boxes that furniture collides with, where it stands unmoved."""
+    """Collision boxes of furniture at its default place."""
     spec = mujoco.MjSpec()
     for add in furniture:
         add(spec, False)
@@ -56,11 +56,10 @@ def furniture_boxes(furniture: Sequence[Furniture]) -> Boxes:
 
 
 def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArray, FloatArray]:
-    """The bodies' capsules in the order of ``human.GEOMS``.
+    """Body capsules in the order of ``human.GEOMS``.
 
     Returns:
-        the ends of their axes (N, G, 2, 3), world frame, and their radii (N, G), metres; a sphere is a capsule
-        whose axis is a point.
+        Axis ends (N, G, 2, 3) in the world frame and radii (N, G) in metres. A sphere has an axis of length zero.
     """
     xp = namespace(people.torso_height_m)
     layout = human.layout_of(people, posture)
@@ -77,14 +76,14 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArr
 
 
 def clearance(segments_w: FloatArray, radii_m: FloatArray, furniture: Boxes | None = None) -> FloatArray:
-    """The smallest gap (N,) in metres between the right arm and what it must keep away from.
+    """Smallest distance (N,) in metres between the right arm and body or furniture; negative where they overlap.
 
-    Negative where they overlap; it does not go on falling once an axis meets the other's axis or a box.
+    The value stops falling once an axis meets another axis or a box.
 
     Args:
-        segments_w: the axes (N, G, 2, 3) of the bodies' capsules, in the order of ``human.GEOMS``.
-        radii_m: their radii (N, G).
-        furniture: boxes to keep away from too.
+        segments_w: capsule axes (N, G, 2, 3), in the order of ``human.GEOMS``.
+        radii_m: capsule radii (N, G).
+        furniture: further obstacles.
     """
     xp, first, second = (
         namespace(segments_w),

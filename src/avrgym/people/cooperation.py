@@ -1,9 +1,8 @@
-"""How simulated people move who cooperate with a robot, as participants do (paper, section V).
+"""Behaviour model of people who cooperate with the robot, like the study's participants (paper, section V).
 
-They see the tool as it was a reaction time ago. Whoever is fed or given a drink turns the face to the tool and
-leans towards it when it is near; whoever is scratched or wiped lifts the arm towards it and holds it there. All
-sway a little. The numbers are our assumptions about unhurried adults: reactions of 0.2 to 0.4 s, slow turns,
-sway below 0.5 Hz.
+They see the tool with a reaction delay. In feeding and drinking they turn the face to the tool, and lean towards it
+when it is near. In scratching and bathing they lift the arm towards it. All sway a little. The values are assumptions
+about unhurried adults: reaction 0.2 to 0.4 s, slow turns, sway below 0.5 Hz.
 """
 
 from collections.abc import Mapping
@@ -23,31 +22,31 @@ OfferedPart = Literal["mouth", "arm", "nothing"]
 
 
 class PersonObservation(Protocol):
-    """What N people see and feel of the tool and of themselves, as in ``simulation.worlds.State``; world frame."""
+    """Observation of N people, a part of ``simulation.worlds.State``; world frame, metres."""
 
     @property
     def tool_pos_w(self) -> FloatArray:
-        """The tool, (N, 3)."""
+        """Tool positions (N, 3)."""
         ...
 
     @property
     def head_pos_w(self) -> FloatArray:
-        """The head's centre, (N, 3)."""
+        """Head centres (N, 3)."""
         ...
 
     @property
     def mouth_pos_w(self) -> FloatArray:
-        """The mouth, (N, 3)."""
+        """Mouth positions (N, 3)."""
         ...
 
     @property
     def right_arm_pos_w(self) -> FloatArray:
-        """Shoulder, elbow and wrist, (N, 3, 3)."""
+        """Shoulder, elbow and wrist positions (N, 3, 3)."""
         ...
 
 
 NUM_UNIFORMS = 6
-"""How many uniform numbers a person's manner takes."""
+"""Uniform numbers for the behaviour parameters of one person."""
 
 REMEMBERED_STEPS = 5
 REACTION_STEPS = (2, 4)
@@ -67,7 +66,7 @@ OFFERED_JOINTS: Mapping[OfferedPart, tuple[str, ...]] = {
     "arm": tuple(name for name in JOINTS if name.startswith("right_")),
     "nothing": (),
 }
-"""The joints with which people bring the tool what they offer."""
+"""Joints that move the offered body part to the tool."""
 
 _WAIST_X, _WAIST_Y = JOINT_INDEX["waist_x"], JOINT_INDEX["waist_y"]
 _HEAD = np.array([JOINT_INDEX[f"head_{axis}"] for axis in "xyz"])
@@ -76,36 +75,44 @@ _LIFT = np.array([JOINT_INDEX["right_shoulder_y"], JOINT_INDEX["right_elbow_x"]]
 
 @dataclass(frozen=True)
 class CooperationState:
-    """What N cooperating people carry from one control step to the next.
+    """State of the behaviour model for N people.
 
-    ``seen_w`` (N, ``REMEMBERED_STEPS``, 3) are the latest places of the tool, newest first; ``targets_rad``
-    (N, 20) the joints' targets without sway, ``rest_rad`` (N, 20) where they began; ``time_s`` (N,) since then.
-    The rest, (N,) each, is their manner: reaction in control steps, how far they turn to the tool, sway and its
-    phases (N, 2).
+    Attributes:
+        tool_history_w: latest tool positions (N, ``REMEMBERED_STEPS``, 3), newest first.
+        targets_rad: joint targets without sway (N, 20).
+        rest_rad: initial joint angles (N, 20).
+        time_s: time since the start (N,).
+        reaction_steps: reaction delay in control steps (N,).
+        facing_share: share of the turn to the tool (N,).
+        sway_rad: sway amplitude (N,).
+        sway_hz: sway frequency (N,).
+        phase_rad: sway phases (N, 2).
     """
 
-    seen_w: FloatArray
+    tool_history_w: FloatArray
     targets_rad: FloatArray
     rest_rad: FloatArray
     time_s: FloatArray
-    reaction: IntArray
-    facing: FloatArray
+    reaction_steps: IntArray
+    facing_share: FloatArray
     sway_rad: FloatArray
     sway_hz: FloatArray
     phase_rad: FloatArray
 
 
 def initial_state(people: People, uniforms: FloatArray) -> CooperationState:
-    """The minds of people whose episode begins, from uniform numbers (n, ``NUM_UNIFORMS``)."""
+    """Initial state, with behaviour parameters from uniform numbers (n, ``NUM_UNIFORMS``)."""
     xp, count = namespace(uniforms), len(uniforms)
     low, high = REACTION_STEPS
     return CooperationState(
-        seen_w=xp.full((count, REMEMBERED_STEPS, 3), xp.inf, dtype=uniforms.dtype, device=uniforms.device),
+        tool_history_w=xp.full(
+            (count, REMEMBERED_STEPS, 3), xp.inf, dtype=uniforms.dtype, device=uniforms.device
+        ),
         targets_rad=people.joint_angles_rad,
         rest_rad=people.joint_angles_rad,
         time_s=xp.zeros_like(uniforms[:, 0]),
-        reaction=xp.minimum(low + xp.astype((high - low + 1) * uniforms[:, 0], xp.int64), high),
-        facing=interpolate(FACING_SHARE, uniforms[:, 1]),
+        reaction_steps=xp.minimum(low + xp.astype((high - low + 1) * uniforms[:, 0], xp.int64), high),
+        facing_share=interpolate(FACING_SHARE, uniforms[:, 1]),
         sway_rad=interpolate(SWAY_RAD, uniforms[:, 2]),
         sway_hz=interpolate(SWAY_HZ, uniforms[:, 3]),
         phase_rad=2.0 * np.pi * uniforms[:, 4:6],
@@ -113,81 +120,74 @@ def initial_state(people: People, uniforms: FloatArray) -> CooperationState:
 
 
 def update_targets(
-    mind: CooperationState, sight: PersonObservation, offered: OfferedPart, posture: Posture
+    state: CooperationState, observation: PersonObservation, offered: OfferedPart, posture: Posture
 ) -> CooperationState:
-    """They see the tool, and their targets move.
-
-    Args:
-        mind: what they carry.
-        sight: what they see now.
-        offered: what they bring to the tool.
-        posture: how they sit or lie.
-    """
-    xp = namespace(mind.targets_rad)
-    seen = xp.concat([sight.tool_pos_w[:, None], mind.seen_w[:, :-1]], axis=1)
-    tool = seen[row_indices(seen), mind.reaction]
+    """Observe the tool and move the joint targets by one control step."""
+    xp = namespace(state.targets_rad)
+    history = xp.concat([observation.tool_pos_w[:, None], state.tool_history_w[:, :-1]], axis=1)
+    tool = history[row_indices(history), state.reaction_steps]
     match offered:
         case "mouth":
-            wanted = _mouth_targets(mind, sight, tool, posture)
+            targets = _mouth_targets(state, observation, tool, posture)
         case "arm":
-            wanted = _arm_targets(mind, sight, tool)
+            targets = _arm_targets(state, observation, tool)
         case "nothing":
-            wanted = mind.targets_rad
-    reach = constant_like(SPEED_RAD_S * CONTROL_STEP_S, mind.targets_rad)
-    moved = mind.targets_rad + xp.clip(wanted - mind.targets_rad, -reach, reach)
-    return replace(mind, seen_w=seen, targets_rad=moved)
+            targets = state.targets_rad
+    reach = constant_like(SPEED_RAD_S * CONTROL_STEP_S, state.targets_rad)
+    moved = state.targets_rad + xp.clip(targets - state.targets_rad, -reach, reach)
+    return replace(state, tool_history_w=history, targets_rad=moved)
 
 
-def advance_time(mind: CooperationState) -> CooperationState:
-    """One control step passes."""
-    return replace(mind, time_s=mind.time_s + CONTROL_STEP_S)
+def advance_time(state: CooperationState) -> CooperationState:
+    """Advance the time by one control step."""
+    return replace(state, time_s=state.time_s + CONTROL_STEP_S)
 
 
-def sway_rad(mind: CooperationState) -> FloatArray:
-    """What sway adds to the joints' targets (N, 20): the waist rocks to and fro and to the sides."""
-    xp = namespace(mind.targets_rad)
-    angle = 2.0 * np.pi * mind.sway_hz * mind.time_s
-    phase = mind.phase_rad[:, :2].T
-    swung = elementary.sin(xp.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
-    wave = xp.zeros_like(mind.targets_rad)
-    wave[:, _WAIST_X], wave[:, _WAIST_Y] = mind.sway_rad * swung[0], mind.sway_rad * swung[1]
+def sway_rad(state: CooperationState) -> FloatArray:
+    """Sway of the joints (N, 20): the waist rocks forwards, backwards and sideways."""
+    xp = namespace(state.targets_rad)
+    angle = 2.0 * np.pi * state.sway_hz * state.time_s
+    phase = state.phase_rad[:, :2].T
+    shift = elementary.sin(xp.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
+    wave = xp.zeros_like(state.targets_rad)
+    wave[:, _WAIST_X], wave[:, _WAIST_Y] = state.sway_rad * shift[0], state.sway_rad * shift[1]
     return wave
 
 
 def _mouth_targets(
-    mind: CooperationState, sight: PersonObservation, tool_w: FloatArray, posture: Posture
+    state: CooperationState, observation: PersonObservation, tool_w: FloatArray, posture: Posture
 ) -> FloatArray:
-    """Targets that turn the face to the tool, and lean to it when it is near and in front."""
+    """Targets that turn the face to the tool, and lean towards it when it is near and in front."""
     xp, most, head = namespace(tool_w), constant_like(HEAD_TURN_RAD, tool_w), constant_like(_HEAD, tool_w)
-    seen = xp.isfinite(tool_w).all(axis=-1)
-    offset = xp.where(seen[:, None], tool_w, sight.mouth_pos_w) - sight.head_pos_w
-    ahead = in_torso_frame(mind.targets_rad, offset, posture)
-    turn = xp.clip(mind.facing[:, None] * head_angles_toward(ahead), -most, most)
-    near = seen & (transforms.norm(ahead) < NEAR_MOUTH_M) & (ahead[:, 1] < 0.0)
-    wanted = float_copy(mind.targets_rad)
-    wanted[:, head] = xp.where(seen[:, None], turn, wanted[:, head])
-    wanted[:, _WAIST_X] = xp.where(near, LEAN_RAD, wanted[:, _WAIST_X])
-    return wanted
+    visible = xp.isfinite(tool_w).all(axis=-1)
+    offset = xp.where(visible[:, None], tool_w, observation.mouth_pos_w) - observation.head_pos_w
+    ahead = in_torso_frame(state.targets_rad, offset, posture)
+    turn = xp.clip(state.facing_share[:, None] * head_angles_toward(ahead), -most, most)
+    near = visible & (transforms.norm(ahead) < NEAR_MOUTH_M) & (ahead[:, 1] < 0.0)
+    targets = float_copy(state.targets_rad)
+    targets[:, head] = xp.where(visible[:, None], turn, targets[:, head])
+    targets[:, _WAIST_X] = xp.where(near, LEAN_RAD, targets[:, _WAIST_X])
+    return targets
 
 
-def _arm_targets(mind: CooperationState, sight: PersonObservation, tool_w: FloatArray) -> FloatArray:
+def _arm_targets(state: CooperationState, observation: PersonObservation, tool_w: FloatArray) -> FloatArray:
     """Targets that lift the right arm sideways and stretch it a little when the tool is near."""
     xp, lift = namespace(tool_w), constant_like(_LIFT, tool_w)
-    gap = xp.min(transforms.norm(sight.right_arm_pos_w - tool_w[:, None]), axis=-1)
-    lifted = mind.rest_rad[:, lift] + LIFT_RAD
-    wanted = float_copy(mind.targets_rad)
-    wanted[:, lift] = xp.where((gap < NEAR_ARM_M)[:, None], lifted, wanted[:, lift])
-    return wanted
+    gap = xp.min(transforms.norm(observation.right_arm_pos_w - tool_w[:, None]), axis=-1)
+    raised = state.rest_rad[:, lift] + LIFT_RAD
+    targets = float_copy(state.targets_rad)
+    targets[:, lift] = xp.where((gap < NEAR_ARM_M)[:, None], raised, targets[:, lift])
+    return targets
 
 
 def in_torso_frame(joint_angles_rad: FloatArray, offset_w: FloatArray, posture: Posture) -> FloatArray:
-    """Offsets (N, 3), world frame, in the torso's frame of people with joint angles (N, 20): ahead is −y."""
+    """Offsets (N, 3) from the world frame to the torso frame, in which −y is forwards."""
     hips, torso = (human.body_rotation(body, joint_angles_rad, posture) for body in ("hips", "torso"))
     return transforms.rotate(transforms.conjugate(transforms.multiply(hips, torso)), offset_w)
 
 
 def head_angles_toward(ahead: FloatArray) -> FloatArray:
-    """The head's joint angles (N, 3) that turn the face to what lies there from the head (N, 3), torso's frame."""
+    """Head joint angles (N, 3) that turn the face to points (N, 3) given from the head in the torso frame."""
     xp = namespace(ahead)
     facing = xp.zeros_like(ahead)
     facing[:, 0] = elementary.arctan2(-ahead[:, 2], -ahead[:, 1])

@@ -1,6 +1,6 @@
-"""Whom a policy meets: the distributions of people of the paper, section V, and those of files.
+"""Distributions of people: those of the paper, section V, of the zoo, and of people files.
 
-Every person comes from one row of uniform numbers, so that a world's person does not depend on other worlds.
+Each person is sampled from one row of uniform numbers. A world's person therefore does not depend on other worlds.
 """
 
 from collections.abc import Collection, Mapping
@@ -25,20 +25,19 @@ if TYPE_CHECKING:
 
 MAX_POSE_ATTEMPTS = 8
 NUM_UNIFORMS = 2 + MAX_POSE_ATTEMPTS * len(JOINTS)
-"""How many uniform numbers a person takes: sex, torso height, and each attempt at a pose."""
+"""Uniform numbers for one person: sex, torso height, and all attempts at a pose."""
 
 
 JointRanges = Mapping[str, tuple[float, float]]
-"""Lowest and highest angles in degrees, by joint."""
+"""Lowest and highest angle in degrees, by joint name."""
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """Ranges of uniform distributions: torso heights in metres, waist joints in degrees either way.
+    """Uniform ranges of torso height (m) and of the waist joints (± degrees).
 
-    ``cooperating`` people move, see ``people.behaviour``, and so do ``partners`` of the zoo, see ``people.zoo``; others
-    keep the pose they were found in. ``poses``: by task, the joints that are found at other angles than the task has
-    it.
+    ``cooperating`` people and ``partners`` of the zoo move, see ``people.cooperation`` and ``people.zoo``. Others hold
+    their initial pose. ``poses`` override the initial joint angles of a task.
     """
 
     torso_height_man_m: tuple[float, float]
@@ -50,11 +49,11 @@ class Distribution:
 
     @property
     def moving(self) -> bool:
-        """Whether they move by themselves."""
+        """Whether these people move."""
         return self.cooperating or self.partners is not None
 
-    def pose_in(self, task: str, usual: "Pose") -> "Pose":
-        """How these people are found in a task, whose own pose is the ``usual`` one."""
+    def pose_for_task(self, task: str, usual: "Pose") -> "Pose":
+        """Initial pose in a task, given the task's ``usual`` pose."""
         rest_rad, spread_rad = usual.rest_rad.copy(), usual.spread_rad.copy()
         for joint, (low_deg, high_deg) in self.poses.get(task, {}).items():
             rest_rad[JOINT_INDEX[joint]] = np.radians(0.5 * (low_deg + high_deg))
@@ -72,10 +71,10 @@ DISTRIBUTIONS: Mapping[str, Distribution] = {
 NAMED_DISTRIBUTIONS: Mapping[str, Distribution] = DISTRIBUTIONS | {
     name: replace(_REVISED, partners=partners) for name, partners in SINGLE_STYLE_SETS.items()
 }
-"""All that have names: with those of a single style of the zoo, such as ``zoo/train/startled``."""
+"""All named distributions, including single styles of the zoo such as ``zoo/train/startled``."""
 
 ARM_CLEARANCE_M = 0.01
-"""What a random arm keeps from the rest of the body and from the furniture (reference)."""
+"""Least distance of a sampled arm from the body and the furniture (2020 reference)."""
 
 RIGHT_ARM = np.array([name.startswith("right_") for name in JOINTS])
 WAIST = np.array([joint.body == "torso" for joint in JOINTS.values()])
@@ -83,9 +82,9 @@ WAIST = np.array([joint.body == "torso" for joint in JOINTS.values()])
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """How a task finds people: joint angles ``rest_rad`` (20,) ± uniform ``spread_rad`` (20,).
+    """Initial joint angles: ``rest_rad`` (20,) ± uniform ``spread_rad`` (20,).
 
-    Where the right arm is spread, poses are sought that its shoulder allows and that leave it room.
+    A spread right arm is sampled again until its pose respects the shoulder limits and has clearance.
     """
 
     rest_rad: FloatArray
@@ -98,22 +97,22 @@ class Pose:
 
 
 def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution:
-    """The distribution of that name, or in that file, which may have poses for any of ``tasks``.
+    """The distribution with this name or from this people file. Its poses may be for any of ``tasks``.
 
     Raises:
-        ValueError: naming the distributions there are, or what is wrong in the file.
+        ValueError: for an unknown name, listing the distributions, or for an invalid file.
     """
     if name_or_path in NAMED_DISTRIBUTIONS:
         return NAMED_DISTRIBUTIONS[name_or_path]
     if not Path(name_or_path).is_file():
         raise ValueError(f"unknown people {name_or_path!r}; the distributions are {ALLOWED_PEOPLE}")
-    from avrgym.people.people_file import read_people  # with what reads and writes such files
+    from avrgym.people.people_file import read_people
 
     return distribution_of(read_people(Path(name_or_path), tasks))
 
 
 def distribution_of(people: "PeopleFile") -> Distribution:
-    """The distribution that a file describes."""
+    """The distribution that a people file describes."""
     heights = people.torso_height_m
     return Distribution(heights.man, heights.woman, 0.0, people.cooperating, people.poses)
 
@@ -121,10 +120,10 @@ def distribution_of(people: "PeopleFile") -> Distribution:
 def sample_people(
     distribution: Distribution, pose: Pose, posture: Posture, furniture: Boxes | None, uniforms: FloatArray
 ) -> People:
-    """People from uniform numbers (n, ``NUM_UNIFORMS``) in 0..1, man or woman with equal chance.
+    """Sample people from uniform numbers (n, ``NUM_UNIFORMS``). Man and woman are equally likely.
 
-    A random arm is drawn again, up to ``MAX_POSE_ATTEMPTS`` times, until the shoulder can turn like that and nothing of
-    the arm is within 1 cm of the body or of the furniture; then the last attempt stays, its shoulder clipped.
+    A random arm pose is rejected if it violates the shoulder limits or comes within 1 cm of body or furniture. After
+    ``MAX_POSE_ATTEMPTS`` rejections the last pose is kept and its shoulder is clipped to the limits.
     """
     xp = namespace(uniforms)
     is_woman = uniforms[:, 0] < 0.5
@@ -143,7 +142,7 @@ def sample_people(
 def _resample_crowded_poses(
     people: People, poses: FloatArray, posture: Posture, furniture: Boxes | None
 ) -> People:
-    """The people in the first of their poses (n, ``MAX_POSE_ATTEMPTS``, 20) that leaves the right arm room."""
+    """The people in the first of their poses (n, ``MAX_POSE_ATTEMPTS``, 20) with enough arm clearance."""
     xp, angles = namespace(poses), float_copy(poses[:, 0])
     crowded = ~_has_room(people, posture, furniture)
     for attempt in range(1, MAX_POSE_ATTEMPTS):

@@ -1,6 +1,6 @@
-"""Files of people: TOML that ``avrgym fit-people`` writes and that may be changed by hand.
+"""People files: TOML written by ``avrgym fit-people``. They can be edited by hand.
 
-A joint's range is given in degrees; what has no range keeps the task's own pose.
+Joint ranges are in degrees. A joint without a range keeps the pose of the task.
 """
 
 import tomllib
@@ -18,11 +18,11 @@ Range = tuple[float, float]
 
 
 class PeopleFileError(ValueError):
-    """A file of people with an invalid value; the message names the file, the value and what is allowed."""
+    """Invalid value in a people file. The message names the file, the value and the allowed values."""
 
 
 class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where the ranges come from: a study's title, how many men, women and trials, and whether they were simulated."""
+    """The study from which the ranges were fitted."""
 
     study: str
     men: int
@@ -32,7 +32,7 @@ class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def participants(self) -> int:
-        """How many there were."""
+        """Number of participants."""
         return self.men + self.women
 
 
@@ -44,9 +44,13 @@ class TorsoHeights(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PeopleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a file holds. ``cooperating``: they move, see ``people.behaviour``; ``source``: nothing when made by hand.
+    """Content of a people file.
 
-    ``poses``: by task and joint, the lowest and highest angle in degrees at which people sit or lie.
+    Attributes:
+        cooperating: people move towards the tool, see ``people.cooperation``.
+        torso_height_m: ranges for men and women.
+        poses: lowest and highest joint angle in degrees, by task and joint.
+        source: the study; ``None`` for a file made by hand.
     """
 
     cooperating: bool
@@ -56,11 +60,11 @@ class PeopleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
-    """Read a file of people, who may have poses for any of ``tasks``.
+    """Read a people file. Its poses may be for any of ``tasks``.
 
     Raises:
-        PeopleFileError: when it says what cannot be.
-        OSError: when it cannot be read.
+        PeopleFileError: for an invalid value.
+        OSError: if the file cannot be read.
     """
     try:
         return parse_people(read_user_text(path), str(path), tasks)
@@ -71,11 +75,11 @@ def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
 
 
 def parse_people(text: str, name: str, tasks: Collection[str]) -> PeopleFile:
-    """The people that a text holds; ``name`` stands in errors, which are ``PeopleFileError``."""
+    """Parse the text of a people file. Errors are ``PeopleFileError`` and begin with ``name``."""
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise PeopleFileError(f"{name}: not TOML: {error}") from None
+        raise PeopleFileError(f"{name}: invalid TOML: {error}") from None
     for message in _mistakes(values, tasks):
         raise PeopleFileError(f"{name}: {message}")
     try:
@@ -86,7 +90,7 @@ def parse_people(text: str, name: str, tasks: Collection[str]) -> PeopleFile:
 
 
 def _mistakes(values: Mapping[str, Any], tasks: Collection[str]) -> Iterator[str]:
-    """Values that have the right type but are invalid, and what is allowed."""
+    """Messages for values with the right type that are not allowed."""
     for sex, heights in _table(values, "torso_height_m").items():
         yield from _range_mistakes(f"torso_height_m.{sex}", heights, TORSO_HEIGHT_RANGE_M, "m")
     poses = _table(values, "poses")

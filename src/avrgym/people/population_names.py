@@ -1,4 +1,4 @@
-"""Whom a policy may meet, by name."""
+"""Names of populations and impairments."""
 
 from typing import Literal, get_args
 
@@ -7,12 +7,11 @@ from avrgym.people.zoo.styles import STYLES
 ORIGINAL, REVISED, PARTICIPANTS = "original", "revised", "participants"
 TRAIN_ZOO, UNSEEN_ZOO = "zoo/train", "zoo/unseen"
 POPULATION_NAMES = (ORIGINAL, REVISED, PARTICIPANTS, TRAIN_ZOO, UNSEEN_ZOO)
-"""Of the distributions of people."""
 ALLOWED_PEOPLE = (
     f"{', '.join(POPULATION_NAMES)}, a style of the zoo such as {TRAIN_ZOO}/startled "
     f"({', '.join(STYLES)}), a file of people, a trained human, or a folder of those"
 )
-"""All that may be named, in words."""
+"""Text for help and errors: the allowed values of ``people``."""
 
 Impairment = Literal["none", "limits", "weakness", "tremor"]
 IMPAIRMENTS: tuple[Impairment, ...] = get_args(Impairment)

@@ -1,7 +1,7 @@
-"""Whom a world may meet: one kind of people, or a population of humans who were trained beside robots.
+"""Populations: the people that a policy meets in training, evaluation or a live view.
 
-A trained human is a file as robots' policies are. It says whose bodies the human was trained in and what impaired them;
-wherever it is named, so are those who meet the robot.
+A population is either a distribution of bodies with a behaviour model, or one trained human (human-robot co-training).
+The file of a trained human has the same format as a robot policy.
 """
 
 from collections.abc import Collection, Sequence
@@ -20,15 +20,14 @@ from avrgym.system import random_streams
 from avrgym.system.transferred_files import TransferredFile
 
 HUMAN_FILE = "human.safetensors"
-"""What a training of robot and human calls the human's file."""
+"""File name of the human policy in a training folder."""
 
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """People of one kind: their bodies and manners, what impairs them unless something else is asked for, and the
-    network that moves them, if they were trained.
+    """Bodies, behaviour, default impairment and, for a trained human, the policy network.
 
-    ``name`` is that of the distribution, or of the file.
+    ``name`` is the name of the distribution or the path of the file.
     """
 
     name: str
@@ -36,30 +35,33 @@ class Population:
     impairment: Impairment = "none"
     trained: Policy | None = None
 
-    def impaired(self, asked: Impairment) -> Impairment:
-        """What impairs them where an impairment was asked for, or ``none``."""
-        return self.impairment if asked == "none" else asked
+    def effective_impairment(self, requested: Impairment) -> Impairment:
+        """The requested impairment, or the population's own if ``none`` is requested."""
+        return self.impairment if requested == "none" else requested
 
 
 def is_trained(name_or_path: str) -> bool:
-    """Whether people are trained humans: a file of one, or a folder of several, which ends with / where it is gone."""
+    """Whether a name means trained humans: a policy file, or a folder of them.
+
+    A path that ends with / counts as a folder even if the folder no longer exists.
+    """
     if name_or_path in NAMED_DISTRIBUTIONS:
         return False
     return name_or_path.endswith((FILE_SUFFIX, "/")) or Path(name_or_path).is_dir()
 
 
 def population_label(name_or_path: str) -> str:
-    """What to call people where their file is not at hand."""
+    """Display name that does not depend on the file's location."""
     if name_or_path in NAMED_DISTRIBUTIONS:
         return name_or_path
     return f"{'trained' if is_trained(name_or_path) else 'fitted'}: {Path(name_or_path).name}"
 
 
 def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Population, ...]:
-    """The kinds that ``--people`` names: one, or for a folder those of all trained humans in it.
+    """The populations that ``--people`` names. A folder gives one for each trained human in it.
 
     Raises:
-        ValueError: naming the distributions there are, or what is wrong in a file.
+        ValueError: for an unknown name, listing the distributions, or for an invalid file.
     """
     if not is_trained(name_or_path):
         return (Population(name_or_path, find_distribution(name_or_path, tasks)),)
@@ -68,26 +70,24 @@ def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Populat
     files = human_files(Path(name_or_path))
     if not files:
         raise ValueError(
-            f"{name_or_path} holds no trained human; allowed: a folder with {HUMAN_FILE} of trainings "
-            f"with --recipe pair, in folders of their own or beside each other"
+            f"{name_or_path} contains no trained human; allowed: a folder of trainings with --recipe pair, or of "
+            f"their {HUMAN_FILE} files"
         )
     return tuple(_trained(file, tasks) for file in files)
 
 
 def human_files(folder: Path) -> list[Path]:
-    """The trained humans in a folder: its own files, and one for each training in a folder below it.
-
-    Robots' policies beside them are passed over.
+    """Trained humans in a folder: its own files, and one for each training in a subfolder. Robot policies are ignored.
 
     Raises:
-        PolicyError: for a file that is damaged.
+        PolicyError: for a damaged file.
     """
-    beside, below = sorted(folder.glob(f"*{FILE_SUFFIX}")), sorted(folder.glob(f"*/{HUMAN_FILE}"))
-    return [file for file in [*beside, *below] if Policy.load(file).metadata.human is not None]
+    own, below = sorted(folder.glob(f"*{FILE_SUFFIX}")), sorted(folder.glob(f"*/{HUMAN_FILE}"))
+    return [file for file in [*own, *below] if Policy.load(file).metadata.human is not None]
 
 
 def transferred_people(name_or_path: str) -> TransferredFile:
-    """People for processes that may not see their files."""
+    """People for worker processes without access to the files."""
     if is_trained(name_or_path) and Path(name_or_path).is_dir():
         return TransferredFile.read_folder(name_or_path, human_files(Path(name_or_path)))
     return TransferredFile.read(name_or_path)
@@ -97,11 +97,11 @@ def _trained(path: Path, tasks: Collection[str]) -> Population:
     policy = Policy.load(path)
     metadata = policy.metadata
     if metadata.human is None:
-        raise PolicyError(f"{path}: a robot's policy, and no human; --policy takes it")
+        raise PolicyError(f"{path}: a policy of a robot, not of a human; pass it to --policy")
     if policy.memory is not None:
-        raise PolicyError(f"{path}: a human who remembers; only those without a memory are allowed")
+        raise PolicyError(f"{path}: a recurrent policy; allowed: a human without memory")
     if text := metadata.human.people_file:
-        from avrgym.people.people_file import parse_people  # with what reads and writes such files
+        from avrgym.people.people_file import parse_people
 
         bodies = distribution_of(parse_people(text, f"{path}: its people", tasks))
     else:
@@ -110,38 +110,38 @@ def _trained(path: Path, tasks: Collection[str]) -> Population:
 
 
 class TrainedHumans:
-    """Trained humans at work in N worlds: who is in which, and the chance that each acts with."""
+    """Runs trained human policies in N worlds."""
 
     def __init__(self, trained: Sequence[Policy], worlds: int) -> None:
-        """The first of them everywhere, until the first ``reset``."""
+        """All worlds use the first policy until ``begin``."""
         self._trained = trained
-        self._who = np.zeros(worlds, dtype=np.intp)
-        self._chance = [random_streams.trained_human_noise(0.0)] * worlds
+        self._human = np.zeros(worlds, dtype=np.intp)
+        self._noise = [random_streams.trained_human_noise(0.0)] * worlds
 
-    def reset(self, ids: IntArray, who: IntArray, uniforms: FloatArray) -> None:
+    def reset(self, ids: IntArray, humans: IntArray, uniforms: FloatArray) -> None:
         """Begin episodes in worlds ``ids`` (n,) of humans ``who`` (n,), with chance from uniform numbers (n,)."""
-        self._who[ids] = who
+        self._human[ids] = humans
         for world, uniform in zip(ids.tolist(), uniforms.tolist(), strict=True):
-            self._chance[world] = random_streams.trained_human_noise(uniform)
+            self._noise[world] = random_streams.trained_human_noise(uniform)
 
     def act(self, observations: FloatArray) -> FloatArray:
-        """Their actions (N, K) for what they observe (N, O), one control step on."""
-        acted = np.zeros((len(observations), self._trained[0].action_size))
+        """Actions (N, K) for observations (N, O)."""
+        actions = np.zeros((len(observations), self._trained[0].action_size))
         for number, policy in enumerate(self._trained):
-            rows = np.nonzero(self._who == number)[0]
-            acted[rows] = policy.act(observations[rows], [self._chance[row] for row in rows.tolist()])
-        return acted
+            rows = np.nonzero(self._human == number)[0]
+            actions[rows] = policy.act(observations[rows], [self._noise[row] for row in rows.tolist()])
+        return actions
 
     def saved(self) -> dict[str, Any]:
-        """All that changes."""
+        """State that changes during an episode."""
         return {
-            "who": self._who.copy(),
-            "chance": [generator.bit_generator.state for generator in self._chance],
+            "human": self._human.copy(),
+            "noise": [generator.bit_generator.state for generator in self._noise],
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Go on from what ``saved`` gave."""
-        self._who = saved["who"].copy()
-        self._chance = [random_streams.trained_human_noise(0.0) for _ in saved["chance"]]
-        for generator, state in zip(self._chance, saved["chance"], strict=True):
+        """Restore a state from ``saved``."""
+        self._human = saved["human"].copy()
+        self._noise = [random_streams.trained_human_noise(0.0) for _ in saved["noise"]]
+        for generator, state in zip(self._noise, saved["noise"], strict=True):
             generator.bit_generator.state = state

@@ -1,4 +1,4 @@
-"""How far a shoulder turns: the range of each of its rotations depends on the others.
+"""Shoulder limits: the range of each shoulder rotation depends on the other rotations.
 
 With abduction a, flexion f and external rotation of the humerus r, taken in this order, in degrees:
 
@@ -6,17 +6,16 @@ With abduction a, flexion f and external rotation of the humerus r, taken in thi
     −43 + a/3 ≤ f ≤ 153 − a/6
     −90 + 7a/9 − f/9 + 2af/810 ≤ r ≤ 60 + 4a/9 − 5f/9 + 5af/810
 
-(Lenarčič and Umek, "Simple model of human arm reachable workspace", IEEE Trans. SMC 24(8), 1994.) All are zero
-when the upper arm hangs and the bent forearm points forward. The order of rotations is that of Klopčar, Tomšič
-and Lenarčič, J. Biomechanics 40(1), 2007.
+(Lenarčič and Umek, "Simple model of human arm reachable workspace", IEEE Trans. SMC 24(8), 1994.) All angles are zero
+when the upper arm hangs and the bent forearm points forward. The order of rotations is that of Klopčar, Tomšič and
+Lenarčič, J. Biomechanics 40(1), 2007.
 
-The paper's own pages were not at hand to compare the coefficients with. Two things speak for them, and for the
-signs and zeros used here. At f = 90° the axes of a and r coincide, so that only r − a has a meaning, and there
-the formulas bound exactly that: −100 ≤ r − a ≤ 10 for every a. And with the arm at the side they allow about
-what clinical tables give (flexion 180°, extension 60°, external rotation 60–90°, internal 70–90°). With the arm
-abducted by 90°, though, they allow an internal rotation of only 20°, where clinics measure 70°.
+The coefficients could not be compared with the printed paper. Two checks support them. At f = 90° the axes of a and r
+coincide, and the formulas bound r − a to −100…10 for every a. With the arm at the side they agree with clinical tables:
+flexion 180°, extension 60°, external rotation 60–90°, internal 70–90°. At 90° of abduction they allow only 20° of
+internal rotation; clinics measure 70°.
 
-Only these angles are judged, not the posture: a shoulder may reach the same posture with a turned by 180°.
+The limits apply to these angles, not to the posture: the same posture with a turned by 180° may violate them.
 """
 
 import numpy as np
@@ -35,7 +34,7 @@ _PER_DEGREE = 180.0 / np.pi
 
 
 def within_limits(joint_angles_rad: FloatArray) -> BoolArray:
-    """Whether both shoulders of each pose (..., 20) can turn as they do; shape (...)."""
+    """Whether both shoulders of poses (..., 20) are within their limits; shape (...)."""
     abduction, flexion, rotation = _shoulders(joint_angles_rad)
     possible = (
         _lies_in(abduction, ABDUCTION_RAD)
@@ -46,10 +45,9 @@ def within_limits(joint_angles_rad: FloatArray) -> BoolArray:
 
 
 def clip(joint_angles_rad: FloatArray) -> FloatArray:
-    """Poses (..., 20) whose shoulders are moved into their limits, possible poses unchanged.
+    """Poses (..., 20) with both shoulders clipped to their limits.
 
-    Abduction first, then flexion given the abduction, then axial rotation given both: each to its nearest
-    possible value. Other joints stay as they are.
+    Abduction is clipped first, then flexion given the abduction, then rotation given both. Other joints do not change.
     """
     abduction, flexion, rotation = _shoulders(joint_angles_rad)
     xp = namespace(abduction)
@@ -64,12 +62,12 @@ def clip(joint_angles_rad: FloatArray) -> FloatArray:
 
 
 def flexion_range_rad(abduction_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper limit of the shoulder's flexion at an abduction, any shape."""
+    """Lower and upper limit of shoulder flexion at an abduction, any shape."""
     return -43.0 * RAD_PER_DEGREE + abduction_rad / 3.0, 153.0 * RAD_PER_DEGREE - abduction_rad / 6.0
 
 
 def rotation_range_rad(abduction_rad: FloatArray, flexion_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper limit of the external rotation, any shape; also within the joint's own range."""
+    """Lower and upper limit of external rotation, also within the joint's own range; any shape."""
     a, f = abduction_rad, flexion_rad
     product = _PER_DEGREE * a * f / 810.0
     internal = -90.0 * RAD_PER_DEGREE + 7.0 * a / 9.0 - f / 9.0 + 2.0 * product
@@ -82,8 +80,8 @@ def rotation_range_rad(abduction_rad: FloatArray, flexion_rad: FloatArray) -> tu
 def _shoulders(joint_angles_rad: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Abduction, flexion and external rotation of the right and the left shoulder, each (..., 2).
 
-    Turning about y lifts the right arm outward and the left one inward, turning about x moves both backward,
-    turning about z brings the right hand inward and the left one outward.
+    Rotation about y lifts the right arm outwards and the left arm inwards. Rotation about x moves both backwards.
+    Rotation about z moves the right hand inwards and the left hand outwards.
     """
     _, angles = as_floats(joint_angles_rad)
     y, x, z = (

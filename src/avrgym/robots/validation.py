@@ -10,9 +10,9 @@ from avrgym.geometry import kinematics
 from avrgym.models import robot as models
 from avrgym.models.robot import PLACES, SIDES, Arm, Robot
 
-FEWEST_JOINTS = 6
+MIN_JOINTS = 6
 """Fewer do not bring a tool to any position and rotation."""
-LONGEST_REACH_M, LARGEST_TURN_RAD = 1.5, 2.0 * np.pi
+MAX_REACH_M, MAX_JOINT_ANGLE_RAD = 1.5, 2.0 * np.pi
 """Observations are bounded: no arm may reach farther, no joint turn farther from zero."""
 
 
@@ -22,23 +22,23 @@ def check_robot(robot: Robot) -> None:
     Raises:
         ValueError: saying everything that is wrong, and what is allowed.
     """
-    wrong = list(_named(robot)) or list(_modelled(robot))
+    wrong = list(_check_names(robot)) or list(_check_model(robot))
     if wrong:
         raise ValueError(f"the robot {robot.name!r} cannot be used: {'; '.join(wrong)}")
 
 
-def _named(robot: Robot) -> Iterator[str]:
+def _check_names(robot: Robot) -> Iterator[str]:
     if not re.fullmatch("[A-Z][A-Za-z0-9]*", robot.name):
         yield "its name is part of environments' names; allowed: a capital letter, then letters and digits"
-    yield from _keys("arms", robot.arms, SIDES)
-    yield from _keys("mounts", robot.mounts, PLACES)
+    yield from _check_keys("arms", robot.arms, SIDES)
+    yield from _check_keys("mounts", robot.mounts, PLACES)
     if not robot.grips:
         yield "it has no grips: it can hold no tool"
     for side, arm in robot.arms.items():
-        yield from _numbers(side, arm)
+        yield from _check_arm(side, arm)
 
 
-def _keys(field: str, found: Iterable[str], allowed: Iterable[str]) -> Iterator[str]:
+def _check_keys(field: str, found: Iterable[str], allowed: Iterable[str]) -> Iterator[str]:
     if not found:
         yield f"it has no {field}; allowed: one or more of {', '.join(allowed)}"
     for key in found:
@@ -46,10 +46,10 @@ def _keys(field: str, found: Iterable[str], allowed: Iterable[str]) -> Iterator[
             yield f"unknown {field} {key!r}; allowed: {', '.join(allowed)}"
 
 
-def _numbers(side: str, arm: Arm) -> Iterator[str]:
+def _check_arm(side: str, arm: Arm) -> Iterator[str]:
     count = len(arm.joints)
-    if count < FEWEST_JOINTS:
-        yield f"its {side} arm has {count} joints; allowed: {FEWEST_JOINTS} or more"
+    if count < MIN_JOINTS:
+        yield f"its {side} arm has {count} joints; allowed: {MIN_JOINTS} or more"
     for name in (
         "speed_limit_rad_s",
         "torque_limit_n_m",
@@ -66,19 +66,19 @@ def _numbers(side: str, arm: Arm) -> Iterator[str]:
             yield f"{name} of its {side} arm must be above 0"
 
 
-def _modelled(robot: Robot) -> Iterator[str]:
-    missing = list(_missing(robot, robot.build(False)))
+def _check_model(robot: Robot) -> Iterator[str]:
+    missing = list(_missing_names(robot, robot.build(False)))
     yield from missing
     for side, arm in robot.arms.items() if not missing else ():
-        yield from _compiled(robot, side, arm)
+        yield from _check_compiled(robot, side, arm)
 
 
-def _missing(robot: Robot, spec: mujoco.MjSpec) -> Iterator[str]:
+def _missing_names(robot: Robot, spec: mujoco.MjSpec) -> Iterator[str]:
     """What the record names and the model lacks."""
     bodies, joints = ({thing.name for thing in things} for things in (spec.bodies, spec.joints))
     yield from _unknown("base", [robot.base], bodies)
     yield from _unknown("torso", [robot.torso], bodies)
-    yield from _unknown("holding", robot.holding, joints)
+    yield from _unknown("fixed_joints", robot.fixed_joints, joints)
     fingers = {finger for grip in robot.grips.values() for finger in grip.fingers}
     for side, arm in robot.arms.items():
         yield from _unknown(f"end_effector of its {side} arm", [arm.end_effector], bodies)
@@ -94,7 +94,7 @@ def _unknown(field: str, names: Iterable[str], known: set[str]) -> Iterator[str]
             yield f"{field}: its model has no {name!r}; it has {', '.join(sorted(known))}"
 
 
-def _compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
+def _check_compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
     try:
         model = models.compiled(models.robot_spec(robot, arm, appearance=False))
     except ValueError as error:
@@ -106,7 +106,7 @@ def _compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
     if others:
         yield (
             f"{', '.join(others)} of its {side} arm is no hinge; allowed: revolute and continuous joints. "
-            "Prismatic ones can only be held, by `holding` or `fingers`"
+            "Prismatic ones can only be fixed, by `fixed_joints` or `fingers`"
         )
         return
     try:
@@ -118,11 +118,11 @@ def _compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
 
 
 def _ways(side: str, arm: Arm, way: kinematics.Chain) -> Iterator[str]:
-    if (reach_m := kinematics.reach_m(way)) > LONGEST_REACH_M:
-        yield f"its {side} arm reaches {reach_m:.2f} m; allowed: {LONGEST_REACH_M} m"
+    if (reach_m := kinematics.reach_m(way)) > MAX_REACH_M:
+        yield f"its {side} arm reaches {reach_m:.2f} m; allowed: {MAX_REACH_M} m"
     turns = np.maximum(np.abs(way.lower_rad), np.abs(way.upper_rad))
     for joint, turn in zip(arm.joints, turns, strict=True):
-        if turn > LARGEST_TURN_RAD + 1e-9:
+        if turn > MAX_JOINT_ANGLE_RAD + 1e-9:
             yield f"{joint} needs a range; allowed: within two turns, −2π to 2π"
     outside = (arm.seed_pose_rad < way.lower_rad) | (arm.seed_pose_rad > way.upper_rad)
     for joint in np.array(arm.joints)[outside]:

@@ -1,30 +1,30 @@
-"""What is known of the packaged tasks before any of them is imported."""
+"""Names and constants of the packaged tasks, without importing them."""
 
 from itertools import product
 
 TASKS = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
 ROBOTS = ("Jaco", "PR2")
-"""By name, as their records have it."""
+"""Names of the packaged tasks and robots."""
 EPISODE_STEPS = 200
 WORLD_VERSION = 2
-"""Version of the simulated world: its physics, the starts of its episodes, and its rewards.
+"""Version of the simulated world: physics, initial states and rewards. Recordings store it.
 
-A release that changes the states that a recording's commands lead to has a higher one. Recordings store it.
+A release with a higher version may replay the commands of a recording to other states.
 """
 
 
 def environment_id(task: str, robot: str) -> str:
-    """The id of a task's environment with a robot, both by name."""
+    """Environment id of a task with a robot."""
     return f"avrgym/{task}{robot}-v1"
 
 
 ENVIRONMENTS = tuple(environment_id(task, robot) for task, robot in product(TASKS, ROBOTS))
-"""Their ids; other packages may add to them."""
+"""Packaged environment ids. Plug-ins add others."""
 
 
 def expected_errors(environment_id: str) -> tuple[type[Exception], ...]:
-    """The errors for which a command over all environments leaves this one out and names it.
+    """Exceptions after which a command over all environments skips this one and reports it.
 
-    Code of other packages may raise any exception.
+    Plug-ins may raise any exception.
     """
     return (ValueError, RuntimeError) if environment_id in ENVIRONMENTS else (Exception,)

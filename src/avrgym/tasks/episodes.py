@@ -141,7 +141,7 @@ class Episodes:
         there = self.simulation.exemplar
         self._people.place(there)
         self.task_state = moved_to(
-            self.task.init_state(self.people, np.zeros((num_worlds, self.task.uniforms))), there
+            self.task.init_state(self.people, np.zeros((num_worlds, self.task.num_uniforms))), there
         )
         self._device_actions = DeviceActions(num_worlds, self.action_size, there) if on_device else None
         self._arm_start_rad = np.zeros((num_worlds, len(self.scene.arm.joints)))
@@ -237,7 +237,7 @@ class Episodes:
 
     def _draw(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> None:
         """Draw a start for each of worlds ``ids`` (n,) and put the worlds into it."""
-        count = world_people.NUM_UNIFORMS + self.task.uniforms
+        count = world_people.NUM_UNIFORMS + self.task.num_uniforms
         uniforms = np.stack([generator.random(count) for generator in generators])
         people = self._people.reset(ids, uniforms[:, : world_people.NUM_UNIFORMS])
         for_task = uniforms[:, world_people.NUM_UNIFORMS :]

@@ -1,4 +1,4 @@
-"""What a policy sees: named parts in one order, told once."""
+"""Observations of policies: named entries in a fixed order."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,23 +12,23 @@ from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import State
 
 Of = Callable[[State, Any], FloatArray]
-"""From the states of N worlds and of the task to numbers (N, k), or (N,) for a single one."""
+"""From the states of N worlds and of the task to values (N, k), or (N,) for one value."""
 
 REACH_M = 3.0
-"""No arm of ours reaches 1.5 m, and a person's head is less than 1.5 m from the robot's base."""
+"""Arms reach less than 1.5 m, and the head is less than 1.5 m from the robot's base."""
 TURN_RAD = 7.0
-"""Joint ranges end at ±2π; a soft stop lets a joint go a little beyond."""
+"""Joint ranges end at ±2π. A soft stop lets a joint go slightly beyond."""
 UNIT = 1.001
-"""A component of a unit quaternion, with room for rounding."""
+"""Bound of a component of a unit quaternion, with a margin for rounding."""
 FORCE_N = 10_000.0
-"""Fifty times what the strongest joint can press with at 0.4 m."""
+"""50 times the force of the strongest joint at 0.4 m."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A part of an observation: its name, how many numbers it has, the bound ± that none leaves, and how it is found.
+    """An entry of an observation: name, number of values, bound (±), and the function that computes it.
 
-    Training scales what it has seen by its variance, but a part with a ``scale``, which is in the part's unit, by that.
+    Training normalises by the observed variance, or by ``scale`` (in the entry's unit) if it is given.
     """
 
     name: str
@@ -44,9 +44,9 @@ def position(name: str, of: Of) -> Entry:
 
 
 def from_goal(name: str, of: Of) -> Entry:
-    """Where the tool is from its goal, in metres.
+    """Offset of the tool from its goal in metres.
 
-    What a tool does depends on centimetres where it is near; by the variance of whole episodes they would hardly show.
+    Near the goal, centimetres matter. The variance over whole episodes would hide them, so the scale is fixed.
     """
     return Entry(name, 3, REACH_M, of, scale=0.05)
 
@@ -62,16 +62,16 @@ def angles(name: str, count: int, of: Of) -> Entry:
 
 
 def force(name: str, of: Of) -> Entry:
-    """The length of a force in newtons."""
+    """The magnitude of a force in newtons."""
     return Entry(name, 1, FORCE_N, of)
 
 
 @dataclass(frozen=True)
 class Observation:
-    """The parts of an observation, in their order.
+    """The entries of an observation, in order.
 
     Raises:
-        ValueError: for no part, or two of the same name.
+        ValueError: for no entries, or two of the same name.
     """
 
     entries: tuple[Entry, ...]
@@ -85,32 +85,32 @@ class Observation:
 
     @property
     def size(self) -> int:
-        """How many numbers it has."""
+        """Number of values O."""
         return sum(entry.size for entry in self.entries)
 
     @property
     def bound(self) -> FloatArray:
-        """What no number exceeds either way, (O,)."""
+        """Bounds (O,): no value exceeds ±bound."""
         return self._each([entry.bound for entry in self.entries])
 
     @property
     def scale(self) -> FloatArray:
-        """The fixed scales, (O,), not a number where there is none."""
+        """Fixed scales (O,); NaN where there is none."""
         return self._each([np.nan if entry.scale is None else entry.scale for entry in self.entries])
 
     @property
     def ends(self) -> IntArray:
-        """Where in an observation each part ends, one past its last number."""
+        """Index one past the last value of each entry."""
         return np.cumsum([entry.size for entry in self.entries])
 
     def _each(self, values: list[float]) -> FloatArray:
         return np.repeat(values, [entry.size for entry in self.entries])
 
     def of(self, state: State, task_state: Any) -> FloatArray:
-        """The observations (N, O) of a state.
+        """Observations (N, O) of a state.
 
         Raises:
-            ValueError: for a part that gives another number of numbers than it says, naming it.
+            ValueError: if an entry has another number of values than its ``size``.
         """
         count = len(state.tool_pos_w)
         parts = [entry.of(state, task_state).reshape(count, -1) for entry in self.entries]
@@ -121,7 +121,7 @@ class Observation:
 
 
 def number_names(observation: Observation) -> list[str]:
-    """A name for every number of an observation, such as ``tool_from_torso_m_x``."""
+    """A name for each value of an observation, such as ``tool_from_torso_m_x``."""
     ends = {1: ("",), 3: ("_x", "_y", "_z"), 4: ("_w", "_x", "_y", "_z")}
     return [
         f"{entry.name}{end}"
@@ -131,7 +131,7 @@ def number_names(observation: Observation) -> list[str]:
 
 
 def arm_angles(scene: SceneConfig) -> Entry:
-    """The angles of the moving arm's joints."""
+    """Joint angles of the moving arm."""
     return angles("arm_angles_rad", len(scene.arm.joints), lambda state, _: state.arm_angles_rad)
 
 
@@ -149,11 +149,11 @@ RIGHT_ARM_FROM_TORSO = tuple(
     position(f"{name}_from_torso_m", _right_arm(joint))
     for joint, name in enumerate(("shoulder", "elbow", "wrist"))
 )
-"""What tasks have in common; the torso is the robot's, the axes are the world's."""
+"""Common entries. The torso is the robot's; axes are those of the world."""
 
 
 def tool_at_the_mouth(scene: SceneConfig) -> Observation:
-    """Tool, arm and head, for what is brought to the mouth."""
+    """Tool, arm and head, for tasks at the mouth."""
     return Observation(
         (
             TOOL_FROM_TORSO,

@@ -1,4 +1,4 @@
-"""How tasks find people, where they touch them, and how strong is too strong."""
+"""What tasks share about the person: initial poses, limbs, and the force that is too strong."""
 
 import numpy as np
 
@@ -13,25 +13,25 @@ TURNED_HEAD = Pose(
     rest_rad=SEATED_RAD,
     spread_rad=np.array([np.radians(30.0) if joint.body == "head" else 0.0 for joint in JOINTS.values()]),
 )
-"""Seated, the head turned up to 30° about each axis (paper, section IV)."""
+"""Seated, the head turned by up to 30° about each axis (paper, section IV)."""
 ARM_SPREAD_RAD = np.where(distributions.RIGHT_ARM, np.radians(10.0), 0.0)
-"""How far off its rest pose each joint of a right arm is found at most, (20,) (paper, section V)."""
+"""Spread of the right arm's joints around the rest pose (20,) (paper, section V)."""
 
 LIMBS = RIGHT_ARM[:2]
-"""What is scratched and wiped: upper arm and forearm."""
+"""Target limbs of scratching and bathing: upper arm and forearm."""
 STRONG_FORCE_N = 10.0
-"""What is too much where the tool should touch (paper, section V; reference)."""
+"""Limit of a comfortable contact force at the target (paper, section V; reference)."""
 DRAWN_ABOVE_M = 0.008
 SIDEWAYS = np.array([1.0, 1.0, 0.0])
-"""Takes of a place on a limb, in the limb's frame, what is across the limb."""
+"""Selects the components across a limb, in the limb's frame."""
 
 
 def force_above_limit(force_n: FloatArray) -> FloatArray:
-    """Forces (N,) of at least ``STRONG_FORCE_N``, and nothing for gentler ones."""
+    """Forces (N,) of at least ``STRONG_FORCE_N``; smaller forces become zero."""
     return namespace(force_n).where(force_n >= STRONG_FORCE_N, force_n, 0.0)
 
 
 def above_sleeve(places: FloatArray) -> FloatArray:
-    """Places (..., 3) on a limb's collision shape, in the limb's frame, moved outside of skin and sleeve."""
+    """Move points (..., 3) on a limb's collision shape outside of skin and sleeve, in the limb's frame."""
     outwards = places * constant_like(SIDEWAYS, places)
     return places + DRAWN_ABOVE_M * transforms.normalize(outwards)

@@ -1,4 +1,4 @@
-"""Where the robot stands and how its arm begins."""
+"""Placement of the robot's base and the initial pose of its arm."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -20,10 +20,10 @@ from avrgym.simulation.base_search import BasePoses
 from avrgym.simulation.worlds import Start
 
 NUM_UNIFORMS = base_search.NUM_UNIFORMS
-"""How many numbers draw a base or, where it is fixed, an arm: enough for the restarts of 75 joints."""
+"""Uniform numbers for a base or, if it is fixed, for an arm: enough for the restarts of 75 joints."""
 Z = [0.0, 0.0, 1.0]
 FURNITURE_EDGE_M: Mapping[Posture, float] = {SEATED: -0.345, RECLINED: -0.47}
-"""The x up to which wheelchair and bed reach on the robot's side."""
+"""Edge of wheelchair and bed on the robot's side: x coordinate."""
 
 
 def wheelchair_scene(
@@ -35,12 +35,12 @@ def wheelchair_scene(
     movable: Sequence[str] = (),
     chair: Furniture = add_wheelchair,
 ) -> SceneConfig:
-    """A person in a wheelchair and a robot on its mount there.
+    """A person in a wheelchair and a robot.
 
-    ``standing_offset_m`` (x, y) is added to the place of a robot that stands on the floor.
+    ``standing_offset_m`` (x, y) is added to the position of a robot on the floor.
 
     Raises:
-        UnsuitableError: where the robot lacks arm, mount or grip.
+        UnsuitableError: if the robot lacks arm, mount or grip.
     """
     arm, mount = select_equipment(robot, "wheelchair", side, tool)
     if mount.on_floor:
@@ -51,10 +51,10 @@ def wheelchair_scene(
 
 
 def bed_scene(robot: Robot, side: Side, tool: Tool) -> SceneConfig:
-    """A person in a hospital bed and a robot on its mount there.
+    """A person in a hospital bed and a robot.
 
     Raises:
-        UnsuitableError: where the robot lacks arm, mount or grip.
+        UnsuitableError: if the robot lacks arm, mount or grip.
     """
     arm, mount = select_equipment(robot, "bed", side, tool)
     around = (add_hospital_bed, *_carrier(mount))
@@ -71,20 +71,20 @@ def _carried(mount: Mount) -> tuple[str, ...]:
 
 @cache
 def arm_chain(scene: SceneConfig) -> kinematics.Chain:
-    """The moving arm of the scene's robot, from the robot's base to the tool."""
+    """Kinematic chain of the moving arm, from the robot's base to the tool."""
     model = robot_with_tool(scene, appearance=False).compile()
     return kinematics.chain_of(model, scene.arm.joints, scene.robot.base, TOOL_BODY)
 
 
 def mouth_poses(people: People) -> tuple[FloatArray, FloatArray]:
-    """Where the mouths (n, 3) and how the heads (n, 4) of seated people are, world frame."""
+    """Mouth positions (n, 3) and head rotations (n, 4) of seated people; world frame."""
     pos_w, q_w = human.body_frames(people, bodies=("head",))
     site = human.layout(people.is_woman, people.torso_height_m).site_pos["mouth"]
     return transforms.compose(pos_w["head"], q_w["head"], site, transforms.IDENTITY_QUATERNION)
 
 
 def right_arm_joints_w(people: People, posture: Posture) -> FloatArray:
-    """Shoulder, elbow and wrist (n, 3, 3) of the people's right arms, world frame."""
+    """Shoulder, elbow and wrist positions (n, 3, 3) of the right arm; world frame."""
     pos_w, _ = human.body_frames(people, posture, human.RIGHT_ARM)
     return namespace(people.torso_height_m).stack([pos_w[name] for name in human.RIGHT_ARM], axis=1)
 
@@ -92,7 +92,7 @@ def right_arm_joints_w(people: People, posture: Posture) -> FloatArray:
 def tool_in_hand(
     scene: SceneConfig, hand_pos_w: FloatArray, tool_q_w: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The tool's poses, (n, 3) and (n, 4), in hands at positions (n, 3), all turned alike (4,)."""
+    """Tool positions (n, 3) and rotations (n, 4) for hand positions (n, 3) and one tool rotation (4,)."""
     pos_w = hand_pos_w - constant_like(transforms.rotate(tool_q_w, scene.tool.grip_pos), hand_pos_w)
     return pos_w, namespace(pos_w).tile(constant_like(tool_q_w, pos_w), (len(pos_w), 1))
 
@@ -107,11 +107,11 @@ def placed_start(
     goal_q_w: FloatArray,
     uniforms: FloatArray,
 ) -> Start:
-    """How n worlds begin whose tool starts at positions (n, 3) and rotations (n, 4).
+    """Initial states of n worlds with tool poses (n, 3) and (n, 4).
 
-    A base that may be chosen is searched for among ``base_search.CANDIDATES``: one from which the tool also
-    reaches the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) draw the candidates, or drive the
-    restarts of the inverse kinematics where the seed pose of a mounted arm does not lead there.
+    A movable base is searched for among ``base_search.CANDIDATES``: from it the tool also reaches the goals, (n, G, 3)
+    and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) draw the candidates, or the restarts of the inverse kinematics if
+    the seed pose of a fixed arm does not lead to a solution.
     """
     chain, seed_rad, mount = arm_chain(scene), scene.arm.seed_pose_rad, scene.mount
     if mount.base_range is None:
@@ -131,7 +131,7 @@ def placed_start(
 
 
 def _clear_of_furniture(scene: SceneConfig, candidates: BasePoses) -> BasePoses:
-    """The candidates, moved away from the person where a corner of the base would stand in the furniture."""
+    """The candidates, moved away from the person where the base would overlap the furniture."""
     sine, cosine = elementary.sine_and_cosine(candidates.yaw_rad)
     turned = np.abs(cosine) + np.abs(sine)
     nearest = FURNITURE_EDGE_M[scene.posture] - scene.robot.half_width_m * turned

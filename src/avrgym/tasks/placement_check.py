@@ -1,4 +1,4 @@
-"""Whether a robot leaves room where episodes begin: how often starts are drawn, and who is refused."""
+"""Check of a robot's placement: whether initial states without collision are found."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -21,17 +21,18 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
 MAX_MEAN_DRAWS = 2.0
-"""How often a start may be drawn on average: then half of all draws are refused."""
+"""Largest mean number of draws of an initial state: half of them may be rejected."""
 PEOPLE, STARTS = "revised", 32
-"""The people of a check of a robot, and how many starts it draws."""
+"""Population and number of initial states of a robot check."""
 BODY_STARTS = 4
-"""How many starts are drawn for each body."""
+"""Number of initial states for each body."""
 ARMS_AT_ONCE = 50
 
 
 @dataclass(frozen=True)
 class StartDraws:
-    """How often starts were drawn until each had room: on average and at most. ``refused``: why one never had."""
+    """Number of draws until an initial state has no collision: mean and maximum. ``refused`` is the reason if none
+    had."""
 
     mean: float
     most: int
@@ -39,12 +40,12 @@ class StartDraws:
 
     @property
     def fault(self) -> str:
-        """What is wrong in words, if anything is."""
+        """Description of the fault, or empty."""
         return self.refused or excess_draws(self.mean, self.most)
 
 
 def excess_draws(mean: float, most: int) -> str:
-    """That starts are drawn too often, in words; empty where they are not."""
+    """Description of too many draws, or empty."""
     if mean <= MAX_MEAN_DRAWS:
         return ""
     return (
@@ -54,7 +55,7 @@ def excess_draws(mean: float, most: int) -> str:
 
 
 def draw_starts(episodes: Episodes) -> StartDraws:
-    """Begin an episode in each world, seeded by its number."""
+    """Reset each world, seeded by its index."""
     worlds = np.arange(episodes.simulation.num_worlds)
     try:
         episodes.reset(worlds, [random_streams.episode(world) for world in worlds.tolist()])
@@ -65,7 +66,7 @@ def draw_starts(episodes: Episodes) -> StartDraws:
 
 @cache
 def draws_by_body(environment_id: str) -> tuple[tuple[Person, StartDraws], ...]:
-    """Starts beside people who rest as in a session: both bodies, as short and as tall as anybody is measured."""
+    """Initial states next to resting people: both body models, with the least and the greatest torso height."""
     episodes = Episodes(environment_id, BODY_STARTS, person=Person(), moving=True, num_threads=1)
     return tuple(_of_bodies(episodes))
 
@@ -78,13 +79,13 @@ def _of_bodies(episodes: Episodes) -> Iterator[tuple[Person, StartDraws]]:
 
 
 def check_starts(environment_id: str) -> StartDraws:
-    """Draw starts beside random people and beside each body.
+    """Draw initial states next to random people and next to each body.
 
     Returns:
-        How often they were drawn beside random people.
+        Number of draws next to random people.
 
     Raises:
-        ValueError: where that is more often than ``MAX_MEAN_DRAWS``, or somebody has no start.
+        ValueError: for a mean above ``MAX_MEAN_DRAWS``, or a body without an initial state.
     """
     drawn = draw_starts(Episodes(environment_id, STARTS, people=PEOPLE, num_threads=1))
     faults = [
@@ -96,19 +97,19 @@ def check_starts(environment_id: str) -> StartDraws:
 
 
 def check_placement(robot: str) -> dict[str, StartDraws]:
-    """Check the placement of a robot in each of its environments: ``check_starts``, by environment.
+    """Run ``check_starts`` for each environment of a robot; results by environment.
 
     Raises:
-        ValueError: naming the first environment that fails.
+        ValueError: for the first environment that fails.
     """
     own = [environment for environment, (_, name) in ENVIRONMENTS.items() if name == robot]
     return {environment: check_starts(environment) for environment in own}
 
 
 def is_collision_free(task: str, robot: Robot, angles_rad: FloatArray) -> BoolArray:
-    """Which poses (n, J) of a robot's arm keep clear of person and furniture, with its base where its mount puts it.
+    """Which poses (n, J) of a robot's arm do not touch person and furniture, with the base at its mount.
 
-    The person rests as the task has it, in either body of middle height.
+    The person is in the task's rest pose, in both body models of mean height.
     """
     if not len(angles_rad):
         return np.zeros(0, bool)
@@ -121,7 +122,9 @@ def _clear(task: str, robot: Robot, angles_rad: FloatArray, sex: Sex) -> BoolArr
     count, record = len(angles_rad), TASKS[task]
     scene = record.scene(robot)
     person = Person(sex, joint_angles_rad=record.pose.rest_rad)
-    start = record.start(scene, distributions.repeat_person(person, 1), np.full((1, record.uniforms), 0.5))
+    start = record.start(
+        scene, distributions.repeat_person(person, 1), np.full((1, record.num_uniforms), 0.5)
+    )
     mount = scene.mount
     simulation = Simulation(scene, count, moving=False, num_threads=1)
     placed = {name: np.tile(pos, (count, 1)) for name, pos in start.placed_pos_w.items()}

@@ -1,6 +1,6 @@
-"""The tasks there are, and the environments: every task with every robot that can hold its tool.
+"""Registry of tasks and environments: every task with every robot that can hold its tool.
 
-Beside those of this package there are those that other packages register in the entry-point group ``avrgym.tasks``.
+Plug-ins register tasks in the entry-point group ``avrgym.tasks``.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from avrgym.tasks.task import Task
 
 
 class Registry:
-    """Tasks by name, environments by id, and what was left out because it is broken."""
+    """Tasks by name, environments by id, and what was skipped because of errors."""
 
     def __init__(self, robots: Mapping[str, Robot]) -> None:
         self.robots = robots
@@ -28,11 +28,10 @@ class Registry:
         self.broken: list[plugins.SkippedPlugin] = []
 
     def add(self, task: Task) -> None:
-        """Register a task with those of the robots that suit it; where its scene or observation fails, it is left out.
+        """Register a task with all suitable robots. Robots for which its scene or observation fails are skipped.
 
         Raises:
-            ValueError: for the name of another task, where an environment's id is taken, and for a task that no robot
-                can do; nothing is added then.
+            ValueError: if the name or an environment id is in use, or if no robot is suitable. Nothing is added.
         """
         if task.name in self.tasks:
             raise ValueError(f"there is already a task {task.name}; allowed: another name")
@@ -68,16 +67,16 @@ def _build_registry() -> Registry:
 _REGISTRY = _build_registry()
 TASKS: Mapping[str, Task] = _REGISTRY.tasks
 ENVIRONMENTS: Mapping[str, tuple[str, str]] = _REGISTRY.environments
-"""Environment id to the names of task and robot."""
+"""Task and robot names by environment id."""
 BROKEN: tuple[plugins.SkippedPlugin, ...] = tuple(_REGISTRY.broken)
-"""What other packages register and was skipped: tasks, and environments of a task with a robot."""
+"""Skipped plug-ins: tasks, and environments of a task with a robot."""
 
 
 def find_environment(environment_id: str) -> tuple[str, str]:
-    """The names of task and robot of an environment id.
+    """Task and robot names of an environment id.
 
     Raises:
-        ValueError: naming the ids there are.
+        ValueError: for an unknown id, listing the ids.
     """
     if environment_id not in ENVIRONMENTS:
         raise ValueError(
@@ -87,10 +86,10 @@ def find_environment(environment_id: str) -> tuple[str, str]:
 
 
 def plugins_of(environment_id: str) -> tuple[UsedPlugin, ...]:
-    """Task and robot of an environment, where other packages register them, as they are installed now.
+    """Plug-ins that register the task or robot of an environment.
 
     Raises:
-        ValueError: for an unknown environment, naming the ids there are.
+        ValueError: for an unknown id, listing the ids.
     """
     task, robot = find_environment(environment_id)
     of_task, of_robot = plugins.entry_of(plugins.TASKS, task), plugins.entry_of(plugins.ROBOTS, robot)
@@ -99,10 +98,10 @@ def plugins_of(environment_id: str) -> tuple[UsedPlugin, ...]:
 
 
 def task_and_scene(environment_id: str) -> tuple[Task, SceneConfig]:
-    """The task of an environment, and what its worlds are made of.
+    """Task and scene of an environment.
 
     Raises:
-        ValueError: for an unknown environment, naming the ids there are.
+        ValueError: for an unknown id, listing the ids.
     """
     name, robot = find_environment(environment_id)
     return TASKS[name], TASKS[name].scene(find_robot(robot))

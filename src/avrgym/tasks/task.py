@@ -1,4 +1,4 @@
-"""What a task is: one record of plain functions and data, the same for training, live VR and replay."""
+"""The task record: functions and data that training, live VR and replay share."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ from avrgym.simulation.worlds import RightArm, Simulation, Start, State
 from avrgym.tasks.observation import Observation
 
 TaskState = Any
-"""What a task keeps of an episode from step to step: a dataclass of arrays, world axis first."""
+"""State of a task during an episode: a dataclass of arrays, world axis first."""
 
 
 class EpisodeStart(msgspec.Struct, frozen=True):
@@ -37,16 +37,16 @@ class EpisodeStart(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class StepResult:
-    """What one control step gave in N worlds.
+    """Result of one control step in N worlds.
 
     Attributes:
-        task_state: what the task keeps from here on.
-        terms: the reward's terms, unweighted, (N,) each; those that ``Task.weights`` names.
-        distance_m: from the tool to its goal, (N,).
-        force_on_person_n: of robot and tool together, (N,).
-        success: whether the robot has succeeded so far, (N,).
-        events: how often something happened that a participant hears a chime for, such as a bite, (N,).
-        gone: which particles of the tool to take away, (N, K); K is 0 for tools without.
+        task_state: the new state of the task.
+        terms: unweighted reward terms, (N,) each, with the names of ``Task.weights``.
+        distance_m: distance of the tool from its goal (N,).
+        force_on_person_n: contact force of robot and tool on the person (N,).
+        success: whether the task has succeeded so far (N,).
+        events: number of events with a chime, such as a bite (N,).
+        gone: particles to remove (N, K); K is 0 for tools without particles.
     """
 
     task_state: TaskState
@@ -59,7 +59,7 @@ class StepResult:
 
 
 class RunningEpisodes(Protocol):
-    """What an expert may look at: the worlds, what stands in them, and what the task keeps."""
+    """The part of ``Episodes`` that experts use."""
 
     @property
     def simulation(self) -> Simulation:
@@ -68,27 +68,27 @@ class RunningEpisodes(Protocol):
 
     @property
     def scene(self) -> SceneConfig:
-        """What stands in each of them."""
+        """The scene of all worlds."""
         ...
 
     @property
     def task_state(self) -> TaskState:
-        """What the task keeps of their episodes."""
+        """The task's state."""
         ...
 
     def state(self) -> State:
-        """What there is to see now."""
+        """The present physical state."""
         ...
 
 
 Controller = Callable[[FloatArray], FloatArray]
-"""From the observations (N, O) of a control step to actions (N, A)."""
+"""From observations (N, O) to actions (N, A)."""
 Expert = Callable[[RunningEpisodes], Controller]
-"""Made when episodes have begun, and good for as long as they last."""
+"""Makes a controller after a reset; it is valid for that episode."""
 
 
 class View(NamedTuple):
-    """From where a scene is seen: a point (3,), world frame, and the camera's distance and angles from it."""
+    """A camera view: target point (3,) in the world frame, distance, and angles."""
 
     look_at_w: tuple[float, float, float]
     distance_m: float
@@ -97,11 +97,11 @@ class View(NamedTuple):
 
 
 BESIDE_WHEELCHAIR = View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
-"""Of a robot that stands on the floor and brings something to the mouth of who sits in the wheelchair."""
+"""For a robot on the floor that brings something to the mouth of a person in the wheelchair."""
 
 
 class Views(NamedTuple):
-    """The views of a mounted robot and of one that stands on the floor; neither arm nor person hides what it does."""
+    """Views of a mounted robot and of a robot on the floor. Arm and person do not hide the task."""
 
     mounted: View
     on_floor: View
@@ -109,9 +109,10 @@ class Views(NamedTuple):
 
 @dataclass(frozen=True)
 class Marks:
-    """Spots that a task draws on the person's arm; ``places(arm, task_state)`` (N, ``count``, 3), world frame, metres.
+    """Marks that a task draws on the person's arm.
 
-    A spot that is not to be seen lies below the floor.
+    ``places(arm, task_state)`` returns positions (N, ``count``, 3) in the world frame, in metres. Hidden marks are
+    below the floor.
     """
 
     count: int
@@ -122,40 +123,38 @@ class Marks:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """A task. Every function takes and gives arrays with the world axis first, of NumPy or of another library.
+    """A task. All functions take and return arrays of any array library, world axis first.
 
     Attributes:
         name: an ASCII identifier; environments are called ``avrgym/{name}{robot}-v1``.
-        goal: tells a participant in one sentence what the task is, and not how it is done (paper, section V).
-        pose: how people sit or lie.
-        offered: what cooperating people bring to the tool.
-        strength_share: with what share of their strength people hold their pose, so that the robot can move their
-            joints; without one, those who do nothing by themselves are stiff.
-        scene: says what stands in the scene with a robot; asked once for each, so that what is computed from a scene is
-            computed once.
-        uniforms: how many uniform numbers a start takes.
-        start: where things begin, drawn from the scene, the people and uniform numbers (n, ``uniforms``).
-        init_state: from the people and the same numbers, the task's state that an episode begins with.
-        observation: what a policy sees in a scene.
-        weights: the weight of each reward term; the reward is their weighted sum.
-        evaluate_step: what the control step gave that ends in a state, from that state, the action (N, A) and the
-            task's state before.
-        expert: plans with all that can be known: it shows that the task can be done.
-        feedback_expert: does without plan or memory what depends evenly on the present: training imitates it.
-        views: from where pictures are taken.
-        hyperparameters: those of training that differ from the defaults of ``learning.hyperparameters``.
-        memory_expert: may remember; policies that remember imitate it in place of the reactive one.
-        detour_m: how much longer than straight on the way of tool and hand to the goal is, (N,); with a
-            ``detour_weight_per_m`` training draws the policy along it.
-        marks: what is drawn on the person.
-        withdraws_after_success: whether going on after success helps nobody. The robot then withdraws its tool where an
-            episode or a session has ``withdraw_after_success``.
-        tracked: the parts of a participant's body that must be tracked in VR, their head and the arms that the robot
-            works on. An attempt ends when one of them is not.
+        goal: the task in one sentence for participants, without how it is done (paper, section V).
+        pose: initial pose of the person.
+        offered: body part that cooperating people bring to the tool.
+        strength_share: share of their strength with which people hold their pose, so that the robot can move their
+            joints. ``None``: people who do not move are rigid.
+        scene: returns the scene for a robot; called once for each.
+        num_uniforms: number of uniform numbers of ``start``.
+        start: initial state from the scene, the people and uniform numbers (n, ``num_uniforms``).
+        init_state: initial task state from the people and the same numbers.
+        observation: the observation of a scene.
+        weights: weight of each reward term; the reward is the weighted sum.
+        evaluate_step: rewards and success from the state after the step, the action (N, A) and the previous task state.
+        expert: plans with full knowledge; shows that the task is feasible (``--policy oracle``).
+        feedback_expert: a smooth function of the present state, without memory; training imitates it.
+        views: camera views for pictures.
+        training: training settings.
+        memory_expert: may use memory; recurrent policies imitate it instead of ``feedback_expert``.
+        detour_m: extra length (N,) of the path of tool and hand compared with the straight path; used by
+            ``training.detour_weight_per_m``.
+        marks: marks on the person.
+        ends_with_success: nothing useful remains after success. The robot then withdraws its tool if the episode or
+            session has ``withdraw_after_success``.
+        tracked: body parts that VR must track: the head, and the arms that the robot works on. An attempt ends when the
+            tracking of one is lost.
 
     Raises:
-        TypeError: for a part that is missing or of another kind, naming it.
-        ValueError: for a part with a value that is not allowed, naming it and what is.
+        TypeError: for a missing field or a field of another type.
+        ValueError: for a field with a value that is not allowed.
     """
 
     name: str
@@ -163,7 +162,7 @@ class Task:
     pose: Pose
     offered: OfferedPart
     scene: Callable[[Robot], SceneConfig]
-    uniforms: int
+    num_uniforms: int
     start: Callable[[SceneConfig, People, FloatArray], Start]
     init_state: Callable[[People, FloatArray], TaskState]
     observation: Callable[[SceneConfig], Observation]
@@ -219,10 +218,10 @@ class Task:
             raise TypeError(f"{part} of task {self.name} is {getattr(self, part)!r}; allowed: a {kind}")
 
     def reward(self, terms: Mapping[str, FloatArray]) -> FloatArray:
-        """The weighted sum of the terms, (N,).
+        """Weighted sum of the terms (N,).
 
         Raises:
-            ValueError: for other terms than those that have weights, naming them.
+            ValueError: if the terms are not those with weights.
         """
         if terms.keys() != self.weights.keys():
             raise ValueError(
@@ -240,7 +239,7 @@ _KINDS: Mapping[str, type] = {
     "name": str,
     "goal": str,
     "pose": Pose,
-    "uniforms": int,
+    "num_uniforms": int,
     "weights": Mapping,
     "views": Views,
     "hyperparameters": Mapping,
@@ -258,12 +257,12 @@ _FUNCTIONS = (
 
 
 def state_arrays(task_state: object) -> dict[str, NumpyArray]:
-    """What a task's state of N worlds holds, by name."""
+    """Arrays of a task state, by name."""
     return vars(task_state)
 
 
 def replace_worlds(old: TaskState, new: TaskState, ids: IntArray) -> TaskState:
-    """The arrays ``old`` of N worlds with the worlds ``ids`` replaced by ``new``, of the host or where ``old`` is."""
+    """The arrays ``old`` of N worlds, with worlds ``ids`` replaced by ``new``."""
     arrays = {name: namespace(array).asarray(array, copy=True) for name, array in state_arrays(old).items()}
     for name, array in arrays.items():
         array[ids] = moved_to(getattr(new, name), array)

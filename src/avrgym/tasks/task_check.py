@@ -1,4 +1,4 @@
-"""Whether a task does what its record says, in motion."""
+"""Check of a task by running it."""
 
 import numpy as np
 
@@ -14,12 +14,12 @@ WORLDS, STEPS = 3, 5
 
 
 def check_task(name: str) -> None:
-    """Begin episodes of a task with every robot that can do it, and make a few steps with each of its experts.
+    """Run a few steps of a task with every suitable robot and each expert.
 
-    Starts are drawn as ``tasks.starts.check_starts`` does.
+    Initial states are checked by ``tasks.placement_check.check_starts``.
 
     Raises:
-        ValueError: for an unknown task, naming those there are, and for what is not as the record says, naming it.
+        ValueError: for an unknown task, or for the first fault.
     """
     if name not in TASKS:
         raise ValueError(f"unknown task {name!r}; the tasks are {', '.join(TASKS)}")
@@ -41,7 +41,7 @@ def _check_expert(episodes: Episodes, name: str, expert: Expert) -> None:
 
 
 def _observations(episodes: Episodes, expert: Expert, where: str) -> FloatArray:
-    """What was observed (T, N, O) in episodes led by an expert."""
+    """Observations (T, N, O) of episodes with an expert."""
     episodes.reset(np.arange(WORLDS), [random_streams.episode(seed) for seed in range(WORLDS)])
     steps = [episodes.evaluate_state()]
     controller = expert(episodes)

@@ -96,7 +96,7 @@ class WorldPeople:
         self._furniture = furniture_boxes(scene.furniture)
         requested = impairments.find_impairment(impairment)
         self._populations = [
-            replace(population, impairment=population.impaired(requested))
+            replace(population, impairment=population.effective_impairment(requested))
             for population in environment_populations(name_or_path, environment_id)
         ]
         self._policies = [each.trained for each in self._populations if each.trained is not None]
@@ -185,7 +185,7 @@ class WorldPeople:
         return impairments.apply_impairment(people, population.impairment, for_impairments)
 
     def _pose(self, population: Population) -> Pose:
-        return population.distribution.pose_in(self._task.name, self._task.pose)
+        return population.distribution.pose_for_task(self._task.name, self._task.pose)
 
     def command(self, action: FloatArray) -> None:
         """Move their joint targets by actions (N, K), see ``Episodes.command_people``."""

@@ -1,1 +1,1 @@
-"""A zoo of partners: named styles in which people behave, each in many strengths, delays and tempos."""
+"""The zoo of partners: behaviour styles, each with several amplitudes, delays and tempos."""

@@ -1,7 +1,7 @@
-"""Who lives in the zoo: every style at every combination of levels of its axes, some to train with and others to meet.
+"""Partners of the zoo: each style at every combination of levels of its axes.
 
-A partner is a row of ``PARTNER_PARAMETERS``. Those of ``zoo/unseen`` lie between those of ``zoo/train`` on every axis:
-no trait that a style moves has the same value in both.
+A partner is a row of ``PARTNER_PARAMETERS``. The training population is ``zoo/train``, the held-out population
+``zoo/unseen``. On every axis the held-out values lie between the training values; none is in both.
 """
 
 from collections.abc import Collection, Mapping
@@ -23,28 +23,28 @@ LEVELS: Mapping[str, tuple[float, ...]] = {
     TRAIN_ZOO: (0.0, 0.5, 1.0),
     UNSEEN_ZOO: (0.13, 0.37, 0.63, 0.87),
 }
-"""Where on each axis of a style the partners are, from its traits' first values, 0, to their last, 1."""
+"""Levels on each axis of a style, from 0 (first values) to 1 (last values)."""
 
 
 @dataclass(frozen=True)
 class BehaviourParameters:
-    """How P partners behave, (P,) each; the defaults are of those who do nothing.
+    """Behaviour parameters of P partners, (P,) each. With the defaults a partner does nothing.
 
     Attributes:
-        reaction_s: what they see of the tool lies so far in the past.
-        facing_share: how far they turn the face to it.
-        approach_share: how far they lean to it, or lift the arm, when it is near; 1 is as far as participants do.
-        pause_s: how long they wait before they do, and half-way.
-        away_deg: how far they withdraw as long as it is near.
-        startle_deg, startle_m, startle_s: how far they withdraw the first time that it comes so near, and for how long.
-        glance_deg, wander_deg: how far to one side, and how far to any, they turn the head from time to time.
-        glance_every_s, glance_share: how often, and for what share of the time.
-        chew_deg, chew_hz: how far and how often the head goes back with the jaw.
-        shift_deg, shift_every_s: how far and how often they shift in their seat.
-        sway_deg, sway_hz: how they sway.
-        speed_share: how fast they move, of the usual.
-        tremor_deg: how far the head trembles either way; the arms do half as far.
-        strength_share, range_share: of their joints' torques and ranges.
+        reaction_s: reaction delay to the tool.
+        facing_share: share of the turn of the face to the tool.
+        approach_share: extent of leaning or lifting the arm to a near tool; 1 is that of ``people.cooperation``.
+        pause_s: waiting time before the approach, and half-way.
+        away_deg: extent of withdrawal while the tool is near.
+        startle_deg, startle_m, startle_s: extent of a startle, the tool distance that triggers it, and its duration.
+        glance_deg, wander_deg: occasional head turns to one side, and to a random side.
+        glance_every_s, glance_share: period of these turns, and their share of the period.
+        chew_deg, chew_hz: head motion with the jaw.
+        shift_deg, shift_every_s: extent and period of posture shifts.
+        sway_deg, sway_hz: amplitude and frequency of sway.
+        speed_share: speed relative to the usual speed.
+        tremor_deg: tremor amplitude of the head; the arms have half of it.
+        strength_share, range_share: share of joint torques and ranges.
     """
 
     reaction_s: FloatArray
@@ -71,12 +71,12 @@ class BehaviourParameters:
     range_share: FloatArray
 
     def of(self, rows: IntArray, numbers: Any = 0.0) -> "BehaviourParameters":
-        """Those of some partners, as arrays of the library and type of ``numbers``, or else of NumPy."""
+        """Parameters of some partners, as arrays like ``numbers``."""
         return BehaviourParameters(*(constant_like(array, numbers)[rows] for array in vars(self).values()))
 
 
 PARAMETER_NAMES = tuple(each.name for each in fields(BehaviourParameters))
-_USUAL: Mapping[str, float] = {
+_DEFAULTS: Mapping[str, float] = {
     "speed_share": 1.0,
     "strength_share": 1.0,
     "range_share": 1.0,
@@ -86,7 +86,7 @@ _USUAL: Mapping[str, float] = {
 
 
 class Partner(NamedTuple):
-    """One of a zoo: its style, and its level on each axis of it, 0 to 1."""
+    """A partner: its zoo, style, and level (0 to 1) on each axis."""
 
     zoo: str
     style: str
@@ -94,7 +94,7 @@ class Partner(NamedTuple):
 
 
 def _partners() -> tuple[Partner, ...]:
-    """All partners; those of a style in a zoo follow each other."""
+    """All partners. Partners of the same zoo and style are adjacent."""
     return tuple(
         Partner(zoo, name, chosen)
         for zoo, levels in LEVELS.items()
@@ -103,8 +103,8 @@ def _partners() -> tuple[Partner, ...]:
     )
 
 
-def _traits(style: Style, levels: tuple[float, ...]) -> dict[str, float]:
-    """What the traits of a style are that it moves."""
+def _style_values(style: Style, levels: tuple[float, ...]) -> dict[str, float]:
+    """Parameter values of a style at its levels."""
     return {
         trait: first + level * (last - first)
         for axis, level in zip(style.axes, levels, strict=True)
@@ -113,15 +113,18 @@ def _traits(style: Style, levels: tuple[float, ...]) -> dict[str, float]:
 
 
 PARTNERS = _partners()
-_MOVED = [_traits(STYLES[partner.style], partner.levels) for partner in PARTNERS]
+_VALUES = [_style_values(STYLES[partner.style], partner.levels) for partner in PARTNERS]
 PARTNER_PARAMETERS = BehaviourParameters(
-    *(np.array([moved.get(trait, _USUAL.get(trait, 0.0)) for moved in _MOVED]) for trait in PARAMETER_NAMES)
+    *(
+        np.array([values.get(trait, _DEFAULTS.get(trait, 0.0)) for values in _VALUES])
+        for trait in PARAMETER_NAMES
+    )
 )
-"""The manner of each of ``PARTNERS``."""
+"""One row for each of ``PARTNERS``."""
 
 
 class PartnerSet:
-    """Some of the partners to draw from: each style with the same chance, then each of its partners."""
+    """Partners to sample from. Styles are equally likely, then the partners of a style."""
 
     def __init__(self, zoo: str, styles: Collection[str]) -> None:
         self.zoo, self.styles = zoo, tuple(styles)
@@ -136,7 +139,7 @@ class PartnerSet:
         return int(self._count.sum())
 
     def draw(self, uniforms: FloatArray) -> IntArray:
-        """Partners (n,) from uniform numbers (n, 2)."""
+        """Sample partners (n,) from uniform numbers (n, 2)."""
         first, count = constant_like(self._first, uniforms), constant_like(self._count, uniforms)
         style = choose_index(uniforms[:, 0], len(self.styles))
         return first[style] + choose_index(uniforms[:, 1], count[style])
@@ -151,9 +154,9 @@ _TREMOR_SHARE = TREMOR_TARGET_RAD / TREMOR_TARGET_RAD[list(JOINTS).index("head_x
 
 
 def apply_partner_bodies(people: People, partners: IntArray) -> People:
-    """The same people with what the bodies of partners (n,) are like: ranges, strength and tremor."""
-    manner = PARTNER_PARAMETERS.of(partners, people.torso_height_m)
+    """Give people the joint ranges, strength and tremor of partners (n,)."""
+    parameters = PARTNER_PARAMETERS.of(partners, people.torso_height_m)
     share = constant_like(_TREMOR_SHARE, people.torso_height_m)
-    tremor_rad = (RAD_PER_DEGREE * manner.tremor_deg)[:, None] * share
-    strong = replace(people, strength_share=manner.strength_share, tremor_rad=tremor_rad)
-    return impairments.limit_joint_ranges(strong, manner.range_share)
+    tremor_rad = (RAD_PER_DEGREE * parameters.tremor_deg)[:, None] * share
+    strong = replace(people, strength_share=parameters.strength_share, tremor_rad=tremor_rad)
+    return impairments.limit_joint_ranges(strong, parameters.range_share)

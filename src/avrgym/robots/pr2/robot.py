@@ -13,13 +13,13 @@ from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.rtb_data import rtb_data_path
 
 MESHES = rtb_data_path("pr2_description/meshes")
-BESIDE_M = (-0.85, -0.4, 0.0)
+BASE_POS_M = (-0.85, -0.4, 0.0)
 """Beside the person, facing their right side (reference)."""
-TURN_RAD = (-np.radians(30.0), np.radians(30.0))
+YAW_RANGE_RAD = (-np.radians(30.0), np.radians(30.0))
 JOINTS = (
     "shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll",
 )  # fmt: skip
-HOLDING_RAD = np.array([1.75, 1.25, 1.5, -0.5, 1.0, 0.0, 1.0])
+FIXED_RAD = np.array([1.75, 1.25, 1.5, -0.5, 1.0, 0.0, 1.0])
 SEED_RAD = np.array([0.7, 0.2, 1.5, -1.85, -3.1, -1.45, 0.0])
 """Of the left arm; the right arm's poses are their mirror images."""
 MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
@@ -95,15 +95,15 @@ PR2 = Robot(
     torso="torso_lift_link",
     arms={side: _arm(side) for side in SIDES},
     mounts={
-        "wheelchair": Mount(BESIDE_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.5), TURN_RAD)),
+        "wheelchair": Mount(BASE_POS_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.5), YAW_RANGE_RAD)),
         # Farther up the raised backrest is in the arm's way.
-        "bed": Mount(BESIDE_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.3), TURN_RAD)),
+        "bed": Mount(BASE_POS_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.3), YAW_RANGE_RAD)),
     },
     grips=GRIPS,
     half_width_m=0.335,
-    holding={
+    fixed_joints={
         joint: float(angle)
         for side in SIDES
-        for joint, angle in zip(_joints(side), _pose(side, HOLDING_RAD), strict=True)
+        for joint, angle in zip(_joints(side), _pose(side, FIXED_RAD), strict=True)
     },
 )

@@ -156,7 +156,9 @@ def draw_participant_traits(participant: Participant, cast: DryRun) -> Traits:
     """Body and habits of a simulated participant."""
     random = _random(cast.seed, participant.number)
     seed, kind = int(random.integers(2**31)), cast.kinds[int(random.integers(len(cast.kinds)))]
-    return draw_traits(participant.sex, seed, kind.distribution, kind.impaired(cast.impairment), kind.trained)
+    return draw_traits(
+        participant.sex, seed, kind.distribution, kind.effective_impairment(cast.impairment), kind.trained
+    )
 
 
 def _answer(visit: StudyVisit, when: str, chance: np.random.Generator) -> None:

@@ -49,7 +49,7 @@ class BedBathingExpert:
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin with the first sweep."""
         self._episodes = episodes
-        self._guide = MotionPlanner(episodes)
+        self._planner = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
         self._limb, self._angle, self._first, self._last = (np.array(c) for c in zip(*SWEEPS, strict=True))
         self._sweep, self._phase, self._waited = np.zeros((3, count), dtype=np.intp)
@@ -63,7 +63,7 @@ class BedBathingExpert:
         pos_w, q_w = cloth_pose(state, self._limb[sweep], self._angle[sweep], share, above)
         speed = np.where(phase == COME, CARRY_M_S, WIPE_M_S)
         speed = speed * np.clip(2.0 - state.tool_force_n / STRONG_N, 0.2, 1.0)
-        action = self._guide.toward(pos_w, q_w, speed, TURN_RAD_S)
+        action = self._planner.action_toward(pos_w, q_w, speed, TURN_RAD_S)
         self._advance(state, pos_w, q_w)
         return action
 
@@ -73,7 +73,7 @@ class BedBathingExpert:
 
     def _advance(self, state: State, pos_w: FloatArray, q_w: FloatArray) -> None:
         """On to the next phase on arrival, or where wiping gets no farther; else to the next sweep."""
-        away, turn = norm(self._guide.pos_w - pos_w), transforms.angle_between(self._guide.q_w, q_w)
+        away, turn = norm(self._planner.pos_w - pos_w), transforms.angle_between(self._planner.q_w, q_w)
         arrived = (away < ARRIVED_M) & (turn < ARRIVED_RAD)
         arrived = np.where(self._phase == TOUCH, state.tool_force_n > TOUCHED_N, arrived)
         stuck = self._is_stuck(away + METRES_PER_RADIAN * turn)

@@ -42,7 +42,7 @@ YIELD_M_N, SOFTER_M, FIRMER_M, LOST_M = 0.0003, -0.002, 0.001, 0.006
 HEIGHT_M = (-0.03, 0.01)
 
 
-def wiping_target(state: State, task_state: TaskState, guide: MotionPlanner) -> ToolTarget:
+def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
     """The cloth from the shoulder to the wrist on top of the arm, and back on its outer side."""
     along, angle, above_m = _on_arm(state)
     away = above_m > AWAY_M
@@ -58,7 +58,7 @@ def wiping_target(state: State, task_state: TaskState, guide: MotionPlanner) -> 
     )
     deeper = np.clip(YIELD_M_N * (expert.FORCE_N - state.tool_force_n), SOFTER_M, FIRMER_M)
     deeper = np.where(state.tool_force_n > 0.0, deeper, LOST_M)
-    height = np.clip(((guide.pos_w - skin_w) * out).sum(axis=-1) - deeper, *HEIGHT_M)
+    height = np.clip(((planner.pos_w - skin_w) * out).sum(axis=-1) - deeper, *HEIGHT_M)
     height = np.maximum(height, HEIGHT_M[0] + elbow * (LIFT_M - HEIGHT_M[0]))
     before = HOVER_M + funnel_standoff_m(skin_w - state.tool_pos_w, out, HOVER_M, 4.0 * HOVER_M)
     speed = WIPE_M_S * np.clip(2.0 - state.tool_force_n / STRONG_N, 0.2, 1.0)

@@ -11,7 +11,7 @@ from avrgym.models.cup import AXIS_X_M, RIM_RADIUS_M
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.head_clearance import clearance_way_m, face_direction
-from avrgym.tasks.experts.motion_planner import BLOCKED_S, MotionPlanner
+from avrgym.tasks.experts.motion_planner import COLLISION_COST_S, MotionPlanner
 from avrgym.tasks.experts.robot_clearance import Clearance
 from avrgym.tasks.task import RunningEpisodes
 
@@ -60,22 +60,22 @@ class DrinkingExpert:
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Plan for the people who are there now."""
         self._episodes = episodes
-        self._guide, self._clearance = MotionPlanner(episodes), Clearance(episodes.simulation)
+        self._planner, self._clearance = MotionPlanner(episodes), Clearance(episodes.simulation)
         count = self._episodes.simulation.num_worlds
         self._tilt_rad, self._arrived = np.full(count, TIPPED_RAD), np.zeros(count, dtype=bool)
         self._way, self._before_rad = self._plan(self._episodes.state())
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
-        state, guide = self._episodes.state(), self._guide
-        self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
-        swing = guide.swing(self._before_rad, CARRY_M_S, TIPPED_RAD)
+        state, planner = self._episodes.state(), self._planner
+        self._arrived |= np.abs(planner.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
+        swing = planner.joint_step(self._before_rad, CARRY_M_S, TIPPED_RAD)
         pos_w, q_w = at_mouth(state, self._way, self._tilt_rad)
-        near = self._arrived & (norm(pos_w - guide.pos_w) < NEAR_M)
+        near = self._arrived & (norm(pos_w - planner.pos_w) < NEAR_M)
         rate = np.where(self._tilt_rad < FULL_RAD, TURN_RAD_S, POUR_RAD_S)
         self._tilt_rad = np.minimum(self._tilt_rad + np.where(near, CONTROL_STEP_S * rate, 0.0), EMPTY_RAD)
-        into = guide.straight(pos_w, q_w, ENTER_M_S, TURN_RAD_S)
-        return guide.ask(np.where(self._arrived[:, None], into, swing))
+        into = planner.line_step(pos_w, q_w, ENTER_M_S, TURN_RAD_S)
+        return planner.action_to(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> tuple[Way, FloatArray]:
         """Of all ways on which the arm can tilt the cup, one that is quick and brings the rim near to the mouth.
@@ -94,7 +94,7 @@ class DrinkingExpert:
         pos_w, q_w = at_mouth(state, way, np.full_like(way.roll_rad, TIPPED_RAD))
         before_w = pos_w - AWAY_M * transforms.rotate(yaw_q_w(state, way), FORWARD)
         angles, seconds = (
-            part[:, 0] for part in self._guide.find(before_w[:, None], q_w[:, None], TIPPED_RAD)
+            part[:, 0] for part in self._planner.find_angles(before_w[:, None], q_w[:, None], TIPPED_RAD)
         )
         return seconds + self._tilting_cost_s(state, way, angles), angles
 
@@ -103,13 +103,13 @@ class DrinkingExpert:
         gap_m = np.full(len(angles_rad), np.inf)
         poses = [at_mouth(state, way, np.full_like(way.roll_rad, tilt)) for tilt in TILTS_RAD.tolist()]
         for pos_w, q_w in poses:
-            angles_rad = self._guide.angles_at(pos_w, q_w, angles_rad)
+            angles_rad = self._planner.angles_at(pos_w, q_w, angles_rad)
             gap = self._clearance.least_m(angles_rad[:, None], state, tool=False)[:, 0]
             gap_m = np.minimum(gap_m, gap)
         pos_w, q_w = poses[-1]
-        reached_w, _ = self._guide.pose(angles_rad)
+        reached_w, _ = self._planner.pose(angles_rad)
         distance = norm(_edge_w(pos_w, q_w, way) - state.mouth_pos_w) + norm(pos_w - reached_w)
-        return SECONDS_PER_M * distance + BLOCKED_S * np.clip(1.0 - gap_m / CLEARANCE_M, 0.0, 1.0)
+        return SECONDS_PER_M * distance + COLLISION_COST_S * np.clip(1.0 - gap_m / CLEARANCE_M, 0.0, 1.0)
 
 
 def carried_tilt_rad(q_w: FloatArray) -> FloatArray:

@@ -17,12 +17,12 @@ TILT_RAD_S = 0.12
 """How fast a cup is tilted that pours."""
 
 
-def drinking_target(state: State, task_state: TaskState, guide: MotionPlanner) -> ToolTarget:
+def drinking_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
     """The cup to the lips, straight on; where it is there, tilted on from how it is tilted."""
-    way = expert.Way(*np.zeros((2, len(guide.pos_w))))
-    tilt = expert.carried_tilt_rad(guide.q_w)
+    way = expert.Way(*np.zeros((2, len(planner.pos_w))))
+    tilt = expert.carried_tilt_rad(planner.q_w)
     into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
-    offset = expert.at_mouth(state, way, tilt)[0] - guide.pos_w
+    offset = expert.at_mouth(state, way, tilt)[0] - planner.pos_w
     near = norm(offset) < NEAR_M
     rate = np.where(tilt < expert.FULL_RAD, TURN_RAD_S, TILT_RAD_S)
     far = norm(offset) > expert.AWAY_M

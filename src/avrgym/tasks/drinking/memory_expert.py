@@ -74,14 +74,14 @@ class MemoryExpert:
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin where people and arms are."""
-        self._episodes, self._guide = episodes, FeedbackPlanner(episodes)
+        self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
         state = episodes.state()
         self._mouth_w, self._first_turn_rad = state.mouth_pos_w, _turn_rad(state)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
-        guide, state = self._guide, self._episodes.state()
-        guide.relax()
+        planner, state = self._planner, self._episodes.state()
+        planner.relax()
         rests = norm(state.mouth_pos_w - self._mouth_w) < RESTING_M_S * CONTROL_STEP_S
         self._mouth_w = state.mouth_pos_w
         turn_rad = _turn_rad(state)
@@ -90,26 +90,26 @@ class MemoryExpert:
         return self._bring(awaited, rests, away)
 
     def _bring(self, state: State, rests: BoolArray, away: BoolArray) -> FloatArray:
-        guide, way = self._guide, _way(np.full(len(rests), TURNED_M))
-        tilt = expert.carried_tilt_rad(guide.q_w)
+        planner, way = self._planner, _way(np.full(len(rests), TURNED_M))
+        tilt = expert.carried_tilt_rad(planner.q_w)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
         left = _to_the_left(state)
-        aside_m = _aside_m(state, left, guide.pos_w, at_lips_w)
+        aside_m = _aside_m(state, left, planner.pos_w, at_lips_w)
         turned_m = np.clip(TURNED_M + TURNED_SHARE * aside_m, -MOST_TURNED_M, MOST_TURNED_M)
         way = _way(turned_m)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
         aside = (TURNED_M + aside_m - turned_m)[:, None] * left
-        offset = at_lips_w + aside - guide.pos_w
+        offset = at_lips_w + aside - planner.pos_w
         pours_rad = POURS_RAD - PER_PARTICLE_RAD * count(in_cup(state))
         tilt = _next_tilt_rad(tilt, pours_rad, norm(offset), rests, away)
         goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_RAD))
         into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
         back_m = funnel_standoff_m(offset, into, 0.01, expert.AWAY_M) + np.where(away, WAITING_M, 0.0)
         goal_w = goal_w + aside - back_m[:, None] * into
-        too_far = ((goal_w - guide.pos_w) * into).sum(axis=-1) < -ROOM_M
+        too_far = ((goal_w - planner.pos_w) * into).sum(axis=-1) < -ROOM_M
         slowest = np.where(too_far, RETREAT_M_S, SLOWEST_M_S)
         speed = np.clip(SPEED_PER_M * norm(offset), slowest, FASTEST_M_S)
-        return guide.toward(goal_w, q_w, speed, TURN_RAD_S)
+        return planner.action_toward(goal_w, q_w, speed, TURN_RAD_S)
 
 
 def _way(left_m: FloatArray) -> Way:

@@ -1,4 +1,4 @@
-"""Experts who see people as they are on average, so that no tool follows a tremor to and fro."""
+"""Experts with a filtered observation of the person, so that the tool does not follow a tremor."""
 
 from dataclasses import replace
 
@@ -12,13 +12,13 @@ from avrgym.tasks.task import Controller, Expert, RunningEpisodes, TaskState
 
 PLACES = ("head_pos_w", "mouth_pos_w", "person_segment_w", "right_arm_pos_w")
 ROTATIONS = ("head_q_w", "right_arm_q_w")
-"""What of a state is where the person is."""
+"""Parts of the state that contain the person's pose."""
 
 
 def filtered(expert: Expert) -> Expert:
-    """The same expert, who sees the person half-way between now and the control step before.
+    """The same expert with the person's pose averaged over the present and the previous control step.
 
-    Tremor changes its direction at every control step (``people.impairments``): between two of them it is gone.
+    Tremor changes direction at every control step (``people.impairments``), so that the average removes it.
     """
 
     def make(episodes: RunningEpisodes) -> Controller:
@@ -28,14 +28,14 @@ def filtered(expert: Expert) -> Expert:
 
 
 class _FilteredEpisodes:
-    """Running episodes with people who are steadied."""
+    """Running episodes with a filtered state."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         self._episodes = episodes
         self._before = self._now = episodes.state()
 
     def look(self) -> None:
-        """See what there is now; at the beginning that is what there was."""
+        """Observe the present state."""
         self._before, self._now = self._now, self._episodes.state()
 
     @property
@@ -68,6 +68,6 @@ class _FilteredExpert:
 
 
 def _between(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The rotations (..., 4) half-way between others."""
+    """Mean of two rotations (..., 4)."""
     same = np.sign((a * b).sum(axis=-1, keepdims=True))
     return transforms.normalize(a + same * b)

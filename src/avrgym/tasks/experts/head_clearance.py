@@ -1,4 +1,4 @@
-"""Coming to a head without touching it."""
+"""Approach to the head without contact."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ HEAD = [list(GEOMS).index(name) for name in ("jaw", "cranium")]
 
 
 def face_direction(state: State) -> FloatArray:
-    """The level direction (N, 3) into the face."""
+    """Horizontal direction (N, 3) into the face."""
     into = transforms.rotate(state.head_q_w, [0.0, 1.0, 0.0])
     return transforms.normalize(into * [1.0, 1.0, 0.0])
 
@@ -19,7 +19,8 @@ def face_direction(state: State) -> FloatArray:
 def clearance_way_m(
     points_w: FloatArray, out: FloatArray, state: State, clearance_m: FloatArray | float
 ) -> FloatArray:
-    """How far (N,) points (N, P, 3) must move along ``out`` (N, 3) to be clear of the head by (N,) metres."""
+    """Distance (N,) that points (N, P, 3) must move along ``out`` (N, 3) for a clearance of (N,) metres from the
+    head."""
     radius = state.person_radius_m[:, HEAD] + np.asarray(clearance_m)[..., None]
     offset = points_w[:, None] - state.person_segment_w[:, HEAD, :1]
     along = (offset * out[:, None, None]).sum(axis=-1)

@@ -1,4 +1,4 @@
-"""How near the moving arm would come to person and furniture, for many poses of the arm at once."""
+"""Distance of the moving arm from person and furniture, for many arm poses at once."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -17,10 +17,14 @@ from avrgym.tasks import placement
 
 @dataclass(frozen=True, eq=False)
 class ArmShape:
-    """The capsules of arm, hand and tool.
+    """Capsules of arm, hand and tool.
 
-    ``links`` lead from the robot's base to each moving body, in the order of the joints; ``link`` (C,) says which
-    of them carries a capsule, ``ends`` (C, 2, 3) where its axis ends there, ``radius_m`` (C,). ``is_tool`` (C,).
+    Attributes:
+        links: chains from the robot's base to each moving body, in joint order.
+        link: link of each capsule (C,).
+        ends: axis ends in the link frame (C, 2, 3).
+        radius_m: radii (C,).
+        is_tool: whether a capsule belongs to the tool (C,).
     """
 
     links: tuple[kinematics.Chain, ...]
@@ -32,7 +36,7 @@ class ArmShape:
 
 @cache
 def arm_shape(scene: SceneConfig) -> ArmShape:
-    """The capsules about the collision geoms of the scene's moving arm."""
+    """Capsules around the collision geoms of the moving arm."""
     model = robot_with_tool(scene, appearance=False).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -60,7 +64,7 @@ def arm_shape(scene: SceneConfig) -> ArmShape:
 
 
 def furniture_boxes(simulation: Simulation) -> Boxes:
-    """The boxes about the collision geoms of a simulation's furniture, the floor and what is movable left out."""
+    """Boxes around the collision geoms of the furniture, without the floor and movable bodies."""
     model, movable = simulation.model, simulation.scene.movable
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -76,17 +80,18 @@ def furniture_boxes(simulation: Simulation) -> Boxes:
 
 
 class Clearance:
-    """The room that the arms of N worlds have at any angles."""
+    """Distances of the arms of N worlds at any joint angles."""
 
     def __init__(self, simulation: Simulation) -> None:
-        """Remember the arm's shape, and where base and furniture are now."""
+        """Store the arm's shape and the present poses of base and furniture."""
         self._shape, self._boxes = arm_shape(simulation.scene), furniture_boxes(simulation)
         self._base_pos_w, self._base_q_w = (part[:, None, None, None] for part in simulation.robot_base())
 
     def least_m(self, angles_rad: FloatArray, state: State, *, tool: bool) -> FloatArray:
-        """The smallest distance (N, M) of the arm from person or furniture at angles (N, M, J), metres.
+        """Smallest distance (N, M) in metres from person or furniture at joint angles (N, M, J); negative where they
+        overlap.
 
-        Below 0 where they intersect. ``tool`` counts the tool to the arm; the hand always belongs to it.
+        ``tool`` includes the tool; the hand is always included.
         """
         counts = np.nonzero(tool | ~self._shape.is_tool)[0]
         start, end = np.moveaxis(self._ends_w(angles_rad)[:, :, counts, None], -2, 0)
@@ -99,7 +104,7 @@ class Clearance:
         return (to_axis - self._shape.radius_m[counts]).min(axis=-1)
 
     def _ends_w(self, angles_rad: FloatArray) -> FloatArray:
-        """The ends (N, M, C, 2, 3) of the arm's capsules."""
+        """Capsule ends (N, M, C, 2, 3) of the arm; world frame."""
         worlds, poses, joints = angles_rad.shape
         ends_w = np.empty((worlds, poses, len(self._shape.link), 2, 3))
         for number, chain in enumerate(self._shape.links):
@@ -112,7 +117,7 @@ class Clearance:
 
 
 def _carrier(model: mujoco.MjModel, body: int, bodies: list[int]) -> int | None:
-    """Which moving body carries this one, if any."""
+    """Index of the moving body that carries ``body``, if any."""
     while body not in bodies:
         if body == 0:
             return None
@@ -121,7 +126,7 @@ def _carrier(model: mujoco.MjModel, body: int, bodies: list[int]) -> int | None:
 
 
 def _capsule(kind: int, size: FloatArray) -> tuple[FloatArray, float]:
-    """Half the axis (3,) and the radius of a capsule about a geom of this type and size."""
+    """Half axis (3,) and radius of a capsule around a geom."""
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return np.zeros(3), float(size[0])
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
@@ -131,7 +136,7 @@ def _capsule(kind: int, size: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _part(chain: kinematics.Chain, count: int) -> kinematics.Chain:
-    """The first hinges of a chain; its tip is the body of the last of them."""
+    """The first ``count`` joints of a chain. Its tip is the body of the last joint."""
     return replace(
         chain,
         pos=chain.pos[:count],

@@ -37,21 +37,21 @@ class FeedingExpert:
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Plan for the people who are there now."""
         self._episodes = episodes
-        self._guide = MotionPlanner(episodes)
+        self._planner = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
         self._clearance_m, self._arrived = np.full(count, CLEARANCE_M), np.zeros(count, dtype=bool)
         self._plan(episodes.state())
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
-        state, guide = self._episodes.state(), self._guide
-        self._arrived |= np.abs(guide.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
-        swing = guide.swing(self._before_rad, CARRY_M_S, TILT_RAD)
+        state, planner = self._episodes.state(), self._planner
+        self._arrived |= np.abs(planner.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
+        swing = planner.joint_step(self._before_rad, CARRY_M_S, TILT_RAD)
         target = at_mouth(state, self._q_w, self._rise_m, self._clearance_m)
-        there = self._arrived & (norm(target - guide.pos_w) < 2.0 * NEARER_M)
+        there = self._arrived & (norm(target - planner.pos_w) < 2.0 * NEARER_M)
         self._clearance_m -= np.where(there & _is_hungry(state), NEARER_M, 0.0)
-        into = guide.straight(target, self._q_w, ENTER_M_S, TURN_RAD_S)
-        return guide.ask(np.where(self._arrived[:, None], into, swing))
+        into = planner.line_step(target, self._q_w, ENTER_M_S, TURN_RAD_S)
+        return planner.action_to(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> None:
         """Of all ways that the arm can reach, take the quickest that brings much food into the mouth."""
@@ -64,13 +64,15 @@ class FeedingExpert:
         from_mouth = norm(food_w - state.mouth_pos_w[:, None, None])
         in_doubt = (from_mouth > MOUTH_RADIUS_M - SHIFT_M).sum(axis=-1)
         failed = (from_mouth > MOUTH_RADIUS_M).sum(axis=-1) > SPARE_PIECES
-        before_rad, seconds = self._guide.find(pos_w - AWAY_M * face_direction(state)[:, None], q_w, TILT_RAD)
+        before_rad, seconds = self._planner.find_angles(
+            pos_w - AWAY_M * face_direction(state)[:, None], q_w, TILT_RAD
+        )
         cost = seconds + SECONDS_PER_PIECE * in_doubt + FAILED_S * failed
         best = cost.argmin(axis=-1)
         world = np.arange(len(best))
         self._q_w, self._rise_m = q_w[world, best], RISES_M[best]
         self._before_rad = before_rad[world, best]
-        self._guide.posture_rad = self._before_rad
+        self._planner.posture_rad = self._before_rad
 
 
 def _spoon_q_w(state: State) -> FloatArray:

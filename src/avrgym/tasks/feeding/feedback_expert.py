@@ -19,22 +19,22 @@ MISSED_M_RAD, TURNED_M_RAD = 0.1, 0.02
 
 
 def feeding_target(
-    state: State, task_state: TaskState, guide: MotionPlanner, kept_off_m: FloatArray | float = 0.0
+    state: State, task_state: TaskState, planner: MotionPlanner, kept_off_m: FloatArray | float = 0.0
 ) -> ToolTarget:
     """The level spoon through a funnel before the face into the mouth, turned as the arm gets there.
 
     A spoon that is kept off stays so far (N,) before the mouth at least, and goes there as fast as it can.
     """
     into = face_direction(state)
-    goal_w, q_w = _within_reach(state, guide, elementary.arctan2(into[:, 1], into[:, 0]))
-    back_m = np.maximum(funnel_standoff_m(goal_w - guide.pos_w, into, 0.005, expert.AWAY_M), kept_off_m)
+    goal_w, q_w = _within_reach(state, planner, elementary.arctan2(into[:, 1], into[:, 0]))
+    back_m = np.maximum(funnel_standoff_m(goal_w - planner.pos_w, into, 0.005, expert.AWAY_M), kept_off_m)
     speed = np.where(
-        np.greater(kept_off_m, 0.0), FASTEST_M_S, speed_m_s(goal_w - guide.pos_w, expert.ENTER_M_S)
+        np.greater(kept_off_m, 0.0), FASTEST_M_S, speed_m_s(goal_w - planner.pos_w, expert.ENTER_M_S)
     )
     return goal_w - back_m[:, None] * into, q_w, speed
 
 
-def _within_reach(state: State, guide: MotionPlanner, yaw_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _within_reach(state: State, planner: MotionPlanner, yaw_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The place (N, 3) in the mouth and the rotation (N, 4) of the turn at which the arm misses least."""
     clearance_m = np.full(len(yaw_rad), expert.CLEARANCE_M)
     goals_w: list[FloatArray] = []
@@ -43,7 +43,7 @@ def _within_reach(state: State, guide: MotionPlanner, yaw_rad: FloatArray) -> tu
     for turn in TURNS_RAD.tolist():
         q_w = transforms.from_axis_angle(expert.UP, yaw_rad + turn)
         goal_w = expert.at_mouth(state, q_w, 0.0, clearance_m)
-        reached_w, reached_q_w = guide.pose(guide.angles_at(goal_w, q_w, guide.angles_rad))
+        reached_w, reached_q_w = planner.pose(planner.angles_at(goal_w, q_w, planner.angles_rad))
         missed_m = norm(reached_w - goal_w) + MISSED_M_RAD * angle_between(reached_q_w, q_w)
         costs_m.append(missed_m + TURNED_M_RAD * abs(turn))
         goals_w.append(goal_w)

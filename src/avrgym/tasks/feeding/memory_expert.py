@@ -33,10 +33,10 @@ class MemoryExpert:
         """Actions (N, J)."""
         return self._follow(observation)
 
-    def _aim(self, state: State, task_state: TaskState, guide: MotionPlanner) -> ToolTarget:
+    def _aim(self, state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
         speed_m_s = norm(state.mouth_pos_w - self._mouth_w) / CONTROL_STEP_S
         self._mouth_w = state.mouth_pos_w
-        return feeding_target(state, task_state, guide, kept_off_m(speed_m_s))
+        return feeding_target(state, task_state, planner, kept_off_m(speed_m_s))
 
 
 def kept_off_m(mouth_m_s: FloatArray) -> FloatArray:

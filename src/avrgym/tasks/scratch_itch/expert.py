@@ -56,7 +56,7 @@ class ScratchItchExpert:
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Plan for the people who are there now."""
         self._episodes = episodes
-        self._guide = MotionPlanner(episodes)
+        self._planner = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
         self._arrived, self._touched = np.zeros((2, count), dtype=bool)
         self._q_limb, self._before_rad = (
@@ -65,23 +65,23 @@ class ScratchItchExpert:
         )
         self._steps = 0
         hard = self._plan(np.ones(count, dtype=bool)) > HARD_S
-        self._detour_rad, cost_s = find_detour(self._guide, episodes.state())
+        self._detour_rad, cost_s = find_detour(self._planner, episodes.state())
         self._detour = hard & (cost_s < HARD_S)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
-        guide = self._guide
+        planner = self._planner
         if self._steps == DETOUR_STEPS and self._detour.any():
             self._plan(self._detour)
             self._detour = np.zeros_like(self._detour)
         self._steps += 1
         goal_rad = np.where(self._detour[:, None], self._detour_rad, self._before_rad)
-        swing = guide.swing(goal_rad, SWING_M_S, np.pi)
-        there = np.abs(guide.angles_rad - goal_rad).max(axis=-1) < ARRIVED_RAD
+        swing = planner.joint_step(goal_rad, SWING_M_S, np.pi)
+        there = np.abs(planner.angles_rad - goal_rad).max(axis=-1) < ARRIVED_RAD
         self._arrived |= there & ~self._detour
         tip_w, q_w = self._rub()
         speed = np.where(self._touched, RUB_M_S, ENTER_M_S)
-        straight = guide.straight(tip_w, q_w, speed, TURN_RAD_S)
-        return guide.ask(np.where(self._arrived[:, None], straight, swing))
+        straight = planner.line_step(tip_w, q_w, speed, TURN_RAD_S)
+        return planner.action_to(np.where(self._arrived[:, None], straight, swing))
 
     def _rub(self) -> tuple[FloatArray, FloatArray]:
         """The tip's next place (N, 3) and the rod's rotation (N, 4)."""
@@ -93,7 +93,7 @@ class ScratchItchExpert:
         near = norm(state.tool_pos_w - itch_pos_w(state, task_state)) < ITCH_RADIUS_M
         self._touched = near & (self._touched | (self._arrived & (state.tool_force_n > TOUCH_N)))
         inside_w = tip(itch_pos_w(state, task_state) - SEEK_DEPTH_M * out, out, rod_w)
-        rubbed_w = rub(state, task_state, self._guide.pos_w, rod_w, PRESS)
+        rubbed_w = rub(state, task_state, self._planner.pos_w, rod_w, PRESS)
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
     def _plan(self, worlds: BoolArray) -> FloatArray:
@@ -111,26 +111,26 @@ class ScratchItchExpert:
         here = np.broadcast_to(transforms.rotate(state.tool_q_w, ROD)[:, None], into.shape)
         q_w = transforms.multiply(_turn(here, into), state.tool_q_w[:, None])
         tip_w = tip(itch_pos_w(state, task_state)[:, None], out[:, None], into)
-        angles, cost_s = self._guide.find(tip_w, q_w)
+        angles, cost_s = self._planner.find_angles(tip_w, q_w)
         world, best = np.arange(len(out)), (cost_s + SECONDS_PER_RAD * tilt).argmin(axis=-1)
         tip_w, q_w, into = tip_w[world, best], q_w[world, best], into[world, best]
         angles = angles[world, best]
-        before = self._guide.angles_at(tip_w - AWAY_M * into, q_w, angles)
+        before = self._planner.angles_at(tip_w - AWAY_M * into, q_w, angles)
         q_limb = transforms.multiply(transforms.conjugate(limb_q_w), q_w)
         new = worlds[:, None]
         self._q_limb = np.where(new, q_limb, self._q_limb)
         self._before_rad = np.where(new, before, self._before_rad)
-        self._guide.posture_rad = np.where(new, angles, self._guide.posture_rad)
+        self._planner.posture_rad = np.where(new, angles, self._planner.posture_rad)
         return cost_s[world, best]
 
 
-def find_detour(guide: MotionPlanner, state: State) -> tuple[FloatArray, FloatArray]:
+def find_detour(planner: MotionPlanner, state: State) -> tuple[FloatArray, FloatArray]:
     """Angles (N, J) before and above the wrist, the rod pointing down, and what it costs to go there (N,)."""
     wrist_w = state.right_arm_pos_w[:, 2]
     turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
     q_w = np.tile(transforms.multiply(DOWNWARD_Q_W, turns), (len(wrist_w), 1, 1))
     place_w = np.repeat((wrist_w + FROM_WRIST_M)[:, None], q_w.shape[1], axis=1)
-    angles, cost_s = guide.find(place_w, q_w)
+    angles, cost_s = planner.find_angles(place_w, q_w)
     world, best = np.arange(len(wrist_w)), cost_s.argmin(axis=-1)
     return angles[world, best], cost_s[world, best]
 

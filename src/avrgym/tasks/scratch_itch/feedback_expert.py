@@ -43,7 +43,7 @@ LEANING_N, BACK_M, BACK_M_S = 5.0, 0.03, 0.3
 """From what force of its links on the person an arm draws back, how far in a control step it aims, and how fast."""
 
 
-def scratching_target(state: State, task_state: ScratchItchState, guide: MotionPlanner) -> ToolTarget:
+def scratching_target(state: State, task_state: ScratchItchState, planner: MotionPlanner) -> ToolTarget:
     """The tip goes around the limb above the skin and comes down at the itch; where it touches, it rubs.
 
     Where it itches on the inner side, an arm that is mounted on the wheelchair first turns its hand before the wrist.
@@ -51,16 +51,18 @@ def scratching_target(state: State, task_state: ScratchItchState, guide: MotionP
     out to where its hand has room.
     """
     out_w, _ = expert.surface(task_state, limb_frame(state, task_state)[1])
-    return aim(state, task_state, guide, faces_in(out_w) * (not guide.scene.mount.on_floor))
+    return aim(state, task_state, planner, faces_in(out_w) * (not planner.scene.mount.on_floor))
 
 
-def aim(state: State, task_state: ScratchItchState, guide: MotionPlanner, in_front: FloatArray) -> ToolTarget:
+def aim(
+    state: State, task_state: ScratchItchState, planner: MotionPlanner, in_front: FloatArray
+) -> ToolTarget:
     """Where tips go as in ``scratching_target``, of hands that come by a share (N,) from in front."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     out_w, _ = expert.surface(task_state, limb_q_w)
-    rod_w = transforms.rotate(guide.q_w, expert.ROD)
+    rod_w = transforms.rotate(planner.q_w, expert.ROD)
     turn_w = turn_rad(rod_w, out_w, in_front)
-    q_w = transforms.multiply(transforms.from_rotation_vector(turn_w), guide.q_w)
+    q_w = transforms.multiply(transforms.from_rotation_vector(turn_w), planner.q_w)
     tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
     skin_w = limb_pos_w + transforms.rotate(limb_q_w, around(tool, task_state))
     goal_w = expert.tip(skin_w, out_w, rod_w)
@@ -68,12 +70,12 @@ def aim(state: State, task_state: ScratchItchState, guide: MotionPlanner, in_fro
     goal_w = goal_w + waits * (state.right_arm_pos_w[:, 2] + expert.FROM_WRIST_M - goal_w)
     itch_w = expert.tip(itch_pos_w(state, task_state), out_w, rod_w)
     rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < expert.SEEK_DEPTH_M)
-    rubbed_w = expert.rub(state, task_state, guide.pos_w, rod_w, PRESS)
+    rubbed_w = expert.rub(state, task_state, planner.pos_w, rod_w, PRESS)
     pos_w = np.where(rubs[:, None], rubbed_w, goal_w)
     speed = np.where(rubs, RUB_M_S, speed_m_s(goal_w - state.tool_pos_w, expert.ENTER_M_S))
     leans = state.links_force_n > LEANING_N
-    pos_w = np.where(leans[:, None], guide.pos_w + BACK_M * hand(out_w, in_front), pos_w)
-    return pos_w, np.where(leans[:, None], guide.q_w, q_w), np.where(leans, BACK_M_S, speed)
+    pos_w = np.where(leans[:, None], planner.pos_w + BACK_M * hand(out_w, in_front), pos_w)
+    return pos_w, np.where(leans[:, None], planner.q_w, q_w), np.where(leans, BACK_M_S, speed)
 
 
 def faces_in(out_w: FloatArray, inwards: Range = INWARDS, not_down: Range = NOT_DOWN) -> FloatArray:

@@ -51,27 +51,29 @@ class SwingsInFront:
 
     def __init__(self, episodes: RunningEpisodes, swing: Swing) -> None:
         """Begin where people and arms are."""
-        self._episodes, self._guide = episodes, FeedbackPlanner(episodes)
-        self._swing, self._first_rad = swing, self._guide.angles_rad
+        self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
+        self._swing, self._first_rad = swing, self._planner.angles_rad
         self._way_rad = np.array(swing.way_rad)
         self._swung = np.zeros(len(self._first_rad), dtype=bool)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
-        guide, state, task_state = self._guide, self._episodes.state(), self._episodes.task_state
-        guide.relax()
+        planner, state, task_state = self._planner, self._episodes.state(), self._episodes.task_state
+        planner.relax()
         self._swung |= self._share_of_way() > SWUNG
         out_w, _ = surface(task_state, limb_frame(state, task_state)[1])
         in_front = faces_in(out_w, self._swing.inwards, self._swing.not_down)
-        pos_w, q_w, speed = aim(state, task_state, guide, in_front * self._swung)
-        angles_rad = guide.straight(pos_w, q_w, speed, TURN_RAD_S)
+        pos_w, q_w, speed = aim(state, task_state, planner, in_front * self._swung)
+        angles_rad = planner.line_step(pos_w, q_w, speed, TURN_RAD_S)
         swings = (in_front > HALF) & ~self._swung
         if swings.any():
-            swing_rad = guide.swing(self._first_rad + self._way_rad, SWING_M_S, np.pi)
+            swing_rad = planner.joint_step(self._first_rad + self._way_rad, SWING_M_S, np.pi)
             angles_rad = np.where(swings[:, None], swing_rad, angles_rad)
-        return guide.ask(angles_rad)
+        return planner.action_to(angles_rad)
 
     def _share_of_way(self) -> FloatArray:
         """How much (N,) of their way arms have gone, in their joints."""
         way_rad = self._way_rad
-        return ((self._guide.angles_rad - self._first_rad) * way_rad).sum(axis=-1) / (way_rad * way_rad).sum()
+        return ((self._planner.angles_rad - self._first_rad) * way_rad).sum(axis=-1) / (
+            way_rad * way_rad
+        ).sum()

@@ -205,7 +205,9 @@ class SimulatedParticipant:
             )
         else:
             mind = cooperation.initial_state(self._people, np.full((1, cooperation.NUM_UNIFORMS), 0.5))
-            self._mind = replace(mind, reaction=np.array([round(self.traits.reaction_s / CONTROL_STEP_S)]))
+            self._mind = replace(
+                mind, reaction_steps=np.array([round(self.traits.reaction_s / CONTROL_STEP_S)])
+            )
         self._next_look_s = -np.inf
 
     def _see(self, state: messages.State) -> None:

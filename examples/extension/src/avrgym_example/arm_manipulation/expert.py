@@ -38,7 +38,7 @@ def lifting(episodes: RunningEpisodes) -> Controller:
     return FeedbackExpert(episodes, partial(lift, heading_w=HEADING_W[episodes.scene.mount.on_floor]))
 
 
-def lift(state: State, task_state: ArmState, guide: MotionPlanner, heading_w: Heading) -> ToolTarget:
+def lift(state: State, task_state: ArmState, planner: MotionPlanner, heading_w: Heading) -> ToolTarget:
     """Come below the forearm, then push its lower side up and, once it is high, to the person's left."""
     down_w, way = under_w(state), to_armrest(state)
     before = funnel_standoff_m(state.tool_pos_w - taken_w(state), down_w, FREE_M, BEFORE_M)

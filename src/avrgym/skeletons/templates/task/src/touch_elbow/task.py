@@ -104,10 +104,10 @@ def evaluate_step(state: State, action: FloatArray, task_state: TouchState) -> S
     )
 
 
-def aim(state: State, task_state: TouchState, guide: MotionPlanner) -> ToolTarget:
+def aim(state: State, task_state: TouchState, planner: MotionPlanner) -> ToolTarget:
     """Straight to the elbow, ever more slowly, and no farther once the tool touches."""
-    goal_w = np.where(state.tool_force_n[:, None] > 0.0, guide.pos_w, elbow_w(state))
-    return goal_w, np.tile(POINTING_Q_W, (len(goal_w), 1)), speed_m_s(goal_w - guide.pos_w, 0.03)
+    goal_w = np.where(state.tool_force_n[:, None] > 0.0, planner.pos_w, elbow_w(state))
+    return goal_w, np.tile(POINTING_Q_W, (len(goal_w), 1)), speed_m_s(goal_w - planner.pos_w, 0.03)
 
 
 TASK = Task(
@@ -116,7 +116,7 @@ TASK = Task(
     pose=POSE,
     offered="arm",
     scene=scene,
-    uniforms=3 + placement.NUM_UNIFORMS,
+    num_uniforms=3 + placement.NUM_UNIFORMS,
     start=start,
     init_state=init_state,
     observation=observation,
