@@ -265,7 +265,7 @@ def solve_with_restarts(
     """Angles (N, J) for targets (N, 3), (N, 4): from one seed pose (J,), then from poses up to 1 rad around
     it.
 
-    A row keeps the first solution within 5 mm and 0.05 rad, else the one that comes closest. ``num_uniforms``
+    A row keeps the first solution within 5 mm and 0.05 rad, else the one that comes closest. ``uniforms``
     (N, ``restart_uniforms(J)``) draw the restarts. Hinges that turn freely end within ±π.
     """
     best = solve(chain, target_pos, target_q, np.tile(seed_rad, (len(target_pos), 1)))

@@ -142,13 +142,13 @@ class Task:
         expert: plans with full knowledge; shows that the task is feasible (``--policy oracle``).
         feedback_expert: a smooth function of the present state, without memory; training imitates it.
         views: camera views for pictures.
-        training: training settings.
+        hyperparameters: training hyperparameters that differ from the defaults of ``learning.hyperparameters``.
         memory_expert: may use memory; recurrent policies imitate it instead of ``feedback_expert``.
         detour_m: extra length (N,) of the path of tool and hand compared with the straight path; used by
-            ``training.detour_weight_per_m``.
+            the hyperparameter ``detour_weight_per_m``.
         marks: marks on the person.
-        ends_with_success: nothing useful remains after success. The robot then withdraws its tool if the episode or
-            session has ``withdraw_after_success``.
+        withdraws_after_success: the robot withdraws its tool after success, if the episode or session has
+            ``withdraw_after_success``.
         tracked: body parts that VR must track: the head, and the arms that the robot works on. An attempt ends when the
             tracking of one is lost.
 

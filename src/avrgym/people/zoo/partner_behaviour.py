@@ -101,7 +101,7 @@ class _ToolPercept(NamedTuple):
 
 
 def initial_state(people: People, partners: IntArray, uniforms: FloatArray) -> PartnerState:
-    """Initial state of partners (n,) in these bodies. ``num_uniforms`` (n, 4) vary partners with the same parameters."""
+    """Initial state of partners (n,) in these bodies. ``uniforms`` (n, 4) vary partners with the same parameters."""
     xp = namespace(uniforms)
     at_rest, none = xp.zeros_like(people.joint_angles_rad), xp.zeros_like(uniforms[:, 0])
     return PartnerState(

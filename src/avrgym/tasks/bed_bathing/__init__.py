@@ -1,1 +1,1 @@
-"""Bed bathing: wipe the right arm of a person who lies in a hospital bed (paper, section IV)."""
+"""Bed bathing: wipe markers off the right arm of a reclined person (paper, section IV)."""

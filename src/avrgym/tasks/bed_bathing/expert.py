@@ -1,4 +1,4 @@
-"""Bed bathing by script: wipe along upper arm and forearm with light pressure, at several angles around them."""
+"""Planning expert for bed bathing: wipe along upper arm and forearm with light pressure, at several angles."""
 
 from typing import NamedTuple
 
@@ -23,13 +23,13 @@ SWEEPS = (
     (FOREARM, np.radians(125.0), 1.0, 0.0),
     (UPPER_ARM, np.radians(125.0), 1.0, 0.0),
 )
-"""Limb, angle around it from its top outwards, from where to where along it, 0 at the shoulder's end."""
+"""Limb, angle around it from its top outwards, and first and last position along it (0 at the shoulder's end)."""
 ALWAYS = 4
-"""So many sweeps are made in any case, the others only while too little is wiped."""
+"""Number of sweeps in any case. The others are made only while too little is wiped."""
 COME, TOUCH, WIPE, LIFT, REST = range(5)
 
 FROM_ENDS_M = 0.065
-"""The cloth's middle keeps away from the limb's ends, so that no end of the cloth meets the next limb."""
+"""Distance of the cloth's middle from the limb's ends, so that the cloth does not touch the next limb."""
 CARRY_M_S, WIPE_M_S, TURN_RAD_S = 0.30, 0.12, 1.2
 LIFT_M, TOUCH_DEPTH_M = 0.03, 0.004
 FORCE_N, STRONG_N, TOUCHED_N = 5.0, 15.0, 1.0
@@ -41,9 +41,9 @@ PROGRESS_M, PATIENCE_STEPS = 0.003, 6
 
 
 class BedBathingExpert:
-    """Sweep after sweep: comes near, touches, wipes, lifts; gives up a sweep when the arm gets no farther.
+    """Makes sweep after sweep: approach, touch, wipe, lift. Skips the rest of a sweep if the arm gets stuck.
 
-    It presses by aiming below the skin, deeper while the force is low.
+    It presses by a target below the skin, which is deeper while the force is low.
     """
 
     def __init__(self, episodes: RunningEpisodes) -> None:
@@ -72,7 +72,7 @@ class BedBathingExpert:
         self._depth_m = np.where(self._phase == WIPE, np.clip(deeper, *DEPTH_M), TOUCH_DEPTH_M)
 
     def _advance(self, state: State, pos_w: FloatArray, q_w: FloatArray) -> None:
-        """On to the next phase on arrival, or where wiping gets no farther; else to the next sweep."""
+        """Next phase on arrival or when wiping is stuck; next sweep after lifting."""
         away, turn = norm(self._planner.pos_w - pos_w), transforms.angle_between(self._planner.q_w, q_w)
         arrived = (away < ARRIVED_M) & (turn < ARRIVED_RAD)
         arrived = np.where(self._phase == TOUCH, state.tool_force_n > TOUCHED_N, arrived)
@@ -86,7 +86,7 @@ class BedBathingExpert:
         self._sweep = self._sweep + (over & ~rests)
 
     def _is_stuck(self, left_m: FloatArray) -> BoolArray:
-        """Who has made no progress for too long."""
+        """Worlds without progress for too long (N,)."""
         nearer = left_m < self._left_m - PROGRESS_M
         self._left_m = np.where(nearer, left_m, self._left_m)
         self._waited = np.where(nearer, 0, self._waited + 1)
@@ -96,14 +96,14 @@ class BedBathingExpert:
 def cloth_pose(
     state: State, limb: IntArray, angle_rad: FloatArray, share: FloatArray, above_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Where the cloth's face is (N, 3) and how it is turned (N, 4), facing a limb; world frame.
+    """Cloth positions (N, 3) and rotations (N, 4) that face a limb; world frame.
 
     Args:
-        state: of N worlds.
-        limb: 0 for the upper arm, 1 for the forearm, (N,).
-        angle_rad: around the limb, from its top outwards, (N,).
-        share: from 0 at the limb's upper end to 1, (N,).
-        above_m: how far the face is from the skin, (N,).
+        state: physical state of N worlds.
+        limb: 0 for the upper arm, 1 for the forearm (N,).
+        angle_rad: angle around the limb, from its top outwards (N,).
+        share: position along the limb, 0 at its upper end to 1 (N,).
+        above_m: distance of the face from the skin (N,).
     """
     at = limb_frame(state, limb)
     normal = (
@@ -116,7 +116,7 @@ def cloth_pose(
 
 
 class LimbFrame(NamedTuple):
-    """Where limbs begin and which way they run, their top and their outer side, (N, 3); length and radius (N,)."""
+    """Start of limbs, directions along, up and outwards, (N, 3) each; length and radius (N,)."""
 
     start_w: FloatArray
     along_w: FloatArray
@@ -127,7 +127,7 @@ class LimbFrame(NamedTuple):
 
 
 def limb_frame(state: State, limb: IntArray) -> LimbFrame:
-    """The limb, 0 the upper arm and 1 the forearm, (N,), of each person in N worlds."""
+    """Frame of the upper arm (0) or the forearm (1), (N,), in N worlds."""
     world, geom = np.arange(len(limb)), np.array(LIMB_GEOMS)[limb]
     end_w, start_w = state.person_segment_w[world, geom].swapaxes(0, 1)
     length_m = norm(end_w - start_w)

@@ -1,7 +1,7 @@
-"""The rule by which the reactive expert wipes an arm: down on its top, back on its outer side.
+"""Feedback expert for bed bathing: wipes down on top of the arm and back on its outer side.
 
-Where around the arm the cloth is says which way it goes, so that nothing need be remembered. Places on the arm are
-counted along both limbs: 0 to 1 on the upper arm, 1 to 2 across the elbow, 2 to 3 on the forearm.
+The angle around the arm determines the direction, so that no memory is needed. Positions along the arm are: 0 to 1 on
+the upper arm, 1 to 2 across the elbow, 2 to 3 on the forearm.
 """
 
 import numpy as np
@@ -26,24 +26,24 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
 TOP_RAD, SIDE_RAD = np.radians([12.0, 75.0])
-"""Where around the arm the cloth goes down and back, from its top outwards."""
+"""Angles around the arm of the way down and the way back, from its top outwards."""
 BORDER_RAD, ELBOW_BORDER_RAD, SOFT_RAD = np.radians(43.0), np.radians(22.0), 0.1
-"""Between the two, how far up it moves at the elbow, where the cloth lies askew, and how gradual it is."""
+"""Border between the two, the border at the elbow, where the cloth is tilted, and width of the transition."""
 HAND_END, SOFT_END = 2.9, 0.08
-"""Where along the arm the cloth goes around it, to come back, and how gradually."""
+"""Position along the arm at which the cloth turns back, and width of the transition."""
 AHEAD, AHEAD_RAD = 0.3, 0.8
-"""How far along and at most around the arm the cloth aims from where it is."""
+"""Distance of the target along the arm, and largest angle around it."""
 AWAY_M, HOVER_M = 0.045, 0.02
-"""From how far above the skin on the cloth is on its way there, and how far above it begins."""
+"""Height above which the cloth is approaching, and height of the approach's end."""
 LIFT_M, ADVANCING_M, SLOWEST = 0.03, 0.01, 0.05
-"""How high it is lifted across the elbow; how near the skin it goes on, and how slowly where it is not."""
+"""Height across the elbow, height below which the cloth advances, and lowest share of its speed."""
 YIELD_M_N, SOFTER_M, FIRMER_M, LOST_M = 0.0003, -0.002, 0.001, 0.006
-"""How much deeper it aims for each newton too few, and at most; and where it does not touch."""
+"""Depth gain per newton, its limits, and the depth step without contact."""
 HEIGHT_M = (-0.03, 0.01)
 
 
 def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
-    """The cloth from the shoulder to the wrist on top of the arm, and back on its outer side."""
+    """Wipe from the shoulder to the wrist on top of the arm, and back on its outer side."""
     along, angle, above_m = _on_arm(state)
     away = above_m > AWAY_M
     elbow = elementary.sin(np.pi * np.clip(along - 1.0, 0.0, 1.0))
@@ -67,12 +67,13 @@ def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -
 
 
 def _gradual(offset: FloatArray) -> FloatArray:
-    """From 0 to 1, half at 0."""
+    """Smooth step from 0 to 1; 0.5 at 0."""
     return 0.5 + 0.5 * elementary.tanh(offset)
 
 
 def _on_arm(state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where the cloths are: along the arm, around it in radians from its top outwards, metres above the skin, (N,)."""
+    """Position of the cloths along the arm, angle around it from its top outwards, and height above the skin, (N,)
+    each."""
     worlds = len(state.tool_pos_w)
     upper, lower = (limb_frame(state, np.full(worlds, limb)) for limb in (UPPER_ARM, FOREARM))
     from_elbow = state.tool_pos_w - lower.start_w
@@ -91,7 +92,7 @@ def _on_arm(state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
 def _arm_pose(
     state: State, along: FloatArray, angle_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A place on the arm's skin: the cloth's face (N, 3) and rotation (N, 4) there, and out of the skin (N, 3)."""
+    """Cloth position (N, 3), rotation (N, 4) and skin normal (N, 3) at a position on the arm."""
     skin = np.zeros(len(along))
     (upper_w, upper_q_w), (lower_w, lower_q_w) = (
         cloth_pose(state, np.full(len(along), limb), angle_rad, np.clip(along - 2.0 * limb, 0.0, 1.0), skin)

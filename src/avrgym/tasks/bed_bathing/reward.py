@@ -1,10 +1,8 @@
-"""What washing rewards: markers wiped off the right arm, and what the person prefers.
+"""Reward of bed bathing: markers wiped off the right arm, and the preferences of the person.
 
-Markers cover upper arm and forearm, 3 cm apart. A marker is wiped when the cloth's face touches the person within
-2.5 cm of it. The physics reports a flat pad's contact with a round limb by the ends of the line along which they touch;
-the cloth touches all along it: the touched points of a limb are the segment between the first and the last contact,
-counted along the limb, of those that lie within 2.5 cm of the limb's surface (others are too far from any of its
-markers to matter). Both ends lie on the pad's flat face, so the segment between them does.
+Markers cover upper arm and forearm, 3 cm apart. A marker is wiped when the cloth's face touches the person within 2.5
+cm of it. MuJoCo reports the contact of a flat pad with a round limb by the ends of the contact line. The touched points
+are therefore the segment between the first and the last contact along the limb, of those within 2.5 cm of its surface.
 """
 
 from collections.abc import Mapping
@@ -26,7 +24,7 @@ from avrgym.tasks.task import StepResult
 MARKER_SPACING_M = 0.03
 WIPE_RADIUS_M = 0.025
 RIM_COSINE = 0.26
-"""Of 75°: how far off the face's normal a contact of the face's rim may press."""
+"""Cosine of 75°: largest angle between the face's normal and a contact normal at its rim."""
 SUCCESS_SHARE = 0.30
 
 WEIGHTS: Mapping[str, float] = {
@@ -37,17 +35,17 @@ WEIGHTS: Mapping[str, float] = {
     "force_elsewhere_n": -0.01,
     "strong_force_at_arm_n": -0.05,
 }
-"""Task weights, then the preferences of the person (paper, section IV; reference)."""
+"""Task weights, then preference weights (paper, section IV; reference)."""
 
 LIMB_GEOMS = np.array([list(human.GEOMS).index(name) for name in LIMBS])
 
 
 @dataclass(frozen=True)
 class BedBathingState:
-    """Markers of upper arm and forearm, as many places for them as the largest limb needs.
+    """Markers on upper arm and forearm, with as many slots as the largest limb needs.
 
-    ``marker_pos`` (N, 2, ``MARKERS``, 3) in the frames of the two limbs, metres; ``exists`` and ``wiped``
-    (N, 2, ``MARKERS``).
+    ``marker_pos`` (N, 2, ``MARKERS``, 3) in the frames of the two limbs, metres; ``exists`` and ``wiped`` (N, 2,
+    ``MARKERS``).
     """
 
     marker_pos: FloatArray
@@ -72,7 +70,7 @@ MARKERS = RINGS * AROUND
 
 
 def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
-    """All markers, none of them wiped: rings 3 cm apart, as many around as fit 3 cm apart."""
+    """All markers, none wiped: rings 3 cm apart with markers 3 cm apart."""
     xp = namespace(uniforms)
     size = human.layout_of(people, RECLINED).geom_size
     radius = xp.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
@@ -88,10 +86,10 @@ def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: BedBathingState) -> StepResult:
-    """One control step.
+    """Only the cloth's face wipes.
 
-    Only the cloth's face wipes. The force of the cloth's contacts within 2.5 cm of upper arm or forearm, on whatever
-    side of it, is at the target; what the robot presses the person with beyond that is not.
+    The force at the target is that of the cloth's contacts within 2.5 cm of upper arm or forearm. All other contact
+    forces are elsewhere.
     """
     xp = namespace(state.tool_pos_w)
     contact_pos, near = _contacts_of_limbs(state)
@@ -114,12 +112,12 @@ def evaluate_step(state: State, action: FloatArray, task_state: BedBathingState)
 
 
 def is_wiped(task_state: BedBathingState) -> BoolArray:
-    """Whether enough of all markers are wiped (N,)."""
+    """Whether enough markers are wiped (N,)."""
     return _count(task_state.wiped) >= SUCCESS_SHARE * _count(task_state.exists)
 
 
 def cloth_distance(state: State) -> FloatArray:
-    """From the cloth to the person's body (N,), metres; 0 where they touch."""
+    """Distance of the cloth from the person's body (N,), metres; 0 in contact."""
     centre_w = state.tool_pos_w + transforms.rotate(state.tool_q_w, PAD_CENTRE_M)
     begin_w, end_w = state.person_segment_w[:, :, 0], state.person_segment_w[:, :, 1]
     to_axis = capsules.segment_box_distance(
@@ -130,7 +128,7 @@ def cloth_distance(state: State) -> FloatArray:
 
 
 def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
-    """The cloth's contacts in the frames of both limbs (N, 2, C, 3), and which lie within 2.5 cm of the limb."""
+    """Cloth contacts in the frames of both limbs (N, 2, C, 3), and which are within 2.5 cm of the limb."""
     xp, limbs = namespace(state.tool_pos_w), constant_like(LIMB_GEOMS, state.tool_pos_w)
     touching = state.tool_contact_force_n > 0.0
     shape = len(touching), len(LIMBS), touching.shape[1]
@@ -153,10 +151,10 @@ def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
 
 
 def _on_face(state: State) -> BoolArray:
-    """Which of the cloth's contacts (N, C) lie on the face or its rim, and not on a side or the back.
+    """Which cloth contacts (N, C) are on the face or its rim, not on a side or the back.
 
-    They lie in the front half of the pad, which gives way and tilts against the tool, and their normals point less
-    than 75° off the face's: at a side it is 90°, at the rim between the two anything in between.
+    They are in the front half of the pad, and their normals differ by less than 75° from the face's normal (90° at a
+    side).
     """
     to_pad = transforms.conjugate(state.pad_q_w)[:, None]
     place = transforms.rotate(to_pad, state.tool_contact_pos_w - state.pad_pos_w[:, None])
@@ -165,7 +163,7 @@ def _on_face(state: State) -> BoolArray:
 
 
 def _touched(contact_pos: FloatArray, near: BoolArray, marker_pos: FloatArray) -> BoolArray:
-    """Which markers (N, 2, M) are within 2.5 cm of what the cloth touches of their limb."""
+    """Which markers (N, 2, M) are within 2.5 cm of the touched segment of their limb."""
     xp = namespace(marker_pos)
     touching = xp.any(near, axis=-1)
     touched = xp.zeros(marker_pos.shape[:-1], dtype=xp.bool, device=near.device)
@@ -179,7 +177,7 @@ def _touched(contact_pos: FloatArray, near: BoolArray, marker_pos: FloatArray) -
 
 
 def _ends(pos: FloatArray, near: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """The first and the last along the limb, (n, 3) each, of the near ones of contacts (n, C, 3)."""
+    """First and last contact along the limb, (n, 3) each, of those near the limb (n, C, 3)."""
     xp, row, along = namespace(pos), row_indices(pos), -pos[..., 2]
     first = xp.where(near, along, np.inf).argmin(axis=-1)
     last = xp.where(near, along, -np.inf).argmax(axis=-1)

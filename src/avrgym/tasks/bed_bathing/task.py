@@ -1,4 +1,4 @@
-"""Bed bathing: where it begins, what a policy sees, and where markers are drawn."""
+"""Bed bathing: scene, initial states, observation and the task record."""
 
 from functools import partial
 
@@ -38,8 +38,8 @@ POSE = Pose(
     ),
     spread_rad=ARM_SPREAD_RAD,
 )
-"""Reclined, the right arm away from the body (reference; paper, section V), the left hand beside the thigh: where the
-reference has it, the fingers of short people would be in the thigh."""
+"""Reclined, the right arm away from the body (reference; paper, section V). The left hand is next to the thigh; in the
+reference's pose the fingers of short people would overlap the thigh."""
 
 
 def scene(robot: Robot) -> SceneConfig:
@@ -48,7 +48,7 @@ def scene(robot: Robot) -> SceneConfig:
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """The hand right of and above the person's right arm, the base within reach of shoulder, elbow and wrist."""
+    """Hand to the right of and above the person's right arm. The base reaches shoulder, elbow and wrist."""
     xp, count = namespace(uniforms), len(uniforms)
     hand, turned = constant_like(HAND_START_W, uniforms), constant_like(START_Q_W, uniforms)
     goals, goal_q = placement.right_arm_joints_w(people, RECLINED), xp.tile(turned, (count, 3, 1))
@@ -70,7 +70,7 @@ def observation(scene: SceneConfig) -> Observation:
 
 
 def marks_w(arm: RightArm, task_state: BedBathingState) -> FloatArray:
-    """Where the markers not yet wiped are drawn (N, 2 × ``MARKERS``, 3), world frame; the others below the floor."""
+    """Positions of the remaining markers (N, 2 × ``MARKERS``, 3); world frame. Others are below the floor."""
     drawn = above_sleeve(task_state.marker_pos)
     limb_pos_w, limb_q_w = arm.right_arm_pos_w[:, :2, None], arm.right_arm_q_w[:, :2, None]
     pos_w = limb_pos_w + transforms.rotate(limb_q_w, drawn)
@@ -94,7 +94,7 @@ BED_BATHING = Task(
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
     expert=BedBathingExpert,
-    feedback_expert=partial(FeedbackExpert, aim=wiping_target),
+    feedback_expert=partial(FeedbackExpert, target=wiping_target),
     views=Views(
         mounted=View((-0.25, -0.02, 0.92), 1.85, 70.0, -28.0),
         on_floor=View((-0.35, -0.05, 0.85), 2.6, 112.0, -28.0),

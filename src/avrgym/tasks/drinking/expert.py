@@ -1,4 +1,4 @@
-"""Drinking by script: carry the cup before the mouth, its rim to the lips, then tilt it about the rim."""
+"""Planning expert for drinking: carry the cup to the mouth, its rim to the lips, then tilt it about the rim."""
 
 from dataclasses import dataclass
 
@@ -17,21 +17,21 @@ from avrgym.tasks.task import RunningEpisodes
 
 ASIDE_DEG = (0.0, 15.0, -15.0, 30.0, -30.0)
 ROLL_DEG = (0.0, -22.5, -45.0)
-"""How the cup may come: its heading from that of the face, and turned about its axis, the hand lower when tilted."""
+"""Candidate approaches: yaw relative to the face, and turn about the cup's axis (which lowers the hand)."""
 SECONDS_PER_M = 200.0
-"""What it is worth in time to have the rim nearer to the mouth."""
+"""Cost of the distance between rim and mouth."""
 
 CARRY_M_S, ENTER_M_S, TURN_RAD_S = 0.35, 0.10, 0.8
 AWAY_M, ARRIVED_RAD, NEAR_M = 0.08, 0.03, 0.01
 CLEARANCE_M = 0.003
 LIPS_BACK_M, LIPS_UP_M = 0.01, 0.01
-"""Where the edge goes, before and above the mouth's middle: slow water falls back by as much."""
+"""Pouring edge relative to the middle of the mouth, in front and above: slow water falls back by as much."""
 TIPPED_RAD, FULL_RAD, EMPTY_RAD = np.radians([45.0, 70.0, 92.0])
-"""At the first tilt the cup comes to the mouth: then the fingers before it pass below the chin. Up to the second
-no water pours; at the third none is left."""
+"""Tilts: at ``TIPPED_RAD`` the cup approaches, with the fingers below the chin; up to ``FULL_RAD`` no water pours; at
+``EMPTY_RAD`` none is left."""
 POUR_RAD_S = 0.04
 TILTS_RAD = np.linspace(float(TIPPED_RAD), float(EMPTY_RAD), 5)
-"""Where a way is looked at before it is taken."""
+"""Tilts at which an approach is checked."""
 
 FORWARD, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _AROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
@@ -48,17 +48,17 @@ RIM = np.stack(
 
 @dataclass(frozen=True)
 class Way:
-    """How a cup comes to each of N people, (N,): its heading from that of the face, its turn about its axis."""
+    """Approach of the cup for N people: yaw relative to the face (N,) and turn about its axis (N,)."""
 
     aside_rad: FloatArray
     roll_rad: FloatArray
 
 
 class DrinkingExpert:
-    """Chooses a way for each person, then follows it."""
+    """Chooses an approach for each person and follows it."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Plan for the people who are there now."""
+        """Plan for the present people."""
         self._episodes = episodes
         self._planner, self._clearance = MotionPlanner(episodes), Clearance(episodes.simulation)
         count = self._episodes.simulation.num_worlds
@@ -78,10 +78,8 @@ class DrinkingExpert:
         return planner.action_to(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> tuple[Way, FloatArray]:
-        """Of all ways on which the arm can tilt the cup, one that is quick and brings the rim near to the mouth.
-
-        Also the arm's angles (N, J) where it begins.
-        """
+        """Choose an approach that is fast and brings the rim near to the mouth. Also returns its first joint angles (N,
+        J)."""
         worlds = np.arange(self._episodes.simulation.num_worlds)
         ways = np.radians([(aside, roll) for aside in ASIDE_DEG for roll in ROLL_DEG])
         tried = [self._try(state, Way(*np.tile(way[:, None], len(worlds)))) for way in ways]
@@ -90,7 +88,7 @@ class DrinkingExpert:
         return Way(*ways[best].T), before_rad[best, worlds]
 
     def _try(self, state: State, way: Way) -> tuple[FloatArray, FloatArray]:
-        """What a way costs, (N,), and the arm's angles (N, J) where it begins."""
+        """Cost (N,) and first joint angles (N, J) of an approach."""
         pos_w, q_w = at_mouth(state, way, np.full_like(way.roll_rad, TIPPED_RAD))
         before_w = pos_w - AWAY_M * transforms.rotate(yaw_q_w(state, way), FORWARD)
         angles, seconds = (
@@ -99,7 +97,7 @@ class DrinkingExpert:
         return seconds + self._tilting_cost_s(state, way, angles), angles
 
     def _tilting_cost_s(self, state: State, way: Way, angles_rad: FloatArray) -> FloatArray:
-        """What it costs, (N,), that the rim stays away from the mouth and the arm comes close to something."""
+        """Cost (N,) of the distance between rim and mouth and of small clearances while tilting."""
         gap_m = np.full(len(angles_rad), np.inf)
         poses = [at_mouth(state, way, np.full_like(way.roll_rad, tilt)) for tilt in TILTS_RAD.tolist()]
         for pos_w, q_w in poses:
@@ -113,19 +111,19 @@ class DrinkingExpert:
 
 
 def carried_tilt_rad(q_w: FloatArray) -> FloatArray:
-    """How far (N,) cups with rotations (N, 4) are tilted, or ``TIPPED_RAD`` where that is more."""
+    """Tilt (N,) of cups with rotations (N, 4), at least ``TIPPED_RAD``."""
     z_w = transforms.rotate(q_w, UP)[:, 2]
     return np.maximum(elementary.arccos(np.clip(z_w, -1.0, 1.0)), TIPPED_RAD)
 
 
 def yaw_q_w(state: State, way: Way) -> FloatArray:
-    """The rotation (N, 4) of an upright cup whose x axis is the way's heading."""
+    """Rotation (N, 4) of an upright cup whose x axis is the heading of the approach."""
     into = face_direction(state)
     return transforms.from_axis_angle(UP, elementary.arctan2(into[:, 1], into[:, 0]) + way.aside_rad)
 
 
 def at_mouth(state: State, way: Way, tilt_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The cup's pose, (N, 3) and (N, 4), at a tilt, its lowest edge as near to the lips as the head lets it."""
+    """Cup pose, (N, 3) and (N, 4), at a tilt, with its pouring edge as near to the lips as the head allows."""
     yaw = yaw_q_w(state, way)
     tilt = transforms.from_axis_angle([0.0, 1.0, 0.0], tilt_rad)
     roll = transforms.from_axis_angle(UP, way.roll_rad)
@@ -138,7 +136,7 @@ def at_mouth(state: State, way: Way, tilt_rad: FloatArray) -> tuple[FloatArray, 
 
 
 def _edge_w(pos_w: FloatArray, q_w: FloatArray, way: Way) -> FloatArray:
-    """The point (N, 3) of the rim over which a cup with this pose pours."""
+    """Point (N, 3) of the rim over which the cup pours."""
     edge = [
         RIM_RADIUS_M * elementary.cos(way.roll_rad) + AXIS_X_M,
         -RIM_RADIUS_M * elementary.sin(way.roll_rad),

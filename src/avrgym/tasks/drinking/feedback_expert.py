@@ -1,4 +1,4 @@
-"""The rule by which the reactive expert gives drink."""
+"""Feedback expert for drinking."""
 
 import numpy as np
 
@@ -12,13 +12,14 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
 NEAR_M = 0.015
-"""How near the lips a cup is tilted on: people move, and the arm lags behind where it is sent."""
+"""Distance to the lips within which the cup is tilted further. It allows for motion of the person and lag of the
+arm."""
 TILT_RAD_S = 0.12
-"""How fast a cup is tilted that pours."""
+"""Tilt rate while pouring."""
 
 
 def drinking_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
-    """The cup to the lips, straight on; where it is there, tilted on from how it is tilted."""
+    """Move the cup straight to the lips, then tilt it from its present tilt."""
     way = expert.Way(*np.zeros((2, len(planner.pos_w))))
     tilt = expert.carried_tilt_rad(planner.q_w)
     into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)

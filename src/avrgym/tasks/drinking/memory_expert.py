@@ -1,13 +1,13 @@
-"""Giving drink patiently: an expert who remembers, for policies that remember.
+"""Memory-based expert for drinking. Recurrent policies imitate it.
 
-People seldom hold still. Who faces the cup moves the mouth whenever the cup moves, so that a cup that goes after every
-movement never comes to rest: this one goes slowly when it is near, but for making room for who leans to it. It pours
-only into a mouth that rests, and stops as soon as the mouth moves. The less water is left the farther a cup has to be
-tilted before it pours: up to there the tilt is quick, so that also short rests are of use. Who looks away, to others or
-about, is waited for before the place where the face comes back to, unless they have looked there from the beginning.
-Who turns from the side that the cup is on would turn to and fro if it followed across the face: it stays on its side,
-turned about its axis so that it pours over the part of its rim that is at the lips. It comes to everybody somewhat
-turned: so the hand that holds it is lower, where the arm reaches farther.
+- Near the lips the cup moves slowly, because a person who faces the cup moves the mouth with it. It retreats faster
+  when the person leans forward.
+- It pours only into a mouth at rest, and stops when the mouth moves. The less water is left, the larger the tilt before
+  it pours; up to this tilt it tilts quickly, so that short rests suffice.
+- While the person looks away, the cup waits where the face is expected to return, unless the face was turned there from
+  the start.
+- The cup stays on its side of the head. It is turned about its axis to pour over the part of the rim at the lips.
+- It always approaches slightly turned: the hand is then lower, where the arm reaches farther.
 """
 
 from dataclasses import replace
@@ -36,44 +36,45 @@ from avrgym.tasks.particles import count
 from avrgym.tasks.task import RunningEpisodes
 
 SLOWEST_M_S, RETREAT_M_S = 0.02, 0.10
-"""How fast a cup goes at least that comes to the lips, and that makes room for them."""
+"""Least speed of a cup that approaches the lips, and of one that retreats from them."""
 NEAR_M, LEFT_M = 0.03, 0.05
-"""From how near the lips water is poured, and from how far it is poured no more."""
+"""Distances to the lips within which pouring starts, and beyond which it stops."""
 RESTING_M_S = 0.05
-"""A mouth that is slower rests."""
+"""Speed below which a mouth is at rest."""
 POURS_RAD, PER_PARTICLE_RAD = np.radians([89.5, 0.145])
-"""At what tilt the last water comes to the rim, and how much earlier it does for each particle in the cup: measured as
-cups poured at 0.1 rad/s, within a degree at any filling."""
+"""Tilt at which the last water reaches the rim, and reduction for each particle in the cup. Measured at 0.1 rad/s,
+within one degree at any filling."""
 CALM_RAD = float(np.radians(4.0))
-"""So far below that tilt nothing is spilled by movement."""
+"""Margin below that tilt at which motion spills nothing."""
 APPROACH_PER_S, POUR_RAD_S = 3.0, 0.03
-"""How fast, of what is missing to that tilt, it is approached, and how fast a cup is tilted that pours."""
+"""Gain of the approach to that tilt, and tilt rate while pouring."""
 AWAY_RAD, FAR_AWAY_RAD, EXPECTED_RAD = np.radians([25.0, 33.0, 8.0])
-"""From where on a face looks away; where it is awaited goes from there to the last as it turns to the second."""
+"""Face angles: the face looks away beyond the first. As it turns to the second, the expected angle falls from the first
+to the third."""
 TURNED_RAD = float(np.radians(8.0))
-"""Who has turned the face by less since the beginning does not look away."""
+"""A face that has turned by less since the start does not look away."""
 ROOM_M = 0.001
-"""How much too far in a cup may be before it makes room."""
+"""Penetration beyond which the cup retreats."""
 WAITING_M = 0.01
-"""How much farther from the face a cup waits."""
+"""Additional standoff of a waiting cup."""
 TURNED_M, MOST_TURNED_M = 0.025, 0.042
-"""How far the cup's reference point is left of where it pours as a rule, and to either side at most: turned about its
-axis by so much, the cup comes to mouths that arms from the right could not bring it to straight."""
+"""Lateral offset of the cup's reference point from its pouring point: default and maximum. The offset comes from a turn
+about the cup's axis and helps arms on the right to reach the mouth."""
 BESIDE_M, MOST_ASIDE_M = 0.01, 0.04
-"""How far on its side of the head's middle a cup stays, and how far beside the lips it stays for that at most."""
+"""Least distance of the cup from the head's mid-plane on its side, and largest lateral offset from the lips for it."""
 TURNED_SHARE = 0.7
-"""What share of that is made up for by turning the cup farther."""
+"""Share of the lateral offset that is compensated by turning the cup."""
 LOOKING_RAD = float(np.radians(8.0))
-"""How far to the left faces are turned that look at such a cup."""
+"""Angle to the left of a face that looks at the cup."""
 
 _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "left"))
 
 
 class MemoryExpert:
-    """Brings the cup to each of N mouths, waits, and pours where it may."""
+    """Brings the cup to each of N mouths, waits, and pours when possible."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Begin where people and arms are."""
+        """Start at the present poses."""
         self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
         state = episodes.state()
         self._mouth_w, self._first_turn_rad = state.mouth_pos_w, _turn_rad(state)
@@ -113,14 +114,14 @@ class MemoryExpert:
 
 
 def _way(left_m: FloatArray) -> Way:
-    """How cups come that pour over the part of their rim which puts them so far (N,) left of the lips."""
+    """Approach of cups with the reference point a distance (N,) to the left of the pouring point."""
     return Way(np.zeros_like(left_m), -elementary.arcsin(left_m / RIM_RADIUS_M))
 
 
 def _next_tilt_rad(
     tilt: FloatArray, pours_rad: FloatArray, distance_m: FloatArray, rests: BoolArray, away: BoolArray
 ) -> FloatArray:
-    """The tilt (N,) that is aimed at, of cups with a tilt, with one at which they pour, and so far from the lips."""
+    """Target tilt (N,) for the present tilt, the pouring tilt and the distance to the lips."""
     calm_rad = pours_rad - CALM_RAD
     pours = (distance_m < NEAR_M) & ~away & (rests | (tilt < calm_rad))
     on = tilt + CONTROL_STEP_S * np.clip(APPROACH_PER_S * (pours_rad - tilt), POUR_RAD_S, TURN_RAD_S)
@@ -131,13 +132,13 @@ def _next_tilt_rad(
 
 
 def _to_the_left(state: State) -> FloatArray:
-    """The direction (N, 3) from the right shoulder to the left."""
+    """Direction (N, 3) from the right shoulder to the left."""
     shoulders_w = state.person_segment_w[:, [_RIGHT, _LEFT]].mean(axis=2)
     return transforms.normalize(shoulders_w[:, 1] - shoulders_w[:, 0])
 
 
 def _turn_rad(state: State) -> FloatArray:
-    """How far (N,) faces are turned to the left of where those are turned that look at the cup."""
+    """Angle (N,) of faces to the left of those that look at the cup."""
     into, left = face_direction(state), _to_the_left(state)
     turn_rad = elementary.arctan2(
         -(into * left).sum(axis=-1), (into * transforms.cross(expert.UP, left)).sum(axis=-1)
@@ -146,7 +147,7 @@ def _turn_rad(state: State) -> FloatArray:
 
 
 def _expected_rad(turn_rad: FloatArray) -> FloatArray:
-    """Where faces (N,) that look away are awaited."""
+    """Angle (N,) at which faces that look away are expected to return."""
     share = (np.abs(turn_rad) - AWAY_RAD) / (FAR_AWAY_RAD - AWAY_RAD)
     return np.sign(turn_rad) * np.maximum(AWAY_RAD - share * (AWAY_RAD - EXPECTED_RAD), EXPECTED_RAD)
 
@@ -159,9 +160,9 @@ def _turned(state: State, angle_rad: FloatArray) -> State:
 
 
 def _aside_m(state: State, left: FloatArray, tool_w: FloatArray, at_lips_w: FloatArray) -> FloatArray:
-    """How far (N,) left of the lips cups go to stay on their side of the head's middle, where that is not too far.
+    """Lateral offset (N,) from the lips with which cups stay on their side of the head.
 
-    What is more than ``MOST_ASIDE_M`` is too far: the farther, the less is kept, and nothing from half as far again on.
+    Beyond ``MOST_ASIDE_M`` it decreases, to zero at 1.5 times that value.
     """
     tool_m, lips_m = (((pos_w - state.head_pos_w) * left).sum(axis=-1) for pos_w in (tool_w, at_lips_w))
     side = np.where(tool_m > 0.0, 1.0, -1.0)

@@ -1,4 +1,4 @@
-"""What giving drink rewards: water in the mouth, and what the person prefers."""
+"""Reward of drinking: water in the mouth, and the preferences of the person."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -30,16 +30,16 @@ WEIGHTS: Mapping[str, float] = {
     "water_on_person": -1.0,
     "water_entry_speed_m_s": -1.0,
 }
-"""Task weights, then the preferences of the person (paper, section IV; reference).
+"""Task weights, then preference weights (paper, section IV; reference).
 
-The distance is that of the rim's pouring edge to the mouth. A cup that lies is tilted enough: what counts is how far
-the angle between its axis and the vertical is from a quarter turn.
+The distance is from the pouring edge of the rim to the mouth. The tilt term is the angle of the cup's axis from the
+horizontal.
 """
 
 
 @dataclass(frozen=True)
 class DrinkingState:
-    """What happened to each particle of water, (N, 64) each; what is gone has left the scene."""
+    """State of each water particle, (N, 64) each. Particles that are ``gone`` have been removed from the scene."""
 
     drunk: BoolArray
     spilled: BoolArray
@@ -48,14 +48,14 @@ class DrinkingState:
 
 
 def init_state(people: People, uniforms: FloatArray, particles: int = len(WATER.start)) -> DrinkingState:
-    """All water is in the cup. The tool carries so many ``particles``."""
+    """All water is in the cup; the tool carries ``particles``."""
     xp = namespace(uniforms)
     nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)
     return DrinkingState(nothing, nothing, nothing, nothing)
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: DrinkingState) -> StepResult:
-    """Water that is out of the cup and within 3 cm of the mouth is drunk; fallen below both it is spilled."""
+    """Water outside the cup within 3 cm of the mouth is drunk. Water below both cup and mouth is spilled."""
     check_count(state, task_state.drunk)
     outside = ~(task_state.gone | in_cup(state))
     drinkable = outside & ~task_state.spilled
@@ -88,7 +88,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: DrinkingState) -
 
 
 def in_cup(state: State) -> BoolArray:
-    """Which water (N, 64) is between the cup's walls, below its rim."""
+    """Which water (N, 64) is inside the cup, below its rim."""
     to_cup = transforms.conjugate(state.tool_q_w)[:, None]
     pos = transforms.rotate(to_cup, state.particle_pos_w - state.tool_pos_w[:, None])
     beside = (pos[..., 0] - AXIS_X_M) ** 2 + pos[..., 1] ** 2 > RIM_RADIUS_M**2
@@ -96,7 +96,7 @@ def in_cup(state: State) -> BoolArray:
 
 
 def _fallen(state: State) -> BoolArray:
-    """Which water (N, 64) is lower than all of the cup and the mouth: it cannot come back."""
+    """Which water (N, 64) is below all of the cup and the mouth."""
     middle = (
         transforms.rotate(state.tool_q_w, [AXIS_X_M, 0.0, -0.5 * HEIGHT_M])[:, 2] + state.tool_pos_w[:, 2]
     )
@@ -106,6 +106,6 @@ def _fallen(state: State) -> BoolArray:
 
 
 def tilt_rad(state: State) -> FloatArray:
-    """The angle (N,) between the cup's axis and the vertical."""
+    """Angle (N,) between the cup's axis and the vertical."""
     up = transforms.rotate(state.tool_q_w, [0.0, 0.0, 1.0])[:, 2]
     return elementary.arccos(namespace(up).clip(up, -1.0, 1.0))

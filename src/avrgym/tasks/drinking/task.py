@@ -1,4 +1,4 @@
-"""Drinking: where it begins and what a policy sees."""
+"""Drinking: scene, initial states and the task record."""
 
 from functools import partial
 
@@ -25,7 +25,7 @@ from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
 HAND_START_W = (-0.2, -0.5, 1.0)
 HAND_SPREAD_M = 0.05
 CUP_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
-"""Upright, its pouring edge towards the person."""
+"""Upright, the pouring edge towards the person."""
 
 
 def scene(robot: Robot) -> SceneConfig:
@@ -34,7 +34,7 @@ def scene(robot: Robot) -> SceneConfig:
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Hand within ±5 cm of a point before the person, cup upright."""
+    """Hand within ±5 cm of a point in front of the person, cup upright."""
     hand = constant_like(np.array(HAND_START_W), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, upright = placement.tool_in_hand(scene, hand, CUP_Q_W)
     mouth, _ = placement.mouth_poses(people)
@@ -56,7 +56,7 @@ DRINKING = Task(
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
     expert=DrinkingExpert,
-    feedback_expert=partial(FeedbackExpert, aim=drinking_target),
+    feedback_expert=partial(FeedbackExpert, target=drinking_target),
     memory_expert=MemoryExpert,
     views=Views(
         mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),

@@ -48,17 +48,17 @@ class FeedbackExpert:
     """Moves the tools to the targets that a function computes from the state."""
 
     def __init__(
-        self, episodes: RunningEpisodes, aim: Callable[[State, TaskState, MotionPlanner], ToolTarget]
+        self, episodes: RunningEpisodes, target: Callable[[State, TaskState, MotionPlanner], ToolTarget]
     ) -> None:
         """Start at the present joint angles."""
-        self._episodes, self._aim = episodes, aim
+        self._episodes, self._target = episodes, target
         self._planner = FeedbackPlanner(episodes)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         self._planner.relax()
         state, task_state = self._episodes.state(), self._episodes.task_state
-        pos_w, q_w, speed = self._aim(state, task_state, self._planner)
+        pos_w, q_w, speed = self._target(state, task_state, self._planner)
         return self._planner.action_toward(pos_w, q_w, speed, TURN_RAD_S)
 
 

@@ -1,4 +1,4 @@
-"""Feeding by script: carry the spoon before the mouth, bring it in as far as the face allows."""
+"""Planning expert for feeding: carry the spoon in front of the mouth, then move it in."""
 
 import numpy as np
 
@@ -16,26 +16,26 @@ TIP_FIRST = [(0.0, pitch, 0.0, rise) for pitch in (0.0, 15.0, -15.0) for rise in
 TURNED = [(turn, 0.0, 0.0, 0.0) for turn in (20.0, -20.0, -40.0)]
 SIDEWAYS = [(turn, 0.0, roll, 0.0) for turn in (-75.0, -90.0, -105.0) for roll in (0.0, -15.0)]
 TURNS_DEG, PITCHES_DEG, ROLLS_DEG, RISES_M = np.array(TIP_FIRST + TURNED + SIDEWAYS).T
-"""How the spoon may come: turned from where its tip points into the face, its tip raised, tipped towards the
-lips, and above the mouth."""
+"""Candidate spoon poses: yaw from the direction into the face, pitch, roll towards the lips, and height above the
+mouth."""
 SECONDS_PER_PIECE, FAILED_S, SHIFT_M = 3.0, 10.0, 0.001
-"""What a piece that stays out of the mouth is worth in time, and what too many are; food may shift a little."""
+"""Cost of a piece that may stay outside the mouth, cost of failure, and margin for shifting food."""
 
 CARRY_M_S, ENTER_M_S, TURN_RAD_S, TILT_RAD = 0.35, 0.08, 0.8, np.radians(20.0)
 AWAY_M, ARRIVED_RAD = 0.06, 0.03
 CLEARANCE_M, NEARER_M, GENTLE_N = 0.002, 0.0005, 4.0
-"""The spoon stays clear of the face; where too little food is in the mouth it comes nearer, step by step, until
-it touches the face gently."""
+"""Initial clearance from the face. If too little food is in the mouth, the spoon moves closer in small steps until it
+touches the face gently."""
 ON_SPOON_M = 0.05
 SPARE_PIECES = (1.0 - SUCCESS_SHARE) * len(FOOD.start)
 UP = np.array([0.0, 0.0, 1.0])
 
 
 class FeedingExpert:
-    """Chooses a way for each person, then follows it: first before the mouth, then straight in."""
+    """Chooses a path for each person and follows it: first to a point in front of the mouth, then straight in."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Plan for the people who are there now."""
+        """Plan for the present people."""
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
@@ -54,7 +54,7 @@ class FeedingExpert:
         return planner.action_to(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> None:
-        """Of all ways that the arm can reach, take the quickest that brings much food into the mouth."""
+        """Choose the fastest reachable pose that brings most of the food into the mouth."""
         q_w = _spoon_q_w(state)
         pos_w = np.stack(
             [at_mouth(state, q_w[:, way], rise, self._clearance_m) for way, rise in enumerate(RISES_M)],
@@ -76,7 +76,7 @@ class FeedingExpert:
 
 
 def _spoon_q_w(state: State) -> FloatArray:
-    """The spoon's rotation in every way, (N, K, 4)."""
+    """Spoon rotations of all candidates (N, K, 4)."""
     into = face_direction(state)
     yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None]
     turn = transforms.from_axis_angle([0.0, 0.0, 1.0], yaw + np.radians(TURNS_DEG))
@@ -88,7 +88,7 @@ def _spoon_q_w(state: State) -> FloatArray:
 def at_mouth(
     state: State, q_w: FloatArray, rise_m: FloatArray | float, clearance_m: FloatArray
 ) -> FloatArray:
-    """Where (N, 3) the spoon is in the middle of the mouth, or as far in as it stays clear of the face."""
+    """Spoon positions (N, 3) in the middle of the mouth, or as far in as the clearance from the face allows."""
     pos_w = state.mouth_pos_w + np.multiply.outer(rise_m, UP)
     outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], OUTLINE)
     back = -face_direction(state)
@@ -96,6 +96,6 @@ def at_mouth(
 
 
 def _is_hungry(state: State) -> BoolArray:
-    """Whether the spoon may go on: too much food lies on it for a success, and the face feels little (N,)."""
+    """Whether the spoon may move closer (N,): too much food is left on it, and the contact force is small."""
     on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < ON_SPOON_M
     return (on_spoon.sum(axis=-1) > SPARE_PIECES) & (state.robot_force_n < GENTLE_N)

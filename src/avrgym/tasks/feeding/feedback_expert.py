@@ -1,4 +1,4 @@
-"""The rule by which the reactive expert feeds."""
+"""Feedback expert for feeding."""
 
 import numpy as np
 
@@ -13,17 +13,18 @@ from avrgym.tasks.feeding import expert
 from avrgym.tasks.task import TaskState
 
 TURNS_RAD = np.radians([0.0, -30.0, -60.0, -90.0])
-"""How the spoon may come: its tip first, or turned towards its left side, where the arm does not reach so far."""
+"""Candidate yaw angles: tip first, or turned towards the left side, which needs less reach."""
 MISSED_M_RAD, TURNED_M_RAD = 0.1, 0.02
-"""What a radian counts that the arm misses, and one that the spoon is turned, beside metres that the arm misses."""
+"""Cost in metres of a radian of rotation error, and of a radian of yaw."""
 
 
 def feeding_target(
     state: State, task_state: TaskState, planner: MotionPlanner, kept_off_m: FloatArray | float = 0.0
 ) -> ToolTarget:
-    """The level spoon through a funnel before the face into the mouth, turned as the arm gets there.
+    """Move the level spoon through a funnel in front of the face into the mouth, with the yaw that the arm reaches
+    best.
 
-    A spoon that is kept off stays so far (N,) before the mouth at least, and goes there as fast as it can.
+    The spoon stays at least ``kept_off_m`` (N,) in front of the mouth.
     """
     into = face_direction(state)
     goal_w, q_w = _within_reach(state, planner, elementary.arctan2(into[:, 1], into[:, 0]))
@@ -35,7 +36,7 @@ def feeding_target(
 
 
 def _within_reach(state: State, planner: MotionPlanner, yaw_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The place (N, 3) in the mouth and the rotation (N, 4) of the turn at which the arm misses least."""
+    """Spoon position (N, 3) and rotation (N, 4) with the smallest inverse-kinematics error."""
     clearance_m = np.full(len(yaw_rad), expert.CLEARANCE_M)
     goals_w: list[FloatArray] = []
     rotations_w: list[FloatArray] = []

@@ -1,4 +1,4 @@
-"""What feeding rewards: food in the mouth, and what the person prefers."""
+"""Reward of feeding: food in the mouth, and the preferences of the person."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -32,12 +32,12 @@ WEIGHTS: Mapping[str, float] = {
     "food_on_person": -1.0,
     "food_entry_speed_m_s": -1.0,
 }
-"""Task weights, then the preferences of the person (paper, section IV; reference)."""
+"""Task weights, then preference weights (paper, section IV; reference)."""
 
 
 @dataclass(frozen=True)
 class FeedingState:
-    """What happened to each piece of food, (N, 8) each; eaten and dropped food has left the task."""
+    """State of each piece of food, (N, 8) each. Eaten and dropped food no longer counts."""
 
     eaten: BoolArray
     dropped: BoolArray
@@ -45,16 +45,16 @@ class FeedingState:
 
 
 def init_state(people: People, uniforms: FloatArray, particles: int = len(FOOD.start)) -> FeedingState:
-    """Nothing has happened yet. The tool carries so many ``particles``."""
+    """Initial state for a tool with ``particles`` pieces."""
     xp = namespace(uniforms)
     nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)
     return FeedingState(nothing, nothing, nothing)
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: FeedingState) -> StepResult:
-    """Food within 2 cm of the mouth is eaten; below 0.5 m, on the table or in the bowl it is dropped.
+    """Food within 2 cm of the mouth is eaten. Food below 0.5 m, on the table or in the bowl is dropped.
 
-    What is eaten, or has fallen to the floor, leaves the scene.
+    Eaten food, and food on the floor, is removed from the scene.
     """
     check_count(state, task_state.eaten)
     in_play = ~(task_state.eaten | task_state.dropped)
@@ -86,7 +86,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: FeedingState) ->
 
 
 def strong_tool_force(state: State) -> FloatArray:
-    """What the tool presses the person with, wherever, where that is strong, (N,) newtons."""
+    """Contact force of the tool on the person (N,) in newtons if it is above the limit, else 0."""
     return force_above_limit(state.tool_contact_force_n.sum(axis=-1))
 
 

@@ -1,4 +1,4 @@
-"""Feeding: where it begins and what a policy sees."""
+"""Feeding: scene, initial states and the task record."""
 
 from functools import partial
 
@@ -27,7 +27,7 @@ BOWL_SPREAD_M = 0.05
 HAND_SPREAD_M = 0.05
 HAND_FROM_BOWL_M = np.array([0.0, -0.1, 0.4])
 TURNED_RAD = np.array([0.0, -0.5 * np.pi])
-"""How far the spoon is turned about the vertical when it comes tip first, and with its left side."""
+"""Yaw of the spoon relative to the face, with its tip or its left side first."""
 SPOON_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Level, pointing towards the person."""
 
@@ -38,7 +38,7 @@ def scene(robot: Robot) -> SceneConfig:
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Bowl within ±5 cm of its place, hand within ±5 cm of a point above and before it, spoon level."""
+    """Bowl within ±5 cm of its place; hand within ±5 cm of a point above and in front of it; spoon level."""
     bowl = constant_like(np.array(BOWL_START_M), uniforms) + BOWL_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     hand = bowl + constant_like(HAND_FROM_BOWL_M, uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 3:6] - 1.0)
     tool, level = placement.tool_in_hand(scene, hand, SPOON_Q_W)
@@ -47,7 +47,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 
 def _goals(people: People) -> tuple[FloatArray, FloatArray]:
-    """Where (n, 2, 3) and how (n, 2, 4) the spoon may come to the mouths: level, tip first or with its left side."""
+    """Spoon positions (n, 2, 3) and rotations (n, 2, 4) at the mouth: level, with the tip or the left side first."""
     mouth, head_q = placement.mouth_poses(people)
     into = transforms.rotate(head_q, [0.0, 1.0, 0.0])
     yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None] + constant_like(TURNED_RAD, into)
@@ -67,7 +67,7 @@ FEEDING = Task(
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
     expert=FeedingExpert,
-    feedback_expert=partial(FeedbackExpert, aim=feeding_target),
+    feedback_expert=partial(FeedbackExpert, target=feeding_target),
     memory_expert=MemoryExpert,
     views=Views(
         mounted=View((-0.08, -0.30, 0.97), 1.55, 138.0, -28.0),

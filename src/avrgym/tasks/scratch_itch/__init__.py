@@ -1,1 +1,1 @@
-"""Itch scratching: rub the spot of the right arm that itches, gently and to and fro (paper, section IV)."""
+"""Itch scratching: scratch a random spot on the person's right arm (paper, section IV)."""

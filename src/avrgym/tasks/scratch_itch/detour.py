@@ -1,7 +1,7 @@
-"""What training counts beyond a task's own reward, so that a policy is drawn the way that leads to the goal.
+"""Extra path length of scratching, for reward shaping.
 
-A reward that falls with the straight distance draws a tool to the near side of a limb that itches on its far side, and
-there it stays. So it is with a hand that is where it has no room.
+A reward of the straight distance alone attracts the tool to the near side of a limb with the itch on its far side,
+where it gets stuck. The same holds for a hand without clearance.
 """
 
 from avrgym.array_types import FloatArray
@@ -15,14 +15,14 @@ from avrgym.tasks.scratch_itch.reward import ScratchItchState, limb_frame
 
 SMALLEST_M = 1e-4
 HAND_M = 0.06
-"""How far from the tip the hand begins."""
+"""Distance of the hand from the tip."""
 
 
 def around_limb_m(state: State, task_state: ScratchItchState) -> FloatArray:
-    """How much longer the tool's way to the itch is around the limb than straight on, (N,), metres.
+    """Extra length (N,) in metres of the tool's path around the limb compared with the straight path.
 
-    The limb is an endless cylinder with the itch on its skin. Where the straight way would lead through it, the
-    shortest one leads along a tangent to the skin and then around it; unrolled it is straight.
+    The limb is an infinite cylinder with the itch on its surface. If the straight path crosses it, the shortest path
+    follows a tangent and then the surface.
     """
     xp = namespace(state.tool_pos_w)
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
@@ -40,9 +40,9 @@ def around_limb_m(state: State, task_state: ScratchItchState) -> FloatArray:
 
 
 def around_arm_m(state: State, task_state: ScratchItchState) -> FloatArray:
-    """How much longer the way around the limb is, (N,), metres, and how far the hand has to go about the tip.
+    """Extra path length around the limb plus the path of the hand around the tip (N,), metres.
 
-    The hand is to be where it has room, as in ``reactive``.
+    The preferred hand direction is that of ``feedback_expert``.
     """
     _, limb_q_w = limb_frame(state, task_state)
     out_w, _ = surface(task_state, limb_q_w)

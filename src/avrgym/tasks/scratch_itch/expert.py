@@ -1,4 +1,4 @@
-"""Scratching by script: come to the itch where there is room, press gently, rub to and fro along the limb."""
+"""Planning expert for scratching: approach the itch with clearance, press gently, rub along the limb."""
 
 from typing import NamedTuple
 
@@ -17,29 +17,29 @@ from avrgym.tasks.task import RunningEpisodes
 
 TILTS_RAD = np.radians([25.0, 50.0, 70.0])
 SIDES = 8
-"""The rod may come straight at the skin, or tilted by so much to any of so many sides."""
+"""Candidate directions of the rod: normal to the skin, or tilted by these angles to ``SIDES`` sides."""
 SECONDS_PER_RAD = 2.0
-"""What a tilt is worth in time."""
+"""Cost of a tilt."""
 
 SWING_M_S, ENTER_M_S, RUB_M_S, TURN_RAD_S = 0.30, 0.05, 0.10, 0.8
 AWAY_M, ARRIVED_RAD = 0.06, 0.05
 TOUCH_N = 0.3
 LOST_M = 0.004
-"""By how much deeper a tip goes in a control step that has left the skin."""
+"""Additional depth in each control step without contact."""
 SEEK_DEPTH_M = 0.03
-"""Where the rod aims before it touches: it meets the skin on the way."""
+"""Target depth below the skin before contact."""
 HARD_S, DETOUR_STEPS = 20.0, 50
-"""Ways that cost more are planned anew after a detour to a place before and above the person's wrist."""
+"""Plans with a higher cost are planned again after a detour to a point in front of and above the wrist."""
 FROM_WRIST_M = (0.0, -0.15, 0.10)
 DOWNWARD_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
 ROD = (1.0, 0.0, 0.0)
-"""Where the rod points in the tool's frame."""
+"""Direction of the rod in the tool's frame."""
 LOOP_M, AHEAD_RAD = np.array([0.014, 0.009]), np.radians(75.0)
-"""The tip goes round the itch, so far away along the limb and across it, and aims so far ahead on its way."""
+"""Half axes of the tip's loop around the itch, along and across the limb, and how far ahead on the loop it aims."""
 
 
 class Press(NamedTuple):
-    """How hard a tip presses; by how much deeper it goes in a control step, for each newton too few and at most."""
+    """Force control of the tip: desired force, gain in metres per newton, and limits of the step."""
 
     force_n: float
     m_per_n: float
@@ -51,10 +51,10 @@ PRESS = Press(force_n=3.0, m_per_n=0.0005, softer_m=-0.002, firmer_m=0.001)
 
 
 class ScratchItchExpert:
-    """Chooses for each person how the rod comes; how deep it aims follows the force that it meets."""
+    """Chooses a rod direction for each person. The target depth follows the measured force."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Plan for the people who are there now."""
+        """Plan for the present people."""
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
@@ -84,7 +84,7 @@ class ScratchItchExpert:
         return planner.action_to(np.where(self._arrived[:, None], straight, swing))
 
     def _rub(self) -> tuple[FloatArray, FloatArray]:
-        """The tip's next place (N, 3) and the rod's rotation (N, 4)."""
+        """Next tip position (N, 3) and rod rotation (N, 4)."""
         state, task_state = self._episodes.state(), self._episodes.task_state
         _, limb_q_w = limb_frame(state, task_state)
         out, _ = surface(task_state, limb_q_w)
@@ -97,12 +97,12 @@ class ScratchItchExpert:
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
     def _plan(self, worlds: BoolArray) -> FloatArray:
-        """Choose for some worlds, (N,), of all ways to point at the itch the quickest with room for the arm.
+        """Plan for the worlds of a mask (N,): choose the fastest collision-free direction towards the itch.
 
-        The rod may turn about itself as it likes: the arm's last joint does that.
+        Rotation about the rod is free; the last joint provides it.
 
         Returns:
-            What the way there costs, (N,) seconds.
+            Cost of the path (N,), seconds.
         """
         state, task_state = self._episodes.state(), self._episodes.task_state
         _, limb_q_w = limb_frame(state, task_state)
@@ -125,7 +125,7 @@ class ScratchItchExpert:
 
 
 def find_detour(planner: MotionPlanner, state: State) -> tuple[FloatArray, FloatArray]:
-    """Angles (N, J) before and above the wrist, the rod pointing down, and what it costs to go there (N,)."""
+    """Angles (N, J) in front of and above the wrist with the rod pointing down, and the cost (N,) to get there."""
     wrist_w = state.right_arm_pos_w[:, 2]
     turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
     q_w = np.tile(transforms.multiply(DOWNWARD_Q_W, turns), (len(wrist_w), 1, 1))
@@ -138,16 +138,16 @@ def find_detour(planner: MotionPlanner, state: State) -> tuple[FloatArray, Float
 def rub(
     state: State, task_state: ScratchItchState, pos_w: FloatArray, rod_w: FloatArray, press: Press
 ) -> FloatArray:
-    """The next place (N, 3) of a tip that goes round and round about the itch.
+    """Next position (N, 3) of a tip that circles around the itch.
 
-    Where it goes depends on nothing but where it is, how deep on what it feels.
+    It depends on the present position only; the depth depends on the force.
 
     Args:
-        state: of N worlds.
-        task_state: where it itches.
-        pos_w: where the tip aims now (N, 3), world frame.
-        rod_w: where the rod points, (N, 3) unit vectors, world frame.
-        press: how hard.
+        state: physical state of N worlds.
+        task_state: contains the itch.
+        pos_w: present target of the tip (N, 3), world frame.
+        rod_w: rod direction, unit vectors (N, 3), world frame.
+        press: force control.
     """
     _, limb_q_w = limb_frame(state, task_state)
     out, along = surface(task_state, limb_q_w)
@@ -164,13 +164,13 @@ def rub(
 
 
 def surface(task_state: ScratchItchState, limb_q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors (N, 3), world frame, at the itch: out of the limb, and along it."""
+    """Unit vectors (N, 3) at the itch, out of the limb and along it; world frame."""
     out = transforms.normalize(task_state.itch * constant_like(SIDEWAYS, task_state.itch))
     return transforms.rotate(limb_q_w, out), transforms.rotate(limb_q_w, [0.0, 0.0, 1.0])
 
 
 def _ways(out: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where the rod may point, (N, K, 3) unit vectors, and how tilted each way is, (K,) radians."""
+    """Candidate rod directions, unit vectors (N, K, 3), and their tilts (K,) in radians."""
     across = transforms.cross(out, along)
     sides = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
     aslant = [elementary.cos(side) * along + elementary.sin(side) * across for side in sides]
@@ -179,11 +179,11 @@ def _ways(out: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def tip(skin_w: FloatArray, out: FloatArray, into: FloatArray) -> FloatArray:
-    """Where the tip (..., 3) is when the round end of a rod that points ``into`` touches the skin there."""
+    """Tip position (..., 3) when a rod with direction ``into`` touches the skin with its round end."""
     return skin_w + RADIUS_M * (out + into)
 
 
 def _turn(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The shortest rotations (..., 4) that take unit vectors a to unit vectors b, (..., 3)."""
+    """Shortest rotations (..., 4) from unit vectors a to unit vectors b, (..., 3)."""
     half = transforms.normalize(a + b)
     return np.concatenate([(a * half).sum(axis=-1, keepdims=True), transforms.cross(a, half)], axis=-1)

@@ -1,4 +1,4 @@
-"""The rule by which the reactive expert scratches: around the arm, wherever it itches."""
+"""Feedback expert for scratching: moves around the arm to the itch."""
 
 import numpy as np
 
@@ -16,48 +16,47 @@ from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_pos_w, limb_
 Range = tuple[float, float]
 
 SLANT_RAD, ASKEW_RAD = 1.2, 0.4
-"""How far from straight out of the skin the hand may be drawn, and how far the rod may point beside it."""
+"""Limits of the hand's angle to the skin normal, and of the rod's angle to the hand's direction."""
 FORWARDS, UPWARDS, SWERVE = -0.2, 0.2, 0.5
-"""Where the hand has room, for each metre to the person's right; and how much more so by how the skin lies there."""
+"""Direction with clearance for the hand, for each metre to the right, and how much the skin normal changes it."""
 LEVEL, SOFT = -0.35, 0.17
-"""The height of the skin's normal at which the hand changes from above the arm to below it, and how gradually."""
+"""Height of the skin normal at which the hand changes from above to below the arm, and width of the transition."""
 FRONT_W = transforms.normalize(np.array([0.0, -0.7, 0.6]))
 FRONT_SLANT_RAD, FRONT_ASKEW_RAD = 1.0, 0.2
-"""Where a hand has room that comes from in front, and what ``SLANT_RAD`` and ``ASKEW_RAD`` are for it."""
+"""Direction with clearance for a hand in front of the person, and its ``SLANT_RAD`` and ``ASKEW_RAD``."""
 INWARDS, NOT_DOWN = (0.6, 0.85), (-0.5, -0.3)
-"""Skin is scratched from in front that faces the person's left, and not the ground: from where on, and from where on
-wholly, as parts of its normal."""
+"""Ranges of the skin normal's components over which the hand changes to the front: skin that faces left and not
+down."""
 STILL_TURNS_RAD = (0.2, 0.6)
-"""Such a hand comes to the itch when it has to turn by no more than the first; from the second on it waits before the
-wrist."""
+"""A hand in front approaches the itch if its remaining rotation is below the first value, and waits in front of the
+wrist above the second."""
 NONE_TO_ALL = (0.0, 1.0)
-"""The shares at the first and the second of two such values; evenly more between them."""
+"""Interpolation values for such a range."""
 BESIDE_M = 0.02
-"""How far beside the itch the tip comes down."""
+"""Lateral offset within which the tip comes down."""
 AHEAD_RAD = 0.8
-"""How far around the limb the tip aims at most."""
+"""Largest angle around the limb between the tip and its target."""
 RUB_M_S = 0.06
 PRESS = expert.Press(force_n=2.5, m_per_n=0.0008, softer_m=-0.006, firmer_m=0.001)
-"""How fast it rubs and how hard: so slowly that the force hardly swings, and quick to give way."""
+"""Rubbing speed and force control: slow for a steady force, and quick to release."""
 LEANING_N, BACK_M, BACK_M_S = 5.0, 0.03, 0.3
-"""From what force of its links on the person an arm draws back, how far in a control step it aims, and how fast."""
+"""Link force on the person above which the arm draws back, distance of that target, and speed."""
 
 
 def scratching_target(state: State, task_state: ScratchItchState, planner: MotionPlanner) -> ToolTarget:
-    """The tip goes around the limb above the skin and comes down at the itch; where it touches, it rubs.
+    """Move the tip around the limb above the skin to the itch, then rub.
 
-    Where it itches on the inner side, an arm that is mounted on the wheelchair first turns its hand before the wrist.
-    The thicker one that stands on the floor would lean on the person: see ``patient``. An arm that leans draws back,
-    out to where its hand has room.
+    For an itch on the inner side, an arm on the wheelchair first turns its hand in front of the wrist. The thicker arm
+    of a robot on the floor would lean on the person, see ``memory_expert``. An arm that leans on the person draws back.
     """
     out_w, _ = expert.surface(task_state, limb_frame(state, task_state)[1])
-    return aim(state, task_state, planner, faces_in(out_w) * (not planner.scene.mount.on_floor))
+    return blended_target(state, task_state, planner, faces_in(out_w) * (not planner.scene.mount.on_floor))
 
 
-def aim(
+def blended_target(
     state: State, task_state: ScratchItchState, planner: MotionPlanner, in_front: FloatArray
 ) -> ToolTarget:
-    """Where tips go as in ``scratching_target``, of hands that come by a share (N,) from in front."""
+    """As ``scratching_target``, with a share (N,) by which the hand comes from the front."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     out_w, _ = expert.surface(task_state, limb_q_w)
     rod_w = transforms.rotate(planner.q_w, expert.ROD)
@@ -79,16 +78,16 @@ def aim(
 
 
 def faces_in(out_w: FloatArray, inwards: Range = INWARDS, not_down: Range = NOT_DOWN) -> FloatArray:
-    """What share (N,) of skin that faces (N, 3), world frame, is to be reached from in front: none or all, mostly."""
+    """Share (N,) by which skin with normals (N, 3) is reached from the front, mostly 0 or 1; world frame."""
     return np.interp(out_w[:, 0], inwards, NONE_TO_ALL) * np.interp(out_w[:, 2], not_down, NONE_TO_ALL)
 
 
 def turn_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
-    """How a rod has to turn, rotation vectors (N, 3), world frame, for the hand to be where it has room.
+    """Rotation vectors (N, 3) that turn the rod so that the hand has clearance; world frame.
 
     Args:
-        rod_w: where it points, unit vectors (N, 3), world frame.
-        out_w: out of the skin at the itch, likewise.
+        rod_w: rod direction, unit vectors (N, 3), world frame.
+        out_w: skin normal at the itch, unit vectors (N, 3), world frame.
         in_front: see ``hand``.
     """
     axis, angle = _turn(rod_w, -hand(out_w, in_front))
@@ -97,10 +96,10 @@ def turn_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray | float 
 
 
 def hand(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
-    """In which direction (N, 3) from an itch the hand should be, world frame, by where its skin faces (N, 3).
+    """Preferred direction (N, 3) of the hand from the itch, for skin normals (N, 3); world frame.
 
-    Straight out of the skin, but drawn to where there is room: on the person's right, in front and above where the skin
-    faces up, behind and below where it faces down; by a share (N,) it comes from in front, over the lap.
+    The skin normal, turned towards free space: to the person's right, and in front and above for skin that faces up,
+    behind and below for skin that faces down. A share (N,) ``in_front`` turns it to the front, over the lap.
     """
     xp = namespace(out_w)
     above = elementary.tanh((out_w[:, 2] - LEVEL) / SOFT)
@@ -114,7 +113,7 @@ def hand(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
 
 
 def around(tool: FloatArray, task_state: ScratchItchState) -> FloatArray:
-    """Where a tip (N, 3) goes next (N, 3), limb's frame: around it, above the skin until it is at the itch."""
+    """Next tip position (N, 3) in the limb's frame: around the limb, above the skin until it is at the itch."""
     radius = norm(task_state.itch[:, :2])
     now, there = (elementary.arctan2(place[:, 1], -place[:, 0]) for place in (tool, task_state.itch))
     shorter = (there - now + np.pi) % (2.0 * np.pi) - np.pi
@@ -129,7 +128,7 @@ def around(tool: FloatArray, task_state: ScratchItchState) -> FloatArray:
 
 
 def _turn(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The axis (N, 3) about which vectors a turn to vectors b, (N, 3), and by how much (N,)."""
+    """Axis (N, 3) and angle (N,) of the rotation from vectors a to vectors b, (N, 3)."""
     axis = transforms.cross(a, b)
     sine = norm(axis)
     return axis / namespace(sine).maximum(sine, 1e-9)[:, None], elementary.arctan2(sine, (a * b).sum(axis=-1))

@@ -1,8 +1,7 @@
-"""Scratching patiently: an expert who remembers whether the arm has swung in front, for policies that remember.
+"""Memory-based expert for scratching: remembers whether the arm has swung to the front. Recurrent policies imitate it.
 
-To the inner side of the forearm a hand comes from in front, over the lap. No short way leads there: the elbow of an arm
-that goes straight leans on the person. So the arm first swings, all joints together, to before and above the wrist,
-with its elbow up. It is the same way every time, so that it is soon learned.
+The inner side of the forearm is reached from the front, over the lap. On a direct path the elbow of the robot would
+lean on the person. The arm therefore first makes a fixed joint-space motion to a point in front of and above the wrist.
 """
 
 from typing import NamedTuple
@@ -12,16 +11,14 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.tasks.experts.feedback import TURN_RAD_S, FeedbackExpert, FeedbackPlanner
 from avrgym.tasks.scratch_itch.expert import SWING_M_S, surface
-from avrgym.tasks.scratch_itch.feedback_expert import Range, aim, faces_in, scratching_target
+from avrgym.tasks.scratch_itch.feedback_expert import Range, blended_target, faces_in, scratching_target
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from avrgym.tasks.task import Controller, RunningEpisodes
 
 
 class Swing(NamedTuple):
-    """By how much its joints (J,) turn that swing an arm in front, and to which skin it then comes.
-
-    For the last two see ``reactive.faces_in``.
-    """
+    """Joint displacements (J,) of the motion to the front, and the skin normals for which it is used, see
+    ``faces_in``."""
 
     way_rad: tuple[float, ...]
     inwards: Range
@@ -32,25 +29,24 @@ SWINGS = {
     "Jaco": Swing((-2.27, -0.57, 0.89, -0.2, -0.1, -0.62, 0.0), inwards=(0.5, 0.8), not_down=(-0.8, -0.6)),
     "PR2": Swing((-0.85, -0.6, -0.9, 0.0, 2.6, 0.75, 0.0), inwards=(0.3, 0.6), not_down=(-0.7, -0.5)),
 }
-"""By robot. The Jaco goes about the median of the ways by which its hand comes in front reactively; the PR2, whose
-forearm turns over, about the mean of the detours that the oracle plans."""
+"""By robot. Jaco: the median of the feedback expert's motions to the front. PR2: the mean of the planned detours."""
 HALF = 0.5
-"""From what share of it in front on an arm swings there first."""
+"""Share of ``in_front`` above which the arm first swings."""
 SWUNG = 0.85
-"""What share of the way is enough."""
+"""Share of the swing that counts as completed."""
 
 
 def memory_expert(episodes: RunningEpisodes) -> Controller:
-    """One whose arm first swings in front, where it is one of ``SWINGS``; others are reactive."""
+    """Expert with a swing to the front for robots in ``SWINGS``; the feedback expert for others."""
     swing = SWINGS.get(episodes.scene.robot.name)
     return FeedbackExpert(episodes, scratching_target) if swing is None else SwingsInFront(episodes, swing)
 
 
 class SwingsInFront:
-    """Goes to each of N itches by the reactive rule, from in front only with arms that have swung there."""
+    """The feedback expert that reaches from the front only after the swing."""
 
     def __init__(self, episodes: RunningEpisodes, swing: Swing) -> None:
-        """Begin where people and arms are."""
+        """Start at the present poses."""
         self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
         self._swing, self._first_rad = swing, self._planner.angles_rad
         self._way_rad = np.array(swing.way_rad)
@@ -63,7 +59,7 @@ class SwingsInFront:
         self._swung |= self._share_of_way() > SWUNG
         out_w, _ = surface(task_state, limb_frame(state, task_state)[1])
         in_front = faces_in(out_w, self._swing.inwards, self._swing.not_down)
-        pos_w, q_w, speed = aim(state, task_state, planner, in_front * self._swung)
+        pos_w, q_w, speed = blended_target(state, task_state, planner, in_front * self._swung)
         angles_rad = planner.line_step(pos_w, q_w, speed, TURN_RAD_S)
         swings = (in_front > HALF) & ~self._swung
         if swings.any():
@@ -72,7 +68,7 @@ class SwingsInFront:
         return planner.action_to(angles_rad)
 
     def _share_of_way(self) -> FloatArray:
-        """How much (N,) of their way arms have gone, in their joints."""
+        """Completed share (N,) of the swing."""
         way_rad = self._way_rad
         return ((self._planner.angles_rad - self._first_rad) * way_rad).sum(axis=-1) / (
             way_rad * way_rad

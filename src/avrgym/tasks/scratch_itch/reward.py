@@ -1,4 +1,4 @@
-"""What scratching rewards: gentle strokes where it itches, and what the person prefers."""
+"""Reward of scratching: gentle strokes at the itch, and the preferences of the person."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ ITCH_RADIUS_M = 0.025
 STROKE_M = 0.01
 SUCCESS_SCRATCHES = 25
 ALONG = (0.2, 0.85)
-"""Where along a limb it may itch, as shares of its length: its ends lie inside shoulder and elbow."""
+"""Range of the itch along a limb, as shares of its length. The ends are inside shoulder and elbow."""
 AROUND_RAD = np.array([np.radians(120.0), np.pi])
-"""How far around each limb it may itch, either way from its outer side. The third of the upper arm that faces the
-torso is left out: no hand of our robots fits between the two."""
+"""Range of the itch around each limb, from its outer side. It excludes the third of the upper arm that faces the torso,
+where no robot hand fits."""
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
     "action_squared": -0.01,
@@ -32,15 +32,17 @@ WEIGHTS: Mapping[str, float] = {
     "force_elsewhere_n": -0.01,
     "strong_force_at_itch_n": -0.05,
 }
-"""Task weights, then the preferences of the person (paper, section IV; reference)."""
+"""Task weights, then preference weights (paper, section IV; reference)."""
 
 
 @dataclass(frozen=True)
 class ScratchItchState:
-    """Where it itches and how often it was scratched.
+    """The itch and the scratches so far.
 
-    ``limb`` (N,) counts in ``LIMBS``. ``itch`` and ``last_scratch`` (N, 3), metres, are places in the frame of
-    that limb: they move with the person. ``scratches`` (N,).
+    Attributes:
+        limb: index in ``LIMBS`` (N,).
+        itch, last_scratch: positions in the frame of the limb (N, 3), metres.
+        scratches: number of scratches (N,).
     """
 
     limb: IntArray
@@ -50,7 +52,7 @@ class ScratchItchState:
 
 
 def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
-    """An itch on the upper arm or the forearm with equal chance, uniform along it and around it."""
+    """An itch on the upper arm or forearm (equally likely), uniform along and around it."""
     xp = namespace(uniforms)
     limb = xp.astype(uniforms[:, 3] < 0.5, xp.int64)
     layout = human.layout_of(people)
@@ -66,8 +68,8 @@ def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
 def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState) -> StepResult:
     """At most one scratch in a control step.
 
-    It is a contact of the tool within 2.5 cm of the itch, softer than 10 N, whose place (the mean of such
-    contacts, weighted by their forces) has moved more than 1 cm in the limb's frame since the last scratch.
+    A scratch is a tool contact within 2.5 cm of the itch with less than 10 N. Its position (the force-weighted mean)
+    must have moved more than 1 cm in the limb's frame since the last scratch.
     """
     xp, itch_w = namespace(state.tool_pos_w), itch_pos_w(state, task_state)
     force_n, place = _touch(state, task_state, itch_w)
@@ -97,19 +99,19 @@ def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState
 
 
 def itch_pos_w(state: State, task_state: ScratchItchState) -> FloatArray:
-    """Where it itches, (N, 3), world frame."""
+    """Position of the itch (N, 3); world frame."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     return limb_pos_w + transforms.rotate(limb_q_w, task_state.itch)
 
 
 def limb_frame(arm: RightArm, task_state: ScratchItchState) -> tuple[FloatArray, FloatArray]:
-    """The frame of the limb that itches: (N, 3) and (N, 4), world frame."""
+    """Frame of the limb with the itch, (N, 3) and (N, 4); world frame."""
     worlds = row_indices(task_state.limb)
     return arm.right_arm_pos_w[worlds, task_state.limb], arm.right_arm_q_w[worlds, task_state.limb]
 
 
 def _touch(state: State, task_state: ScratchItchState, itch_w: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How strongly the tool touches the itch, (N,) newtons, and where, (N, 3) in the limb's frame."""
+    """Contact force at the itch (N,) in newtons, and its position (N, 3) in the limb's frame."""
     xp = namespace(itch_w)
     near = norm(state.tool_contact_pos_w - itch_w[:, None]) < ITCH_RADIUS_M
     forces = xp.where(near, state.tool_contact_force_n, 0.0)

@@ -1,4 +1,4 @@
-"""Itch scratching: where it begins, what a policy sees, and where the itch is drawn."""
+"""Itch scratching: scene, initial states, observation and the task record."""
 
 from functools import partial
 
@@ -37,7 +37,7 @@ from avrgym.tasks.task import Marks, Task, View, Views
 HAND_M, MOBILE_HAND_M = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
 HAND_SPREAD_M = 0.05
 SCRATCHER_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
-"""Pointing 45° upwards at the person's shoulder, past their elbow."""
+"""Pointing 45° upwards at the person's shoulder, past the elbow."""
 
 POSE = Pose(
     rest_rad=human.joint_angles(right_shoulder_y=30.0),
@@ -47,14 +47,14 @@ POSE = Pose(
 
 
 def scene(robot: Robot) -> SceneConfig:
-    """A wheelchair whose right armrest is taken off, where the person's arm hangs; the left arm scratches."""
+    """A wheelchair without its right armrest; the robot's left arm holds the scratcher."""
     return placement.wheelchair_scene(
         robot, "left", SCRATCHER, (0.1, 0.0), chair=add_wheelchair_without_right_armrest
     )
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """Hand within ±5 cm of a point beside the person's elbow; the goals are shoulder, elbow and wrist."""
+    """Hand within ±5 cm of a point next to the elbow. The goals are shoulder, elbow and wrist."""
     place = MOBILE_HAND_M if scene.mount.on_floor else HAND_M
     hand = constant_like(np.array(place), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, tool_q = placement.tool_in_hand(scene, hand, SCRATCHER_Q_W)
@@ -79,7 +79,7 @@ def observation(scene: SceneConfig) -> Observation:
 
 
 def marks_w(arm: RightArm, task_state: ScratchItchState) -> FloatArray:
-    """Where the itch is drawn, (N, 1, 3), world frame."""
+    """Position of the itch's mark (N, 1, 3); world frame."""
     limb_pos_w, limb_q_w = limb_frame(arm, task_state)
     return (limb_pos_w + transforms.rotate(limb_q_w, above_sleeve(task_state.itch)))[:, None]
 
@@ -104,7 +104,7 @@ SCRATCH_ITCH = Task(
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
     expert=ScratchItchExpert,
-    feedback_expert=partial(FeedbackExpert, aim=scratching_target),
+    feedback_expert=partial(FeedbackExpert, target=scratching_target),
     views=Views(
         mounted=View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
         on_floor=View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),

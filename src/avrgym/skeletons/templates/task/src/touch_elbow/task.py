@@ -104,7 +104,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: TouchState) -> S
     )
 
 
-def aim(state: State, task_state: TouchState, planner: MotionPlanner) -> ToolTarget:
+def tool_target(state: State, task_state: TouchState, planner: MotionPlanner) -> ToolTarget:
     """Straight to the elbow, ever more slowly, and no farther once the tool touches."""
     goal_w = np.where(state.tool_force_n[:, None] > 0.0, planner.pos_w, elbow_w(state))
     return goal_w, np.tile(POINTING_Q_W, (len(goal_w), 1)), speed_m_s(goal_w - planner.pos_w, 0.03)
@@ -122,8 +122,8 @@ TASK = Task(
     observation=observation,
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
-    expert=partial(FeedbackExpert, aim=aim),
-    feedback_expert=partial(FeedbackExpert, aim=aim),
+    expert=partial(FeedbackExpert, target=tool_target),
+    feedback_expert=partial(FeedbackExpert, target=tool_target),
     views=Views(
         mounted=View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
         on_floor=View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
