@@ -2,14 +2,17 @@
 
 import re
 from collections import Counter
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 from typer.main import get_command
 
 from avrgym.cli.main import app
+from avrgym.models.robot import Arm, Mount, Robot
 from avrgym.tasks.constants import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
+from avrgym.tasks.task import Task
 from helpers.browser.documentation import DOCUMENTS, anchors, missing_rows, name_of
 from helpers.system.places import ROOT
 
@@ -86,6 +89,15 @@ def test_every_reward_term_has_its_weight(task):
 def test_the_readme_lists_every_command():
     commands = get_command(app).commands  # type: ignore[attr-defined]
     assert [command for command in commands if f"`{command}`" not in README] == []
+
+
+@pytest.mark.parametrize(
+    ("page", "record"),
+    [("add_a_task.md", Task), ("add_a_robot.md", Robot), ("add_a_robot.md", Arm), ("add_a_robot.md", Mount)],
+)
+def test_pages_list_every_field_of_a_record(page, record):
+    listed = re.findall(r"`(\w+)[`(]", (ROOT / "docs" / "how_to" / page).read_text())
+    assert [field.name for field in fields(record) if field.name not in listed] == []
 
 
 @pytest.mark.parametrize(
