@@ -17,9 +17,9 @@ configuration = configuration_for("avrgym/FeedingJaco-v1", people="revised", ste
 policy = train(
     configuration,
     Path("trained"),
-    tell=lambda now: print(f"{now.steps:9,} steps  reward {now.reward_mean:7.1f}  {now.success_rate:4.0%}"),
+    report=lambda now: print(f"{now.steps:9,} steps  reward {now.reward_mean:7.1f}  {now.success_rate:4.0%}"),
 )
-print(f"evaluated on the test split: {policy.metadata.measured}")
+print(f"evaluated on the validation split: {policy.metadata.measured}")
 
 steps, rewards, successes = zip(*policy.metadata.curve, strict=True)
 figure, (above, below) = plt.subplots(2, sharex=True, figsize=(6, 5), layout="constrained")
