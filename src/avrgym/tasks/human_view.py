@@ -1,4 +1,4 @@
-"""What people observe as agents: tool and goal in the frame of their hips, their body, and forces on them."""
+"""Observations of people as agents: tool and goal in the frame of their hips, their body, and forces on them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,11 +17,11 @@ from avrgym.tasks.registry import task_and_scene
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """What N people see and feel of the tool and of themselves; world frame, metres, radians, newtons.
+    """The quantities from which N people's observations are computed; world frame, metres, radians, newtons.
 
-    Positions are (N, 3), quaternions (N, 4), ``tool_from_goals_w`` one (N, 3) for each of the view's ``goals``,
-    ``joint_angles_rad`` (N, 20), ``right_arm_pos_w`` (N, 3, 3) shoulder, elbow and wrist, forces (N,): that of robot
-    and tool, and that of the tool.
+    Positions are (N, 3), quaternions (N, 4). ``tool_from_goals_w`` has one (N, 3) for each of the view's ``goals``;
+    ``joint_angles_rad`` is (N, 20), ``right_arm_pos_w`` (N, 3, 3) is shoulder, elbow and wrist. Forces (N,) are of the
+    robot with its tool, and of the tool.
     """
 
     hips_pos_w: FloatArray
@@ -38,35 +38,35 @@ class Seen:
 
 
 class HumanView:
-    """The parts of a person's observation, in their order, as in Assistive Gym; metres, radians, newtons.
+    """The parts of a person's observation, in order, as in Assistive Gym; metres, radians, newtons.
 
-    Tool (3) and its rotation (4), the tool from its goal (3) where the robot observes that, all 20 joint angles,
-    shoulder, elbow and wrist (9) where an arm is offered, else the head (3) and its rotation (4), all force of robot
-    and tool (1) and that of the tool (1).
+    Tool (3) and its rotation (4); the tool from its goal (3) if the robot observes that; all 20 joint angles; shoulder,
+    elbow and wrist (9) if an arm is offered, else the head (3) and its rotation (4); the forces of robot and tool (1)
+    and of the tool (1).
     """
 
     def __init__(self, offered: OfferedPart, observation: Observation) -> None:
-        """Of people who offer something, where a robot has such an observation."""
+        """The view of people who offer a part of the body to a robot with this observation."""
         self._arm = offered == "arm"
         self.goals = [entry for entry in observation.entries if entry.scale is not None]
         body = [REACH_M] * 9 if self._arm else [REACH_M] * 3 + [UNIT] * 4
         goals = [REACH_M] * sum(entry.size for entry in self.goals)
         tool, angles = [REACH_M] * 3 + [UNIT] * 4, [TURN_RAD] * len(JOINTS)
         self.bound = np.array(tool + goals + angles + body + [FORCE_N] * 2)
-        """What no number exceeds either way, (O,)."""
+        """Bound of the absolute value of each number, (O,)."""
         scales = [entry.scale for entry in self.goals for _ in range(entry.size)]
         self.scale = np.array(
             [None] * len(tool) + scales + [None] * len(angles + body + [FORCE_N] * 2), float
         )
-        """The fixed scales, (O,), not a number where there is none, as of ``Observation``."""
+        """Fixed scales, (O,), NaN where there is none, as in ``Observation``."""
 
     @property
     def size(self) -> int:
-        """How many numbers it has."""
+        """Length O of an observation."""
         return len(self.bound)
 
     def of(self, seen: Seen) -> FloatArray:
-        """The observations (N, O) of people who see that."""
+        """Returns observations (N, O)."""
         turned_back = transforms.conjugate(seen.hips_q_w)
         parts = [
             transforms.rotate(turned_back, seen.tool_pos_w - seen.hips_pos_w),
@@ -80,7 +80,7 @@ class HumanView:
         return np.concatenate([part.reshape(len(turned_back), -1) for part in parts], axis=1)
 
     def _body(self, seen: Seen, turned_back: FloatArray) -> list[FloatArray]:
-        """What of themselves they offer, in the frame of their hips."""
+        """The offered part of the body, in the frame of the hips."""
         if self._arm:
             offset = seen.right_arm_pos_w - seen.hips_pos_w[:, None]
             return [transforms.rotate(turned_back[:, None], offset)]
@@ -88,7 +88,7 @@ class HumanView:
         return [head, transforms.multiply(turned_back, seen.head_q_w)]
 
     def seen_in(self, simulation: Simulation, task_state: Any) -> Seen:
-        """What the people of a simulation see now; of people whose joints move."""
+        """Returns these quantities for the people of a simulation with moving joints."""
         state = simulation.state()
         hips_pos_w, hips_q_w = simulation.hips()
         return Seen(
@@ -107,10 +107,10 @@ class HumanView:
 
 
 def human_view_of(environment_id: str) -> tuple[HumanView, int]:
-    """What people observe in an environment, and how many numbers their actions have.
+    """Returns the human's view in an environment, and the length of the human's actions.
 
     Raises:
-        ValueError: for an unknown environment, naming the ids there are.
+        ValueError: for an unknown environment, with the available ids.
     """
     task, scene = task_and_scene(environment_id)
     return HumanView(task.offered, task.observation(scene)), len(OFFERED_JOINTS[task.offered])

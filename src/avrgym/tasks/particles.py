@@ -1,4 +1,4 @@
-"""What happens to the particles that a tool carries."""
+"""Events of the particles that a tool carries."""
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import capsules
@@ -8,43 +8,43 @@ from avrgym.simulation.worlds import State
 
 TOUCH_MARGIN_M = 0.002
 GROUND_M = 0.03
-"""What is lower has reached the floor."""
+"""Particles below this height have reached the floor."""
 
 
-def touching_person(state: State, radius_m: float, asked: BoolArray) -> BoolArray:
-    """Which of the particles that are ``asked`` for, (N, K) both, touch the person.
+def touching_person(state: State, radius_m: float, candidates: BoolArray) -> BoolArray:
+    """Returns which of the ``candidates`` (N, K) touch the person.
 
-    They do within 2 mm of the surface of a capsule of the person's body. Particles are looked at closely only
-    where they are no nearer to the tool than the person is.
+    A particle touches within 2 mm of a capsule's surface. Distances are computed only for particles that are farther
+    from the tool than the person is.
     """
     margin = radius_m + TOUCH_MARGIN_M
     reach = norm(state.particle_pos_w - state.tool_pos_w[:, None]) + margin
     xp = namespace(reach)
-    near = asked & (reach > xp.min(_gaps(state, state.tool_pos_w), axis=-1)[:, None])
+    near = candidates & (reach > xp.min(_gaps(state, state.tool_pos_w), axis=-1)[:, None])
     world, particle = active_indices(near)
     gaps = _gaps(state, state.particle_pos_w[world, particle], world)
-    touching = xp.zeros_like(asked)
+    touching = xp.zeros_like(candidates)
     touching[world, particle] = (gaps < margin).any(axis=-1)
     return touching & near
 
 
 def _gaps(state: State, point_w: FloatArray, world: IntArray | slice = slice(None)) -> FloatArray:
-    """From points (n, 3) to the surfaces of the capsules of the persons in their worlds, (n, G), metres."""
+    """Distances (n, G) of points (n, 3) from the surfaces of the capsules of the person in their world, in metres."""
     segment_w = state.person_segment_w[world]
     distance = capsules.point_distance(point_w[:, None], segment_w[:, :, 0], segment_w[:, :, 1])
     return distance - state.person_radius_m[world]
 
 
 def count(events: BoolArray) -> FloatArray:
-    """How many particles (N,) of (N, K) something happens to."""
+    """Returns the number (N,) of particles with an event (N, K)."""
     return 1.0 * events.sum(axis=-1)
 
 
 def check_count(state: State, happened: BoolArray) -> None:
-    """Refuse a task whose state is of another number of particles than its tool carries.
+    """Check that a task's state has as many particles as its tool carries.
 
     Raises:
-        ValueError: naming both numbers.
+        ValueError: with both numbers.
     """
     carried = state.particle_pos_w.shape[1]
     if happened.shape[1] != carried:

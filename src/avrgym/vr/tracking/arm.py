@@ -1,12 +1,12 @@
-"""The inverse kinematics of a person's right arm, with the elbow where people hold it.
+"""Inverse kinematics of a person's right arm with a natural elbow position.
 
-The arm is a ball joint at the shoulder, a hinge at the elbow and three hinges that meet at the wrist. So a
-hand's pose leaves one freedom, the swivel of the elbow about the line from shoulder to wrist (Tolani, Goswami
-and Badler, "Real-time inverse kinematics techniques for anthropomorphic limbs", Graphical Models 62, 2000).
-Each swivel gives the joint angles in closed form; the most comfortable one near the present is taken. What the
-ranges or the speed of the joints keep from the hand, damped least squares distribute over all of them.
+The arm is a ball joint at the shoulder, a hinge at the elbow and three hinges that meet at the wrist. A hand pose
+leaves one degree of freedom, the swivel of the elbow about the line from shoulder to wrist (Tolani, Goswami and Badler,
+"Real-time inverse kinematics techniques for anthropomorphic limbs", Graphical Models 62, 2000). Each swivel gives the
+joint angles in closed form; the solver takes the most comfortable one near the present. Joint ranges and speed limits
+leave an error of the hand, which damped least squares distribute over all joints.
 
-Everything is in the shoulder's frame: its origin, the torso's axes. The left arm is the mirror image.
+All quantities are in the shoulder's frame: its origin, the torso's axes. The left arm is the mirror image.
 """
 
 from collections.abc import Sequence
@@ -31,22 +31,22 @@ _FIRST, _LAST = (extreme(LOWER + np.pi, UPPER - np.pi) for extreme in (np.minimu
 """Around angles between these, half a turn either way lies in the joint's range or covers it."""
 
 MAX_TURN_RAD = 0.0999
-"""How far a joint turns at most in one tick."""
+"""Maximum turn of a joint in one tick."""
 DETOUR_RAD = 1.2
-"""From an aim farther than this the hand may stray on the way: none of the joints' ways there keeps it in place."""
+"""The hand may leave its path on the way to a target farther than this, because no joint path keeps it in place."""
 REACHED = 1.0 - 1e-9
-"""How nearly a wrist comes as far, or as near, as its elbow lets it: just there, rounding alone bends the elbow."""
+"""Relative tolerance of the reach of a wrist. At the limits of reach, rounding alone bends the elbow."""
 POLE_RAD = 0.006
-"""How near straight ahead an upper arm's direction need not be followed exactly: 3 mm for an arm of half a metre."""
+"""Within this angle from straight ahead, an upper arm's direction is approximate: 3 mm for an arm of half a metre."""
 SWIVEL_STEP_RAD = np.radians(5.0)
 
 OUTSIDE, STAY = 1500.0, 1.0
-"""What a swivel costs per squared radian outside a joint's range, and per squared radian from the present angles."""
+"""Costs of a swivel per squared radian outside a joint's range, and per squared radian from the present angles."""
 SHOULDER_Y, SHOULDER_Z, FOREARM, WRIST = 0.006, 0.012, 0.006, 0.012
-"""Per squared radian from where these joints are at ease. Small: comfort comes slowly, so that elbows drift and
-never jump. All these numbers are ours, tuned on poses of free movement."""
+"""Costs per squared radian from the comfortable angles of these joints. They are small, so elbows drift slowly and
+never jump. All costs are tuned on poses of free movement."""
 LIFT = 0.025
-"""To lift the elbow from where it rests to the other side of the shoulder costs twice this."""
+"""Half the cost of an elbow opposite to its rest position."""
 ELBOW_RESTS = transforms.normalize([-0.26, -0.1, -1.0])
 """The direction from the shoulder to an elbow at rest: down, a little outward and to the front."""
 AT_EASE_RAD = np.radians([10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -54,7 +54,7 @@ AT_EASE_RAD = np.radians([10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 @dataclass(frozen=True)
 class ArmLengths:
-    """Metres from shoulder to elbow, from there to the wrist, and from there to the hand's centre."""
+    """Lengths in metres from shoulder to elbow, from elbow to wrist, and from wrist to the hand's centre."""
 
     upper_m: float
     fore_m: float
@@ -62,14 +62,14 @@ class ArmLengths:
 
     @classmethod
     def of(cls, person: Person) -> "ArmLengths":
-        """Those of a person."""
+        """Returns the lengths of a person's arm."""
         p = PROPORTIONS[person.sex]
         scale = person.arm_scale * (person.torso_height_m / p.torso_height)
         return cls(p.upper_arm_length * scale, p.forearm_radius + p.forearm_length * scale, p.hand_radius)
 
 
 class ArmSolver:
-    """Solves for right arms of one person. The result depends only on what is asked and the angles at the start."""
+    """Solves for right arms of one person. The result depends only on the arguments."""
 
     def __init__(self, person: Person) -> None:
         self._lengths = ArmLengths.of(person)
@@ -86,13 +86,13 @@ class ArmSolver:
         start_rad: FloatArray,
         turn_rad: float = MAX_TURN_RAD,
     ) -> FloatArray:
-        """Angles (A, 7) of the joints ``ARM_PARTS`` that bring the hands of A arms to their poses.
+        """Returns the angles (A, 7) of the joints ``ARM_PARTS`` that bring the hands of A arms to their poses.
 
         Args:
-            hand_pos: the hands' centres (A, 3), metres; what is out of reach is reached for.
+            hand_pos: the hands' centres (A, 3), metres; the arm stretches towards positions out of reach.
             hand_axes: the hands' axes (A, 3, 3) as columns.
             start_rad: the present angles (A, 7).
-            turn_rad: how far a joint turns from them at most.
+            turn_rad: maximum turn of a joint from them.
         """
         hand_pos = _within_reach(self._lengths, hand_pos, hand_axes)
         aim = comfortable_angles(self._lengths, hand_pos, hand_axes, start_rad)
@@ -116,7 +116,7 @@ class ArmSolver:
         angles: FloatArray,
         limits: tuple[FloatArray, FloatArray],
     ) -> FloatArray:
-        """A damped least-squares step (7,); a joint at a limit that the error pushes outwards stays."""
+        """A damped least-squares step (7,); a joint at a limit does not move further outwards."""
         data = self._data
         data.qpos[_RIGHT] = angles
         mujoco.mj_kinematics(self._model, data)
@@ -150,7 +150,7 @@ def _turn(from_axes: FloatArray, target_axes: FloatArray) -> FloatArray:
 
 
 def _within_reach(lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArray) -> FloatArray:
-    """The hands' centres (A, 3), moved on the lines from shoulders to wrists to where elbows can bring the wrists."""
+    """The hands' centres (A, 3), moved along the lines from shoulders to wrists into the reach of the arms."""
     to_wrist = lengths.hand_m * hand_axes[:, :, 2]
     wrist = hand_pos + to_wrist
     distance_m = np.maximum(transforms.norm(wrist), 1e-6)
@@ -166,7 +166,7 @@ _COS_MOST_BENT = cos(LOWER[ARM_PARTS.index("elbow_x")])
 def comfortable_angles(
     lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArray, start_rad: FloatArray
 ) -> FloatArray:
-    """Angles (A, 7) that bring hands to poses they can reach, whether or not shoulder and wrist can turn so.
+    """Returns angles (A, 7) that bring hands to poses within reach, regardless of the ranges of shoulder and wrist.
 
     The arguments are those of ``ArmSolver.solve``. A few arms take little longer than one.
     """
@@ -184,10 +184,10 @@ def comfortable_angles(
 def _swivelling(
     lengths: ArmLengths, wrist: FloatArray, hand_axes: FloatArray, start_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """How A arms can swivel: their elbows' angles (A,), and coefficients (A, 11, 3) for ``_harmonics``.
+    """The swivels of A arms: the elbows' angles (A,), and coefficients (A, 11, 3) for ``_harmonics``.
 
-    A swivel turns the upper arm's axes, and those of the forearm before it turns, here seen from the hand. The
-    coefficients are of what ``_ENTRIES`` takes from them.
+    A swivel turns the axes of the upper arm, and of the forearm before its own turn, seen from the hand. The
+    coefficients are those of the quantities in ``_ENTRIES``.
     """
     wrists = wrist.tolist()
     bends = [_elbow(lengths, sqrt(x * x + y * y + z * z)) for x, y, z in wrists]
@@ -199,10 +199,10 @@ def _swivelling(
 
 
 def _entries() -> FloatArray:
-    """A matrix (11, 18) that takes from two frames what tells their angles, and how the elbow lies to its rest.
+    """A matrix (11, 18) that maps two frames to the quantities that determine angles and elbow position.
 
-    Of the angles that turn freely first the sines, then the cosines, each times a positive number; then the sines of
-    those that bend. See ``_solutions``.
+    For free angles first the sines, then the cosines, each times a positive number; then the sines of the bending
+    angles. See ``_solutions``.
     """
     upper_arm, forearm = np.eye(18).reshape(2, 3, 3, 18)
     sines = upper_arm[0, 2], upper_arm[1, 0], -forearm[1, 0], -forearm[0, 2]
@@ -214,7 +214,7 @@ _ENTRIES = _entries()
 
 
 def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
-    """The elbow's angle for a wrist at a distance, and by how much the upper arm then points below the wrist."""
+    """The elbow's angle for a wrist at a distance, and the angle of the upper arm below the line to the wrist."""
     upper, fore = lengths.upper_m, lengths.fore_m
     cosine = (distance_m**2 - upper**2 - fore**2) / (2.0 * upper * fore)
     angle = -acos(min(max(cosine, -1.0), 1.0))
@@ -222,9 +222,9 @@ def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
 
 
 def _towards(wrist: list[float], start_rad: list[float]) -> list[list[float]]:
-    """Axes (3, 3) as columns: −z towards the wrist, x as near as can be to the elbow's hinge.
+    """Axes (3, 3) as columns: −z towards the wrist, x close to the elbow's hinge.
 
-    Where that points to the wrist any x serves: that of a hinge a quarter turn about the upper arm from it.
+    If the hinge points to the wrist, x is the hinge after a quarter turn of the upper arm.
     """
     x, y, z = wrist
     scale = -1.0 / max(sqrt(x * x + y * y + z * z), 1e-6)
@@ -249,7 +249,7 @@ def _upper_arm_x(angles_rad: list[float]) -> tuple[float, float, float]:
 def _turning_axes(below: float) -> list[list[float]]:
     """The axes x, y, z of a frame that swivels about z and then turns about its x: coefficients (3, 9).
 
-    Of each axis those of the swivel's cosine, of its sine, and the constant ones.
+    For each axis: the coefficients of the swivel's cosine, of its sine, and the constant.
     """
     c, s = cos(below), sin(below)
     return [
@@ -260,7 +260,7 @@ def _turning_axes(below: float) -> list[list[float]]:
 
 
 def _harmonics(swivels_rad: Sequence[float]) -> FloatArray:
-    """What the axes' coefficients are multiplied with, for K swivels: (3, K)."""
+    """The factors (3, K) of the coefficients, for K swivels."""
     return np.array(
         [
             [cos(swivel) for swivel in swivels_rad],
@@ -274,7 +274,7 @@ _SWIVELS = _harmonics(np.arange(0.0, 2.0 * np.pi - 1e-9, SWIVEL_STEP_RAD).tolist
 
 
 def _solutions(entries: FloatArray, elbow: FloatArray, start_rad: FloatArray) -> FloatArray:
-    """Angles (7, 2, A, K) for the ``_ENTRIES`` (A, 11, K) of K swivels, with both ways to turn the shoulder."""
+    """Angles (7, 2, A, K) for the ``_ENTRIES`` (A, 11, K) of K swivels, with both solutions of the shoulder."""
     read = entries.transpose(1, 0, 2)
     angles = np.empty((7, 2, *read.shape[1:]))
     angles[::2] = np.arctan2(read[:4], read[4:8])[:, None]
@@ -288,7 +288,7 @@ def _solutions(entries: FloatArray, elbow: FloatArray, start_rad: FloatArray) ->
 
 
 def _per_arm(angles: FloatArray) -> FloatArray:
-    """Angles (A, 7) to be broadcast with those of solutions, (7, 2, A, K)."""
+    """Angles (A, 7) in a shape that broadcasts with solutions, (7, 2, A, K)."""
     return angles.T[:, None, :, None]
 
 
@@ -296,10 +296,10 @@ _OTHER_WAY = np.pi, np.array([1.0, -1.0, 1.0])[:, None, None]
 
 
 def _rest_near_pole(angles: FloatArray, ahead: FloatArray, start_y_rad: FloatArray) -> None:
-    """Where the upper arm points nearly ahead, let shoulder y stay where it is, as far as the hand hardly moves.
+    """Keep the angle of shoulder y where the upper arm points nearly ahead and the hand hardly moves.
 
-    There y and z turn about the same axis: exactly following a hand that passes by would whirl them about. ``ahead``
-    (A, K) is how far ahead it points, −1 to 1.
+    There y and z turn about the same axis, and exact solutions for a passing hand would spin both joints. ``ahead`` (A,
+    K) is the component of the upper arm's direction ahead, −1 to 1.
     """
     slack = np.pi * np.minimum(POLE_RAD**2 / (1.0 + 1e-12 - ahead * ahead), 1.0)
     rest = _clipped(start_y_rad - angles[0], -slack, slack)
@@ -308,10 +308,10 @@ def _rest_near_pole(angles: FloatArray, ahead: FloatArray, start_y_rad: FloatArr
 
 
 def _costs(angles: FloatArray, rests: FloatArray, start_rad: FloatArray) -> FloatArray:
-    """What each of the solutions costs, (A, 2, K); ``rests`` (A, K) is the last of the ``_ENTRIES``.
+    """The costs (A, 2, K) of the solutions; ``rests`` (A, K) is the last of the ``_ENTRIES``.
 
-    That it moves and that it is not at ease are both squares about a place for each joint. Together they are, but
-    for a constant, one square about the mean of the two places.
+    Motion and discomfort are both squares about an angle of each joint. Their sum is, except for a constant, one square
+    about the mean of the two angles.
     """
     outside = angles - _clipped(angles, _per_arm(LOWER[None]), _per_arm(UPPER[None]))
     away = angles - _per_arm((STAY * start_rad + EASE * AT_EASE_RAD) / (STAY + EASE))
@@ -323,19 +323,21 @@ EASE = np.array([SHOULDER_Y, 0.0, SHOULDER_Z, 0.0, FOREARM, WRIST, WRIST])
 
 
 def _vertex(costs: FloatArray, lowest: int) -> float:
-    """Where the parabola through the lowest cost and its neighbours is lowest, −0.5 to 0.5 from it."""
+    """The minimum of the parabola through the lowest cost and its neighbours, −0.5 to 0.5 from it."""
     before, here, after = costs[lowest - 1], costs[lowest], costs[(lowest + 1) % len(costs)]
     curvature = before - 2.0 * here + after
     return float(0.5 * (before - after) / curvature) if curvature > 1e-12 else 0.0
 
 
 def _clipped(x: FloatArray, lower: FloatArray | float, upper: FloatArray | float) -> FloatArray:
-    """``numpy.clip``, which takes several times as long on a few numbers."""
+    """``numpy.clip`` takes several times as long on a few numbers."""
     return np.minimum(np.maximum(x, lower), upper)
 
 
 def solution_ms(calls: int = 1000) -> float:
-    """The median processor time of the solution for one arm, milliseconds, while a hand circles before the chest."""
+    """Returns the median processor time in milliseconds of a solution for one arm whose hand circles in front of the
+    chest.
+    """
     solver, angles = ArmSolver(Person()), AT_REST_RAD[None]
     times: list[float] = []
     for angle in np.linspace(0.0, 2.0 * np.pi, calls):

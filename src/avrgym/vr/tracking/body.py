@@ -1,4 +1,4 @@
-"""From where head and hands are to the 20 joint angles of the simulated body."""
+"""Inverse kinematics: from the poses of head and hands to the 20 joint angles of the simulated body."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,7 +15,7 @@ from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.arm import ARM_PARTS, MAX_TURN_RAD, ArmLengths, ArmSolver
 
 WAIST_YAW_SHARE = 0.3
-"""The share of the head's yaw that the waist takes over (paper, section III)."""
+"""The share of the head's yaw that the waist takes (paper, section III)."""
 
 WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 HEAD = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
@@ -27,7 +27,7 @@ ARMS = {side: [JOINT_INDEX[f"{side}_{part}"] for part in ARM_PARTS] for side in 
 
 @dataclass(frozen=True)
 class BodyPose:
-    """Where the participant's head and hands are; a hand that is not tracked is ``None``."""
+    """The poses of the participant's head and hands; an untracked hand is ``None``."""
 
     head: Pose
     left: Pose | None
@@ -35,18 +35,20 @@ class BodyPose:
 
 
 def resting_head_centre(person: Person, posture: Posture) -> FloatArray:
-    """The centre of the head (3,) of a person who sits upright, or lies with their back on the bed; world frame."""
+    """Returns the centre of the head (3,) of a person who sits upright, or lies with their back on the bed; world
+    frame.
+    """
     pos_w, axes_w = hips_frame(person, posture)
     return pos_w + person.torso_height_m * axes_w[:, 2]
 
 
 def hips_frame(person: Person, posture: Posture) -> tuple[FloatArray, FloatArray]:
-    """Where the hips are in the world: their origin (3,) and their axes (3, 3) as columns."""
+    """Returns the frame of the hips in the world: their origin (3,) and their axes (3, 3) as columns."""
     return _hips_frame(person.sex, posture)
 
 
 def skeleton(person: Person, posture: Posture) -> messages.Skeleton:
-    """What a client needs to know of a person to solve their body as ``BodySolver`` does."""
+    """Returns the dimensions from which a client solves the body as ``BodySolver`` does."""
     frames = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]), posture)
     lengths = ArmLengths.of(person)
     hips, waist, neck, shoulder = (
@@ -73,16 +75,16 @@ def _hips_frame(sex: Sex, posture: Posture) -> tuple[FloatArray, FloatArray]:
 
 
 def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> FloatArray:
-    """Angles (6,) within their ranges of waist x, y, z and head x, y, z that bring the head to its pose.
+    """Returns angles (6,) within their ranges of waist x, y, z and head x, y, z that bring the head to its pose.
 
-    The waist tilts so that the head joints lie on the line to where the headset puts them: with joints in the
-    order x, y, z the torso points along (sin b, −sin a cos b, cos a cos b), so a = −atan2(ψy, ψz) and
-    b = atan2(ψx cos a, ψz), ψ from waist to head joints in the hips' frame (paper, section III, which takes the
-    head's centre). Head and waist share the yaw. The head turns by what the waist leaves over, so that its
-    orientation is exact wherever its own joints allow, even where the waist is at an end of its range.
+    The waist tilts until the head joints lie on the line to their tracked position: with joints in the order x, y, z
+    the torso points along (sin b, −sin a cos b, cos a cos b), so a = −atan2(ψy, ψz) and b = atan2(ψx cos a, ψz), ψ from
+    waist to head joints in the hips' frame (paper, section III, which uses the head's centre). Head and waist share the
+    yaw. The head turns by the rest, so its orientation is exact within the ranges of its own joints, even with the
+    waist at a limit.
 
-    Between waist and head joints the torso is rigid, so that a head is missed by as much as these are farther from
-    each other, or nearer, than the torso is long. With the head's direction kept no other angles come nearer.
+    The torso is rigid between waist and head joints. The head's position error is therefore the difference between the
+    torso's length and the tracked distance. With this head direction no other angles give a smaller error.
     """
     p = PROPORTIONS[person.sex]
     scale = person.torso_height_m / p.torso_height
@@ -108,10 +110,10 @@ def _limited(
 
 @dataclass(frozen=True, eq=False)
 class _Aim:
-    """What a pose asks for: the torso's angles (6,), and for A arms where their hands shall be.
+    """The target of a pose: the torso's angles (6,), and the hand poses of A arms.
 
-    ``arms`` (A, 7) are indices of the arms' joints; ``hand_pos`` (A, 3) and ``hand_axes`` (A, 3, 3) are seen from the
-    right shoulder, a left hand reflected. ``reflect`` (A, 7) are signs of the angles that do so.
+    ``arms`` (A, 7) are indices of the arms' joints; ``hand_pos`` (A, 3) and ``hand_axes`` (A, 3, 3) are in the frame of
+    the right shoulder, a left hand reflected. ``reflect`` (A, 7) are the signs of reflected angles.
     """
 
     torso_rad: FloatArray
@@ -124,7 +126,7 @@ class _Aim:
 class BodySolver:
     """The inverse kinematics of one person: call ``solve`` with every tracking frame.
 
-    The result depends only on the pose and the angles it starts from.
+    The result depends only on the arguments.
     """
 
     def __init__(self, person: Person, posture: Posture = SEATED) -> None:
@@ -135,11 +137,11 @@ class BodySolver:
         self._known: tuple[BodyPose, _Aim] | None = None
 
     def solve(self, pose: BodyPose, start_rad: FloatArray, turn_rad: float = MAX_TURN_RAD) -> FloatArray:
-        """Joint angles (20,) within their ranges that bring head and hands to ``pose``.
+        """Returns joint angles (20,) within their ranges that bring head and hands to ``pose``.
 
-        Waist and head follow at once; joints of arms turn from ``start_rad`` (20,) by ``turn_rad`` at most, so
-        that no single frame makes them jump. A hand that is not tracked keeps its arm's angles. To go on towards
-        the same pose takes less time.
+        Waist and head follow immediately. Joints of arms turn from ``start_rad`` (20,) by ``turn_rad`` at most, so no
+        single frame makes them jump. The arm of an untracked hand keeps its angles. A second call with the same pose
+        takes less time.
         """
         if self._known is None or self._known[0] is not pose:
             self._known = pose, self._aim(pose)
@@ -152,7 +154,7 @@ class BodySolver:
         return angles
 
     def _aim(self, pose: BodyPose) -> _Aim:
-        """A left hand is aimed at as the right one of the mirrored person."""
+        """The target of a pose; a left hand is treated as the right hand of the mirrored person."""
         torso_rad = torso_angles(self.person, pose.head, self.posture)
         waist_w, torso_axes_w = self._torso_frame(torso_rad[:3])
         hands = {
@@ -170,7 +172,7 @@ class BodySolver:
         )
 
     def _torso_frame(self, waist_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Where the waist is in the world, (3,), and the torso's axes (3, 3) as columns."""
+        """The position of the waist in the world, (3,), and the torso's axes (3, 3) as columns."""
         hips_w, hips_axes_w = hips_frame(self.person, self.posture)
         return hips_w + hips_axes_w @ self._waist_h, hips_axes_w @ from_euler_xyz(*waist_rad.tolist())
 
@@ -178,7 +180,7 @@ class BodySolver:
 _REFLECT = {"right": (1.0, 1.0, 1.0), "left": (-1.0, 1.0, 1.0)}
 """Signs of a vector's coordinates: a left hand is reflected at the plane x = 0."""
 _ABOUT_X = np.array([part.endswith("x") for part in ARM_PARTS])
-"""Which joints of an arm (7,) turn the same way in the mirror."""
+"""Joints of an arm (7,) that turn the same way in the mirror."""
 
 RELAXED_RAD = human.joint_angles(
     right_shoulder_x=-15.0, left_shoulder_x=-15.0, right_shoulder_y=8.0, left_shoulder_y=-8.0

@@ -1,11 +1,11 @@
-"""How tall a participant's torso is, from the height of their headset, and how long their arms are, from their reach.
+"""Calibration: a participant's torso height from the headset's height, and arm length from the reach of the wrists.
 
-The torso leans back as the real back does that it rests against. So its height, from the hips to the centre of the
-head, is what the head stands above the hips over the sine of the back's angle (paper, section III, for an upright
-back). The hips rest as high above the real seat or mattress as the model's above the virtual one.
+The torso leans back like the real backrest. Its height, from the hips to the centre of the head, is the head's height
+above the hips over the sine of the back's angle (paper, section III, for an upright back). The hips rest as high above
+the real seat or mattress as the model's above the virtual one.
 
-Arms are stretched to the front and out to the sides. To the front shoulders come along, to the sides they do not; the
-mean of both is what the model's arms, whose shoulders stay, serve best with.
+Participants stretch their arms to the front and to the sides. Shoulders move along to the front and not to the sides;
+the mean of both fits the model's arms, whose shoulders are fixed.
 """
 
 from collections.abc import Sequence
@@ -29,16 +29,16 @@ from avrgym.vr.tracking.body import BodyPose, hips_frame, skeleton, torso_angles
 
 
 def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: RealFurniture) -> float:
-    """Torso height in metres from a headset at rest.
+    """Returns the torso height in metres from a headset at rest.
 
     Args:
         sex: of the model.
-        posture: how the participant rests.
+        posture: of the participant.
         head: the headset's pose above the real floor.
-        furniture: what they rest on.
+        furniture: the real seat or bed.
 
     Raises:
-        TextError: for a height that no adult has, naming what is allowed.
+        TextError: for a height outside the range of adults, with the allowed range.
     """
     height_m = float(head_pose(Registration(np.zeros(3), 0.0), head).pos_w[2])
     hips_m = posture.hips(PROPORTIONS[sex])[2] + furniture.rise_m(posture)
@@ -57,7 +57,7 @@ def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: Re
 
 
 def arm_length_m(person: Person, posture: Posture, pose: BodyPose) -> float | None:
-    """How far the farther of two wrists is from the shoulder of a person, metres; ``None`` where no hand is tracked."""
+    """Returns the distance in metres of the farther wrist from its shoulder; ``None`` without a tracked hand."""
     measures = skeleton(person, posture)
     hips_w, hips_axes_w = hips_frame(person, posture)
     torso_axes_w = hips_axes_w @ from_euler_xyz(*torso_angles(person, pose.head, posture)[:3].tolist())
@@ -79,10 +79,10 @@ def _wrist_w(hand: Pose, hand_m: float) -> FloatArray:
 
 
 def measure_arm_scale(person: Person, reached_m: Sequence[float]) -> float:
-    """By how much a person's arms are longer than those of most, from wrists' distances to the shoulder in each pose.
+    """Returns the scale of a person's arms, from wrist distances to the shoulder in each pose.
 
     Raises:
-        ValueError: for arms that no adult has, or where a pose lacks, naming what is allowed.
+        ValueError: for arms outside the range of adults, or a missing pose, with what is allowed.
     """
     most = ArmLengths.of(replace(person, arm_scale=1.0))
     fixed_m = PROPORTIONS[person.sex].forearm_radius

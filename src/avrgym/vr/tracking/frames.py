@@ -1,4 +1,4 @@
-"""The stream of tracking frames: which of them count, which is the newest, and whether it is fresh."""
+"""The stream of tracking frames: valid frames, the newest frame, and its age."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -15,23 +15,23 @@ from avrgym.vr.tracking.freshness import STALE_S, Freshness
 
 CALIBRATION_S = 0.5
 CALIBRATION_FRAMES = 3
-"""As many as have a median: a page that draws in software, as where no headset is at hand, sends few."""
+"""The smallest number with a meaningful median; a page that renders in software sends few frames."""
 STEADY_M = 0.03
 STEEPEST_GAZE = 0.85
-"""The sine of the steepest angle, up or down, at which a headset still says where somebody faces."""
+"""Sine of the steepest pitch at which a headset's yaw is reliable."""
 
 
 LONGEST_GAP_FRAMES = 1000
-"""By how much a frame's number may exceed the one before: ten seconds of a headset's frames."""
+"""Maximum step of frame numbers: ten seconds of a headset's frames."""
 RESTART_FRAMES = 10
-"""So many frames in a row that continue each other, and not those before, count as a stream that began anew."""
+"""After this many frames in a row that continue only each other, the stream counts as restarted."""
 
 
 class Numbering:
-    """Which frames continue a stream, by their numbers.
+    """Accepts the frames that continue a stream, by their numbers.
 
-    A frame that comes again, too late, or from far ahead is not followed, and changes nothing for those that continue
-    the stream. A client that counts anew is followed from its tenth frame on, whatever was sent before.
+    A repeated frame, a late one, or one from far ahead is rejected and does not affect the frames that continue the
+    stream. A client that restarts its numbering is accepted from its tenth frame on.
     """
 
     def __init__(self) -> None:
@@ -40,7 +40,7 @@ class Numbering:
         self._strays = 0
 
     def follows(self, number: int) -> bool:
-        """Whether the frame of this number counts; call it for every frame that is sound."""
+        """Returns whether the frame with this number continues the stream; call it for every valid frame."""
         if self._newest is None or _continues(number, self._newest):
             self._go_on(number)
             return True
@@ -61,10 +61,10 @@ def _continues(number: int, before: int) -> bool:
 
 @dataclass(frozen=True)
 class Frame:
-    """A tracking frame and when it arrived; ``usable``: it may move the person.
+    """A tracking frame with its arrival time; ``usable``: it may move the person.
 
-    ``captured_s`` is when it was captured by the client's own clock, which neither runs ahead of its arrival nor lags
-    far behind: frames that waited in the network and come together lie apart as they did in the headset.
+    ``captured_s`` is the capture time by the client's clock, which is never after the arrival and never far before it.
+    Frames that were delayed in the network keep the intervals between them.
     """
 
     tracking: Tracking
@@ -84,7 +84,7 @@ class TrackingFeed:
         self._recent: deque[Frame] = deque()
 
     def add(self, tracking: Tracking, now_s: float) -> Frame:
-        """Take a frame that arrives now."""
+        """Add a frame that arrives now."""
         frame = Frame(tracking, now_s, self._captured_s(tracking, now_s), self._is_usable(tracking))
         self._arrived.append(frame)
         if frame.usable:
@@ -95,19 +95,19 @@ class TrackingFeed:
         return frame
 
     def take_arrived(self) -> list[Frame]:
-        """The frames that arrived since this was last asked."""
+        """Returns the frames that arrived since the last call."""
         arrived, self._arrived = self._arrived, []
         return arrived
 
     def is_stale(self, now_s: float) -> bool:
-        """Whether usable frames came, but none for ``STALE_S``."""
+        """Returns whether usable frames have arrived, but none for ``STALE_S``."""
         return self.newest is not None and now_s - self.newest.received_s > STALE_S
 
     def steady_head(self, now_s: float) -> XRPose:
-        """The headset at rest: of its poses over the last half second the one of median height.
+        """Returns the headset's pose at rest: of the last half second, the pose with the median height.
 
         Raises:
-            TextError: when they are too few, moved too much or look too steeply.
+            TextError: if there are too few poses, or they move too much or look too steeply.
         """
         self._forget(now_s - CALIBRATION_S)
         heads = [f.tracking.head for f in self._recent if f.tracking.head is not None]
@@ -124,7 +124,7 @@ class TrackingFeed:
         return head
 
     def _captured_s(self, tracking: Tracking, now_s: float) -> float:
-        """No later than now, whatever time the client tells."""
+        """The capture time, limited to the present."""
         if self.newest is None:
             return now_s
         passed_s = (tracking.client_time_ms - self.newest.tracking.client_time_ms) / 1000.0
@@ -136,14 +136,14 @@ class TrackingFeed:
             self._recent.popleft()
 
     def _is_usable(self, frame: Tracking) -> bool:
-        """Whether a frame shows where a head is, is sound in every number, and continues those before."""
+        """Whether a frame has a head pose, valid numbers, and continues the stream."""
         poses = [pose for pose in (frame.head, frame.left, frame.right) if pose is not None]
         sound = frame.head is not None and all(is_valid(pose) for pose in poses)
         return sound and self._numbering.follows(frame.sequence)
 
 
 def body_pose(registration: Registration, frame: Tracking) -> BodyPose:
-    """Where a usable frame puts head and hands in the world; of tracked hands a frame has the wrists."""
+    """Returns the poses of head and hands in the world of a usable frame; tracked hands are given by their wrists."""
     assert frame.head is not None
 
     def hand(side: Literal["left", "right"], pose: XRPose | None, modality: Modality) -> Pose | None:

@@ -1,7 +1,7 @@
-"""Which parts of the body are tracked: a pose that is missing or does not change measures nothing.
+"""Detects untracked parts of the body: missing and repeated poses are no measurements.
 
-A sensor's noise changes every pose. A pose that stays the same to the last bit is one that the device repeats, because
-it has lost the part, or sleeps. A mouse has no noise, so its poses count as they are.
+Sensor noise changes every pose. A device repeats a pose bit by bit when it has lost the part or sleeps. A mouse has no
+noise, so its repeated poses count.
 """
 
 from math import inf
@@ -14,7 +14,7 @@ STALE_S = 0.2
 
 
 class Freshness:
-    """When each part was last measured."""
+    """The time of the latest measurement of each part."""
 
     def __init__(self) -> None:
         self._begun = False
@@ -22,7 +22,7 @@ class Freshness:
         self._measured_s: dict[Part, float] = {}
 
     def see(self, frame: Tracking, now_s: float) -> None:
-        """Take a usable frame that arrives now."""
+        """Add a usable frame that arrives now."""
         self._begun = True
         for part in PARTS:
             pose: XRPose | None = getattr(frame, part)
@@ -33,15 +33,15 @@ class Freshness:
             self._poses[part] = pose
 
     def age_s(self, part: Part, now_s: float) -> float:
-        """The time since a part was measured; infinite where it never was."""
+        """Returns the time since the part's latest measurement; infinite without one."""
         return now_s - self._measured_s.get(part, -inf)
 
     def stale(self, now_s: float) -> tuple[Part, ...]:
-        """The parts that were not measured for ``STALE_S``; none before the first frame."""
+        """Returns the parts without a measurement for ``STALE_S``; none before the first frame."""
         return tuple(part for part in PARTS if self._begun and self.age_s(part, now_s) > STALE_S)
 
 
 def moves_by_mouse(frame: Tracking, part: Part) -> bool:
-    """Whether a mouse moves a part: a hand by its modality, and the head together with either hand."""
+    """Returns whether a mouse moves a part: a hand by its modality, and the head together with either hand."""
     modalities = {"left": frame.left_modality, "right": frame.right_modality}
     return modalities[part] == "mouse" if part != "head" else "mouse" in modalities.values()

@@ -1,7 +1,7 @@
-"""Poses that jump. Where tracking says that a head or a hand moved as nobody can, the body does not follow.
+"""Filters jumps of tracked poses: the body does not follow a head or hand that moves impossibly fast.
 
-It holds where it was until the pose has been tracked without a jump for a while, and then moves there at leisure. So
-does a limb that was not tracked, or whose pose was repeated, and is found elsewhere.
+The limb keeps its pose until tracking has been without a jump for a while, then it moves slowly to the tracked pose.
+The same applies to a limb that was untracked, or whose pose was repeated, and appears elsewhere.
 """
 
 from math import acos, dist, hypot
@@ -13,17 +13,17 @@ from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
 from avrgym.vr.tracking.freshness import moves_by_mouse
 
 FASTEST_M_S, FASTEST_RAD_S = 10.0, 30.0
-"""What neither heads nor hands of people who are helped exceed."""
+"""Maximum speeds of heads and hands of people who receive assistance."""
 SETTLED_S = 0.1
-"""So long without a jump, a pose is believed again."""
+"""A pose is valid again after this time without a jump."""
 ABSENT_S = 0.2
-"""Who was not tracked for so long may be anywhere."""
+"""After this time without tracking, a limb may be anywhere."""
 RETURN_SHARE = 0.025
-"""The share of the fastest speeds at which the body returns to a pose that it did not follow: 0.25 m/s, 0.75 rad/s."""
+"""The share of the maximum speeds at which the body returns to the tracked pose: 0.25 m/s, 0.75 rad/s."""
 
 
 def least_s(one: XRPose, other: XRPose) -> float:
-    """How long it takes at the fastest speeds to get from one pose to another."""
+    """Returns the time from one pose to another at the maximum speeds."""
     turned = abs(sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)))
     cosine = turned / (hypot(*one.orientation) * hypot(*other.orientation))
     angle_rad = 2.0 * acos(min(cosine, 1.0))
@@ -31,7 +31,7 @@ def least_s(one: XRPose, other: XRPose) -> float:
 
 
 def between(one: XRPose, other: XRPose, share: float) -> XRPose:
-    """The pose a share of the way from one to another."""
+    """Returns a pose between two, at a share of the way."""
     nearer = (
         1.0 if sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)) >= 0.0 else -1.0
     )
@@ -43,7 +43,7 @@ def between(one: XRPose, other: XRPose, share: float) -> XRPose:
 
 
 class Limb:
-    """A head or a hand as the body follows it. ``held``: it is not, or not yet, where it is tracked."""
+    """A head or a hand as the body follows it. ``held``: it is not, or not yet, at its tracked pose."""
 
     def __init__(self) -> None:
         self.held = False
@@ -52,9 +52,9 @@ class Limb:
         self._captured_s = self._measured_s = self._believed_s = 0.0
 
     def see(self, tracked: XRPose, captured_s: float, now_s: float, *, may_repeat: bool = False) -> None:
-        """Take the pose of a new frame, captured at a time that never runs ahead of the present.
+        """Take the pose of a new frame, with a capture time that is never after the present.
 
-        A pose that is the same to the last bit is no new measurement, unless it ``may_repeat``.
+        An identical pose is no new measurement, unless it ``may_repeat``.
         """
         measured = may_repeat or tracked != self._tracked
         if self._tracked is not None:
@@ -67,7 +67,7 @@ class Limb:
         self._measured_s = captured_s if measured else self._measured_s
 
     def follow(self, now_s: float) -> XRPose:
-        """The pose that the body shall have at this tick; there must have been one."""
+        """Returns the body's pose for this tick; there must have been a frame."""
         assert self._tracked is not None
         if self._followed is None or not self.held:
             self._followed = self._tracked
@@ -86,17 +86,17 @@ class Limbs:
 
     @property
     def held(self) -> tuple[Part, ...]:
-        """Which are not where they are tracked."""
+        """The parts that are not at their tracked poses."""
         return tuple(part for part, limb in self._limbs.items() if limb.held)
 
     def see(self, tracking: Tracking, captured_s: float, now_s: float) -> None:
-        """Take a new frame; see ``Limb.see``."""
+        """Take a new frame; see ``Limb``."""
         for part, pose in _tracked(tracking).items():
             may_repeat = moves_by_mouse(tracking, part)
             self._limbs[part].see(pose, captured_s, now_s, may_repeat=may_repeat)
 
     def follow(self, tracking: Tracking, now_s: float) -> Tracking:
-        """The newest frame with the poses that the body shall have at this tick."""
+        """Returns the newest frame with the body's poses for this tick."""
         followed = {part: self._limbs[part].follow(now_s) for part in _tracked(tracking)}
         return msgspec.structs.replace(tracking, **followed)
 

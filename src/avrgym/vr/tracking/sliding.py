@@ -1,8 +1,7 @@
-"""Who slides on their seat: seat and room follow, once they have come to rest.
+"""Detects a participant who slides on the seat; seat and room then follow.
 
-The simulated hips stay where they are, and the torso only bends. So the head of somebody who has slid cannot come
-where it is tracked: it is farther from the hips than the torso is long. That tells sliding from leaning, which leaves
-the head where the torso reaches.
+The simulated hips are fixed, and the torso only bends. After sliding, the tracked head is farther from the hips than
+the torso is long, and the simulated head cannot reach it. Leaning leaves the head within the torso's reach.
 """
 
 from collections import deque
@@ -19,27 +18,27 @@ from avrgym.vr.tracking.body import HEAD, WAIST, resting_head_centre, skeleton
 
 LOOK_EVERY_TICKS = 10
 LOOKS_AT_REST = 11
-"""The looks of one second."""
+"""Number of samples in one second."""
 STEADY_M = 0.03
 SLID_M = 0.02
-"""A head that rests farther than this from where the torso brings it has slid."""
+"""A resting head farther than this from its solved position has slid."""
 FARTHEST_M = 0.6
 HIGHEST_M = 0.1
-"""Who has gone farther, or is so much higher than at rest, has left the seat."""
+"""A participant farther away, or higher above the rest position, has left the seat."""
 GLIDE_M_S = 0.05
-"""So fast the room follows: slowly, since everything that is seen moves."""
+"""Speed of the room, slow because everything visible moves."""
 
 
 @dataclass(frozen=True)
 class Glide:
-    """By how much (3,) the participant's floor moves in the world, evenly, and how long that takes."""
+    """An even motion of the participant's floor in the world: shift (3,) and duration."""
 
     shift_w: FloatArray
     seconds: float
 
 
 class Sliding:
-    """Watches where the head of a person rests in a posture."""
+    """Monitors the resting position of a person's head."""
 
     def __init__(self, person: Person, posture: Posture) -> None:
         measures = skeleton(person, posture)
@@ -51,7 +50,7 @@ class Sliding:
         self._seen: deque[FloatArray] = deque(maxlen=LOOKS_AT_REST)
 
     def look(self, head: Pose, joint_angles_rad: FloatArray) -> Glide | None:
-        """How to follow a head that is tracked at a pose and solved with these angles (20,); ``None``: not at all."""
+        """Returns how the room follows a head with a tracked pose and solved angles (20,); ``None``: not at all."""
         self._seen.append(head.pos_w)
         if len(self._seen) < LOOKS_AT_REST or np.ptp(np.array(self._seen), axis=0).max() > STEADY_M:
             return None
@@ -61,18 +60,18 @@ class Sliding:
         return self._glide(head)
 
     def forget(self) -> None:
-        """What was seen before says nothing of what comes."""
+        """Drop all samples."""
         self._seen.clear()
 
     def head_centre_w(self, joint_angles_rad: FloatArray) -> FloatArray:
-        """Where joint angles (20,) bring the head's centre, (3,)."""
+        """Returns the head's centre (3,) for joint angles (20,)."""
         waist, head = joint_angles_rad[WAIST].tolist(), joint_angles_rad[HEAD].tolist()
         torso_axes_w = self._hips_axes_w @ from_euler_xyz(*waist)
         up_w = (torso_axes_w @ from_euler_xyz(*head))[:, 2]
         return self._waist_w + torso_axes_w @ self._neck_t + self._head_centre_m * up_w
 
     def _glide(self, head: Pose) -> Glide | None:
-        """The shortest way straight back, over the floor, that brings the head joints within the torso's length."""
+        """The shortest shift straight back over the floor that brings the head joints within the torso's length."""
         away = (head.pos_w - self._rest_w) * [1.0, 1.0, 0.0]
         far_m = float(np.linalg.norm(away))
         if far_m <= SLID_M:

@@ -1,8 +1,8 @@
-"""Hands whose device changes: a controller is put down, a bare hand is seen, or the other way round.
+"""Smooth switches between tracking devices of a hand: controller and bare hand.
 
-Two devices estimate the same hand some centimetres and tens of degrees apart. A resting hand must not move for that. So
-every hand is followed as a grip pose, and at a switch the new device's poses are corrected by what lies between the
-two estimates. The correction fades while the hand moves, by so little of the way that nobody feels it.
+Two devices estimate the same hand some centimetres and tens of degrees apart. A resting hand must not move at a switch.
+Every hand is therefore followed as a grip pose, and after a switch the new device's poses are corrected by the
+difference of the two estimates. The correction fades while the hand moves, too slowly to be noticed.
 
 ``client/src/tracking/modality-switch.ts`` implements the same rule for the arms that the client draws.
 """
@@ -22,46 +22,46 @@ from avrgym.vr.protocol.webxr import grip_from_wrist
 Side = Literal["left", "right"]
 
 SAME_M, SAME_RAD = 0.15, float(np.radians(75.0))
-"""Two devices that differ by more have not seen the same resting hand."""
+"""Larger differences between two devices are not of the same resting hand."""
 GAP_S = 2.0
-"""So long after the old device's last pose, the hand may still rest where it was."""
+"""Up to this time after the old device's last pose, the hand may still rest in its place."""
 STILL_M = 0.02
-"""A hand that strays by less rests."""
+"""A hand that moves less than this is at rest."""
 FADES = 0.1
-"""A hand that moves by 1 m loses so many metres of its correction."""
+"""Metres of correction that fade for each metre of the hand's motion."""
 METRES_PER_RADIAN = 0.15
-"""What a turn counts as, beside a way."""
+"""Weight of a rotation relative to a translation."""
 
 
 @dataclass(frozen=True)
 class Correction:
-    """From a grip as the present device has it to the grip that is followed: position (3,), rotation vector (3,)."""
+    """The transform from the present device's grip to the grip to follow: position (3,), rotation vector (3,)."""
 
     pos: FloatArray
     turn_rad: FloatArray
 
     @property
     def size_m(self) -> float:
-        """How much it moves or turns a hand."""
+        """Its size, rotation included."""
         return max(float(np.linalg.norm(self.pos)), METRES_PER_RADIAN * self.angle_rad)
 
     @property
     def angle_rad(self) -> float:
-        """By how much it turns a hand."""
+        """Its rotation angle."""
         return float(np.linalg.norm(self.turn_rad))
 
     @property
     def is_plausible(self) -> bool:
-        """Whether two devices can be so far apart that see the same hand."""
+        """Whether two devices that track the same hand can differ by this."""
         return float(np.linalg.norm(self.pos)) <= SAME_M and self.angle_rad <= SAME_RAD
 
     def after(self, way_m: float) -> "Correction | None":
-        """What is left of it when the hand has moved so far."""
+        """Returns the residual correction after the hand has moved this far."""
         left = 1.0 - FADES * way_m / self.size_m if self.size_m > 0.0 else 0.0
         return Correction(left * self.pos, left * self.turn_rad) if left > 0.0 else None
 
     def of(self, grip: XRPose) -> XRPose:
-        """The grip that is followed."""
+        """Returns the grip to follow."""
         pos, q, turn = np.empty(3), np.empty(4), np.empty(4)
         angle_rad = self.angle_rad
         axis = self.turn_rad / angle_rad if angle_rad > 0.0 else np.array([1.0, 0.0, 0.0])
@@ -71,7 +71,7 @@ class Correction:
 
 
 def between(grip: XRPose, followed: XRPose) -> Correction:
-    """The correction of a grip that gives the one that was followed."""
+    """Returns the correction from one grip to another."""
     there, there_q = transforms.invert(*_arrays(grip))
     pos, q, turn_rad = np.empty(3), np.empty(4), np.empty(3)
     mujoco.mju_mulPose(pos, q, there, there_q, *_arrays(followed))
@@ -80,7 +80,7 @@ def between(grip: XRPose, followed: XRPose) -> Correction:
 
 
 class Hand:
-    """One hand, from pose to pose."""
+    """The device and correction of one hand."""
 
     def __init__(self, side: Side) -> None:
         self._side: Side = side
@@ -91,7 +91,7 @@ class Hand:
         self._rested = np.zeros(3)
 
     def grip(self, pose: XRPose, modality: Modality, captured_s: float) -> XRPose:
-        """The grip to follow for a new pose; as long as nothing switches, that of a controller is its pose."""
+        """Returns the grip to follow for a new pose; without a switch, a controller's pose does not change."""
         grip = grip_from_wrist(pose, self._side) if modality == "hand" else pose
         if modality != self._modality and self._followed is not None:
             self._switch(grip, self._followed, captured_s - self._seen_s)
@@ -119,7 +119,7 @@ class Hands:
         self._left, self._right = Hand("left"), Hand("right")
 
     def follow(self, tracking: Tracking, captured_s: float) -> Tracking:
-        """The frame with the grips to follow in the place of its hands' poses."""
+        """Returns the frame with the grips to follow instead of its hand poses."""
         return msgspec.structs.replace(
             tracking,
             left=_grip(self._left, tracking.left, tracking.left_modality, captured_s),
@@ -134,7 +134,7 @@ def _grip(hand: Hand, pose: XRPose | None, modality: Modality, captured_s: float
 
 
 def _held(modality: Modality) -> Modality:
-    """What a hand that is followed as a grip is tracked with."""
+    """The tracking device of a hand that is followed as a grip."""
     return "controller" if modality == "hand" else modality
 
 

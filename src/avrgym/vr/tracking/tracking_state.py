@@ -1,4 +1,4 @@
-"""The tracking of one stay in VR: its frames, where the participant's floor lies, what pose their body follows."""
+"""The tracking of one stay in VR: frames, the place of the participant's floor, and the pose that the body follows."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -21,12 +21,12 @@ from avrgym.vr.tracking.switches import Hands
 
 @dataclass(frozen=True)
 class Followed:
-    """One tick of following: the frames that came, the one that counts, and what changed.
+    """One tick of tracking: frames that arrived, the newest frame, and changes.
 
-    ``newest`` is ``None`` while no usable frame comes, and ``silent`` is true then. ``held`` are the parts of the body
-    that jumped and are not where they are tracked. ``untracked`` are all parts whose poses are stale, ``lost`` those of
-    them that the task needs. Those of the tick before are in ``held_before`` and ``lost_before``. ``pose`` is the pose
-    that the body follows, if there is a new one.
+    ``newest`` is ``None`` without a fresh usable frame, and ``silent`` is true then. ``held`` are the parts of the body
+    that jumped and are not at their tracked poses. ``untracked`` are all parts with stale poses, ``lost`` those of them
+    that the task needs. ``held_before`` and ``lost_before`` are of the tick before. ``pose`` is the pose to follow, if
+    there is one.
     """
 
     arrived: Sequence[Frame]
@@ -41,10 +41,10 @@ class Followed:
 
 
 class TrackingState:
-    """``registration`` is where the participant's floor lies in the world, once that is known.
+    """``registration`` is the place of the participant's floor in the world, once it is known.
 
-    At the latest tick, ``untracked`` were the parts of the body whose poses were stale, ``lost`` those of them that the
-    world's task needs.
+    Of the latest tick: ``untracked`` are the parts of the body with stale poses, ``lost`` those of them that the task
+    needs.
     """
 
     def __init__(self) -> None:
@@ -63,37 +63,37 @@ class TrackingState:
         self._glide: Glide | None = None
 
     def take(self, tracking: messages.Tracking, now_s: float) -> Frame:
-        """Take a frame that arrives now."""
+        """Add a frame that arrives now."""
         return self._feed.add(tracking, now_s)
 
     def take_arrived(self) -> list[Frame]:
-        """The frames that no tick has followed yet."""
+        """Returns the frames that no tick has followed yet."""
         return self._feed.take_arrived()
 
     def age_s(self, now_s: float) -> float | None:
-        """How old the newest usable frame is."""
+        """Returns the age of the newest usable frame."""
         newest = self._feed.newest
         return None if newest is None else now_s - newest.received_s
 
     def part_age_s(self, part: Part, now_s: float) -> float:
-        """The time since a part of the body was measured; infinite where it never was."""
+        """Returns the time since a part's latest measurement; infinite without one."""
         return self._feed.freshness.age_s(part, now_s)
 
     @property
     def followed(self) -> int:
-        """The number of the newest tracking frame that moved the body, -1 before the first."""
+        """The number of the newest tracking frame that moved the body, −1 before the first."""
         return -1 if self._followed is None else self._followed.tracking.sequence
 
     @property
     def held(self) -> tuple[Part, ...]:
-        """The parts of the body that do not follow what is tracked."""
+        """The parts of the body that are not at their tracked poses."""
         if self._followed is None or self.registration is None:
             return PARTS
         return tuple(part for part in PARTS if part in self._limbs.held or part in self.untracked)
 
     @property
     def modalities(self) -> tuple[messages.Modality, messages.Modality]:
-        """What left and right hand of the newest usable frame were tracked with."""
+        """The tracking devices of left and right hand in the newest usable frame."""
         newest = self._feed.newest
         return (
             ("none", "none")
@@ -102,23 +102,23 @@ class TrackingState:
         )
 
     def place(self, head: XRPose, person: Person, posture: Posture) -> None:
-        """Put the seat or bed where it fits the headset of a participant who rests in it."""
+        """Place the seat or bed to fit the headset of a participant at rest."""
         self._resting, self._posture = head, posture
         self.place_again(person)
 
     def place_again(self, person: Person) -> None:
-        """Keep the participant's place for a person of another torso height."""
+        """Keep the participant's place for a person with another torso height."""
         if self._resting is not None:
             self.registration = register(self._resting, resting_head_centre(person, self._posture))
             self._sliding = Sliding(person, self._posture)
             self._pose = self._glide = None
 
     def forget_place(self) -> None:
-        """Let the next usable frame say where the participant is."""
+        """Forget the participant's place; the next usable frame determines it."""
         self.registration = self._pose = self._resting = self._sliding = self._glide = None
 
     def steady_head(self, now_s: float) -> XRPose:
-        """The headset at rest; see ``TrackingFeed.steady_head``."""
+        """Returns the headset's pose at rest; see ``TrackingFeed.steady_head``."""
         return self._feed.steady_head(now_s)
 
     def follow(self, needed: Collection[Part], now_s: float) -> Followed:
@@ -147,16 +147,16 @@ class TrackingState:
 
     @property
     def placed(self) -> messages.Placed | None:
-        """Where the world goes to stand in the participant's room, if it moves."""
+        """The new place of the world in the participant's room, while it moves."""
         if self._glide is None or self.registration is None:
             return None
         there = replace(self.registration, origin_w=self.registration.origin_w + self._glide.shift_w)
         return messages.Placed(there.xr_from_world(), self._glide.seconds)
 
     def follow_seat(self, joint_angles_rad: FloatArray) -> Glide | None:
-        """Let the seat follow who has slid on it, by what a tick allows; call it once a tick after ``follow``.
+        """Move the seat after a participant who has slid, by one tick's share; call it once a tick after ``follow``.
 
-        ``joint_angles_rad`` (20,) is where the body was brought. Gives how the seat will follow, when it begins to.
+        ``joint_angles_rad`` (20,) are the body's targets. Returns the motion when it starts.
         """
         if self._glide is not None:
             self._go_on(self._glide)
@@ -179,7 +179,7 @@ class TrackingState:
         return self._glide
 
     def _go_on(self, glide: Glide) -> None:
-        """Move the participant's floor by a tick's share of what is left of the way."""
+        """Move the participant's floor by a tick's share of the remaining way."""
         assert self.registration is not None
         assert self._resting is not None
         share = min(TICK_S / glide.seconds, 1.0)
@@ -193,7 +193,7 @@ class TrackingState:
         self._glide = Glide(glide.shift_w - step_w, left_s) if share < 1.0 else None
 
     def _pose_from(self, registration: Registration, newest: Frame, now_s: float) -> BodyPose:
-        """The pose that the body follows; arms go on towards theirs while no new frame comes."""
+        """The pose that the body follows; arms continue towards their targets without a new frame."""
         if newest is not self._followed:
             self._followed = newest
             self._tracked = self._hands.follow(newest.tracking, newest.captured_s)
