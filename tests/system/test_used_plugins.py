@@ -14,7 +14,7 @@ from avrgym.learning.evaluation import evaluate
 from avrgym.policies import controllers, registry
 from avrgym.policies.trained import Policy
 from avrgym.system import plugins, used_plugins
-from avrgym.system.used_plugins import UsedPlugin, content_sha256, differences, own_version, stored
+from avrgym.system.used_plugins import UsedPlugin, content_sha256, differences, own_version
 from avrgym.tasks.registry import plugins_of
 from helpers.learning.random_networks import network, saved
 from helpers.system.fake_plugins import change, register
@@ -114,12 +114,6 @@ def test_differences_name_what_changed_and_what_was_not_stored() -> None:
     ]
     assert differences([], [A]) == ["robot Arm was not stored, is arm 1.0 (content aaaaaaaaaaaa)"]
     assert differences([A], []) == ["robot Arm was arm 1.0 (content aaaaaaaaaaaa), is not a plug-in here"]
-
-
-def test_it_is_read_as_it_was_stored() -> None:
-    assert stored(msgspec.to_builtins([A, B])) == (A, B)
-    assert stored(None) is None
-    assert stored([{"kind": "sofa"}]) is None
 
 
 @pytest.mark.parametrize(
