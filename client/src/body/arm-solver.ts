@@ -2,14 +2,14 @@ import { ARM } from "../generated/body-model";
 import { axis, cross, fromEulerXYZ, addScaled, multiplyTransposed, multiply, rotationVector, type Axes, type Vector } from "./linear-algebra";
 import { solveSymmetric } from "./linear-algebra";
 
-/** Metres from shoulder to elbow, from there to the wrist, and from there to the hand's centre. */
+/** Distances from shoulder to elbow, elbow to wrist, and wrist to the centre of the hand, metres. */
 export interface ArmLengths {
   upper: number;
   fore: number;
   hand: number;
 }
 
-/** Where a right hand shall be: its centre and its axes in the shoulder's frame, which has the torso's axes. */
+/** The target pose of a right hand in the shoulder's frame, which has the axes of the torso. */
 export interface Hand {
   position: Vector;
   axes: Axes;
@@ -20,7 +20,7 @@ export type ArmAngles = number[];
 
 const JOINTS = ARM.lower_rad.length;
 const TURN = 2 * Math.PI;
-/** Around angles between these, half a turn either way lies in the joint's range or covers it. */
+/** Range of angles for which the equivalent angle within half a turn lies in the joint's range or covers it. */
 const FIRST = ARM.lower_rad.map((lower, joint) => Math.min(lower + Math.PI, ARM.upper_rad[joint]! - Math.PI));
 const LAST = ARM.lower_rad.map((lower, joint) => Math.max(lower + Math.PI, ARM.upper_rad[joint]! - Math.PI));
 const SWIVELS = Math.round(TURN / ARM.swivel_step_rad);
@@ -28,9 +28,9 @@ const SWIVEL_COS = Float64Array.from({ length: SWIVELS }, (_, n) => Math.cos(n *
 const SWIVEL_SIN = Float64Array.from({ length: SWIVELS }, (_, n) => Math.sin(n * ARM.swivel_step_rad));
 
 /**
- * Angles that bring a right hand to a pose: the server's own way, see `vr/tracking/arm.py`, which says why.
+ * Inverse kinematics of a right arm; implements `vr/tracking/arm.py`, which explains the method.
  *
- * What is out of reach is reached for; no joint turns by more than `turn` from `start`.
+ * Targets out of reach are projected to the reachable range. No joint moves by more than `turn` from `start`.
  */
 export function solveArm(lengths: ArmLengths, hand: Hand, start: ArmAngles, turn: number): ArmAngles {
   const reached = { position: withinReach(lengths, hand), axes: hand.axes };
@@ -46,7 +46,7 @@ export function solveArm(lengths: ArmLengths, hand: Hand, start: ArmAngles, turn
   return angles;
 }
 
-/** Whether limits keep the angles from an aim that they are not far from. */
+/** Whether limits clip the angles of a target that is close to the start. */
 function isShort(aim: ArmAngles, angles: ArmAngles, start: ArmAngles): boolean {
   let [way, missing] = [0, 0];
   for (let joint = 0; joint < JOINTS; joint++) {
@@ -57,7 +57,7 @@ function isShort(aim: ArmAngles, angles: ArmAngles, start: ArmAngles): boolean {
   return way < ARM.detour_rad && missing > ARM.exact_rad;
 }
 
-/** The hand's centre, moved on the line from shoulder to wrist to where the elbow can bring the wrist. */
+/** The hand's centre, moved on the line from shoulder to wrist into the reach of the elbow. */
 function withinReach({ upper, fore, hand }: ArmLengths, { position, axes }: Hand): Vector {
   const wrist = addScaled(position, axis(axes, 2), hand);
   const distance = Math.max(Math.hypot(...wrist), 1e-6);
@@ -68,7 +68,7 @@ function withinReach({ upper, fore, hand }: ArmLengths, { position, axes }: Hand
 
 const ELBOW = 3;
 
-/** Angles that bring a hand to a pose that it can reach, whether or not shoulder and wrist can turn so. */
+/** Angles of a reachable hand pose, without the ranges of shoulder and wrist. */
 export function comfortableAngles(lengths: ArmLengths, hand: Hand, start: ArmAngles): ArmAngles {
   const swivelling = new Swivelling(lengths, hand, start);
   let [best, least] = [0, Infinity];
@@ -79,7 +79,7 @@ export function comfortableAngles(lengths: ArmLengths, hand: Hand, start: ArmAng
   return swivelling.finest(best);
 }
 
-/** All ways to hold an arm whose hand stays: the elbow's swivels, each with both ways to turn the shoulder. */
+/** All elbow swivels for a fixed hand, each with both solutions of the shoulder. */
 class Swivelling {
   private readonly elbow: number;
   private readonly below: number;
@@ -119,7 +119,7 @@ class Swivelling {
     return (this.costs[candidate] = cost + ARM.lift * this.rests);
   }
 
-  /** The angles where the parabola through the costs of a candidate and its neighbours is lowest. */
+  /** The angles at the minimum of a parabola through the costs of a candidate and its neighbours. */
   finest(candidate: number): ArmAngles {
     const first = candidate - (candidate % SWIVELS);
     const at = (swivel: number) => this.costs[first + ((swivel + SWIVELS) % SWIVELS)]!;
@@ -132,7 +132,7 @@ class Swivelling {
     return [...this.angles];
   }
 
-  /** Reads the angles of one swivel from the axes of the upper arm, and of the forearm as seen from the hand. */
+  /** Computes the angles of one swivel from the axes of the upper arm, and of the forearm relative to the hand. */
   private hold(c: number, s: number, otherWay: boolean): void {
     const { upperArm: u, forearm: f, below, elbow, angles } = this;
     const [cu, su] = [Math.cos(below), Math.sin(below)];
@@ -158,7 +158,7 @@ class Swivelling {
     restNearPole(angles, ahead, this.start[0]!);
   }
 
-  /** Of angles that differ by whole turns, the ones nearest to the present. */
+  /** Adds multiples of a full turn to come closest to the present angles. */
   private unwind(): void {
     for (let joint = 0; joint < JOINTS; joint++)
       this.angles[joint]! -= TURN * halfEven((this.angles[joint]! - this.around[joint]!) / TURN);
@@ -173,7 +173,7 @@ function turnTheOtherWay(angles: ArmAngles): void {
   angles[2] = Math.PI + angles[2]!;
 }
 
-/** Where the upper arm points nearly ahead, shoulder y stays where it is, as far as the hand hardly moves. */
+/** Near the singularity (upper arm forward), keeps shoulder y where it is, as far as the hand hardly moves. */
 function restNearPole(angles: ArmAngles, ahead: number, startY: number): void {
   const slack = Math.PI * Math.min(ARM.pole_rad ** 2 / (1 + 1e-12 - ahead * ahead), 1);
   const rest = clip(startY - angles[0]!, -slack, slack);
@@ -181,14 +181,14 @@ function restNearPole(angles: ArmAngles, ahead: number, startY: number): void {
   angles[2]! -= rest;
 }
 
-/** The elbow's angle for a wrist at a distance, and by how much the upper arm then points below the wrist. */
+/** The elbow angle for a wrist distance, and the angle by which the upper arm then points below the wrist. */
 function elbowOf({ upper, fore }: ArmLengths, distance: number): [number, number] {
   const cosine = (distance ** 2 - upper ** 2 - fore ** 2) / (2 * upper * fore);
   const angle = -Math.acos(clip(cosine, -1, 1));
   return [angle, Math.atan2(-fore * Math.sin(angle), upper + fore * Math.cos(angle))];
 }
 
-/** Axes of which −z points towards the wrist, and x as near as can be along the elbow's hinge. */
+/** Axes whose −z points to the wrist and whose x is closest to the elbow's hinge. */
 function towards(wrist: Vector, [y, x, z]: ArmAngles): Axes {
   const scale = -1 / Math.max(Math.hypot(...wrist), 1e-6);
   const back: Vector = [scale * wrist[0], scale * wrist[1], scale * wrist[2]];
@@ -209,7 +209,7 @@ function upperArmX(y: number, x: number, z: number): Vector {
   return [c * along + s * across, Math.cos(x) * Math.sin(z), c * across - s * along];
 }
 
-/** A damped least-squares step; a joint at a limit that the error pushes outwards stays. */
+/** A damped least-squares step. Joints at a limit that the error pushes outwards are fixed. */
 function leastSquaresStep(
   lengths: ArmLengths,
   hand: Hand,
@@ -239,11 +239,11 @@ function damping(row: number, column: number): number {
 }
 
 interface Kinematics extends Hand {
-  /** The joints' axes, and points on them. */
+  /** The joint axes, and points on them. */
   hinges: { along: Vector; at: Vector }[];
 }
 
-/** Where a right hand is, in the shoulder's frame. */
+/** Forward kinematics: the pose of a right hand in the shoulder's frame. */
 export function kinematics(lengths: ArmLengths, angles: ArmAngles): Kinematics {
   const [y, x, z, elbow, forearm, wristX, wristY] = angles as [number, number, number, number, number, number, number];
   const shoulderY = fromEulerXYZ(0, y, 0);
@@ -273,7 +273,7 @@ function clip(value: number, lower: number, upper: number): number {
   return Math.min(Math.max(value, lower), upper);
 }
 
-/** The nearest whole number, of two the even one. */
+/** Rounds to the nearest integer, halves to the even one. */
 function halfEven(value: number): number {
   const floor = Math.floor(value);
   if (value - floor !== 0.5) return Math.round(value);

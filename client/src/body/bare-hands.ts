@@ -12,7 +12,7 @@ import {
 import type { Pose, Side } from "./body-solver";
 import type { Body } from "../generated/messages";
 
-/** A bare hand's joints in the order of WebXR Hand Input: a matrix of each in `local-floor`, and its radius, metres. */
+/** Joints of a bare hand in the order of WebXR Hand Input: matrices in `local-floor`, and radii in metres. */
 export interface HandJoints {
   matrices: Float32Array;
   radii: Float32Array;
@@ -25,9 +25,9 @@ export const JOINTS = 25;
 const WRIST = 0;
 /** The first and the last joint of thumb and fingers. */
 const FINGERS = [[1, 4], [5, 9], [10, 14], [15, 19], [20, 24]] as const;
-/** The knuckles, side by side, with the thumb's before them. */
+/** The knuckles, from the thumb to the little finger. */
 const KNUCKLES = [2, 6, 11, 16, 21] as const;
-/** Which joints are joined: along each finger from the wrist on, and across the palm. */
+/** Pairs of connected joints: along each finger, and across the palm. */
 const BONES: readonly (readonly [number, number])[] = [
   ...FINGERS.flatMap(([first, last]) => [
     [WRIST, first] as const,
@@ -36,7 +36,7 @@ const BONES: readonly (readonly [number, number])[] = [
   ...KNUCKLES.slice(1).map((knuckle, at) => [KNUCKLES[at]!, knuckle] as const),
 ];
 
-/** The participant's bare hands, finger by finger as they are tracked, in place of the body's own hands. */
+/** Draws the participant's tracked bare hands instead of the body's hands. */
 export class BareHands {
   readonly group = new Group();
   private readonly material = new MeshStandardMaterial({ roughness: 0.7 });
@@ -45,7 +45,7 @@ export class BareHands {
     right: this.hand(),
   };
 
-  /** As the body's skin. */
+  /** Sets the colour to that of the skin. */
   colour({ skin_tone, skin_tones, skin_tones_rgb }: Body): void {
     this.material.color.setRGB(...skin_tones_rgb[skin_tones.indexOf(skin_tone)]!, SRGBColorSpace);
   }
@@ -54,7 +54,7 @@ export class BareHands {
     this.hands[side].joints.visible = this.hands[side].bones.visible = false;
   }
 
-  /** Draws a hand: its joints go along as its centre goes from where it is tracked to where it is drawn; `floor` is that of `local-floor`. */
+  /** Draws a hand: moves its joints with its centre from the tracked to the drawn pose. `floor`: pose of `local-floor`. */
   draw(side: Side, { matrices, radii }: HandJoints, floor: Matrix4, tracked: Pose, drawn: Pose): void {
     const { joints, bones } = this.hands[side];
     carry.copy(matrixOf(drawn, drawnMatrix)).multiply(matrixOf(tracked, trackedMatrix).invert());
@@ -93,7 +93,7 @@ const drawnMatrix = new Matrix4();
 const trackedMatrix = new Matrix4();
 const places = Array.from({ length: JOINTS }, () => new Vector3());
 
-/** Stretches a cylinder of one metre between two joints, as thick as the thinner of them. */
+/** The matrix of a cylinder between two joints, with the smaller of their radii. */
 function between(from: number, to: number, radii: Float32Array): Matrix4 {
   along.copy(places[to]!).sub(places[from]!);
   const length = along.length();

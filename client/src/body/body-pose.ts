@@ -19,7 +19,7 @@ function wrist(side: Side): Offset {
   return { position, turn: quaternionOf(DEVICES.hand_from_wrist_q[side]) };
 }
 
-/** Where tracked poses put head and hands in the simulated world, which `xrFromWorld` places in `local-floor`. */
+/** Head and hand poses in the world frame from device poses; `xrFromWorld` is the world's pose in `local-floor`. */
 export function bodyPose({ head, left, right, ...modalities }: Poses, xrFromWorld: XRPose): BodyPose | null {
   if (!head) return null;
   const hand = (side: Side, pose: XRPose | null, modality: Modality) =>
@@ -35,7 +35,7 @@ const position = new Vector3();
 const turn = new Quaternion();
 const back = new Quaternion();
 
-/** The pose of a part of the body, in its own axes, from that of the device on it. */
+/** The pose of a body part in its own axes, from that of the device on it. */
 function inWorld([at, orientation]: XRPose, [origin, upright]: XRPose, offset: Offset): Pose {
   turn.set(...orientation).normalize();
   position.copy(offset.position).applyQuaternion(turn);

@@ -3,7 +3,7 @@ import { solveArm, type ArmAngles, type ArmLengths, type Hand } from "./arm-solv
 import { fromQuaternion, fromEulerXYZ, addScaled, multiplyTransposed, multiply, rotate, rotateInverse, toEulerXYZ, type Axes, type Vector } from "./linear-algebra";
 import type { Quaternion, Skeleton } from "../generated/messages";
 
-/** A pose in the simulated world; the quaternion is w, x, y, z. */
+/** A pose in the world frame; the quaternion is w, x, y, z. */
 export interface Pose {
   position: Vector;
   q: Quaternion;
@@ -11,26 +11,26 @@ export interface Pose {
 
 export type Side = "left" | "right";
 
-/** Where the participant's head and hands are; a hand that is not tracked is null. */
+/** The poses of the participant's head and hands; null: not tracked. */
 export type BodyPose = Record<"head", Pose> & Record<Side, Pose | null>;
 
-/** The driven joints' angles, in the server's order. */
+/** Angles of the driven joints, in the server's order. */
 export type JointAngles = Float64Array;
 
-/** Where a part of the body is: its origin and its axes as columns. */
+/** The frame of a body part: its origin, and its axes as columns. */
 interface Frame {
   origin: Vector;
   axes: Axes;
 }
 
-/** Signs of a left arm's angles and coordinates as those of the mirrored person's right one. */
+/** Signs that mirror the angles and coordinates of a left arm to a right one. */
 const ANGLE_SIGNS: Record<Side, ArmAngles> = {
   right: [1, 1, 1, 1, 1, 1, 1],
   left: [-1, 1, -1, 1, -1, 1, -1],
 };
 const SIGN: Record<Side, number> = { right: 1, left: -1 };
 
-/** The inverse kinematics of one person: the server's own way, see `vr/tracking/body.py`, which says why. */
+/** Inverse kinematics of one person; implements `vr/tracking/body.py`, which explains the method. */
 export class BodySolver {
   private readonly hips: Frame;
   private readonly lengths: ArmLengths;
@@ -40,7 +40,7 @@ export class BodySolver {
     this.lengths = { upper: skeleton.upper_arm_m, fore: skeleton.forearm_m, hand: skeleton.hand_m };
   }
 
-  /** Angles that bring head and hands to a pose. No joint of an arm turns by more than `turn` from `start`. */
+  /** Joint angles for the poses of head and hands. No joint of an arm moves by more than `turn` from `start`. */
   solve(pose: BodyPose, start: JointAngles, turn: number): JointAngles {
     const angles = start.slice();
     angles.set(this.trunkAngles(pose.head));
@@ -81,7 +81,7 @@ export class BodySolver {
     joints.forEach((joint, index) => (angles[joint] = signs[index]! * solved[index]!));
   }
 
-  /** A left hand is seen as the right one of the mirrored person. */
+  /** The hand's pose in the shoulder's frame; a left hand is mirrored. */
   private seenFromShoulder(side: Side, hand: Pose, torso: Frame): Hand {
     const sign = SIGN[side];
     const [x, y, z] = rotateInverse(torso.axes, addScaled(hand.position, torso.origin, -1));
@@ -91,7 +91,7 @@ export class BodySolver {
   }
 }
 
-/** The entries of a matrix that a reflection of x changes the sign of. */
+/** Matrix entries whose sign changes with a reflection of x. */
 const MIXED = new Set([1, 2, 3, 6]);
 
 function limited(ranges: readonly (readonly [number, number])[], angles: Vector): Vector {

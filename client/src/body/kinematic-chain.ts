@@ -4,7 +4,7 @@ import type { JointAngles, Side } from "./body-solver";
 import { POSE } from "../scene/state-interpolation";
 import type { Part, Skeleton } from "../generated/messages";
 
-/** A body of a chain: where its pose is, the joints that turn it, and where it begins in the one before. */
+/** A body of a chain: the offset of its pose, its joints, and its position in the frame of its parent. */
 interface Link {
   at: number;
   joints: { x?: number; y?: number; z?: number };
@@ -12,20 +12,20 @@ interface Link {
   offset: Vector3;
 }
 
-/** Bodies that hang from each other; `held` says where they are drawn: 0 where tracked, 1 where simulated. */
+/** Connected bodies. `held`: 0 to draw them as tracked, 1 as simulated. */
 export interface Chain {
   part: Part;
   links: [Link, ...Link[]];
   held: number;
 }
 
-/** Where something is in the world. */
+/** A pose in the world frame. */
 export interface Place {
   origin: Vector3;
   turn: Quaternion;
 }
 
-/** The trunk with the head, which begins at the hips, and the arms, which begin at the torso. */
+/** The trunk with the head, whose parent is the hips, and the arms, whose parent is the torso. */
 export function chainsOf(skeleton: Skeleton, bodies: readonly string[]): [trunk: Chain, ...arms: Chain[]] {
   const at = (body: string) => POSE * bodies.indexOf(PERSON.prefix + body);
   const { waist, neck, right_shoulder: right, upper_arm_m: upper, forearm_m: fore } = skeleton;
@@ -51,9 +51,9 @@ function chain(part: Part, links: Chain["links"]): Chain {
 }
 
 /**
- * Writes the poses of a chain whose joints have these angles, over those that are simulated, as far as it is not held.
+ * Blends the poses of a chain with these joint angles into the simulated `poses`, by its `held`.
  *
- * `root` is where it hangs. Gives where its first link is tracked.
+ * `root`: the pose of its parent. Returns the tracked pose of its first body.
  */
 export function drawChain({ links, held }: Chain, poses: Float32Array, angles: JointAngles, root: Place): Place {
   const share = held * held * (3 - 2 * held);

@@ -1,8 +1,8 @@
-/** Vectors x, y, z, and rotations as 3 × 3 matrices, row by row, whose columns are a frame's axes. */
+/** Vectors x, y, z, and rotation matrices (3 × 3, row by row), whose columns are the axes of the rotated frame. */
 export type Vector = [x: number, y: number, z: number];
 export type Axes = readonly number[];
 
-/** The axes of a unit quaternion w, x, y, z. */
+/** The rotation matrix of a unit quaternion w, x, y, z. */
 export function fromQuaternion([w, x, y, z]: readonly [number, number, number, number]): Axes {
   return [
     ...[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -11,7 +11,7 @@ export function fromQuaternion([w, x, y, z]: readonly [number, number, number, n
   ];
 }
 
-/** The axes after hinges about x, y and z, the first outermost. */
+/** The rotation matrix of intrinsic Euler angles: Rx Ry Rz. */
 export function fromEulerXYZ(x: number, y: number, z: number): Axes {
   const [cx, cy, cz] = [Math.cos(x), Math.cos(y), Math.cos(z)];
   const [sx, sy, sz] = [Math.sin(x), Math.sin(y), Math.sin(z)];
@@ -33,7 +33,7 @@ export function multiply(a: Axes, b: Axes): Axes {
   return product(a, 3, 1, b);
 }
 
-/** aᵀ b: axes b as seen from axes a. */
+/** aᵀ b */
 export function multiplyTransposed(a: Axes, b: Axes): Axes {
   return product(a, 1, 3, b);
 }
@@ -48,19 +48,19 @@ function product(a: Axes, row: number, column: number, b: Axes): Axes {
   return out;
 }
 
-/** A vector given in a frame, by the frame's axes. */
+/** a v */
 export function rotate(axes: Axes, [x, y, z]: Vector): Vector {
   const row = (i: number) => axes[i]! * x + axes[i + 1]! * y + axes[i + 2]! * z;
   return [row(0), row(3), row(6)];
 }
 
-/** The inverse of `turned`: a vector as seen from a frame. */
+/** aᵀ v */
 export function rotateInverse(axes: Axes, [x, y, z]: Vector): Vector {
   const column = (j: number) => axes[j]! * x + axes[j + 3]! * y + axes[j + 6]! * z;
   return [column(0), column(1), column(2)];
 }
 
-/** One of a frame's axes: 0 is x, 1 is y, 2 is z. */
+/** One axis of a frame: 0 is x, 1 is y, 2 is z. */
 export function axis(axes: Axes, index: 0 | 1 | 2): Vector {
   return [axes[index]!, axes[index + 3]!, axes[index + 6]!];
 }
@@ -74,7 +74,7 @@ export function addScaled(a: Vector, b: Vector, share = 1): Vector {
   return [a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]];
 }
 
-/** The rotation vector that turns axes into others: its length is the angle. */
+/** The rotation vector from one rotation to another; its length is the angle. */
 export function rotationVector(from: Axes, to: Axes): Vector {
   const [a, b] = [from, to];
   const entry = (i: number, j: number) =>
@@ -86,7 +86,7 @@ export function rotationVector(from: Axes, to: Axes): Vector {
   return [scale * x, scale * y, scale * z];
 }
 
-/** x of A x = b for a symmetric, positive definite A, by Cholesky's factors. */
+/** Solves A x = b for a symmetric, positive definite A by Cholesky decomposition. */
 export function solveSymmetric(a: readonly number[][], b: readonly number[]): number[] {
   const factor = cholesky(a);
   const x = [...b];

@@ -5,16 +5,16 @@ import { chainsOf, drawChain, type Chain, type Place } from "./kinematic-chain";
 import { TICK_S, type Part, type Scene } from "../generated/messages";
 import type { State } from "../session/state-decoder";
 
-/** Within this time a part that is held back goes over to where it is simulated, and comes back. */
+/** Time for blending a held part from the tracked to the simulated pose, and back. */
 export const BLEND_MS = 100;
-/** The share of the way to the server's angles at which each frame's solution begins: elbows do not part for long. */
+/** Share by which each frame's start angles move to the server's, so that elbows converge. */
 const PULL = 0.2;
 const LONGEST_LAG_MS = 1000;
 
 /**
- * The participant's own trunk and arms, drawn where headset and controllers are in the very frame.
+ * The participant's trunk and arms, drawn at the poses of headset and controllers of the same frame.
  *
- * The server simulates them later. What it calls held back is drawn where it is simulated, touching what it touches.
+ * The server simulates them later. Parts that it holds are drawn at their simulated pose.
  */
 export class ParticipantBody {
   private readonly solver: BodySolver;
@@ -32,22 +32,22 @@ export class ParticipantBody {
     this.chains = chainsOf(skeleton, bodies);
   }
 
-  /** What the newest state says of the participant's body. */
+  /** Stores the joint targets and held parts of the newest state. */
   take({ joint_targets: targets, held }: State): void {
     this.targets = targets.length ? targets : null;
     this.held = new Set(held);
   }
 
-  /** Nobody is tracked: whoever is next appears where they are simulated, and goes over from there. */
+  /** Resets while nobody is tracked. The next participant is blended in from the simulated pose. */
   rest(): void {
     this.angles = this.lastMs = null;
     for (const chain of this.chains) chain.held = 1;
   }
 
   /**
-   * Puts the poses of the body, which are the simulated ones, where it is tracked.
+   * Replaces the simulated poses of the body by tracked ones.
    *
-   * `lagMs` is how long ago the pose was tracked that the newest state follows: so far its joints may have turned since.
+   * `lagMs`: the age of the pose in the newest state, which limits how far its joints can have moved since.
    */
   draw(poses: Float32Array, pose: BodyPose, nowMs: number, lagMs: number): void {
     if (!this.targets) return;

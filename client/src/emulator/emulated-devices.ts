@@ -1,6 +1,6 @@
 import { metaQuest2, metaQuest3, type GamepadConfig, type XRControllerConfig, type XRDeviceConfig } from "iwer";
 
-/** How somebody points and selects: with controllers, bare hands, a pinch at what they look at, or a viewer's button. */
+/** The pointing and select input: controllers, bare hands, a pinch at the gaze target, or a viewer's button. */
 export interface EmulatedDevice {
   config: XRDeviceConfig;
   input: "controllers" | "hands" | "pinch" | "gaze";
@@ -9,7 +9,7 @@ export interface EmulatedDevice {
 const TOUCH = metaQuest3.controllerConfig!;
 const FACE_BUTTONS = { left: ["x-button", "y-button"], right: ["a-button", "b-button"] } as const;
 
-/** The headsets that are emulated, by their names in `&headset=`. */
+/** The emulated headsets, by the name in `&headset=`. */
 export const DEVICES: Readonly<Record<string, EmulatedDevice>> = {
   "quest-3": { config: metaQuest3, input: "controllers" },
   "quest-2": { config: metaQuest2, input: "controllers" },
@@ -27,7 +27,7 @@ export const DEVICES: Readonly<Record<string, EmulatedDevice>> = {
   viewer: { config: { ...metaQuest3, name: "viewer", controllerConfig: undefined }, input: "gaze" },
 };
 
-/** A pair of controllers with a trigger and other buttons, held as a Quest's are. */
+/** Two controllers with a trigger and other buttons, with the grip of a Quest. */
 function controllers(
   profileId: string,
   fallbackProfileIds: string[],
@@ -43,7 +43,7 @@ function controllers(
   return { config: { ...metaQuest3, name: profileId, controllerConfig: config }, input: "controllers" };
 }
 
-/** One button in nobody's hand, which points and is not tracked as a grip. */
+/** One button without handedness, which points and has no grip pose. */
 function oneButton(profileId: string): EmulatedDevice {
   const none = { gamepad: gamepad("", []), numHapticActuators: 0 };
   const config: XRControllerConfig = { profileId, fallbackProfileIds: [], layout: { none } };

@@ -4,10 +4,10 @@ import { P_SPACE, type XRDevice } from "iwer";
 type Hand = "left" | "right";
 
 const UP = new Vector3(0, 1, 0);
-/** Of a raised hand's wrist, seen from the eyes: to its side, below and ahead, metres. */
+/** The position of a raised hand's wrist relative to the eyes, metres. */
 const RAISED = { aside: 0.15, below: 0.24, ahead: 0.4 };
 
-/** Raises an open hand before the face, its fingers up and its palm away from the eyes. */
+/** Raises an open hand before the face, fingers up, palm away from the eyes. */
 export function raisePalm(device: XRDevice, hand: Hand): void {
   const { position, quaternion } = device.hands[hand]!;
   const head = new Quaternion(device.quaternion.x, device.quaternion.y, device.quaternion.z, device.quaternion.w);
@@ -23,7 +23,7 @@ export function raisePalm(device: XRDevice, hand: Hand): void {
   quaternion.set(turn.x, turn.y, turn.z, turn.w);
 }
 
-/** The way out of the palm: the thumb's side and the fingers span the hand. */
+/** The normal of the palm, outwards. */
 function palmOf(device: XRDevice, hand: Hand): Vector3 {
   const thumbwards = along(device, hand, "pinky-finger-phalanx-proximal", "index-finger-phalanx-proximal");
   const fingers = along(device, hand, "wrist", "middle-finger-phalanx-proximal");
@@ -34,13 +34,13 @@ function along(device: XRDevice, hand: Hand, from: string, to: string): Vector3 
   return joint(device, hand, to).sub(joint(device, hand, from));
 }
 
-/** Where a joint is in the hand's own axes. */
+/** The position of a joint in the hand's frame. */
 function joint(device: XRDevice, hand: Hand, name: string): Vector3 {
   const space = device.hands[hand]!.inputSource.hand!.get(name as never)!;
   return new Vector3().setFromMatrixPosition(new Matrix4().fromArray(Array.from(space[P_SPACE].offsetMatrix)));
 }
 
-/** Axes of which the first is given and the second is as near as can be to what is given. */
+/** A matrix whose x axis is `first` and whose z axis is perpendicular to both. */
 function basis(first: Vector3, second: Vector3): Matrix4 {
   const x = first.clone().normalize();
   const z = x.clone().cross(second).normalize();

@@ -2,15 +2,15 @@ import { Matrix4, Quaternion, Vector3 } from "three";
 import { P_DEVICE, P_SESSION, P_SPACE, XRInputSource, XRInputSourceEvent, XRSpace, type XRDevice, type XRFrame } from "iwer";
 
 const FORWARD = new Vector3(0, 0, -1);
-/** Where the hand of a pinch points once it has begun: at the floor. */
+/** Direction of a pinching hand after its start: downwards. */
 const DOWN = new Vector3(0, -1, 0);
 const ONE = new Vector3(1, 1, 1);
 
 type Step = "away" | "there" | "selected" | "released";
 
 /**
- * An input that IWER has none of. A pinch points along the gaze as it begins and along the hand then, and is an input
- * source only so long; a gaze always points, with a button that selects.
+ * An input source that IWER lacks. A pinch points along the gaze when it starts, then along the hand, and exists
+ * only during the pinch. A gaze always points and selects with a button.
  */
 export class EmulatedPointer {
   private step: Step = "away";
@@ -35,7 +35,7 @@ export class EmulatedPointer {
     return this.mode === "gaze" || this.step !== "away" || this.wanted;
   }
 
-  /** Where the participant looks. */
+  /** Sets the point at which the participant looks. */
   lookAt(point: Vector3): void {
     this.target.copy(point);
     if (this.mode === "gaze") turnTo(this.device, point);
@@ -45,7 +45,7 @@ export class EmulatedPointer {
     this.wanted = pressed;
   }
 
-  /** IWER calls this in every frame, as it does of its own inputs: one step a frame, as browsers have them. */
+  /** Called by IWER in every frame; makes one step of a pinch per frame, as browsers do. */
   onFrameStart(frame: XRFrame): void {
     if (this.mode === "gaze") frame.session[P_SESSION].hasGazeTracking = true;
     this.aim();
@@ -89,7 +89,7 @@ export class EmulatedPointer {
   }
 }
 
-/** Turns a pose to look at a point. */
+/** Turns a pose towards a point. */
 export function turnTo({ position, quaternion }: Pick<XRDevice, "position" | "quaternion">, point: Vector3): void {
   const from = new Vector3(position.x, position.y, position.z);
   const turned = new Quaternion().setFromRotationMatrix(new Matrix4().lookAt(from, point, new Vector3(0, 1, 0)));

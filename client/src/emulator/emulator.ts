@@ -25,34 +25,34 @@ export interface EmulatedButton {
   centre: Triple;
 }
 
-/** What automated tests drive the page with. It exists only with `?emulate=1`. */
+/** Controls for automated tests. Only with `?emulate=1`. */
 export interface EmulatorControls {
-  /** The emulated device itself, for what the functions below leave out. */
+  /** The emulated device, for everything else. */
   device: XRDevice;
-  /** Places the headset and the grips of the controllers; null: not tracked; left out: as before. */
+  /** Sets the poses of headset and controller grips. null: not tracked; undefined: unchanged. */
   setPoses(poses: { head?: EmulatedPose; left?: EmulatedPose | null; right?: EmulatedPose | null }): void;
   setTrigger(hand: Hand, pressed: boolean): void;
-  /** Holds the menu button of a hand (X or A) down. */
+  /** Presses or releases the menu button of a hand (X or A). */
   holdMenu(hand: Hand, pressed: boolean): void;
-  /** Holds the grip of a hand's controller. */
+  /** Presses or releases the grip button of a hand. */
   setSqueeze(hand: Hand, pressed: boolean): void;
-  /** Turns a controller about its target ray's origin until the ray meets a point. */
+  /** Turns a controller until its target ray meets a point. */
   aimAt(hand: Hand, point: Triple): void;
-  /** Points with what this headset points with: the right controller or hand, the only button, or the eyes. */
+  /** Points with this headset's pointer: the right controller or hand, the only button, or the eyes. */
   pointAt(point: Triple): void;
-  /** Presses what selects where `pointAt` points, or lets go. */
+  /** Presses or releases the select input of this headset's pointer. */
   select(pressed: boolean): void;
-  /** Turns the head to look at a point. */
+  /** Turns the head towards a point. */
   lookAt(point: Triple): void;
-  /** Raises an open bare hand before the face, its palm away from it. */
+  /** Raises an open bare hand before the face, palm away from it. */
   raisePalm(hand: Hand): void;
-  /** The way to stop that the page shows, the progress of the stop, and the place of a sign in the room. */
+  /** The displayed way to stop, its progress, and the position of a sign in the room. */
   stop(): { way: string; progress: number; sign: Triple | null };
-  /** The buttons on the panel, those of a question or of the bodies to choose; empty while none is to be seen. */
+  /** The visible buttons on the panel, of a question or of the body choice. */
   buttons(): EmulatedButton[];
   phase(): Phase | null;
   question(): Question | null;
-  /** Both, in one call. */
+  /** Phase and question in one call. */
   phaseAndQuestion(): [Phase | null, Question | null];
   statesReceived(): number;
   lastState(): {
@@ -61,7 +61,7 @@ export interface EmulatorControls {
     tracking_sequence: number;
     poses: number[];
   } | null;
-  /** In the frame drawn last: where the participant is, and the poses of all bodies as drawn and as simulated. */
+  /** In the last frame: the tracked pose, and the poses of all bodies as drawn and as simulated. */
   participantBody(): { tracked: BodyPose | null; drawn: number[]; simulated: number[] };
   presenting(): boolean;
   trackingSent(): number;
@@ -74,13 +74,13 @@ declare global {
   }
 }
 
-/** An emulated headset, and what its wearer points with where that is neither a controller nor a hand. */
+/** An emulated headset, and its pointer if that is neither a controller nor a hand. */
 export interface Emulator extends EmulatedDevice {
   device: XRDevice;
   pointer: EmulatedPointer | null;
 }
 
-/** Puts an emulated headset in the place of `navigator.xr`; must come before anything asks for it. */
+/** Replaces `navigator.xr` by an emulated headset; must run before any other access. */
 export function installEmulator(name: string): Emulator {
   const emulated = DEVICES[name];
   if (!emulated) throw new Error(`no headset ${name} is emulated; choose one of ${Object.keys(DEVICES).join(", ")}`);
@@ -99,7 +99,7 @@ function pointerOf(device: XRDevice, input: EmulatedDevice["input"]): EmulatedPo
   return new EmulatedPointer(device, input === "gaze" ? "gaze" : "transient-pointer");
 }
 
-/** The emulator calls every position guessed; those of tracked controllers are not. */
+/** Marks a source as tracked: the emulator reports all positions as emulated. */
 function markTracked(source: { gripSpace?: unknown }): void {
   if (source.gripSpace) (source.gripSpace as { [P_SPACE]: { emulated: boolean } })[P_SPACE].emulated = false;
 }
@@ -158,7 +158,7 @@ function setTrigger({ device, input }: Emulator, hand: Hand, pressed: boolean): 
   else controllerOf(device, hand).updateButtonValue("trigger", pressed ? 1 : 0);
 }
 
-/** The right one, or the only one. */
+/** The right controller, or the only one. */
 function pointingController({ controllers }: XRDevice): Controller {
   return controllers["right"] ?? controllers["none"]!;
 }
@@ -167,13 +167,13 @@ interface TrustedTypes {
   createPolicy(name: string, rules: { createScriptURL(url: string): string }): { createScriptURL(url: string): string };
 }
 
-/** The address of a built script, as browsers want it that enforce trusted types; the server allows this policy alone. */
+/** A trusted script URL. The server's policy allows only the policy name used here. */
 function trustedURL(url: string): string {
   const { trustedTypes } = window as unknown as { trustedTypes?: TrustedTypes };
   return trustedTypes?.createPolicy("avrgym", { createScriptURL: (same) => same }).createScriptURL(url) ?? url;
 }
 
-/** A real headset tracks however long a page takes to draw; so does the emulated one. */
+/** Sends poses by a timer, as a real headset does, independent of drawing. */
 function trackByTimer(app: App, emulator: Emulator): void {
   app.xrFrames.trackedElsewhere = true;
   const ticker = new Worker(trustedURL(tickerUrl), { type: "module" });
@@ -185,7 +185,7 @@ function trackByTimer(app: App, emulator: Emulator): void {
 const SENSOR_NOISE_M = 1e-6;
 let noise = 0;
 
-/** Poses as trackers measure them: never twice the same. */
+/** Adds noise, so that no pose equals the previous one. */
 function withSensorNoise(poses: Poses): Poses {
   noise = SENSOR_NOISE_M - noise;
   for (const pose of [poses.head, poses.left, poses.right]) if (pose) pose[0][0] += noise;
@@ -205,7 +205,7 @@ function posesOf(emulator: Emulator): Poses {
   };
 }
 
-/** Where the grip of a controller or the wrist of a bare hand is. */
+/** The pose of a controller's grip or a bare hand's wrist. */
 function handPose(emulator: Emulator, hand: Hand): XRPose | null {
   const held = deviceOf(emulator, hand);
   if (!held?.connected) return null;
@@ -220,13 +220,13 @@ function handPose(emulator: Emulator, hand: Hand): XRPose | null {
   return poseOf(heldPosition, heldQuaternion);
 }
 
-/** A controller or a bare hand; null of headsets that track neither. */
+/** The controller or bare hand; null if the headset tracks neither. */
 function deviceOf({ device, input }: Emulator, hand: Hand): HeldDevice | null {
   if (input === "controllers") return device.controllers[hand] ?? null;
   return input === "hands" ? device.hands[hand]! : null;
 }
 
-/** A grip is fixed to the target ray of its controller by the device's own matrix, and a wrist to that of its hand. */
+/** The offset from the target ray to the grip or wrist. */
 function fromRay({ inputSource: { hand, gripSpace } }: HeldDevice): Matrix4 {
   return offsetOf(hand?.get("wrist" as never) ?? gripSpace!);
 }
@@ -249,7 +249,7 @@ function move(target: Movable, position: Vector3, orientation: Quaternion): void
   target.quaternion.set(orientation.x, orientation.y, orientation.z, orientation.w);
 }
 
-/** A controller stands where its target ray begins; of a bare hand the wrist is placed. */
+/** Sets the pose of a controller's grip or a bare hand's wrist. */
 function setGrip(emulator: Emulator, hand: Hand, grip: EmulatedPose | null): void {
   const held = deviceOf(emulator, hand);
   if (!held) return;
@@ -274,7 +274,7 @@ function shownButtons(app: App): EmulatedButton[] {
   }));
 }
 
-/** What buttons are there for without a question. */
+/** The purpose of the buttons without a question. */
 function buttonPurpose(phase: Phase | null): string {
   if (confirmsAnswers(phase)) return "confirm";
   return mayRecalibrate(phase) ? "check" : "body";
@@ -291,7 +291,7 @@ function plainBody({ world }: App): ReturnType<EmulatorControls["participantBody
   return { tracked: world.tracked, drawn: [...world.drawn], simulated: [...world.simulated] };
 }
 
-/** The emulator asks for the clear values in every frame, which stalls a software renderer: answer from a copy. */
+/** Caches WebGL's clear values: IWER queries them in every frame, which blocks a software renderer. */
 function cacheClearValues(gl: WebGL2RenderingContext): void {
   const { clearColor, clearDepth, clearStencil, getParameter } = gl;
   const values = new Map<number, unknown>();

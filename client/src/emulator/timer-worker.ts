@@ -1,4 +1,4 @@
-/** A worker that calls so many times a second: neither drawing nor a page in the background slows its clock. */
+/** A timer in a worker, whose rate depends neither on drawing nor on the page's visibility. */
 
 const RATE_HZ = 90;
 

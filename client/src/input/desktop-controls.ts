@@ -1,7 +1,7 @@
 import { Euler, PerspectiveCamera, Quaternion, Vector3 } from "three";
 import { poseOf, type Poses } from "../tracking/pose-reader";
 
-/** ParticipantCamera of somebody who sits in the virtual wheelchair, metres over the floor. */
+/** Eye height of a person in the virtual wheelchair, metres above the floor. */
 const EYE_HEIGHT_M = 1.2;
 const RADIANS_PER_PIXEL = 0.004;
 const HIGHEST_PITCH = 1.2;
@@ -9,13 +9,13 @@ const HIGHEST_YAW = 1.2;
 const HAND_SPEED_M_S = 0.35;
 const REACH_M = 0.62;
 
-/** A fist around an upright rod, the forearm pointing ahead: see WebXR's grip space. */
+/** A fist around a vertical rod with the forearm forward; see WebXR's grip space. */
 const UPRIGHT_GRIP = new Quaternion(Math.SQRT1_2, 0, 0, Math.SQRT1_2);
 const RIGHT_SHOULDER = new Vector3(0.17, 0.98, 0.08);
 const RIGHT_HAND = new Vector3(0.22, 0.74, -0.32);
 const LEFT_HAND = new Vector3(-0.22, 0.74, -0.32);
 
-/** Which way a key moves the right hand, in `local-floor`. */
+/** Directions of the right hand by key, in `local-floor`. */
 const MOVES: Readonly<Record<string, Vector3>> = {
   KeyW: new Vector3(0, 0, -1),
   KeyS: new Vector3(0, 0, 1),
@@ -25,7 +25,7 @@ const MOVES: Readonly<Record<string, Vector3>> = {
   KeyQ: new Vector3(0, -1, 0),
 };
 
-/** A mouse that turns the head and keys that move the right hand, in the place of a headset. */
+/** Participation without a headset: the mouse turns the head, keys move the right hand. */
 export class DesktopControls {
   readonly camera = new PerspectiveCamera(undefined, 1, 0.03, 30);
   playing = false;
@@ -50,7 +50,7 @@ export class DesktopControls {
     return this.playing && code in MOVES;
   }
 
-  /** Moves the hand, and gives the poses of now. */
+  /** Moves the hand and returns the present poses. */
   frame(timeMs: number): Poses {
     this.moveHand(Math.min(0.1, (timeMs - this.lastMs) / 1000));
     this.lastMs = timeMs;
@@ -58,7 +58,7 @@ export class DesktopControls {
     return this.poses;
   }
 
-  /** Where head and hands are since the latest frame. */
+  /** The poses of head and hands since the last frame. */
   get poses(): Poses {
     return {
       head: poseOf(this.camera.position, this.camera.quaternion),
@@ -69,7 +69,7 @@ export class DesktopControls {
     };
   }
 
-  /** A button that moves the hand while it is held. */
+  /** Moves the hand while a button is pressed. */
   private holdWith(button: HTMLElement): void {
     const code = button.dataset["code"]!;
     button.addEventListener("pointerdown", ({ pointerId }) => {

@@ -1,10 +1,10 @@
 import { HAND_PROFILE } from "./stop-gestures";
 
-/** How a participant selects, in the order in which words for it are chosen. */
+/** The kinds of select input, in order of preference for texts. */
 export const INPUTS = ["trigger", "button", "touchpad", "pinch", "tap", "gaze"] as const;
 export type InputKind = (typeof INPUTS)[number];
 
-/** How an input source selects: with the part that its profile names. */
+/** The kind of select input of a source, from its profiles. */
 export function inputKind({ hand, profiles, gamepad, targetRayMode }: XRInputSource): InputKind {
   const has = (part: string) => profiles.some((profile) => profile.startsWith(`generic-${part}`));
   if (targetRayMode === "screen" || has("touchscreen")) return "tap";
@@ -15,13 +15,13 @@ export function inputKind({ hand, profiles, gamepad, targetRayMode }: XRInputSou
   return has("button") || !gamepad ? "button" : "trigger";
 }
 
-/** How somebody with these input sources selects; null where there is none, as between two pinches. */
+/** The preferred kind of select input of all sources; null without sources, as between two pinches. */
 export function inputKindOf(sources: Iterable<XRInputSource>): InputKind | null {
   const found = Array.from(sources, inputKind);
   return INPUTS.find((input) => found.includes(input)) ?? null;
 }
 
-/** The words for a kind of input, or those for a trigger. */
+/** The text for a kind of input; default: that for a trigger. */
 export function textFor(input: InputKind, text: string, byInput: Readonly<Record<string, string>>): string {
   return byInput[input] ?? text;
 }

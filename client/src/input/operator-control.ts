@@ -5,7 +5,7 @@ const DEAD_ZONE = 0.15;
 
 type Axis = [vector: "linear" | "angular", index: 0 | 1 | 2, sign: 1 | -1];
 
-/** Which key moves the hand along or about which axis, by its place on the keyboard. */
+/** Axis of motion by key code. */
 const KEYS: Record<string, Axis> = {
   KeyW: ["linear", 0, 1],
   KeyS: ["linear", 0, -1],
@@ -38,14 +38,14 @@ const SHOULDERS = [4, 5];
 
 const RELEASED: Drive = { type: "drive", engaged: false, linear: [0, 0, 0], angular: [0, 0, 0] };
 
-/** What held keys ask for. */
+/** The velocity command of pressed keys. */
 export function keyboardCommand(held: ReadonlySet<string>): Drive {
   const command = structuredClone(RELEASED);
   for (const key of held) add(command, KEYS[key], 1);
   return { ...command, engaged: held.has(ENABLING_KEY) };
 }
 
-/** What a gamepad asks for: sticks and triggers, while a shoulder button is held. */
+/** The velocity command of a gamepad: sticks and triggers, enabled by a shoulder button. */
 export function gamepadCommand({ axes, buttons }: Pick<Gamepad, "axes" | "buttons">): Drive {
   const command = structuredClone(RELEASED);
   for (const [stick, ...axis] of STICKS) add(command, axis, beyondDeadZone(axes[stick] ?? 0));
@@ -70,13 +70,13 @@ export function drivingText(status: Status): string {
   return status.idle ? "The robot holds still." : "You drive the robot.";
 }
 
-/** The experimenter as the robot's operator: keys and gamepad move its hand, as long as the dead-man's key is held. */
+/** Manual control of the robot by the experimenter: keys and gamepad move its hand while an enabling key is pressed. */
 export class OperatorControl {
   private readonly held = new Set<string>();
   private operated = false;
   private engaged = false;
 
-  /** `panel` is shown in trials that the experimenter drives; its first child says how that stands. */
+  /** `panel` is shown in trials that the experimenter drives; its first child displays the status. */
   constructor(
     private readonly panel: HTMLElement,
     private readonly send: (message: Drive) => void,
@@ -85,7 +85,7 @@ export class OperatorControl {
     setInterval(() => this.tell(), EVERY_MS);
   }
 
-  /** Takes the keys of this window too. */
+  /** Also listens to the keys of this window. */
   listen(window: Window): void {
     window.addEventListener("keydown", (event) => this.pressed(event));
     window.addEventListener("keyup", (event) => this.released(event));
@@ -99,7 +99,7 @@ export class OperatorControl {
     if (!status.operated) this.release();
   }
 
-  /** Whether a key drives now, and means nothing else. */
+  /** Whether a key is used for driving now. */
   takes(event: KeyboardEvent): boolean {
     if (!this.operated || isWriting(event.target)) return false;
     return event.code === ENABLING_KEY || this.held.has(ENABLING_KEY);

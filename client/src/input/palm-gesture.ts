@@ -1,7 +1,7 @@
 import { Vector3 } from "three";
 import type { Side } from "../body/body-solver";
 
-/** Joints of WebXR Hand Input: the wrist, and of each finger its knuckle and the joints from there to the tip. */
+/** Joints of WebXR Hand Input: the wrist, and for each finger the joints from knuckle to tip. */
 const WRIST = 0;
 const FINGERS = [
   [6, 7, 8, 9],
@@ -11,12 +11,12 @@ const FINGERS = [
 ] as const;
 const [INDEX, MIDDLE, , LITTLE] = FINGERS.map(([knuckle]) => knuckle) as [number, number, number, number];
 
-/** The distance from knuckle to tip, as a share of the finger's length: fists have half of it. */
+/** Minimum distance from knuckle to tip, relative to the length of the finger. In fists it is about 0.5. */
 const STRAIGHT = 0.9;
-/** The cosines of the largest angles: of the fingers from vertical, and of the palm's normal from the gaze. */
+/** Cosines of the maximum angles of the fingers to the vertical, and of the palm's normal to the gaze. */
 const UPRIGHT = Math.cos((40 * Math.PI) / 180);
 const FACING = Math.cos((50 * Math.PI) / 180);
-/** The palm is no deeper below the eyes, and no nearer to them in the plane of the floor, metres. */
+/** Maximum depth of the palm below the eyes, and minimum horizontal distance, metres. */
 const DEEPEST_M = 0.3;
 const NEAREST_M = 0.15;
 
@@ -24,10 +24,10 @@ const UP = new Vector3(0, 1, 0);
 const [along, across, out, ahead, palm] = Array.from({ length: 5 }, () => new Vector3()) as [Vector3, Vector3, Vector3, Vector3, Vector3];
 
 /**
- * Whether a bare hand makes the stop gesture: its fingers are straight and point up, its palm is raised and faces away from the eyes.
+ * Whether a bare hand makes the stop gesture: fingers straight and up, palm raised and away from the eyes.
  *
- * `joints` are the matrices of all its joints in `local-floor`. With the wrist at the origin the palm's normal is the
- * cross product of the ways to the knuckles of index and little finger; the left hand is the right one in a mirror.
+ * `joints`: matrices of all joints in `local-floor`. The palm's normal is the cross product of the vectors from the
+ * wrist to the knuckles of index and little finger; its sign is reversed for the left hand.
  */
 export function isPalmRaised(side: Side, joints: Float32Array, eyes: Vector3): boolean {
   const wrist = at(joints, WRIST, new Vector3());

@@ -2,14 +2,14 @@ import { CylinderGeometry, Group, Mesh, MeshBasicMaterial, SphereGeometry, Vecto
 import { OVERLAY_ORDER } from "../panel/canvas-plane";
 import type { Panel, PanelHit } from "../panel/panel";
 
-/** The rays of input sources: each source that points has its own, whatever its hand and the kind of its ray. */
+/** The pointer rays of all input sources. */
 export class Pointers {
   readonly group = new Group();
   private readonly pointers = new Map<XRInputSource, Pointer>();
   private readonly spare: Pointer[] = [];
   private latest: Pointer | null = null;
 
-  /** Aims all sources that point; returns the button that one of them came to last, or null. */
+  /** Updates all rays; returns the button that a ray reached last, or null. */
   point(frame: XRFrame, space: XRReferenceSpace, panel: Panel): number | null {
     const sources = Array.from(frame.session.inputSources);
     for (const source of this.pointers.keys()) if (!sources.includes(source)) this.release(source);
@@ -18,7 +18,7 @@ export class Pointers {
     return [...this.pointers.values()].find(({ value }) => value !== null)?.value ?? null;
   }
 
-  /** The button that a source points at while it is being selected, or null. */
+  /** The button at which a source points when it selects, or null. */
   pointedAt(source: XRInputSource, frame: XRFrame, space: XRReferenceSpace, panel: Panel): number | null {
     const value = this.aim(source, frame, space, panel);
     if (!pointsAlways(source)) this.of(source).value = null;
@@ -56,22 +56,22 @@ export class Pointers {
   }
 }
 
-/** A transient pointer follows the hand once it is selected, and a touch its finger: both point as they begin. */
+/** Whether a source points continuously. Transient pointers and touches point only when they begin. */
 function pointsAlways({ targetRayMode }: XRInputSource): boolean {
   return targetRayMode !== "transient-pointer" && targetRayMode !== "screen";
 }
 
-/** All other rays begin at the eyes: of these only the end is drawn. */
+/** Whether the ray begins at the hand. Of other rays, which begin at the eyes, only the end is drawn. */
 function beginsAtHand({ targetRayMode }: XRInputSource): boolean {
   return targetRayMode === "tracked-pointer";
 }
 
 const FREE_LENGTH_M = 1.2;
 
-/** A ray of one input source, with a dot where it meets the panel. */
+/** The ray of one input source, with a dot on the panel. */
 class Pointer {
   readonly group = new Group();
-  /** The button that the ray meets, or null. */
+  /** The button on the ray, or null. */
   value: number | null = null;
   private readonly ray: Mesh;
   private readonly dot: Mesh;
@@ -92,7 +92,7 @@ class Pointer {
     this.value = null;
   }
 
-  /** Points along a target ray, which is drawn or only its end. */
+  /** Updates the ray from a target ray pose; draws the whole ray or only its end. */
   aim(pose: XRRigidTransform, panel: Panel, drawsRay: boolean): void {
     const { position, orientation } = pose;
     this.group.visible = true;

@@ -6,7 +6,7 @@ import type { Texts } from "../page/texts";
 
 const FORWARD = new Vector3(0, 0, -1);
 
-/** The stop of a participant in VR: what they do for it, and the sign that shows it. */
+/** The emergency stop in VR: gestures and the sign that displays them. */
 export class StopControl {
   readonly sign = new StopSign();
   private readonly stopping = new StopGestures();
@@ -14,12 +14,12 @@ export class StopControl {
   private readonly turn = new Quaternion();
   private readonly gaze = new Vector3();
 
-  /** How they stop the robot with what they have. */
+  /** The way to stop with the present inputs. */
   get way(): StopWayInVR {
     return this.stopping.way;
   }
 
-  /** How much of that is done, 0 to 1. */
+  /** The progress of the stop, 0 to 1. */
   get progress(): number {
     return this.stopping.progress;
   }
@@ -28,7 +28,7 @@ export class StopControl {
     this.stopping.listen(session);
   }
 
-  /** The way in which the participant has just stopped the robot, or null; `possible`: it can be stopped now. */
+  /** The way of a completed stop, or null. `possible`: whether the robot can be stopped now. */
   watch(
     frame: XRFrame,
     space: XRReferenceSpace,
@@ -53,7 +53,7 @@ export class StopControl {
     return stopped;
   }
 
-  /** Whether eyes are tracked, and where they look: along a source's gaze, or straight ahead of the head. */
+  /** Updates eyes and gaze: along a gaze input source, or forward from the head. False: not tracked. */
   private look(frame: XRFrame, space: XRReferenceSpace, sources: XRInputSourceArray): boolean {
     const viewer = frame.getViewerPose(space);
     if (!viewer) return false;

@@ -4,11 +4,11 @@ import type { StopWay } from "../generated/messages";
 import { isPalmRaised } from "./palm-gesture";
 import type { Key } from "../page/texts";
 
-/** How a participant in VR stops the robot. */
+/** Ways to stop the robot in VR. */
 export type StopWayInVR = Exclude<StopWay, "page" | "key">;
 type HeldStopWay = Exclude<StopWayInVR, "button">;
 
-/** How each kind of input stops the robot: what is said of it, and how long it is held. */
+/** For each way to stop: its text, and the time for which it is held. */
 export const STOP_WAYS: Readonly<Record<StopWayInVR, { text: Key; heldMs: number }>> = {
   button: { text: "stop_by_button", heldMs: 0 },
   triggers: { text: "stop_by_triggers", heldMs: 700 },
@@ -18,27 +18,27 @@ export const STOP_WAYS: Readonly<Record<StopWayInVR, { text: Key; heldMs: number
   gaze: { text: "stop_by_gaze", heldMs: 1000 },
 };
 
-/** A, B, X and Y of common controllers, or the menu button of others, in the WebXR gamepad mapping. */
+/** A, B, X, Y or menu button in the WebXR gamepad mapping. */
 const MENU_BUTTONS = [4, 5];
-/** The profile that all hands have, those too of which browsers tell no joints: button 4 is then their fist. */
+/** The profile of hands. In browsers without hand joints, button 4 is the fist. */
 export const HAND_PROFILE = "generic-hand-select";
-/** Tracking of hands and eyes flickers for so long. */
+/** Maximum interruption of tracked gestures that is ignored. */
 const FLICKER_MS = 150;
-/** After so long without any input source a participant has only their eyes. */
+/** Without any input source for this time, the way to stop is the gaze. */
 const ALONE_MS = 1000;
-/** Who looks at the stop sign looks no farther past its middle. */
+/** Maximum angle between the gaze and the middle of the stop sign. */
 export const SIGN_RADIUS_RAD = (6 * Math.PI) / 180;
 
 type Kind = "button" | "trigger" | "hand" | "gaze";
 
-/** What an input source can stop with, by what it has. */
+/** What an input source can stop with. */
 export function kindOf({ hand, profiles, gamepad, targetRayMode }: XRInputSource): Kind {
   if (hand) return "hand";
   if (targetRayMode !== "tracked-pointer" || profiles.includes(HAND_PROFILE)) return "gaze";
   return MENU_BUTTONS.some((index) => gamepad?.buttons[index]) ? "button" : "trigger";
 }
 
-/** The way to stop that participants are shown; null where there is no input source. */
+/** The way to stop that is displayed; null without input sources. */
 export function wayOf(sources: Iterable<XRInputSource>): StopWayInVR | null {
   const kinds = Array.from(sources, kindOf);
   if (kinds.includes("button")) return "button";
@@ -48,7 +48,7 @@ export function wayOf(sources: Iterable<XRInputSource>): StopWayInVR | null {
   return kinds.length > 0 ? "gaze" : null;
 }
 
-/** Whether a menu button is down. */
+/** Whether a menu button is pressed. */
 export function menuIsDown(sources: Iterable<XRInputSource>): boolean {
   for (const source of sources) {
     if (kindOf(source) !== "button") continue;
@@ -57,10 +57,10 @@ export function menuIsDown(sources: Iterable<XRInputSource>): boolean {
   return false;
 }
 
-/** Which press, gesture or look it is that is held; null: none. */
+/** The number of the held press, gesture or gaze; null: none. */
 type Press = number | null;
 
-/** Something that stops the robot once it has been held for long enough. */
+/** A press, gesture or gaze that stops the robot when it has been held long enough. */
 class Hold {
   private press: Press = null;
   private sinceMs: number | null = null;
@@ -70,11 +70,11 @@ class Hold {
   constructor(
     private readonly heldMs: number,
     private readonly flickerMs: number,
-    /** Whether a press counts only if it began while the robot could be stopped. */
+    /** Whether a press counts only if it began while a stop was possible. */
     private readonly pressed: boolean,
   ) {}
 
-  /** How much of its time it has been held, 0 to 1; at 1 once, until it is let go. */
+  /** The share of its time that it has been held, 0 to 1; 1 is returned once per press. */
   share(press: Press, possible: boolean, nowMs: number): number {
     const held = press !== null;
     if (held && press !== this.press) this.letGo();
@@ -100,24 +100,24 @@ class Hold {
   }
 }
 
-/** What one frame says of the participant. */
+/** The participant's inputs in one frame. */
 export interface Seen {
   sources: Iterable<XRInputSource>;
   eyes: Vector3 | null;
-  /** Where they look, if that is known better than where their head points. */
+  /** The gaze direction. */
   gaze: Vector3;
   hands: TrackedHands;
-  /** The middle of the stop sign. */
+  /** The position of the stop sign's middle. */
   sign: Vector3 | null;
 }
 
-/** Looks for all that stops the robot and is held for a while. */
+/** Detects all ways to stop that are held for a time. */
 export class StopGestures {
-  /** How the participant stops the robot with what they have. */
+  /** The way to stop with the present inputs. */
   way: StopWayInVR = "gaze";
-  /** How much of its time what is held longest has been held, 0 to 1. */
+  /** The progress of the stop, 0 to 1. */
   progress = 0;
-  /** The presses of sources that are held down, numbered as they began. */
+  /** Sequence numbers of the present presses of each source. */
   private readonly selecting = new Map<XRInputSource, number>();
   private readonly squeezing = new Map<XRInputSource, number>();
   private presses = 0;
@@ -130,7 +130,7 @@ export class StopGestures {
   };
   private sourcesMs = -Infinity;
 
-  /** Hears of presses; call it when a session begins. */
+  /** Listens to the presses of a new session. */
   listen(session: XRSession): void {
     this.selecting.clear();
     this.squeezing.clear();
@@ -140,7 +140,7 @@ export class StopGestures {
     session.addEventListener("squeezeend", ({ inputSource }) => this.squeezing.delete(inputSource));
   }
 
-  /** The way in which the participant has just stopped the robot, or null; `possible`: it can be stopped now. */
+  /** The way of a completed stop, or null. `possible`: whether the robot can be stopped now. */
   watch(seen: Seen, possible: boolean, nowMs: number): HeldStopWay | null {
     const sources = Array.from(seen.sources);
     this.chooseWay(sources, nowMs);

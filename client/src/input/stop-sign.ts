@@ -4,7 +4,7 @@ import { wrap } from "../panel/paint-panel";
 import { STOP_WAYS, type StopWayInVR } from "./stop-gestures";
 import type { Texts } from "../page/texts";
 
-/** Pixels of the sign's canvas, and metres of the sign. */
+/** Size of the sign's canvas in pixels, and of the sign in metres. */
 const WIDTH = 512;
 const HEIGHT = 448;
 const WIDTH_M = 0.32;
@@ -12,23 +12,23 @@ const HEIGHT_M = (WIDTH_M * HEIGHT) / WIDTH;
 const DISC = { x: WIDTH / 2, y: 132, radius: 92 };
 const RING = 22;
 const TEXT_PIXELS = 34;
-/** How far the middle of the disc is above that of the sign. */
+/** Height of the disc's middle above that of the sign. */
 const MIDDLE_M = (0.5 - DISC.y / HEIGHT) * HEIGHT_M;
-/** The progress is drawn in so many steps. */
+/** Number of steps of the progress ring. */
 const STEPS = 40;
 const DISTANCE_M = 1.1;
-/** Where the sign is, seen from where the head points: above and to the left, where no robot or table hides it. */
+/** Position of the sign relative to the head: above and to the left, away from robot and table. */
 const ASIDE = new Vector3(-0.62, 0.36, -1).normalize().multiplyScalar(DISTANCE_M);
 const COLOUR = { sign: "#c62828", ring: "#ffd36b", quiet: "#5b1717", text: "#ffffff", plate: "rgba(15, 42, 49, 0.85)" };
 
-/** How the robot is stopped, in VR: a sign with the texts for it and a ring that fills while it is being done. */
+/** A sign in VR with the way to stop the robot, and a progress ring. */
 export class StopSign {
   private readonly plane = new CanvasPlane(WIDTH, HEIGHT, WIDTH_M);
   readonly mesh = this.plane.mesh;
   private painted = "";
   private stands: Vector3 | null = null;
 
-  /** The middle of the disc in `local-floor`; null while it is hidden or goes along with the head. */
+  /** The position of the disc in `local-floor`; null while it is hidden or follows the head. */
   get middle(): Vector3 | null {
     return this.stands;
   }
@@ -38,7 +38,7 @@ export class StopSign {
     this.stands = null;
   }
 
-  /** Shows how to stop and how much of that is done. */
+  /** Shows the way to stop and its progress. */
   show(way: StopWayInVR, progress: number, texts: Texts): void {
     this.mesh.visible = true;
     this.mesh.material.depthTest = progress === 0 && way !== "gaze";
@@ -51,7 +51,7 @@ export class StopSign {
     this.plane.paint((context) => paintSign(context, sign, how, step / STEPS));
   }
 
-  /** Moves the sign along with the head; leaves it in the room for participants who stop by looking at it. */
+  /** Moves the sign with the head; a sign for the gaze stays in the room. */
   place(way: StopWayInVR, eyes: Vector3, turn: Quaternion): void {
     if (this.stands) return;
     const { mesh } = this;
@@ -64,12 +64,12 @@ export class StopSign {
   }
 }
 
-/** The middle of a sign that stays in the room, from the pose of the head when it appears. */
+/** The position of a sign that stays in the room, from the head pose when it appears. */
 export function standingMiddle(eyes: Vector3, turn: Quaternion): Vector3 {
   return ASIDE.clone().applyQuaternion(level(turn)).add(eyes);
 }
 
-/** The part of a rotation that is about the vertical. */
+/** The yaw of a rotation. */
 function level({ y, w }: Quaternion): Quaternion {
   return new Quaternion(0, y, 0, w).normalize();
 }

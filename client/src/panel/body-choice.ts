@@ -4,7 +4,7 @@ import type { Texts } from "../page/texts";
 
 export const SEXES = ["woman", "man"] as const;
 
-/** A body to choose: what its button shows, whether it is the present one, and what to tell the server. */
+/** A body to choose: its button's label or colour, whether it is the present one, and the message that selects it. */
 interface Choice {
   label: string;
   colour: string | null;
@@ -15,12 +15,12 @@ interface Choice {
 /** A button that chooses a body. */
 export interface BodyButton extends Button, Choice {}
 
-/** Whether the participant's body may be chosen: no trial runs. */
+/** Whether the participant's body may be changed. */
 export function canChooseBody(phase: Phase | null): boolean {
   return phase !== null && PHASES_WHERE.can_choose_body.includes(phase.name);
 }
 
-/** Both bodies side by side in the upper half of an area, all tones of skin in the lower; their values count on. */
+/** Buttons of both sexes in the upper half of an area, of all skin tones in the lower half, with consecutive values. */
 export function layoutBodyButtons(body: Body, area: Box, texts: Texts): BodyButton[] {
   const height = area.height * 0.46;
   const tones = { ...area, y: area.y + area.height - height, height };
@@ -50,7 +50,7 @@ function toneChoices(body: Body): Choice[] {
   }));
 }
 
-/** A row of buttons that are so many times as wide as high. */
+/** A row of buttons with this ratio of width to height. */
 function row(choices: Choice[], area: Box, wide: number): BodyButton[] {
   const squares = layoutButtons(choices.length * wide, area);
   return choices.map((choice, at) => {

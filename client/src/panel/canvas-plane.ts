@@ -1,15 +1,15 @@
 import { CanvasTexture, Mesh, MeshBasicMaterial, PlaneGeometry, SRGBColorSpace } from "three";
 
-/** After the scene; what is nearer hides it, as eyes expect. */
+/** Draws overlays after the scene; nearer objects hide them. */
 export const OVERLAY_ORDER = 10;
 
-/** A rectangle in VR that is painted on a canvas, hidden at first. */
+/** A rectangle in VR with a canvas texture, initially hidden. */
 export class CanvasPlane {
   readonly mesh: Mesh<PlaneGeometry, MeshBasicMaterial>;
   readonly texture: CanvasTexture;
   private readonly context: CanvasRenderingContext2D;
 
-  /** Of so many pixels, `widthM` metres wide. */
+  /** Size in pixels, and width in metres. */
   constructor(width: number, height: number, widthM: number) {
     const canvas = document.createElement("canvas");
     canvas.width = width;

@@ -14,7 +14,7 @@ import {
 } from "./questionnaire";
 import type { Key, Texts } from "../page/texts";
 
-/** The values of the buttons that answer nothing: to the question before, all answers stay, measure again, go on. */
+/** Values of buttons that are no answers: previous question, confirm answers, calibrate again, go on. */
 export const BACK = -1;
 export const DONE = -2;
 export const AGAIN = -3;
@@ -26,12 +26,12 @@ export const WIDTH = 1536;
 export const HEIGHT = 960;
 
 const MARGIN = 76;
-/** Pixels of texts, where there is room for them; `docs/reference/tracking.md` says what angles they are. */
+/** Font sizes in pixels; `docs/reference/tracking.md` lists the visual angles. */
 const LABEL = 64;
 const NOTICE = 52;
 const STATEMENT = 72;
 const INSTRUCTION = 84;
-/** Pixels of the smallest texts that are still read. */
+/** Minimum font size in pixels. */
 const SMALLEST = 24;
 const FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
 const TEXT_BOX: Box = { x: MARGIN, y: 150, width: WIDTH - 2 * MARGIN, height: 620 };
@@ -44,12 +44,12 @@ const PANEL_BOX: Box = { x: 0, y: 0, width: WIDTH, height: HEIGHT };
 const BACK_BOX: Box = { x: 48, y: 36, width: 320, height: 100 };
 const CONFIRM_BOX: Box = { x: MARGIN + 150, y: 560, width: WIDTH - 2 * MARGIN - 300, height: 140 };
 const BODY_BOX: Box = { x: MARGIN + 150, y: 450, width: WIDTH - 2 * MARGIN - 300, height: 350 };
-/** The greatest height of a button with texts, and the share of it that they take. */
+/** Maximum height of a button with text, and the share of it that the text may fill. */
 const WORDS_HEIGHT = 150;
 const WORDS_SHARE = 0.92;
-/** Nearer to each other the ticks of a line would not be told apart. */
+/** Minimum distance between the ticks of a line. */
 const TICKS_APART = 30;
-/** How high a notice may be, which grows upwards; the first that its texts fit in. */
+/** Possible heights of a notice; the first that fits is used. */
 const NOTICE_HEIGHTS = [128, 190, 250, 310];
 const NOTICE_PADDING = 30;
 
@@ -85,7 +85,7 @@ function scaleButtons(question: Question): Button[] {
   return labels.length > 0 ? layoutWords(points, BUTTON_BOX, WORDS_HEIGHT) : layoutButtons(points, BUTTON_BOX);
 }
 
-/** Two actions side by side: to change answers or keep them, to be measured again or go on. */
+/** Two actions side by side: change or confirm answers, calibrate again or go on. */
 function actionButtons(confirms: boolean): Button[] {
   const [left, right] = layoutWords(2, CONFIRM_BOX, CONFIRM_BOX.height);
   return [
@@ -102,7 +102,7 @@ export function bodiesOf(content: PanelContent | null): BodyButton[] {
   return content?.body && !content.question ? layoutBodyButtons(content.body, BODY_BOX, content.texts) : [];
 }
 
-/** Paints the whole panel; what has no content stays transparent. */
+/** Paints the whole panel on a transparent background. */
 export function paint(
   context: Context,
   content: PanelContent,
@@ -169,7 +169,7 @@ function paintChoice(context: Context, content: PanelContent, buttons: Button[],
   paintActions(context, content.texts, buttons, hovered);
 }
 
-/** The buttons that answer nothing. */
+/** Paints the buttons that are no answers. */
 function paintActions(context: Context, texts: Texts, buttons: Button[], hovered: number | null): void {
   for (const button of buttons.filter(({ value }) => value < 0)) {
     const label = texts.get(ACTION_TEXTS[button.value]!);
@@ -178,7 +178,7 @@ function paintActions(context: Context, texts: Texts, buttons: Button[], hovered
   }
 }
 
-/** A scale of many points: a bar with a tick at each, where there is room, and a mark where one points or has answered. */
+/** A scale of many points: a bar with ticks, and a mark at the hovered or given answer. */
 function paintLineOf(context: Context, places: Button[], hovered: number | null, answered: number | null): void {
   const left = Math.min(...places.map(({ x }) => x));
   const { y, height, width } = places[0]!;
@@ -198,7 +198,7 @@ function paintLineOf(context: Context, places: Button[], hovered: number | null,
   }
 }
 
-/** The size that the texts on every button fit in. */
+/** The font size at which the texts of all buttons fit. */
 function labelSize(context: Context, question: Question, buttons: Button[]): number {
   const sizes = buttons.map((button) =>
     fittingSize(context, labelOf(question, button.value), inside(button), Math.round(button.height * 0.5), 600),
@@ -206,7 +206,7 @@ function labelSize(context: Context, question: Question, buttons: Button[]): num
   return Math.min(...sizes);
 }
 
-/** The part of a button that texts may take. */
+/** The area of a button for its text. */
 function inside({ x, y, width, height }: Box): Box {
   const margin = (1 - WORDS_SHARE) / 2;
   return {
@@ -235,7 +235,7 @@ function paintBody(context: Context, button: BodyButton, hovered: boolean): void
   paintLine(context, button.label, x, y, `600 ${Math.round(button.height * 0.4)}px ${FONT}`, ink, "center");
 }
 
-/** What both ends mean, each below its own end. */
+/** Paints the meaning of both ends below them. */
 function paintAnchors(context: Context, { low, high }: Question, buttons: Button[], fromRight: boolean): void {
   const left = Math.min(...buttons.map(({ x }) => x));
   const right = Math.max(...buttons.map(({ x, width }) => x + width));
@@ -312,7 +312,7 @@ function paintLine(
   context.fillText(text, x, y);
 }
 
-/** Paints wrapped text centred in a box, as large as it fits but not above `size`. */
+/** Paints wrapped text centred in a box, with the largest font size that fits, at most `size`. */
 function paintLines(
   context: Context,
   text: string,

@@ -1,22 +1,22 @@
 import { Vector3 } from "three";
 
-/** Half the width and half the height of what is to be placed, metres. */
+/** Half the width and height of the panel, metres. */
 export interface HalfSize {
   x: number;
   y: number;
 }
 
 const DEGREE = Math.PI / 180;
-/** Metres from the eyes, the most comfortable first. */
+/** Distances from the eyes, the most comfortable first, metres. */
 const DISTANCES_M = [1.25, 1.4, 1.1, 1];
 export const FARTHEST_M = Math.max(...DISTANCES_M);
 const ELEVATIONS = [-5, 8, 20, 32].map((angle) => angle * DEGREE);
 const TURNS = [0, -15, 15, -30, 30, -45, 45, -60, 60].map((angle) => angle * DEGREE);
-/** What the eyes have to move up counts more than what they have to move aside. */
+/** Weight of vertical relative to horizontal eye movements. */
 const UP_COSTS = 1.5;
-/** Room that is left behind and around. */
+/** Clearance around and behind the panel. */
 const MARGIN_M = 0.06;
-/** Nearer than this to the eyes' own plane nothing hides anything. */
+/** Points closer than this to the plane of the eyes are ignored. */
 const LEAST_DEPTH_M = 0.05;
 
 interface Candidate {
@@ -34,10 +34,10 @@ function effort({ distance, turn, elevation }: Candidate): number {
 }
 
 /**
- * Where a panel that faces the eyes has nothing before it, in it or close behind it: its middle.
+ * The middle of a free place for a panel that faces the eyes, without obstacles before, in or close behind it.
  *
- * The place is as nearly straight ahead as it can be; where none is free, it is the one that least is in the way of.
- * `forward` is level; `points` are x, y, z of what stands around, densely enough that the panel slips through nowhere.
+ * The place is as close to straight ahead as possible; if none is free, it is that with the fewest obstacles.
+ * `forward` is horizontal; `points` are x, y, z of a dense sample of the surrounding surfaces.
  */
 export function findFreePlace(eyes: Vector3, forward: Vector3, points: Float32Array, half: HalfSize): Vector3 {
   let [best, least] = [CANDIDATES[0]!, Infinity];
@@ -49,7 +49,7 @@ export function findFreePlace(eyes: Vector3, forward: Vector3, points: Float32Ar
   return axesOf(best, forward).ahead.multiplyScalar(best.distance).add(eyes);
 }
 
-/** Whether a panel with its middle there, facing the eyes, has nothing before it, in it or close behind it. */
+/** Whether a panel at `middle` that faces the eyes has no obstacles before, in or close behind it. */
 export function isFree(eyes: Vector3, middle: Vector3, points: Float32Array, half: HalfSize): boolean {
   const ahead = middle.clone().sub(eyes);
   const distance = ahead.length();
@@ -74,7 +74,7 @@ function facing(ahead: Vector3): Axes {
 
 const UP = new Vector3(0, 1, 0);
 
-/** How many points lie between the eyes and the panel, in it or close to it. */
+/** The number of points between the eyes and the panel, in it or close to it. */
 function countObstacles(eyes: Vector3, axes: Axes, distance: number, points: Float32Array, half: HalfSize): number {
   const { ahead, right, up } = axes;
   let count = 0;

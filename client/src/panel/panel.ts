@@ -11,13 +11,13 @@ const PANEL_HEIGHT_M = (PANEL_WIDTH_M * HEIGHT) / WIDTH;
 const PIXELS_PER_M = WIDTH / PANEL_WIDTH_M;
 export const PANEL_HALF_M = { x: PANEL_WIDTH_M / 2, y: PANEL_HEIGHT_M / 2 };
 
-/** Where a ray meets the panel: metres along the ray and the button that is there. */
+/** The intersection of a ray with the panel: distance in metres, and the button there. */
 export interface PanelHit {
   distance: number;
   value: number | null;
 }
 
-/** The panel of texts in VR. It is placed before the participant when it appears and then stays. */
+/** The text panel in VR. It is placed in front of the participant when it appears, and then stays. */
 export class Panel {
   readonly mesh: CanvasPlane["mesh"];
   buttons: Button[] = [];
@@ -49,7 +49,7 @@ export class Panel {
     this.repaint();
   }
 
-  /** The body that the button of a value chooses, if it does. */
+  /** The body of the button with this value, or null. */
   choice(value: number | null): ChooseBody | null {
     return bodiesOf(this.content).find((button) => button.value === value)?.message ?? null;
   }
@@ -60,17 +60,17 @@ export class Panel {
     this.repaint();
   }
 
-  /** To be placed anew at the next `place`. */
+  /** The next `place` chooses a new place. */
   unplace(): void {
     this.placed = false;
   }
 
-  /** To be placed anew at the next `place`, should something have come before it. */
+  /** The next `place` chooses a new place if the present one is no longer free. */
   review(): void {
     this.reviewed = false;
   }
 
-  /** Puts a panel that has just appeared where there is room for it, as near as that is to where the head looks. */
+  /** Places a new panel in a free place close to the viewing direction. */
   place(head: Vector3, forward: Vector3, surfacePoints: (eyes: Vector3) => Float32Array): void {
     if (!this.content || (this.placed && this.reviewed)) return;
     const points = surfacePoints(head);
@@ -83,7 +83,7 @@ export class Panel {
     this.mesh.updateMatrixWorld();
   }
 
-  /** Where a ray in `local-floor` meets the panel; false when it does not. */
+  /** Computes the intersection with a ray in `local-floor`; false without intersection. */
   hit(origin: Vector3, direction: Vector3, into: PanelHit): boolean {
     if (!this.mesh.visible) return false;
     const from = this.mesh.worldToLocal(this.origin.copy(origin));
@@ -97,7 +97,7 @@ export class Panel {
     return true;
   }
 
-  /** The middle of a button in `local-floor`. */
+  /** The centre of a button in `local-floor`. */
   centreOf(button: Button): Vector3 {
     const x = (button.x + button.width / 2 - WIDTH / 2) / PIXELS_PER_M;
     const y = (HEIGHT / 2 - button.y - button.height / 2) / PIXELS_PER_M;

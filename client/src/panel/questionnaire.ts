@@ -1,6 +1,6 @@
 import type { Answer, Question } from "../generated/messages";
 
-/** A rectangle in pixels of the panel's canvas, from its top left corner. */
+/** A rectangle in pixels of the panel's canvas; the origin is the top left corner. */
 export interface Box {
   x: number;
   y: number;
@@ -12,11 +12,11 @@ export interface Button extends Box {
   value: number;
 }
 
-/** Share of a button's pitch that stays free. */
+/** Gap between buttons as a share of their pitch. */
 const GAP = 0.16;
 const GAP_OF_WORDS = 0.06;
 
-/** The buttons 1 … `points` in one row, as large squares as `area` allows, centred in it. */
+/** Buttons 1 … `points` in one row: the largest squares that fit into `area`, centred. */
 export function layoutButtons(points: number, area: Box): Button[] {
   const pitch = Math.min(area.width / (points - GAP), area.height / (1 - GAP));
   const size = pitch * (1 - GAP);
@@ -25,7 +25,7 @@ export function layoutButtons(points: number, area: Box): Button[] {
   return Array.from({ length: points }, (_, at) => ({ value: at + 1, x: left + pitch * at, y, width: size, height: size }));
 }
 
-/** The buttons of texts 1 … `points` in one row: as wide as `area` allows, no higher than wide and than `height`. */
+/** Buttons with texts 1 … `points` in one row, as wide as `area` allows; the height is at most the width and `height`. */
 export function layoutWords(points: number, area: Box, height: number): Button[] {
   const pitch = area.width / (points - GAP_OF_WORDS);
   const width = pitch * (1 - GAP_OF_WORDS);
@@ -34,31 +34,31 @@ export function layoutWords(points: number, area: Box, height: number): Button[]
   return Array.from({ length: points }, (_, at) => ({ value: at + 1, x: area.x + pitch * at, y, ...size }));
 }
 
-/** What stands on the button of a value: its texts, else its number. */
+/** The label of a value, by default its number. */
 export function labelOf({ labels }: Question, value: number): string {
   return labels[value - 1] ?? String(value);
 }
 
-/** A scale of more points than this is a line. */
+/** Scales with more points are drawn as a line. */
 export const LONGEST_ROW = 11;
 
-/** Whether an answer is a place on a line, and not one of some buttons. */
+/** Whether a question is answered on a line instead of buttons. */
 export function isLine({ points, labels }: Question): boolean {
   return points > LONGEST_ROW && !labels.some((label) => label.length > 3);
 }
 
-/** The places 1 … `points` of a line, without gaps. */
+/** The positions 1 … `points` of a line, without gaps. */
 export function layoutLine(points: number, area: Box): Button[] {
   const width = area.width / points;
   return Array.from({ length: points }, (_, at) => ({ ...area, value: at + 1, x: area.x + width * at, width }));
 }
 
-/** The same buttons for those who read from right to left. */
+/** The buttons mirrored for right-to-left scripts. */
 export function mirrored(buttons: Button[], area: Box): Button[] {
   return buttons.map((button) => ({ ...button, x: 2 * area.x + area.width - button.x - button.width }));
 }
 
-/** Whether the buttons at both ends say themselves what they mean. */
+/** Whether the labels of the first and last button already are the anchors. */
 export function saysItsEnds({ labels, low, high }: Question): boolean {
   return labels[0] === low && labels.at(-1) === high;
 }
@@ -73,15 +73,15 @@ export function hitButton(buttons: readonly Button[], x: number, y: number): num
   return null;
 }
 
-/** The question that is shown, and its answer once it is given. */
+/** The displayed question and its answer. */
 export class Questionnaire {
   question: Question | null = null;
   answered: number | null = null;
-  /** For how long the question could be answered until `sinceMs`, from when on it can be; null while it cannot. */
+  /** Response time until `sinceMs`, the time at which it continues; `sinceMs` is null while answering is blocked. */
   private spentMs = 0;
   private sinceMs: number | null = 0;
 
-  /** Shows a question; one that comes again after a lost connection keeps the time that was spent on it. */
+  /** Shows a question. The response time continues if the same question returns after a lost connection. */
   show(question: Question, nowMs: number): void {
     if (question.item !== this.question?.item) {
       this.spentMs = 0;
@@ -91,7 +91,7 @@ export class Questionnaire {
     this.answered = null;
   }
 
-  /** The response time does not count while the participant cannot see the question or answer it. */
+  /** Pauses the response time while the participant cannot see or answer the question. */
   block(blocked: boolean, nowMs: number): void {
     if (blocked === (this.sinceMs === null)) return;
     this.spentMs = this.spentUntil(nowMs);
@@ -103,7 +103,7 @@ export class Questionnaire {
     this.answered = null;
   }
 
-  /** Gives the first answer to `send`, which says whether it went out; every later press is ignored. */
+  /** Sends the first answer; ignores later ones. `send` returns whether it was sent. */
   answer(value: number, nowMs: number, send: (answer: Answer) => boolean): void {
     if (!this.question || this.answered !== null || value < 1 || value > this.question.points) return;
     const response_time_s = this.spentUntil(nowMs) / 1000;

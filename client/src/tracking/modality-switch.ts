@@ -4,7 +4,7 @@ import type { Side } from "../body/body-solver";
 import type { Modality, XRPose } from "../generated/messages";
 import { poseOf, type Poses } from "./pose-reader";
 
-/** A pose in numbers that compute. */
+/** A pose as three.js objects. */
 interface Place {
   at: Vector3;
   turn: Quaternion;
@@ -19,12 +19,12 @@ function gripFromWrist(side: Side): Place {
   return { at: new Vector3(...DEVICES.hand_centre_from_wrist), turn };
 }
 
-/** One hand whose device may change; the server's own law, see `vr/tracking/switches.py`, which says why. */
+/** A hand whose tracking device may change; implements `vr/tracking/switches.py`, which explains the method. */
 export class HandFollower {
   private modality: Modality = "none";
   private followed: Place | null = null;
   private seenMs = 0;
-  /** From a grip as the present device has it to the grip that is followed. */
+  /** Correction from the present device's grip to the followed grip. */
   private correction: Place | null = null;
   private readonly rested = new Vector3();
 
@@ -59,12 +59,12 @@ export class HandFollower {
   }
 }
 
-/** Both hands of one stay in VR. */
+/** Both hands. */
 export class Hands {
   private readonly left = new HandFollower("left");
   private readonly right = new HandFollower("right");
 
-  /** The poses with the grips to follow in the place of those of the hands. */
+  /** The poses with the hands replaced by the grips to follow. */
   follow(poses: Poses, nowMs: number): Poses {
     const { head, left, right, left_modality, right_modality } = poses;
     return {
@@ -77,7 +77,7 @@ export class Hands {
   }
 }
 
-/** What a hand that is followed as a grip is tracked with. */
+/** The modality of a hand that is followed as a grip. */
 function held(modality: Modality): Modality {
   return modality === "hand" ? "controller" : modality;
 }

@@ -2,14 +2,14 @@ import { JOINTS, type TrackedHands, type HandJoints } from "../body/bare-hands";
 import type { Modality, Tracking, XRPose } from "../generated/messages";
 
 export const HIGHEST_RATE_HZ = 90;
-/** Above this many waiting bytes a frame is skipped, so that the newest one never queues behind old ones. */
+/** Maximum backlog of bytes. Above it frames are skipped, so that the newest is never delayed by old ones. */
 export const BACKLOG_LIMIT_BYTES = 2048;
 
 const INTERVAL_MS = 1000 / HIGHEST_RATE_HZ;
-/** Frames of a 90 Hz headset come a little early or late; none of them should be lost. */
+/** Jitter of frames that is tolerated, so that no frame at 90 Hz is dropped. */
 const JITTER_MS = 2;
 
-/** Lets at most `HIGHEST_RATE_HZ` frames per second through. */
+/** Limits the rate to `HIGHEST_RATE_HZ`. */
 export class Throttle {
   private dueMs = -Infinity;
 
@@ -20,12 +20,12 @@ export class Throttle {
   }
 }
 
-/** Where head and hands are, and what the hands are tracked with. */
+/** The poses of head and hands, and the modalities of the hands. */
 export type Poses = Omit<Tracking, "type" | "sequence" | "client_time_ms">;
 
 const UNTRACKED: Poses = { head: null, left: null, right: null, left_modality: "none", right_modality: "none" };
 
-/** Reads headset and controllers into poses that are filled anew for every frame. */
+/** Reads the poses of headset and controllers; reuses its objects in every frame. */
 export class Reader {
   private readonly head = emptyPose();
   private readonly left = emptyPose();
@@ -33,7 +33,7 @@ export class Reader {
   private readonly poses: Poses = { ...UNTRACKED };
   private readonly leftJoints = noJoints();
   private readonly rightJoints = noJoints();
-  /** The fingers of bare hands in the frame that was read last. */
+  /** The joints of bare hands in the last frame. */
   readonly bareHands: TrackedHands = { left: null, right: null };
 
   read(frame: XRFrame, space: XRReferenceSpace): Poses {
@@ -59,18 +59,18 @@ export interface FrameTimes {
 
 const HISTORY = 1024;
 
-/** Numbers the frames that are sent, in one message that is filled anew for each, and remembers when that was. */
+/** Numbers the frames that are sent, and stores their times; reuses one message. */
 export class Numbering {
   private readonly message: Tracking = { type: "tracking", sequence: -1, client_time_ms: 0, ...UNTRACKED };
   private readonly readMs = new Float64Array(HISTORY);
   private readonly sentMs = new Float64Array(HISTORY);
 
-  /** How many frames have been numbered; the next one has this sequence number. */
+  /** The number of frames so far, which is the next sequence number. */
   get count(): number {
     return this.message.sequence + 1;
   }
 
-  /** A message of poses that were read at a time and are sent at another. */
+  /** The message of a frame that was read at `timeMs` and is sent at `sentMs`. */
   next(poses: Poses, timeMs: number, sentMs = timeMs): Tracking {
     const { message } = this;
     Object.assign(message, poses);
@@ -81,7 +81,7 @@ export class Numbering {
     return message;
   }
 
-  /** When one of the latest frames was read and sent; null for frames that nobody remembers. */
+  /** The times of a recent frame; null for older ones. */
   timesOf(sequence: number): FrameTimes | null {
     const newest = this.message.sequence;
     if (sequence < 0 || sequence > newest || sequence <= newest - HISTORY) return null;
@@ -89,13 +89,13 @@ export class Numbering {
     return { readMs: this.readMs[at]!, sentMs: this.sentMs[at]! };
   }
 
-  /** How old the poses of one of the latest frames are; 0 for frames that nobody remembers. */
+  /** The age of the poses of a recent frame; 0 for older ones. */
   ageMs(sequence: number, nowMs: number): number {
     return nowMs - (this.timesOf(sequence)?.readMs ?? nowMs);
   }
 }
 
-/** The controller in a hand, or else the hand itself; a transient pointer, as while fingers pinch, where there is neither. */
+/** The source of a hand: a controller, else the bare hand, else a transient pointer (during a pinch). */
 export function findSource(sources: XRInputSourceArray, handedness: XRHandedness): XRInputSource | null {
   let found: XRInputSource | null = null;
   for (let i = 0; i < sources.length; i++) {
@@ -117,7 +117,7 @@ function noJoints(): HandJoints {
   return { matrices: new Float32Array(16 * JOINTS), radii: new Float32Array(JOINTS) };
 }
 
-/** What WebXR Hand Input adds to frames, which the browsers' types leave out. */
+/** Methods of WebXR Hand Input that the type definitions lack. */
 interface FrameOfJoints extends XRFrame {
   fillPoses?(spaces: XRJointSpace[], base: XRReferenceSpace, matrices: Float32Array): boolean;
   fillJointRadii?(spaces: XRJointSpace[], radii: Float32Array): boolean;
@@ -125,7 +125,7 @@ interface FrameOfJoints extends XRFrame {
 
 const jointsOf = new WeakMap<XRHand, XRJointSpace[]>();
 
-/** The joints of a bare hand, all of which must be tracked. */
+/** The joints of a bare hand; null unless all are tracked. */
 function fillJoints(
   joints: HandJoints,
   frame: FrameOfJoints,
@@ -148,7 +148,7 @@ type XRPoseOfFrame = { transform: XRRigidTransform; emulatedPosition: boolean } 
 
 type Place = { x: number; y: number; z: number };
 
-/** A pose of plain numbers. */
+/** A pose as plain numbers. */
 export function poseOf({ x, y, z }: Place, turn: Place & { w: number }): XRPose {
   return [
     [x, y, z],
@@ -156,7 +156,7 @@ export function poseOf({ x, y, z }: Place, turn: Place & { w: number }): XRPose 
   ];
 }
 
-/** A position that the headset only guesses counts as not tracked. */
+/** Copies a pose; null if its position is emulated, i.e. not tracked. */
 function fill(pose: XRPose, seen: XRPoseOfFrame): XRPose | null {
   if (!seen || seen.emulatedPosition) return null;
   const { position, orientation } = seen.transform;
