@@ -54,7 +54,7 @@ export class BareHands {
     this.hands[side].joints.visible = this.hands[side].bones.visible = false;
   }
 
-  /** Draws a hand: moves its joints with its centre from the tracked to the drawn pose. `floor`: pose of `local-floor`. */
+  /** Draws a hand: moves its joints with its centre from the tracked to the drawn pose. `floor`: that of `local-floor`. */
   draw(side: Side, { matrices, radii }: HandJoints, floor: Matrix4, tracked: Pose, drawn: Pose): void {
     const { joints, bones } = this.hands[side];
     carry.copy(matrixOf(drawn, drawnMatrix)).multiply(matrixOf(tracked, trackedMatrix).invert());

@@ -3,7 +3,7 @@ import type { AdverseEvent, Report, Trial } from "./study-api";
 
 const NEW = "";
 
-/** The form of an adverse event's report: a new event, or a follow-up that begins with what is known of one. */
+/** The form for adverse events: a new event, or a follow-up with the present report filled in. */
 export class AdverseEventForm {
   private events: AdverseEvent[] = [];
 
@@ -12,14 +12,14 @@ export class AdverseEventForm {
     form.addEventListener("reset", () => setTimeout(() => this.begin()));
   }
 
-  /** Offers the grades of each scale. */
+  /** Sets the grades of each scale. */
   offerScales(scales: Record<string, string[]>): void {
     for (const [name, grades] of Object.entries(scales)) {
       this.offer(name, [["", "Choose"], ...grades.map((grade): [string, string] => [grade, grade])]);
     }
   }
 
-  /** Offers to follow up a participant's events, and their trials. */
+  /** Sets the participant's events for follow-ups, and their trials. */
   offerEvents(events: AdverseEvent[], trials: Trial[]): void {
     this.events = events;
     this.offer("follows", [
@@ -50,7 +50,7 @@ export class AdverseEventForm {
     return { report, follows: number("follows") };
   }
 
-  /** Fills in what is known of the chosen event; a new one begins now. */
+  /** Fills in the present report of the chosen event; a new event begins now. */
   private begin(): void {
     const chosen = this.events.find(({ number }) => String(number) === this.select("follows").value);
     if (chosen) {

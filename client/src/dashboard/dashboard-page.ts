@@ -30,7 +30,7 @@ import {
 import { showLink } from "./session-link";
 import { element } from "../page/dom";
 
-/** What a form's field holds. */
+/** The value of a form field. */
 function field(form: HTMLFormElement, name: string): string {
   return String(new FormData(form).get(name) ?? "").trim();
 }
@@ -40,7 +40,7 @@ function identityIn(form: HTMLFormElement): Identity {
   return { name: field(form, "name"), contact: field(form, "contact"), confirm_duplicate: confirmed };
 }
 
-/** Shows why an action was refused and the field that confirms it, if the form has one, and passes the refusal on. */
+/** Shows the reason for a refusal and the field that confirms the action, if any; throws the error again. */
 function offerConfirmation(form: HTMLFormElement, error: unknown): never {
   if (error instanceof Refusal && error.confirm) {
     showConfirmation(form, error.confirm);
@@ -50,12 +50,12 @@ function offerConfirmation(form: HTMLFormElement, error: unknown): never {
   throw error;
 }
 
-/** Shows the confirmation of this name in a form, and hides all others. */
+/** Shows one confirmation field of a form and hides all others. */
 function showConfirmation(form: HTMLFormElement, name: string | null): void {
   for (const field of form.querySelectorAll<HTMLElement>("[data-confirm]")) field.hidden = field.dataset["confirm"] !== name;
 }
 
-/** The study on the page: tables of what is stored, and forms that change it. */
+/** The experimenter's dashboard: tables of the stored data, and forms that change it. */
 export class Dashboard {
   private overview: Overview | null = null;
   private chosen: string | null = null;
@@ -83,7 +83,7 @@ export class Dashboard {
     this.onAct("withdrawal", "withdrawal", "is stored", (form) => ({ reason: field(form, "reason") }));
   }
 
-  /** Shows what the study holds now. */
+  /** Loads and shows the present data. */
   async refresh(): Promise<void> {
     try {
       this.overview = await this.study.overview();
@@ -95,7 +95,7 @@ export class Dashboard {
     }
   }
 
-  /** Says what could not be done. */
+  /** Shows an error. */
   refuse(text: string): void {
     this.announce("refused", text);
   }
@@ -116,12 +116,12 @@ export class Dashboard {
     });
   }
 
-  /** Does one thing after another, in the order in which they were asked for. */
+  /** Runs actions one after another. */
   private afterwards(work: () => Promise<void>): void {
     this.work = this.work.then(work).catch((error) => this.refuse(`Not done: ${words(error)}`));
   }
 
-  /** A form that does something to the chosen participant. */
+  /** Registers a form with an action on the chosen participant. */
   private onAct(id: string, action: Action, outcome: string, body: (form: HTMLFormElement) => object): void {
     this.onSubmit(id, async (form) => {
       const pseudonym = this.chosen!;
@@ -163,7 +163,7 @@ export class Dashboard {
     return Object.fromEntries(names.map((name) => [name, Number(field(form, name))])) as unknown as Furniture;
   }
 
-  // What is shown
+  // Display
 
   private async choose(pseudonym: string): Promise<void> {
     this.chosen = pseudonym;
@@ -198,7 +198,7 @@ export class Dashboard {
     this.fill("items", answered, () => answered.map((id) => line(`${id}: ${items[id]}`)));
   }
 
-  /** What is in the fields when nobody changes them, also after a form is emptied. */
+  /** Sets the default values of the fields, which remain after a reset of the form. */
   private showFurniture(furniture: Furniture): void {
     const fields = element<HTMLFormElement>("begin").elements;
     for (const [name, value] of Object.entries(furniture)) {
@@ -240,7 +240,7 @@ export class Dashboard {
     this.fill("notes", notes, () => notes.map((note) => this.noteLine(note)));
   }
 
-  /** Of people only: simulated participants have none. */
+  /** Hides parts that do not apply to simulated participants. */
   private showAdverseEvents({ simulated, adverse_events, safety_events, trials }: Participant): void {
     element("adverse-events-part").hidden = simulated;
     this.showTable("adverse-events", adverseEventsTable(adverse_events));
@@ -265,7 +265,7 @@ export class Dashboard {
     this.fill(id, [table, firstCell && this.chosen], () => [buildTable(table, firstCell)]);
   }
 
-  /** Builds a part of the page anew only when what it shows has changed, and leaves the focus where it was. */
+  /** Rebuilds a part of the page only if its content has changed, and keeps the focus. */
   private fill(id: string, content: unknown, build: () => Node[]): void {
     const text = JSON.stringify(content);
     if (this.shown.get(id) === text) return;
@@ -276,7 +276,7 @@ export class Dashboard {
   }
 }
 
-/** What an action is about, for the words that follow it. */
+/** The object of an action, for its confirmation message. */
 const NOUNS: Record<Action, string> = {
   consent: "consent",
   "declined-consent": "the withdrawal",
@@ -290,13 +290,13 @@ const NOUNS: Record<Action, string> = {
   withdrawal: "the withdrawal",
 };
 
-/** Whether moving the focus takes it from nobody: a form that is hidden loses it, and who went on typing keeps it. */
+/** Whether the focus may be moved: the focused form is hidden, or nothing has the focus. */
 function hasFocusOrNoneHas(form: HTMLFormElement): boolean {
   const focused = document.activeElement;
   return focused === null || focused === document.body || form.contains(focused);
 }
 
-/** Opens the form in which a note is changed. */
+/** Opens the form for editing a note. */
 function editNote(id: number, text: string): void {
   const form = element<HTMLFormElement>("edit-note");
   form.hidden = false;

@@ -10,12 +10,12 @@ import { ENGLISH_TEXTS } from "../page/texts";
 const COMMAND_KEYS: Record<string, CommandName> = { r: "repeat", k: "skip", m: "recalibrate" };
 
 export interface LiveEvents {
-  /** The session went on, so that the study has changed. */
+  /** The session has advanced, so the study has changed. */
   changed(): void;
   problem(words: string): void;
 }
 
-/** The session that runs: its picture, how it stands, and the commands, by button and by key. */
+/** The running session: its view, its status, and commands by buttons and keys. */
 export class Live {
   private readonly connection: Connection;
   private readonly driving: OperatorControl;
@@ -64,7 +64,7 @@ export class Live {
     this.showPicture();
   }
 
-  /** Draws nothing while the picture is folded away: a slow machine has time for the session then. */
+  /** Draws the view only while it is open, to save processor time. */
   private showPicture(): void {
     const picture = element<HTMLDetailsElement>("picture");
     const drawn = picture.querySelector("iframe");
@@ -72,7 +72,7 @@ export class Live {
     else if (this.isWelcome && !drawn) picture.append(this.picture());
   }
 
-  /** The page for those who watch, in which the keys of this one work as well; Esc it knows itself. */
+  /** A frame with the spectator page. It also forwards this page's keys, except Esc, which it handles. */
   private picture(): HTMLIFrameElement {
     const frame = document.createElement("iframe");
     const asked = new URLSearchParams(location.search);
@@ -164,18 +164,18 @@ export class Live {
   }
 }
 
-/** Whether a key press belongs to a text or a choice. */
+/** Whether a key press belongs to a text field or a select element. */
 function isTyping(target: EventTarget | null): boolean {
   const control = target instanceof HTMLElement ? target.closest("input, textarea, select") : null;
   return control !== null && !(control instanceof HTMLInputElement && control.type === "checkbox");
 }
 
-/** Between sessions the server waits with no trials; questions about a session have none either. */
+/** Whether a session runs: it has trials, or asks questions about the session. */
 function isSession(phase: Phase | null): phase is Phase {
   return phase !== null && (phase.trials > 0 || phase.name === "questionnaire" || phase.name === "confirm");
 }
 
-/** Where the session stands, in one sentence; the list below it has the trial's number. */
+/** The phase of the session in one sentence. */
 export function sessionText(phase: Phase | null): string {
   if (!isSession(phase)) return "No session runs here.";
   const words = `${phase.practice ? "practice: " : ""}${PHASE_TEXTS[phase.name]}.`;

@@ -1,7 +1,7 @@
 import type { Overview } from "./study-api";
 import { element } from "../page/dom";
 
-/** How the participant of the session that runs opens their page. */
+/** Shows the link and the code of the running session. */
 export function showLink(link: Overview["link"]): void {
   element("link").hidden = link === null;
   if (!link) return;
@@ -13,7 +13,7 @@ export function showLink(link: Overview["link"]): void {
   list.replaceChildren(...addresses.map(addressLine));
 }
 
-/** A code as it is read aloud. */
+/** A code in two groups of digits. */
 export function formatCode(code: string): string {
   return `${code.slice(0, 3)} ${code.slice(3)}`;
 }

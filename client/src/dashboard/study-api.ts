@@ -1,4 +1,4 @@
-/** A participant in figures, as the study's overview has them. */
+/** The overview row of a participant. */
 export interface ParticipantSummary {
   participant: string;
   state: string;
@@ -20,7 +20,7 @@ export interface ConditionResults {
   answer_means: Record<string, number>;
 }
 
-/** What participants really sit and lie on: metres above the floor, degrees from the horizontal. */
+/** The real furniture: heights above the floor in metres, angles from the horizontal in degrees. */
 export interface Furniture {
   seat_height_m: number;
   seat_depth_m: number;
@@ -42,20 +42,20 @@ export interface Overview {
   consent_version: string;
   /** Names by tag. */
   languages: Record<string, string>;
-  /** What is short, in words. */
+  /** Low disk space, as text. */
   warnings: string[];
   live: string | null;
-  /** The way into the session that runs. */
+  /** The link of the running session. */
   link: { addresses: string[]; code: string } | null;
   furniture: Furniture;
-  /** The name of this page's token, empty where several people use it. */
+  /** The experimenter of this page's token; empty for a shared token. */
   experimenter: string;
-  /** Allowed values of each grade of an adverse event, and the sources of the scales. */
+  /** Allowed grades of adverse events, and the sources of the scales. */
   scales: Record<string, string[]>;
   scales_words: string;
 }
 
-/** The results so far; the study's log contains who read them. */
+/** The results so far. The study's log records each access. */
 export interface Results {
   blinded: boolean;
   items: Record<string, string>;
@@ -85,7 +85,7 @@ export interface Score {
   most: number;
 }
 
-/** A report of an adverse event; `trial` is a position. */
+/** A report of an adverse event; `trial` is the position of a trial. */
 export interface Report {
   began_at: string;
   trial: number | null;
@@ -97,7 +97,7 @@ export interface Report {
   outcome: string;
 }
 
-/** An adverse event as it is known now, and how many reports there are of it. */
+/** The present report of an adverse event, and the number of its reports. */
 export interface AdverseEvent {
   number: number;
   reports: number;
@@ -123,12 +123,12 @@ export interface Participant {
   identified: boolean;
   language: string;
   direction: string;
-  /** In the participant's language, as the inclusion questions are. */
+  /** In the participant's language, like the inclusion questions. */
   consent: string;
   inclusion: Record<string, string>;
   consented_at: string | null;
   consent_version: string | null;
-  /** They agreed to another version of the consent text than the study's. */
+  /** The participant agreed to another version of the consent text than the study's. */
   must_reconsent: boolean;
   scores: Score[];
   trials: Trial[];
@@ -137,17 +137,17 @@ export interface Participant {
   safety_events: SafetyEvent[];
 }
 
-/** What can be done to a participant; `study/dashboard/application.py` says what each takes. */
+/** Actions on a participant; see `study/dashboard/application.py`. */
 export type Action = "identity" | "consent" | "declined-consent" | "inclusion" | "withdrawal" | "notes" | "edited-notes" | "adverse-events" | "sessions" | "links";
 
-/** Who somebody is, and whether the experimenter confirms that no participant with that name or contact is the same person. */
+/** A participant's identity, and whether the experimenter confirms that no other participant is the same person. */
 export interface Identity {
   name: string;
   contact: string;
   confirm_duplicate: boolean;
 }
 
-/** A refusal in the server's words; `confirm` names what the experimenter can confirm to do it all the same. */
+/** An error of the server; `confirm`: the name of the confirmation that permits the action. */
 export class Refusal extends Error {
   readonly confirm: string | null;
 
@@ -158,7 +158,7 @@ export class Refusal extends Error {
   }
 }
 
-/** The study behind the experimenter's token. Every call throws a `Refusal` with the server's words when it is refused. */
+/** Client of the study's API. Every call throws a `Refusal` if the server refuses it. */
 export class Study {
   constructor(private readonly token: string) {}
 
@@ -194,7 +194,7 @@ export class Study {
   }
 }
 
-/** The fields of a refusal; none where it is not JSON. */
+/** The fields of a refusal; empty if it is not JSON. */
 function parsed(text: string): { detail?: unknown; confirm?: unknown } {
   try {
     return JSON.parse(text) as object;

@@ -9,14 +9,14 @@ import type {
   Trial,
 } from "./study-api";
 
-/** A table as plain texts. */
+/** A table of plain texts. */
 export interface Table {
   caption: string;
   head: string[];
   rows: string[][];
 }
 
-/** Builds a table; texts stay texts, whatever they hold. The first cell of each row heads it. */
+/** Builds a table element from text. The first cell of each row is its heading. */
 export function buildTable({ caption, head, rows }: Table, firstCell = textNode): HTMLTableElement {
   const table = document.createElement("table");
   table.createCaption().textContent = caption;
@@ -92,13 +92,13 @@ export function adverseEventsTable(events: AdverseEvent[]): Table {
   };
 }
 
-/** A safety event that a session reported, in one line. */
+/** A safety event of a session as one line. */
 export function safetyText({ at, trial, name, detail }: SafetyEvent): string {
   const where = trial === null ? "" : `, trial ${trial}`;
   return `${moment(at)}${where}: ${name}${detail ? `, ${detail}` : ""}`;
 }
 
-/** A stored time as a field for local times has it. */
+/** A stored time in the format of a local time field. */
 export function localTime(at: string): string {
   const time = new Date(at);
   return new Date(time.getTime() - 60_000 * time.getTimezoneOffset()).toISOString().slice(0, 16);
@@ -117,12 +117,12 @@ export function scoresTable(scores: Score[]): Table {
   };
 }
 
-/** Which items were answered after trials. */
+/** The items that were answered after trials. */
 export function answeredItems(results: ConditionResults[], items: string[]): string[] {
   return items.filter((item) => results.some(({ answer_means }) => item in answer_means));
 }
 
-/** One row for each condition, with a column for each statement that was answered. */
+/** One row for each condition, with a column for each item. */
 export function resultsTable(results: ConditionResults[], items: string[]): Table {
   const asked = answeredItems(results, items);
   return {
@@ -149,7 +149,7 @@ export function progressText({ summary }: Overview): string {
   );
 }
 
-/** The experimenter of this page, as the study's log names them. */
+/** The experimenter of this page, as in the study's log. */
 export function experimenterText({ experimenter }: Overview): string {
   return experimenter
     ? `The log names you ${experimenter}.`
@@ -161,7 +161,7 @@ export function resultsText(blinded: boolean): string {
   return `Completed trials without practice, of all who did not withdraw.${policies}`;
 }
 
-/** Who somebody is and what comes next. */
+/** The participant and the next step. */
 export function participantText(person: Participant, inSession: boolean): string {
   const facts = [
     person.state,
@@ -183,17 +183,17 @@ function nextWords({ state, trials, must_reconsent }: Participant): string {
   return "";
 }
 
-/** What the button that begins a session says. */
+/** The label of the button that starts a session. */
 export function beginText({ trials }: Participant): string {
   return trials.some(({ state }) => state === "completed") ? "Continue with the remaining trials" : "Begin session";
 }
 
-/** A stored time in the reader's own words. */
+/** A stored time in the local format. */
 export function moment(at: string): string {
   return new Date(at).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });
 }
 
-/** A text whose lines were broken for an editor, with a line for each paragraph. */
+/** A hard-wrapped text with one line for each paragraph. */
 export function paragraphs(text: string): string {
   return text.trim().replace(/(?<!\n)\n(?!\n)/g, " ");
 }

@@ -3,16 +3,16 @@ import type { Question } from "../generated/messages";
 import { isLine, labelOf, saysItsEnds } from "../panel/questionnaire";
 import type { Texts } from "./texts";
 
-/** The answers to a question on the page: a button for each, or a line to slide on where there are many. */
+/** The answers to a question on the page: buttons, or a slider for long scales. */
 export class AnswerScale {
-  /** Whether the latest answer came from the keyboard, which then stays at the answers. */
+  /** Whether the last answer came from the keyboard; then the next question receives the focus. */
   byKeyboard = false;
   private readonly points = element("points");
   private shown: Question | null = null;
 
   constructor(private readonly answer: (value: number) => void) {}
 
-  /** Shows a question, and which answer was given now or before. */
+  /** Shows a question and its present or earlier answer. */
   show(question: Question | null, answered: number | null, texts: Texts): void {
     if (question && question !== this.shown) this.fill(question, texts);
     this.shown = question;
@@ -47,7 +47,7 @@ export class AnswerScale {
     return button;
   }
 
-  /** A line that shows no answer before one is chosen, so that none is suggested. */
+  /** A slider without an initial answer, so that none is suggested. */
   private line(question: Question, texts: Texts): HTMLElement[] {
     const { points, given } = question;
     const line = document.createElement("input");

@@ -27,10 +27,10 @@ import { RobotPointer, RobotArrow } from "../scene/robot-direction";
 import { ENGLISH_TEXTS, initialTexts, textsOf, type Key, type Texts } from "./texts";
 import { World } from "../scene/world";
 
-/** As often as a headset of 72 Hz sends its poses. */
+/** The rate of a headset with 72 Hz. */
 const DESKTOP_INTERVAL_MS = 1000 / 72;
 
-/** The whole client: what the server says goes in, what the participant does goes out. */
+/** The client of participant and watchers: connects server, page and VR session. */
 export class App {
   readonly view: View;
   readonly panel: Panel;
@@ -123,7 +123,7 @@ export class App {
     this.view.useCamera(inside && this.spectator ? this.spectator.eyes : null);
   }
 
-  /** The plan and the participant must both want them. */
+  /** Feedback that both the session plan and the participant enable. */
   private allowedSenses(): { haptics: boolean; sounds: boolean } {
     const { haptics, sounds } = this.page.senses;
     return { haptics: haptics && !!this.welcome?.haptics, sounds: sounds && !!this.welcome?.sounds };
@@ -137,7 +137,7 @@ export class App {
     return this.phase?.name === "viewing";
   }
 
-  /** Whether somebody takes part here, in VR or without a headset. */
+  /** Whether somebody takes part on this page, in VR or without a headset. */
   private get participates(): boolean {
     return this.presenting || this.desktop.playing;
   }
@@ -189,7 +189,7 @@ export class App {
     this.update();
   }
 
-  /** A new connection knows nothing of the participant in VR yet. */
+  /** Sends the participant's state to a new connection. */
   private onWelcome(welcome: Welcome): void {
     this.welcome = welcome;
     this.spectator?.onWelcome(welcome);
@@ -206,7 +206,7 @@ export class App {
     return this.presenting ? this.session.visibility : document.visibilityState;
   }
 
-  /** The server holds the robot while the participant does not see the scene or cannot act. */
+  /** Reports visibility to the server, which holds the robot while the participant does not see the scene. */
   private sendVisibility(): void {
     const { visibility } = this;
     this.xrFrames.blocked = visibility !== "visible";
@@ -215,7 +215,7 @@ export class App {
       this.sentVisibility = visibility;
   }
 
-  /** Whether the participant sees the questions and can point at an answer. */
+  /** Whether the participant sees the question and can answer it. */
   private get canAnswer(): boolean {
     const seen = this.presenting ? this.visibility : document.visibilityState;
     const tracked = !this.presenting || this.lastPoses?.head !== null;
@@ -226,7 +226,7 @@ export class App {
     this.questionnaire.block(!this.canAnswer, performance.now());
   }
 
-  /** Fills the browser's cache, so that the scene is there when it is wanted. */
+  /** Loads a scene into the browser's cache. */
   private prefetch(url: string): void {
     void fetchBytes(url, this.token).catch(() => undefined);
   }
@@ -269,7 +269,7 @@ export class App {
     if (phase.name === "headset" || phase.name === "calibration") this.world.forgetHands();
   }
 
-  /** The participant's page speaks their language; what those who watch read of it is marked as theirs. */
+  /** Shows the page in the participant's language. On watchers' pages only the phase text is in that language. */
   private speak(texts: Texts): void {
     if (this.isSpectator) return this.page.markAsParticipants(texts);
     this.texts = texts;
@@ -365,7 +365,7 @@ export class App {
     this.stop("key");
   }
 
-  /** Whether a number key answers the question that is shown; 0 is ten. */
+  /** Whether a number key answers the displayed question; 0 means ten. */
   private answerByKey(event: KeyboardEvent): boolean {
     const { question, answered } = this.questionnaire;
     const isOther = event.repeat || event.ctrlKey || event.altKey || event.metaKey || !/^\d$/.test(event.key);
@@ -382,14 +382,14 @@ export class App {
     else if (this.page.commands) this.send({ type: "command", name: "stop" });
   }
 
-  /** Holds the robot once a participant in VR has held what stops it. */
+  /** Stops the robot after a stop gesture in VR. */
   private checkStopGesture(frame: XRFrame, space: XRReferenceSpace, timeMs: number): void {
     const { phase, texts, xrFrames, stopControl } = this;
     const way = stopControl.watch(frame, space, timeMs, xrFrames.bareHands, canBeStopped(phase), texts);
     if (way) this.stop(way);
   }
 
-  /** Shows the panel's texts for the participant's input. */
+  /** Updates the texts for the participant's select input. */
   private updateInput(sources: XRInputSourceArray): void {
     const input = inputKindOf(sources) ?? this.input;
     if (input === this.input) return;
@@ -449,7 +449,7 @@ export class App {
     this.sendFrameIntervals(timeMs);
   }
 
-  /** Says on screen, and in VR while it moves, where the robot is when it is out of view. */
+  /** Shows the direction of the robot while it is out of view, on the page, and in VR while it moves. */
   private updateRobotDirection(): void {
     const place = this.world.robot;
     const head = this.presenting && isRunning(this.phase) ? this.lastPoses?.head : null;
@@ -464,7 +464,7 @@ export class App {
     if (latency) this.send(latency);
   }
 
-  /** While the headset is checked. */
+  /** Sends the frame intervals during the headset check. */
   private sendFrameIntervals(timeMs: number): void {
     if (!this.participates || this.phase?.name !== "headset_check") return this.frameIntervals.forget();
     const { emulated } = this;
@@ -486,7 +486,7 @@ export class App {
   }
 }
 
-/** The server's socket beside this page; the token stays out of the address. */
+/** The address of the server's WebSocket, without the token. */
 function socketAddress(name: string): string {
   const address = new URL(name, location.origin + location.pathname);
   address.protocol = location.protocol.replace("http", "ws");

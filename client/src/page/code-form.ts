@@ -3,7 +3,7 @@ import type { Key, Texts } from "./texts";
 
 const TOO_MANY = 429;
 
-/** The form in which the code of a session is entered: a right code opens the session's link on this page. */
+/** The form for session codes. A valid code opens the session's link on this page. */
 export function setUpCodeForm(texts: () => Texts): void {
   const form = element<HTMLFormElement>("entrance");
   const input = element<HTMLInputElement>("code");
@@ -17,7 +17,7 @@ export function setUpCodeForm(texts: () => Texts): void {
   });
 }
 
-/** Goes to the session that a code leads to, or returns why it cannot. */
+/** Opens the session of a code, or returns the reason for an error. */
 async function open(code: string): Promise<Key | null> {
   try {
     const answer = await fetch("./link", {

@@ -1,11 +1,11 @@
 import type { Problem } from "../generated/messages";
 import type { Key, Texts } from "./texts";
 
-/** How long a problem is shown: as long as it takes to read. */
+/** Display time of a problem, by the length of its text. */
 const SHOWN_MS = 6000;
 const SHOWN_MS_A_LETTER = 80;
 
-/** The latest problem, from the server or from this page, until it can have been read. */
+/** The last problem, from the server or this page, for the time that it takes to read it. */
 export class Notice {
   problem: Problem | null = null;
   private timer = 0;
@@ -20,7 +20,7 @@ export class Notice {
     this.changed();
   }
 
-  /** Shows why something on this page failed. */
+  /** Shows the reason for an error of this page. */
   explain(texts: Texts, key: Key, error?: unknown): void {
     if (error !== undefined) console.warn(error);
     const text = texts.get(key, { reason: error === undefined ? "" : reasonOf(error) });

@@ -29,7 +29,7 @@ export interface PageEvents {
   chooseBody(choice: ChooseBody): void;
 }
 
-/** The texts and buttons over the flat view. */
+/** The texts and controls of the page. */
 export class Page {
   readonly view = element("view");
   readonly card = element("card");
@@ -43,7 +43,7 @@ export class Page {
   private texts = ENGLISH_TEXTS;
   private presenting = false;
   private playing = false;
-  /** Whether the experimenter is here, who may always stop the robot. */
+  /** Whether this is the experimenter's page, which may always stop the robot. */
   commands = false;
 
   constructor(
@@ -65,7 +65,7 @@ export class Page {
     this.speak(ENGLISH_TEXTS);
   }
 
-  /** Says everything in these texts from now on. */
+  /** Shows all texts in this language. */
   speak(texts: Texts): void {
     this.texts = texts;
     texts.applyTo(document);
@@ -73,12 +73,12 @@ export class Page {
     this.updateActionLabels();
   }
 
-  /** What those who watch read of a participant is in the participant's language. */
+  /** Marks the language of the phase text on watchers' pages. */
   markAsParticipants(texts: Texts): void {
     Object.assign(element("phase-text"), { lang: texts.language, dir: texts.direction });
   }
 
-  /** Empty: VR can be entered. */
+  /** Empty: VR is available. */
   setVRUnavailableReason(reason: string): void {
     this.enter.disabled = reason !== "";
     this.text("reason", reason);
@@ -91,18 +91,18 @@ export class Page {
     this.enter.blur();
   }
 
-  /** An environment is on show, outside of any session. */
+  /** Whether the server shows an environment without a session. */
   setViewing(onShow: boolean): void {
     document.body.classList.toggle("on-show", onShow);
   }
 
-  /** What the participant wants to feel and hear. */
+  /** Feedback enabled by the participant. */
   get senses(): Allowed {
     const [haptics, sounds] = SENSES.map((sense) => element<HTMLInputElement>(sense).checked);
     return { haptics: haptics!, sounds: sounds! };
   }
 
-  /** A scene is shown: there is more to see than an empty room. */
+  /** Hides the loading message when a scene is displayed. */
   setSceneLoaded(): void {
     document.body.classList.remove("sceneless");
     element("loading").hidden = true;
@@ -123,18 +123,18 @@ export class Page {
     this.play.textContent = this.texts.get(this.playing ? "end_play" : "play");
   }
 
-  /** Only a link or a code leads on. */
+  /** Shows the form for session codes instead of the controls. */
   showCodeForm(): void {
     for (const id of ["take-part", "help", "loading", "body"]) element(id).hidden = true;
     element("entrance").hidden = false;
   }
 
-  /** Whoever only isSpectator takes no part. */
+  /** Hides the participant's controls on watchers' pages. */
   hideParticipation(): void {
     element("take-part").hidden = element("help").hidden = true;
   }
 
-  /** The latest answer came from the keyboard, which then stays at the answers. */
+  /** Notes that the last answer came from the keyboard. */
   noteKeyboardAnswer(): void {
     this.scale.byKeyboard = true;
   }
@@ -161,7 +161,7 @@ export class Page {
     if (hadFocus && !this.card.contains(shownFocus())) this.keepFocus();
   }
 
-  /** The focus goes on to what comes next, where the element that had it is gone. */
+  /** Moves the focus to the next control when the focused element is hidden. */
   private keepFocus(): void {
     const next = [element("points").querySelector("button"), element("ready"), element("phase-text")];
     next.find((each) => each && each.getClientRects().length > 0)?.focus();
@@ -190,7 +190,7 @@ export class Page {
     this.scale.show(question, answered, this.texts);
   }
 
-  /** Sets a text only when it changes: screen readers announce every change. */
+  /** Sets a text only if it changes, because screen readers announce every change. */
   private text(id: string, text: string): void {
     if (this.shownTexts.get(id) === text) return;
     this.shownTexts.set(id, text);
@@ -198,19 +198,19 @@ export class Page {
   }
 }
 
-/** What has the focus and is shown. */
+/** The focused element, if it is visible. */
 function shownFocus(): Element | null {
   const focused = document.activeElement;
   return focused && focused.getClientRects().length > 0 ? focused : null;
 }
 
-/** Keeps a check box as it was set, on this device. */
+/** Stores the state of a check box in this browser. */
 function remember(box: HTMLInputElement): void {
   box.checked = localStorage.getItem(box.id) !== "off";
   box.addEventListener("change", () => localStorage.setItem(box.id, box.checked ? "on" : "off"));
 }
 
-/** Whether a key press asks the robot to stop: Escape anywhere, Space unless it presses a button. */
+/** Whether a key press stops the robot: Escape, or Space unless a control has the focus. */
 export function isStopKey(event: KeyboardEvent): boolean {
   if (event.repeat) return false;
   const onControl = event.target instanceof Element && event.target.closest("button, summary, a, input, select, label") !== null;

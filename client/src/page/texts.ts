@@ -3,7 +3,7 @@ import { TEXTS } from "../generated/interface-texts";
 
 export type Key = keyof (typeof TEXTS)["en"]["words"];
 
-/** What the page says, in one language. */
+/** The interface texts in one language. */
 export class Texts {
   constructor(
     readonly language: string,
@@ -11,17 +11,17 @@ export class Texts {
     private readonly texts: Readonly<Record<string, string>>,
   ) {}
 
-  /** A text, with values in the place of the names in its braces. */
+  /** A text with its placeholders filled in. */
   get(key: Key, values: Readonly<Record<string, string | number>> = {}): string {
     return this.texts[key]!.replace(/\{(\w+)\}/g, (_, name: string) => String(values[name]));
   }
 
-  /** What tells one language from another. */
+  /** The language, which identifies the texts in comparisons. */
   toJSON(): string {
     return this.language;
   }
 
-  /** Fills every element of a page that says which text is its own, and which one names it. */
+  /** Fills all elements of a page that have a text or label key. */
   applyTo(page: Document): void {
     page.documentElement.lang = this.language;
     page.documentElement.dir = this.direction;
@@ -34,19 +34,19 @@ export class Texts {
 
 export const ENGLISH_TEXTS = new Texts("en", TEXTS.en.direction, TEXTS.en.words);
 
-/** The words that a server tells. */
+/** The texts of a message from the server. */
 export function textsOf({ language, direction, words }: Language): Texts {
   return new Texts(language, direction, words);
 }
 
-/** Until the server tells the participant's language: the browser's, where that is brought along. */
+/** The texts in the browser's language, or English, before the server sends the participant's language. */
 export function initialTexts(wanted: readonly string[]): Texts {
   const brought: Readonly<Record<string, { direction: string; words: Readonly<Record<string, string>> }>> = TEXTS;
   const language = wanted.map((tag) => tag.split("-")[0]!).find((tag) => Object.hasOwn(brought, tag)) ?? "en";
   return new Texts(language, brought[language]!.direction, brought[language]!.words);
 }
 
-/** A text whose **bold words** and `keys` become elements. */
+/** Converts **bold** and `key` marks to elements. */
 function marked(text: string): (Node | string)[] {
   return text.split(/(\*\*.+?\*\*|`.+?`)/).map((part) => {
     const [, bold, key] = /^\*\*(.+)\*\*$|^`(.+)`$/.exec(part) ?? [];

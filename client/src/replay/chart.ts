@@ -5,19 +5,19 @@ const SVG = "http://www.w3.org/2000/svg";
 const WIDTH = 1000;
 const HEIGHT = 100;
 
-/** From the lowest to the highest value that a chart shows, nought included. */
+/** The range of a chart's values, including 0. */
 export type Range = readonly [low: number, high: number];
 
 export function rangeOf(values: readonly number[]): Range {
   return [Math.min(0, ...values), Math.max(0, ...values)];
 }
 
-/** How far across the box a time of this part lies. */
+/** The horizontal position of a time within a part, as a share. */
 function across(timeS: number, { from, to }: Span): number {
   return (WIDTH * (timeS - from)) / (to - from);
 }
 
-/** The points of a line from values at times, in a box of 1000 × 100 that a part fills; low values lie low. */
+/** The points of a line in a box of 1000 × 100; low values are at the bottom. */
 export function points(
   times: readonly number[],
   values: readonly number[],
@@ -33,7 +33,7 @@ export function points(
     .join(" ");
 }
 
-/** When the robot had succeeded: from one control step to where a later one says otherwise, or to the end. */
+/** The spans of time in which the success criterion was met. */
 export function successes({ steps }: Timeline, endS: number): Span[] {
   const begins = steps.success.flatMap((now, at) => (now && !steps.success[at - 1] ? [at] : []));
   return begins.map((at) => {
@@ -42,7 +42,7 @@ export function successes({ steps }: Timeline, endS: number): Span[] {
   });
 }
 
-/** One chart for each trial, all of one scale: reward so far, force, success, the robot's help, and what happened. */
+/** One chart for each trial on a common scale: reward, force, success, robot phase and events. */
 export function drawCharts(timelines: readonly Timeline[], part: Span): Element[] {
   const reward = rangeOf(timelines.flatMap(({ steps }) => steps.reward));
   const force = rangeOf(timelines.flatMap(({ steps }) => steps.force_n));

@@ -10,7 +10,7 @@ import { FULL_DETAIL, LIGHT_DETAIL } from "../scene/view";
 const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
 const detail = new URLSearchParams(location.search).get("detail") === "light" ? LIGHT_DETAIL : FULL_DETAIL;
 
-/** Plays a trial, or two beside each other: the clock says when. */
+/** Plays one trial, or two side by side. */
 async function play(trials: Replayed[]): Promise<void> {
   const timelines = trials.map(({ timeline }) => timeline);
   const clock = new Clock({ from: 0, to: Math.max(...timelines.map(({ seconds }) => seconds)) });

@@ -1,11 +1,11 @@
 import type { Replayed, Timeline } from "./replay-data";
 
-/** Trials as a page in one file holds them; what is packed is deflated and in base64. */
+/** The data of a page in one file: deflated and base64-encoded. */
 export interface Packed {
-  /** What the numbers of the poses are multiples of. */
+  /** The step of the quantised poses. */
   step: number;
   trials: { timeline: Timeline; poses: string }[];
-  /** GLB files by the addresses that the timelines name. */
+  /** GLB files by their address in the timelines. */
   scenes: Record<string, string>;
 }
 
@@ -26,10 +26,10 @@ async function inflate(base64: string): Promise<ArrayBuffer> {
 }
 
 /**
- * The poses of so many frames, one frame after another.
+ * Decodes the poses of all frames, frame by frame.
  *
- * `planes` holds the lowest bytes of all numbers, then the next ones, up to the fourth. The numbers are differences
- * from frame to frame in multiples of `step`: first all of the first number of a frame, then all of the second.
+ * `planes` contains the lowest bytes of all numbers, then the second ones, up to the fourth. The numbers are
+ * differences between frames in multiples of `step`: all of a frame's first number, then all of the second.
  */
 export function unpackPoses(planes: Uint8Array, frames: number, step: number): Float32Array {
   const count = planes.length / 4;

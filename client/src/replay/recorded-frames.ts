@@ -1,11 +1,11 @@
 import { blend, type Frame } from "../scene/state-interpolation";
 import { latest } from "./replay-data";
 
-/** All recorded poses of a trial; gives those between two frames, too. */
+/** All recorded poses of a trial, with interpolation. */
 export class Frames {
   private readonly frames: Frame[];
 
-  /** `poses` holds as many numbers for every one of the ascending `times`. */
+  /** `poses` contains equally many numbers for each of the ascending `times`. */
   constructor(
     private readonly times: readonly number[],
     poses: Float32Array,
@@ -14,7 +14,7 @@ export class Frames {
     this.frames = times.map((timeS, at) => ({ timeS, poses: poses.subarray(at * size, (at + 1) * size) }));
   }
 
-  /** The poses at a time, into `out`; outside the recording, its nearest frame. */
+  /** Writes the poses at a time into `out`; outside the recording, those of the nearest frame. */
   sample(timeS: number, out: Float32Array): void {
     const at = latest(this.times, timeS);
     const before = this.frames[Math.max(at, 0)]!;

@@ -6,7 +6,7 @@ export interface Span {
   readonly to: number;
 }
 
-/** Where a replay stands; it moves on with the local clock while it plays, and rests at the end of its part. */
+/** The time of a replay. It advances with the local clock during playback and stops at the end of the part. */
 export class Clock {
   timeS = 0;
   speed = 1;
@@ -17,12 +17,12 @@ export class Clock {
     this.seek(shown.from);
   }
 
-  /** What is played. */
+  /** The played part. */
   get part(): Span {
     return this.shown;
   }
 
-  /** Plays nothing but this from now on. */
+  /** Restricts playback to a part. */
   confine(part: Span): void {
     this.shown = part;
     this.seek(this.timeS);
@@ -32,7 +32,7 @@ export class Clock {
     return this.running;
   }
 
-  /** Whoever plays at the end begins again. */
+  /** Starts or pauses; at the end it starts again. */
   toggle(): void {
     this.running = !this.running;
     if (this.running && this.timeS >= this.shown.to) this.timeS = this.shown.from;
@@ -42,7 +42,7 @@ export class Clock {
     this.timeS = Math.min(Math.max(timeS, this.shown.from), this.shown.to);
   }
 
-  /** The next faster speed, or the next slower one. */
+  /** Selects the next higher or lower speed. */
   change(by: 1 | -1): void {
     const at = SPEEDS.findIndex((speed) => speed === this.speed) + by;
     this.speed = SPEEDS[Math.min(Math.max(at, 0), SPEEDS.length - 1)]!;

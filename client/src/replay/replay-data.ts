@@ -3,7 +3,7 @@ import type { Scene } from "../generated/messages";
 import type { Span } from "./replay-clock";
 import { unpack, type Packed } from "./packed-trials";
 
-/** The control steps, one entry each: when they ended, the reward so far, and what they gave. */
+/** Columns of the control steps: end times, reward so far, and results. */
 export interface Steps {
   time_s: number[];
   reward: number[];
@@ -12,21 +12,21 @@ export interface Steps {
   success: boolean[];
 }
 
-/** A phase that begins, an event or an answer, in words. */
+/** The start of a phase, an event or an answer, as text. */
 export interface Happening {
   time_s: number;
   kind: string;
   words: string;
 }
 
-/** A recorded trial in figures and words; times count from its beginning. */
+/** A recorded trial; times are relative to its start. */
 export interface Timeline {
   title: string;
   simulated: boolean;
   complete: boolean;
   result: string | null;
   seconds: number;
-  /** What else there is to know of it, by headings. */
+  /** Further information by heading. */
   facts: Record<string, string>;
   scene: Scene;
   frames_s: number[];
@@ -34,14 +34,14 @@ export interface Timeline {
   happenings: Happening[];
 }
 
-/** A trial with the poses of its frames, one after another, and the file of its scene. */
+/** A trial with the poses of its frames and the file of its scene. */
 export interface Replayed {
   timeline: Timeline;
   poses: Float32Array;
   glb: Promise<ArrayBuffer>;
 }
 
-/** What was written into the page: one trial, or two to be compared; else the trial that its server tells of. */
+/** The trials that the page contains, or else that of its server. */
 export async function loadReplays(token: string): Promise<Replayed[]> {
   const written = element("recorded").textContent;
   return written ? unpack(JSON.parse(written) as Packed) : [await fetchReplay(token)];
@@ -53,7 +53,7 @@ async function fetchReplay(token: string): Promise<Replayed> {
   return { timeline, poses: new Float32Array(poses!), glb: fetchBytes(timeline.scene.url, token) };
 }
 
-/** The index of the last of ascending times that is not after `timeS`; -1 before the first. */
+/** The index of the last of ascending times up to `timeS`; −1 before the first. */
 export function latest(times: readonly number[], timeS: number): number {
   let low = 0;
   let high = times.length;
@@ -65,7 +65,7 @@ export function latest(times: readonly number[], timeS: number): number {
   return low - 1;
 }
 
-/** The names of the phases with the times that each begins and ends at. */
+/** Names, starts and ends of the phases. */
 export function phasesOf({ happenings, seconds }: Timeline): (Span & { name: string })[] {
   const entered = happenings.filter(({ kind }) => kind !== "event" && kind !== "answer");
   return entered.map(({ words, time_s }, at) => ({
@@ -75,12 +75,12 @@ export function phasesOf({ happenings, seconds }: Timeline): (Span & { name: str
   }));
 }
 
-/** When the robot helped. */
+/** The spans in which the robot acts. */
 export function helpOf(timeline: Timeline): Span[] {
   return phasesOf(timeline).filter(({ name }) => name === "trial");
 }
 
-/** From the beginning of the robot's help in any of these trials to its end in all; nothing where it never helped. */
+/** The span from the first start to the last end of the robot's phase in these trials; null without any. */
 export function robotsPart(timelines: readonly Timeline[]): Span | null {
   const helped = timelines.flatMap(helpOf);
   if (helped.length === 0) return null;

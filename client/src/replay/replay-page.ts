@@ -14,10 +14,10 @@ import {
 const STEP_S = 1;
 const FRAME_S = 0.02;
 
-/** The words, the time line and the keys of a replay. */
+/** The texts, timeline and keys of a replay. */
 export class ReplayPage {
   readonly card = element("card");
-  /** Where each trial is to be drawn. */
+  /** The container of each trial's view. */
   readonly holders: HTMLElement[];
   private readonly slider = element<HTMLInputElement>("time");
   private readonly speed = element<HTMLSelectElement>("speed");
@@ -52,7 +52,7 @@ export class ReplayPage {
     this.listen();
   }
 
-  /** Shows where the clock stands. */
+  /** Shows the time of the clock. */
   show(): void {
     const { timeS, playing, speed, part } = this.clock;
     const passedS = timeS - part.from;
@@ -83,7 +83,7 @@ export class ReplayPage {
     element("columns").hidden = timelines.length < 2;
   }
 
-  /** The time line is that of this part alone, and counts from its beginning. */
+  /** Restricts the timeline to a part. */
   private showPart(part: Span): void {
     this.clock.confine(part);
     for (const chart of this.charts) chart.remove();
@@ -105,7 +105,7 @@ export class ReplayPage {
     return holder;
   }
 
-  /** The latest of what has happened is marked and kept in sight. */
+  /** Marks the latest entry and scrolls to it. */
   private markEntry(at: number): void {
     if (at === this.current) return;
     this.entries[this.current]?.removeAttribute("aria-current");
@@ -137,7 +137,7 @@ export class ReplayPage {
     document.addEventListener("keydown", (event) => this.key(event));
   }
 
-  /** Keys that move through time go no further: the view would move with them. Shift and arrows turn it. */
+  /** Handles keys for playback. They do not reach the view, which uses Shift and arrow keys. */
   private key(event: KeyboardEvent): void {
     if (event.ctrlKey || event.altKey || event.metaKey || event.target === this.speed) return;
     if (event.shiftKey && event.key.startsWith("Arrow")) return;
@@ -164,12 +164,12 @@ export class ReplayPage {
   };
 }
 
-/** Whether Space presses what has the focus. */
+/** Whether Space activates the focused element. */
 function isPressed(target: EventTarget | null): boolean {
   return target instanceof Element && target.closest("button, summary, input[type=checkbox]") !== null;
 }
 
-/** Adds a cell to each row of the table of figures. */
+/** Adds a cell to each row of the table of values. */
 function addColumn(values: Record<string, string>): Map<string, HTMLElement> {
   const cells = new Map(Object.keys(values).map((row) => [row, createElement("td")]));
   for (const [row, cell] of cells) element(row).append(cell);

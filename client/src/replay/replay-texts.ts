@@ -1,12 +1,12 @@
 import { createElement } from "../page/dom";
 import { latest, phasesOf, type Happening, type Timeline } from "./replay-data";
 
-/** What a trial is called beside another one; nothing where it is alone. */
+/** Labels of compared trials; empty for a single one. */
 export function labels(count: number): string[] {
   return count < 2 ? [""] : ["A", "B"];
 }
 
-/** What a trial was, and how it ended. */
+/** The title, end and facts of a trial. */
 export function description(timeline: Timeline, label: string): Node[] {
   const { title, complete, result, seconds, facts } = timeline;
   const length = `${seconds.toFixed(1)}\u00a0s`;
@@ -22,7 +22,7 @@ export function description(timeline: Timeline, label: string): Node[] {
   return [heading, createElement("p", ending), more];
 }
 
-/** Which of the trials shown were of simulated participants, in words; empty where none was. */
+/** Which trials have simulated participants, as text; empty if none has. */
 export function simulatedText(timelines: readonly Timeline[]): string {
   const named = labels(timelines.length).filter((_, at) => timelines[at]!.simulated);
   if (named.length === timelines.length) {
@@ -31,7 +31,7 @@ export function simulatedText(timelines: readonly Timeline[]): string {
   return named.map((label) => `${label}: simulated participant`).join();
 }
 
-/** How a trial stands at a time, by the ids of the table's rows. */
+/** The values of a trial at a time, by the ids of the table's rows. */
 export function figures(timeline: Timeline, timeS: number): Record<string, string> {
   const { steps } = timeline;
   const at = latest(steps.time_s, timeS);
@@ -47,12 +47,12 @@ export function figures(timeline: Timeline, timeS: number): Record<string, strin
   };
 }
 
-/** A line of the list of what happened. */
+/** A row of the list of events. */
 export interface Entry extends Happening {
   label: string;
 }
 
-/** What happened in all trials, in the order of time. */
+/** The events of all trials, sorted by time. */
 export function timelineEntries(timelines: readonly Timeline[]): Entry[] {
   const named = labels(timelines.length);
   return timelines

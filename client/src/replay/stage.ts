@@ -6,7 +6,7 @@ import { createRoom } from "../scene/room";
 import { View, type Detail } from "../scene/view";
 import { World } from "../scene/world";
 
-/** Where one trial is drawn. */
+/** The view of one trial. */
 export class Stage {
   readonly view: View;
   private readonly world = new World();
@@ -42,7 +42,7 @@ export class Stage {
     this.view.useCamera(inside ? this.eyes.camera : null);
   }
 
-  /** Draws the trial as it was at a time. */
+  /** Draws the trial at a time. */
   show(timeS: number): void {
     this.frames.sample(timeS, this.poses);
     this.world.show(this.poses);

@@ -1,6 +1,6 @@
 import type { Material } from "three";
 
-/** From here on towards the eyes things fade, and at half of it they are gone: eyes cannot fuse what is so near. */
+/** Distance from the eyes at which objects begin to fade; at half of it they are invisible. */
 export const FADE_DISTANCE_M = 0.08;
 
 const FADE = `
@@ -9,9 +9,9 @@ const FADE = `
 const AFTER = "#include <alphamap_fragment>";
 
 /**
- * Lets what is drawn with a lit material fade near the eyes.
+ * Makes a lit material fade near the eyes.
  *
- * It is blended with what is behind. It writes its depth as opaque things do, so that its own parts need no sorting.
+ * It is blended with the background, and writes depth as opaque materials do, so its parts need no sorting.
  */
 export function fadeNearEyes(material: Material): void {
   material.depthWrite = !material.transparent;

@@ -2,9 +2,9 @@ import { PerspectiveCamera, Quaternion, Vector3, type Object3D } from "three";
 import { POSE } from "./state-interpolation";
 import type { Scene } from "../generated/messages";
 
-/** A camera where the simulated person's eyes are. */
+/** A camera at the simulated person's eyes. */
 export class ParticipantCamera {
-  /** Looks ahead along -z, as cameras do; the head's own axes are x left, -y ahead, z up. */
+  /** Looks along −z, as cameras in three.js; the head's axes are x left, −y forward, z up. */
   readonly camera = new PerspectiveCamera(undefined, 1, 0.03, 30);
   private headAt = -1;
   private readonly inHead = new Vector3();
@@ -14,7 +14,7 @@ export class ParticipantCamera {
     this.inHead.set(...eyes);
   }
 
-  /** Puts the camera where the eyes are in these poses. */
+  /** Moves the camera to the eyes in these poses. */
   follow(poses: Float32Array, root: Object3D): void {
     if (this.headAt < 0) return;
     const at = (index: number) => poses[this.headAt + index]!;
@@ -26,5 +26,5 @@ export class ParticipantCamera {
   }
 }
 
-/** From a camera's axes (x right, y up, -z ahead) to the head's (x left, -y ahead, z up). */
+/** Rotation from a camera's axes (x right, y up, −z forward) to the head's (x left, −y forward, z up). */
 const CAMERA_IN_HEAD = new Quaternion(0, Math.SQRT1_2, Math.SQRT1_2, 0);

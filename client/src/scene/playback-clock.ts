@@ -1,35 +1,35 @@
 import { TICK_S } from "../generated/messages";
 
-/** By so many pictures the delay is chosen: two seconds of a headset's. */
+/** Number of frames that determine the delay: two seconds. */
 const HISTORY = 180;
-/** The share of pictures for which the state that they want may not have come yet. */
+/** Share of frames for which the needed state may be missing. */
 const MISSED_SHARE = 0.02;
-/** However the network jitters, no more than this behind the states that came without delay. */
+/** Maximum delay behind states that arrive without network delay. */
 export const MAX_DELAY_S = 0.2;
-/** Farther behind than this the way is not made good but left out. */
+/** Beyond this delay, the clock jumps instead of catching up. */
 export const SKIP_DELAY_S = 0.25;
-/** How much faster or slower than time pictures may go to come nearer to the delay that is wanted. */
+/** Maximum deviation of the playback rate from 1. */
 export const MAX_RATE_CHANGE = 0.1;
-/** An error this small is made good within about this time, so that haste fades away. */
+/** Time constant for the correction of small errors. */
 const SETTLING_TIME_S = 0.1;
 
 /**
- * The clock by which the simulation is drawn: as close behind the newest state as these come evenly.
+ * The playback clock of the simulation (a jitter buffer): as close behind the newest state as frames stay smooth.
  *
- * What counts is not when states come but what a picture finds: at each picture the clock notes by how much its newest
- * state is ahead of local time. Drawn so far ahead, nearly all of the latest pictures had a state on either side of what
- * they drew. The clock never goes back, nor beyond the newest state: where that is too old, it stands still.
+ * In each frame it records how far the newest state is ahead of local time. The delay is chosen so that nearly all
+ * recent frames had a state on either side of the drawn time. The clock never runs backwards or beyond the newest
+ * state; if that is too old, it stops.
  */
 export class Playback {
-  /** How far the newest state was ahead of local time, at the latest pictures; the oldest is overwritten. */
+  /** The lead of the newest state over local time in recent frames (ring buffer). */
   private readonly ahead = new Float64Array(HISTORY);
   private readonly sorted = new Float64Array(HISTORY);
   private pictures = 0;
   private atS = 0;
-  /** The simulation time that is drawn. */
+  /** The drawn simulation time. */
   drawnS = -Infinity;
 
-  /** The simulation time to draw at local time `nowS`, where the newest state is that of `newestS`. */
+  /** The simulation time to draw at local time `nowS`; `newestS`: that of the newest state. */
   advance(nowS: number, newestS: number): number {
     if (this.pictures === 0) this.note(newestS - nowS - TICK_S);
     this.note(newestS - nowS);
@@ -47,7 +47,7 @@ export class Playback {
     this.ahead[this.pictures++ % HISTORY] = aheadS;
   }
 
-  /** How far ahead of local time nearly all pictures had a state. */
+  /** The lead over local time that a state had in nearly all frames. */
   private wantedAheadS(): number {
     const count = Math.min(this.pictures, HISTORY);
     const sorted = this.sorted.subarray(0, count);

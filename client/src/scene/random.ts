@@ -1,4 +1,4 @@
-/** Numbers from 0 to 1 that are the same every time. */
+/** A pseudorandom generator of numbers in [0, 1) with a seed. */
 export function seededRandom(seed: number): () => number {
   let state = seed;
   return () => {

@@ -4,22 +4,22 @@ import type { XRPose } from "../generated/messages";
 import { OVERLAY_ORDER } from "../panel/canvas-plane";
 import { freeOf, type Rectangle } from "./view";
 
-/** How far from the edge an arrow stays, and within which margin the robot is out of view, px. */
+/** Distance of the arrow from the edge, px. */
 const MARGIN = 56;
-/** Farther than this from where the head looks, the robot is out of view in VR. */
+/** Maximum angle from the viewing direction at which the robot is in view in VR. */
 const IN_VIEW_RAD = (40 * Math.PI) / 180;
 const AHEAD_M = 0.7;
 const ASIDE_M = 0.24;
 const UP = new Vector3(0, 1, 0);
 
-/** An arrow on a picture: its place, px, and the direction in which it points, radians clockwise from the right. */
+/** An arrow on the screen: position in px, and direction in radians clockwise from the right. */
 export interface Arrow {
   x: number;
   y: number;
   turn: number;
 }
 
-/** The arrow at the edge of the `clear` part of a picture to a place that is outside of it or behind the card; else null. */
+/** The arrow at the edge of the `clear` area to a place out of view or behind the card; null if it is visible. */
 export function arrowTo(
   place: Vector3,
   camera: PerspectiveCamera,
@@ -47,7 +47,7 @@ function isIn({ x, y }: { x: number; y: number }, { left, top, right, bottom }: 
   return x >= left && x <= right && y >= top && y <= bottom;
 }
 
-/** A part of a picture without the strip above or below in which a control is. */
+/** An area without the strip above or below that a control occupies. */
 export function without(part: Rectangle, control: Rectangle): Rectangle {
   const isThere = control.bottom > control.top && control.left < part.right && control.right > part.left;
   if (!isThere || control.bottom <= part.top || control.top >= part.bottom) return part;
@@ -55,7 +55,7 @@ export function without(part: Rectangle, control: Rectangle): Rectangle {
   return isAbove ? { ...part, top: control.bottom } : { ...part, bottom: control.top };
 }
 
-/** The arrow with the robot's name at the edge of the flat picture, while the robot is out of view. */
+/** An arrow with the robot's name at the edge of the page's view, while the robot is out of view. */
 export class RobotArrow {
   private readonly mark = element("whereabouts");
   private readonly controls = [element("emergency"), element("hand")];
@@ -82,7 +82,7 @@ export class RobotArrow {
   }
 }
 
-/** Where a pointer stands before the eyes and how it is turned, so that it points at a place; null where it is in view. */
+/** The pose of a pointer towards a place; null if the place is in view. */
 export function pointerTo(place: Vector3, [position, orientation]: XRPose): { position: Vector3; turn: Quaternion } | null {
   const head = new Matrix4().compose(
     new Vector3(...position),
@@ -98,14 +98,14 @@ export function pointerTo(place: Vector3, [position, orientation]: XRPose): { po
   return { position: aside.multiplyScalar(ASIDE_M).setZ(-AHEAD_M).applyMatrix4(head), turn };
 }
 
-/** A pointer before the eyes in VR, 6° long, while the robot is out of view. */
+/** A pointer in VR towards the robot while it is out of view, with a size of 6°. */
 export class RobotPointer {
   readonly mesh = new Mesh(
     new ConeGeometry(0.02, 0.07, 16),
     new MeshBasicMaterial({ color: 0xff6d00, depthTest: false, transparent: true, toneMapped: false }),
   );
 
-  /** Is drawn in a scene. */
+  /** Adds the pointer to a scene. */
   constructor(scene: Object3D) {
     this.mesh.renderOrder = OVERLAY_ORDER + 1;
     this.mesh.visible = false;

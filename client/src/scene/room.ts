@@ -19,7 +19,7 @@ import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 import { seededRandom } from "./random";
 import type { Detail } from "./view";
 
-/** The room in the simulation's frame: z up, centred on the world's origin, metres. */
+/** The room in the world frame: z up, centred at the origin, metres. */
 const SIZE = 6;
 const HEIGHT = 2.7;
 const HALF = SIZE / 2;
@@ -38,7 +38,7 @@ export function createRoom({ anisotropy, lighting }: Detail): Group {
   return room;
 }
 
-/** The same surfaces with one mesh, and so one draw call, for each material. They only receive shadows. */
+/** Merges the meshes of each material into one, for few draw calls. They only receive shadows. */
 function joinedByMaterial(built: Group): Group {
   const pieces = new Map<Material, BufferGeometry[]>();
   built.updateMatrixWorld();
@@ -78,7 +78,7 @@ function ceiling(): Mesh {
   return mesh;
 }
 
-/** Four walls that face inwards, turned about z one after the other. */
+/** Four walls that face inwards. */
 function walls(): Group[] {
   const material = new MeshStandardMaterial({ color: 0xe6e4dc, roughness: 0.95 });
   return quarters(() => {
@@ -106,7 +106,7 @@ function quarters(make: () => Mesh): Group[] {
   });
 }
 
-/** On the person's left and in front: the sun comes from between them. */
+/** Windows on the person's left and in front, from which the sun shines. */
 function windows(): Group[] {
   const sky = new MeshBasicMaterial({ map: skyTexture() });
   const onLeft = makeWindow(sky);
@@ -118,7 +118,7 @@ function windows(): Group[] {
   return [onLeft, inFront];
 }
 
-/** A window in its own x (along), y (up) and z (into the room). */
+/** A window in its own frame: x along the wall, y up, z into the room. */
 function makeWindow(sky: Material): Group {
   const { width, height } = WINDOW;
   return new Group().add(new Mesh(new PlaneGeometry(width, height), sky), ...windowFrame(width, height));
@@ -142,14 +142,14 @@ function box(width: number, height: number, depth: number, x: number, y: number)
   return mesh;
 }
 
-/** three's light points along its own y axis; in the room up is z. */
+/** three.js's hemisphere light points along y; in the room up is z. */
 function skyLight(intensity: number): HemisphereLight {
   const light = new HemisphereLight(0xf6f9ff, 0xe6ded2, intensity);
   light.position.set(0, 0, 1);
   return light;
 }
 
-/** A side of the sun's shadow map, of 2.4 mm each; colour and depth of a pixel take eight bytes of the GPU. */
+/** Side length of the shadow map in pixels of 2.4 mm. */
 const SHADOW_PIXELS = 1408;
 
 function sunLight(castShadow: boolean): Group {
@@ -189,7 +189,7 @@ function skyTexture(): Texture {
   return textureOf(context);
 }
 
-/** Oak planks: boards of one width, staggered, each with its own tone and a fine grain. */
+/** A texture of oak planks with staggered boards. */
 function plankTexture(): Texture {
   const { pixels, across, tileM } = PLANKS;
   const context = canvas2d(pixels, pixels);
@@ -202,7 +202,7 @@ function plankTexture(): Texture {
   return texture;
 }
 
-/** Two boards with staggered ends; drawn twice so that the tile closes at its edge. */
+/** Two staggered boards, drawn twice for a seamless texture. */
 function paintRow(context: CanvasRenderingContext2D, random: () => number, x: number, width: number): void {
   const { pixels } = PLANKS;
   const offset = random() * pixels;

@@ -18,7 +18,7 @@ import type { Scene } from "../generated/messages";
 import { fadeNearEyes } from "./near-fade";
 import { SurfacePoints } from "./surface-points";
 
-/** Poses as the server streams them: x, y, z, then w, x, y, z for each body, then for each mark. */
+/** Poses in the order of the protocol: x, y, z, w, x, y, z of each body, then of each mark. */
 type Poses = Float32Array;
 
 interface Follower {
@@ -26,23 +26,23 @@ interface Follower {
   at: number;
 }
 
-/** A bone that follows a limb but not its twist; `parentAt` is the pose of the body that carries the limb. */
+/** A bone that follows a limb without its twist; `parentAt`: offset of the pose of the limb's parent. */
 interface Swing extends Follower {
   parentAt: number;
 }
 
-/** One mesh drawn at many poses. */
+/** A mesh that is instanced at several poses. */
 interface Copies {
   mesh: InstancedMesh;
   at: number[];
 }
 
-/** Not 0: a matrix that cannot be inverted has no normals. */
+/** Not 0, because a singular matrix has no normals. */
 const COLLAPSED_SCALE = 1e-3;
-/** How the names of the robot's bodies begin, its tool's among them. */
+/** Prefix of the names of the bodies of robot and tool. */
 const ROBOT = "robot/";
 
-/** What a scene shows. `extras` of the GLB's nodes say which poses move them; see the server's `scene_export`. */
+/** The displayed scene. `extras` of the GLB's nodes contain the bodies that move them; see the server's `scene_export`. */
 export class SceneContent {
   private readonly followers: Follower[] = [];
   private readonly swings: Swing[] = [];
@@ -73,12 +73,12 @@ export class SceneContent {
     for (const copies of this.copies) placeCopies(copies, poses);
   }
 
-  /** From inside, the participant's own head is not drawn, but it still casts its shadow. */
+  /** In the first-person view, the participant's own head is hidden but still casts its shadow. */
   setFirstPerson(inside: boolean): void {
     for (const material of this.heads) material.colorWrite = material.depthWrite = !inside;
   }
 
-  /** Folds a body's skin into the joint that carries it, or unfolds it. */
+  /** Collapses the skin of a body into its joint, or restores it. */
   collapse(body: string, folded: boolean): void {
     const at = this.poseOf(body);
     for (const follower of this.followers)
@@ -96,7 +96,7 @@ export class SceneContent {
     });
   }
 
-  /** GLTFLoader renames nodes, so that only their `extras` tell what they are. */
+  /** Registers a node by its `extras`; GLTFLoader changes names. */
   private take(node: Object3D): void {
     const { body, swing, parent, bodies, skin_of: skinOf } = node.userData as Record<string, unknown>;
     if (String(body).startsWith(ROBOT) || Array.isArray(bodies)) fadeAll(node, this.faded);
@@ -126,7 +126,7 @@ export class SceneContent {
     this.copies.push({ mesh, at });
   }
 
-  /** All spots that the task draws on the person; their poses follow those of the bodies. */
+  /** Adds the marks of the task on the person. */
   private addMarks(): void {
     const { bodies, marks, mark_radius_m: radius, mark_rgb: rgb } = this.scene;
     if (!marks) return;
@@ -149,7 +149,7 @@ const twist = new Quaternion();
 const unscaled = new Vector3(1, 1, 1);
 const matrix = new Matrix4();
 
-/** Nearer to a half turn than this the twist of a limb is not defined: it stays as it was. */
+/** Near a half turn the twist of a limb is undefined; then it stays unchanged. */
 const LEAST_TWIST = 1e-3;
 
 function placeSwing({ node, at, parentAt }: Swing, poses: Poses): void {
@@ -177,7 +177,7 @@ function readQuaternion(into: Quaternion, poses: Poses, at: number): Quaternion 
   return into.set(poses[at + 4]!, poses[at + 5]!, poses[at + 6]!, poses[at + 3]!);
 }
 
-/** What moves with the poses has no bounds that could be known beforehand. */
+/** Enables shadows, and disables culling of meshes whose bounds move with the poses. */
 function prepare(node: Object3D): void {
   node.castShadow = node.receiveShadow = true;
   if (node instanceof SkinnedMesh || node instanceof InstancedMesh) node.frustumCulled = false;
@@ -187,7 +187,7 @@ function materialsOf(mesh: Mesh): Material[] {
   return Array.isArray(mesh.material) ? mesh.material : [mesh.material];
 }
 
-/** Lets all below a node fade near the eyes; `faded` are the materials that do, by those without. */
+/** Makes all meshes below a node fade near the eyes; `faded` maps original to fading materials. */
 function fadeAll(node: Object3D, faded: Map<Material, Material>): void {
   node.traverse((part) => {
     if (!(part instanceof Mesh)) return;
@@ -202,7 +202,7 @@ function fadeAll(node: Object3D, faded: Map<Material, Material>): void {
   });
 }
 
-/** Gives a mesh a material of its own: GLB files share them. */
+/** Gives a mesh its own copy of a material, which GLB files share. */
 function ownMaterial(mesh: Mesh): Material {
   const own = materialsOf(mesh)[0]!.clone();
   mesh.material = own;

@@ -2,9 +2,9 @@ import { Quaternion } from "three";
 import { Playback } from "./playback-clock";
 import type { State } from "../session/state-decoder";
 
-/** Numbers per body: position x, y, z, then orientation w, x, y, z. */
+/** Numbers per body: position x, y, z, orientation w, x, y, z. */
 export const POSE = 7;
-/** A body that moves further than this within one state has been placed anew. */
+/** A body that moves further within one state is not interpolated. */
 export const TELEPORT_M = 0.5;
 
 type Numbers = Float32Array;
@@ -18,7 +18,7 @@ interface Slot extends Frame {
   sequence: number;
 }
 
-/** The last states of one scene; draws the world between them by simulation time. */
+/** Buffer of the last states of one scene; interpolates by simulation time. */
 export class StateBuffer {
   private readonly slots: Slot[];
   private count = 0;
@@ -29,7 +29,7 @@ export class StateBuffer {
     this.slots = Array.from({ length: CAPACITY }, () => emptySlot(bodies));
   }
 
-  /** Takes a state; false when it is old or does not fit the scene. */
+  /** Adds a state; returns false if it is old or does not match the scene. */
   push(state: State): boolean {
     const newest = this.newest();
     if (state.poses.length !== this.bodies * POSE) return false;
@@ -41,18 +41,18 @@ export class StateBuffer {
     return true;
   }
 
-  /** The simulation time of the picture that was drawn last. */
+  /** The simulation time of the last frame. */
   get drawnTimeS(): number {
     return this.playback.drawnS;
   }
 
-  /** The world to draw at local time `nowS`, into `out` (bodies × 7); false before the first state. */
+  /** Writes the poses at local time `nowS` into `out` (bodies × 7); false before the first state. */
   draw(nowS: number, out: Float32Array): boolean {
     const newest = this.newest();
     return newest !== null && this.sample(this.playback.advance(nowS, newest.timeS), out);
   }
 
-  /** The world at a simulation time; outside the buffer, its nearest state. */
+  /** Writes the poses at a simulation time into `out`; outside the buffer, those of the nearest state. */
   sample(timeS: number, out: Float32Array): boolean {
     if (this.count === 0) return false;
     let age = 0;
@@ -67,7 +67,7 @@ export class StateBuffer {
     return this.count > 0 ? this.slot(0) : null;
   }
 
-  /** The state that is `age` states older than the newest. */
+  /** The state `age` states before the newest. */
   private slot(age: number): Slot {
     return this.slots[(this.last - age + CAPACITY) % CAPACITY]!;
   }
@@ -89,13 +89,13 @@ export class StateBuffer {
   }
 }
 
-/** All bodies' poses at a time. */
+/** The poses of all bodies at a time. */
 export interface Frame {
   timeS: number;
   poses: Float32Array;
 }
 
-/** The poses between two frames, into `out`; what was placed anew stays until it is. */
+/** Interpolates the poses between two frames into `out`; bodies that were moved discontinuously are not interpolated. */
 export function blend(before: Frame, after: Frame, timeS: number, out: Float32Array): void {
   const share = (timeS - before.timeS) / (after.timeS - before.timeS);
   for (let at = 0; at < out.length; at += POSE) {
@@ -118,7 +118,7 @@ function isTeleport(before: Float32Array, after: Float32Array, at: number): bool
   return x * x + y * y + z * z > TELEPORT_M * TELEPORT_M;
 }
 
-/** three's slerp treats the four numbers alike, so it serves w, x, y, z as well as x, y, z, w. */
+/** three.js's slerp is symmetric in the components, so it works for w, x, y, z as well as x, y, z, w. */
 function slerp(out: Float32Array, from: Float32Array, to: Float32Array, at: number, t: number): void {
   slerpFlat(out, at, from, at, to, at, t);
 }

@@ -2,17 +2,17 @@ import { InstancedMesh, Mesh, SkinnedMesh, Vector3, type Object3D } from "three"
 import { MeshSurfaceSampler } from "three/addons/math/MeshSurfaceSampler.js";
 import { seededRandom } from "./random";
 
-/** One point for each so many square metres of a surface of few triangles. */
+/** Surface area per sample point, m². */
 const AREA_M2 = 0.0016;
 const FEWEST = 12;
 const MOST = 800;
-/** With more vertices than this some of them stand for the surface. */
+/** Of meshes with more vertices, some vertices are the sample points. */
 const FINE_VERTICES = 3000;
 const SKIN_VERTICES = 1500;
-/** What of the person is nearer to the eyes are arms and lap, which move out of the way. */
+/** Parts of the person within this distance of the eyes (arms and lap) are ignored. */
 const REACH_M = 0.8;
 
-/** Points on the surfaces of a scene, to tell where there is room. Drops, crumbs and marks are left out. */
+/** Sample points on the surfaces of a scene, for finding free space. Instanced meshes are ignored. */
 export class SurfacePoints {
   private readonly rigid: { mesh: Mesh; points: Vector3[] }[] = [];
   private readonly skins: SkinnedMesh[] = [];
@@ -26,7 +26,7 @@ export class SurfacePoints {
     });
   }
 
-  /** The points as they lie now, x, y, z of each; those of the person only beyond the reach of the arms. */
+  /** The present points x, y, z; those of the person only beyond `REACH_M`. */
   around(eyes: Vector3): Float32Array {
     const numbers: number[] = [];
     const point = new Vector3();
@@ -54,7 +54,7 @@ function pointsOn(mesh: Mesh): Vector3[] {
   });
 }
 
-/** How many points a surface needs; its sides say how large it is about. */
+/** The number of sample points of a mesh, from the size of its bounding box. */
 function pointsFor(mesh: Mesh): number {
   mesh.geometry.computeBoundingBox();
   const { x, y, z } = mesh.geometry.boundingBox!.getSize(new Vector3()).multiply(mesh.getWorldScale(new Vector3()));
@@ -65,7 +65,7 @@ function verticesOf(mesh: Mesh): number {
   return mesh.geometry.getAttribute("position").count;
 }
 
-/** At most so many of the numbers below `count`, evenly spread. */
+/** At most `most` evenly spaced integers below `count`. */
 function spread(count: number, most: number): number[] {
   const stride = Math.ceil(count / most);
   return Array.from({ length: Math.ceil(count / stride) }, (_, index) => index * stride);

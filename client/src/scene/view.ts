@@ -10,32 +10,32 @@ import {
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
-/** Where the spectator stands and looks, in the simulation's frame: a person sits at its origin facing -y. */
+/** Position of the spectator's camera in the world frame; the person sits at its origin and faces −y. */
 const EYE_W = new Vector3(0.93, -1.57, 1.4);
-/** What eyes see across the shorter side of a picture, so that a phone held upright shows no less beside them. */
+/** Field of view of the first-person view across the shorter side of the page. */
 const EYES_ANGLE = 75;
-/** From the lower to the upper edge of what the card leaves free of the scene, and across it at least, degrees. */
+/** Vertical and minimum horizontal field of view of the part that the card leaves free, degrees. */
 const SCENE_ANGLE = 45;
 const SCENE_WIDTH_ANGLE = 70;
 const REFLECTION = 0.5;
-/** Nearer than this two spectators stand and look alike. */
+/** Maximum difference of two cameras that count as equal. */
 const ALIKE_M = 1e-6;
 const CENTRE = new Vector3(0, 1, 0);
 const CHEST_W = new Vector3(0, 0.05, 0.88);
 
-/** How finely the world is drawn. */
+/** Rendering quality. */
 export interface Detail {
   antialias: boolean;
-  /** Whether the sun casts shadows and the room is reflected. */
+  /** Whether the sun casts shadows and surfaces reflect the room. */
   lighting: boolean;
   anisotropy: number;
 }
 
 export const FULL_DETAIL: Detail = { antialias: true, lighting: true, anisotropy: 8 };
-/** For emulated headsets, whose pictures the processor draws: shadows alone would cost two frames of three. */
+/** For emulated headsets, which render on the processor. */
 export const LIGHT_DETAIL: Detail = { antialias: false, lighting: false, anisotropy: 1 };
 
-/** This browser draws nothing in three dimensions. */
+/** WebGL is not available. */
 export class CannotDrawError extends Error {}
 
 function rendererOf(antialias: boolean): WebGLRenderer {
@@ -48,11 +48,11 @@ function rendererOf(antialias: boolean): WebGLRenderer {
   }
 }
 
-/** The renderer and the third-person view of the flat page. */
+/** The renderer, and the page's third-person view. */
 export class View {
   readonly renderer: WebGLRenderer;
   readonly scene = new Scene();
-  /** three moves this one with the headset; the spectator's camera stays where it is. */
+  /** The camera in VR; the spectator's camera is separate. */
   private readonly eyes = new PerspectiveCamera(70, 1, 0.03, 30);
   private readonly spectator = new PerspectiveCamera(45, 1, 0.05, 30);
   private readonly controls: OrbitControls;
@@ -80,7 +80,7 @@ export class View {
     for (const sized of [holder, card]) sizes.observe(sized);
   }
 
-  /** Fills its holder; the scene's middle lies in the part that the card leaves free. */
+  /** Fits the canvas to its container, with the scene's centre in the part that the card leaves free. */
   private fit(): void {
     if (this.renderer.xr.isPresenting) return;
     const area = this.holder.getBoundingClientRect();
@@ -101,7 +101,7 @@ export class View {
     }
   }
 
-  /** Who turns one of two views turns both. */
+  /** Links the cameras of two views. */
   linkCamera(other: View): void {
     this.controls.stopListenToKeyEvents();
     this.controls.addEventListener("change", () => other.copyCamera(this));
@@ -117,20 +117,20 @@ export class View {
     this.controls.update();
   }
 
-  /** Shows what this camera sees, or the spectator's view again. */
+  /** Shows the view of this camera, or the spectator's (null). */
   useCamera(camera: PerspectiveCamera | null): void {
     this.borrowed = camera;
     this.fit();
   }
 
-  /** Shows the person from the front left, where no robot stands, wherever the simulation's frame stands. */
+  /** Moves the spectator to the front left of the person. */
   placeSpectator(root: Object3D): void {
     this.spectator.position.copy(root.localToWorld(EYE_W.clone()));
     this.controls.target.copy(root.localToWorld(CHEST_W.clone()));
     this.controls.update();
   }
 
-  /** Lets metals mirror the room as it is seen from where the person sits. */
+  /** Sets the environment map to the room as seen from the person's seat. */
   reflect(world: Object3D): void {
     const generator = new PMREMGenerator(this.renderer);
     const target = generator.fromScene(new Scene().add(world), 0.02, 0.1, 10, {
@@ -142,12 +142,12 @@ export class View {
     generator.dispose();
   }
 
-  /** What the flat page sees with. */
+  /** The camera of the page. */
   get camera(): PerspectiveCamera {
     return this.borrowed ?? this.spectator;
   }
 
-  /** In VR shadows are cast anew in every second picture alone: they take a fifth of a picture's JavaScript. */
+  /** Renders a frame. In VR, shadows are updated only in every second frame, to save time. */
   render(): void {
     const { xr, shadowMap } = this.renderer;
     this.pictures++;
@@ -157,14 +157,14 @@ export class View {
   }
 }
 
-/** The angle, degrees, that so many times the height of another takes up. */
+/** The field of view, degrees, for a picture that is so many times higher. */
 function timesAsHigh(times: number, angle: number): number {
   return (Math.atan(Math.tan((angle * Math.PI) / 360) * times) * 360) / Math.PI;
 }
 
 export type Rectangle = Pick<DOMRect, "left" | "right" | "top" | "bottom">;
 
-/** The largest part of a picture's area beside, above or below a card. */
+/** The largest part of an area beside, above or below a card. */
 export function freeOf(area: Rectangle, card: Rectangle): Rectangle {
   const { left, top, right, bottom } = area;
   if (card.right <= left || card.left >= right || card.bottom <= top || card.top >= bottom) return { left, top, right, bottom };
@@ -180,7 +180,7 @@ function sizeOf({ left, top, right, bottom }: Rectangle): number {
   return Math.max(right - left, 0) * Math.max(bottom - top, 0);
 }
 
-/** By how much the view of a picture is moved, px, so that its middle is that of its free part. */
+/** The offset of the view, px, that centres it in the free part of an area. */
 export function offset(area: Rectangle, free: Rectangle): [x: number, y: number] {
   const x = (area.left + area.right - free.left - free.right) / 2;
   const y = (area.top + area.bottom - free.top - free.bottom) / 2;

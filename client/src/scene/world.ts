@@ -12,7 +12,7 @@ import { Hands } from "../tracking/modality-switch";
 import type { State } from "../session/state-decoder";
 import { poseOf, type Poses } from "../tracking/pose-reader";
 
-/** A way of the world, from one place in `local-floor` to another. */
+/** A linear motion of the world in `local-floor`. */
 interface Motion {
   from: Vector3;
   to: Vector3;
@@ -24,16 +24,16 @@ const SIDES = ["left", "right"] as const;
 const TOOL = "robot/tool";
 const loader = new GLTFLoader();
 
-/** The simulated world: its root stands where the server says, its bodies follow the states. */
+/** The simulated world: its root is at the pose from the server, its bodies follow the states. */
 export class World {
-  /** Carries the transform from the simulation's z-up world to WebXR's `local-floor`. */
+  /** The pose of the z-up world frame in `local-floor`. */
   readonly root = uprightRoot();
   readonly hands = new BareHands();
   private followed = new Hands();
   private content: SceneContent | null = null;
   private states: StateBuffer | null = null;
   private own: ParticipantBody | null = null;
-  /** The bodies' poses as they are simulated and as they are drawn, and where the participant is, in the latest frame. */
+  /** In the last frame: the bodies' poses as simulated and as drawn, and the participant's tracked pose. */
   simulated = new Float32Array();
   drawn = new Float32Array();
   tracked: BodyPose | null = null;
@@ -46,7 +46,7 @@ export class World {
     this.root.add(this.hands.group);
   }
 
-  /** Replaces the scene; until the new one is here, the earlier one stays as it is. */
+  /** Loads a scene; the previous one remains until it is loaded. */
   async load(scene: Scene, glb: Promise<ArrayBuffer>): Promise<void> {
     this.newest = scene;
     this.states = new StateBuffer(posesIn(scene));
@@ -60,28 +60,28 @@ export class World {
     else content.dispose();
   }
 
-  /** The whole world goes to another place, evenly. */
+  /** Moves the whole world linearly to another pose. */
   move({ xr_from_world: [to], seconds }: Placed, nowMs: number): void {
     const from = this.root.position.clone();
     this.motion = { from, to: new Vector3(...to), beginsMs: nowMs, lastsMs: 1000 * seconds };
   }
 
-  /** False when the state is old or of another scene. */
+  /** Adds a state; returns false if it is old or of another scene. */
   push(state: State): boolean {
     const taken = this.states?.push(state) ?? false;
     if (taken) this.own?.take(state);
     return taken;
   }
 
-  /** A restarted server counts its states from the beginning. */
+  /** Discards all states: a restarted server numbers them from 0. */
   forgetStates(): void {
     if (this.newest) this.states = new StateBuffer(posesIn(this.newest));
   }
 
   /**
-   * Draws what is simulated, and over it the body of who takes part, where they are tracked in this frame.
+   * Draws the simulated bodies, and the participant's body at its tracked pose.
    *
-   * `lagMs` is the age of the pose that the newest state follows.
+   * `lagMs`: the age of the pose in the newest state.
    */
   update(nowMs: number, poses: Poses | null, lagMs: number, bareHands: TrackedHands = NO_TRACKED_HANDS): void {
     this.advance(nowMs);
@@ -97,41 +97,41 @@ export class World {
     for (const side of SIDES) this.drawHand(side, bareHands, seen?.[side]);
   }
 
-  /** From now on the hands follow their tracked poses without corrections. */
+  /** Discards corrections of the hands. */
   forgetHands(): void {
     this.followed = new Hands();
   }
 
-  /** Draws these poses at once. */
+  /** Draws these poses. */
   show(poses: Float32Array): void {
     this.content?.place(poses);
   }
 
-  /** Where the robot's tool is drawn, in `local-floor`; null before the first picture. */
+  /** The drawn position of the robot's tool in `local-floor`; null before the first frame. */
   get robot(): Vector3 | null {
     const at = (this.shown?.bodies.indexOf(TOOL) ?? -1) * POSE;
     if (at < 0 || this.drawn[at + 3] === 0) return null;
     return this.root.localToWorld(new Vector3().fromArray(this.drawn, at));
   }
 
-  /** The simulation time of the picture that was drawn last. */
+  /** The simulation time of the last frame. */
   get drawnTimeS(): number {
     return this.states?.drawnTimeS ?? -Infinity;
   }
 
-  /** From inside, the participant's own head is not drawn. */
+  /** In the first-person view, the participant's own head is hidden. */
   setFirstPerson(inside: boolean): void {
     this.firstPerson = inside;
     this.content?.setFirstPerson(inside);
   }
 
-  /** Points on all that stands around, x, y, z of each. */
+  /** Sample points x, y, z on the surrounding surfaces. */
   surfacePoints(eyes: Vector3): Float32Array {
     this.root.updateMatrixWorld();
     return this.content?.surfaces.around(eyes) ?? new Float32Array();
   }
 
-  /** The fingers of a hand that is `seen` at a pose go along with it to where it is drawn. */
+  /** Draws the tracked fingers of a hand at the drawn pose of the hand; `seen` is the tracked one. */
   private drawHand(side: Side, bareHands: TrackedHands, seen: Pose | null | undefined): void {
     const body = `${PERSON.prefix}${side}_hand`;
     const joints = bareHands[side];
@@ -172,7 +172,7 @@ function posesIn(scene: Scene): number {
   return scene.bodies.length + scene.marks;
 }
 
-/** Before the server has said where the world stands, only its up is known. */
+/** The initial pose: only the up direction is known. */
 function uprightRoot(): Group {
   const root = new Group();
   root.rotation.x = -Math.PI / 2;

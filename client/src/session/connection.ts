@@ -7,18 +7,18 @@ import {
   type ServerMessage,
 } from "../generated/messages";
 
-/** `lost`: it tries again; `refused` and `superseded`: it does not. */
+/** `lost`: it reconnects; `refused` and `superseded`: it does not. */
 export type Link = "connecting" | "connected" | "lost" | "refused" | "superseded";
 
 export interface LinkEvents {
   message(message: ServerMessage): void;
-  /** `code` is what the server closed the socket with, or 0. */
+  /** `code`: the closing code of the server, or 0. */
   link(link: Link, code: number): void;
 }
 
-/** The server closes with this code when the page was opened elsewhere: this one must not come back. */
+/** Closing code when the page was opened elsewhere; this page must not reconnect. */
 export const SUPERSEDED = 4001;
-/** The server closes with these where no later attempt can do better: see `server/connection.py`. */
+/** Closing codes after which reconnecting is useless; see `server/connection.py`. */
 export const REFUSED: readonly number[] = [4400, 4401, 4403, 4410, 4411];
 
 const FIRST_RETRY_MS = 100;
@@ -29,7 +29,7 @@ export function retryDelayMs(failures: number): number {
   return Math.min(LONGEST_RETRY_MS, FIRST_RETRY_MS * 2 ** failures);
 }
 
-/** One WebSocket at a time to the server; it comes back by itself until it is superseded. */
+/** A WebSocket to the server that reconnects automatically. */
 export class Connection {
   private socket: WebSocket | null = null;
   private welcomed = false;
@@ -65,7 +65,7 @@ export class Connection {
     return this.socket?.bufferedAmount ?? 0;
   }
 
-  /** Sends and returns true, or returns false when there is no connection. */
+  /** Sends a message; returns false without a connection. */
   send(message: Outgoing): boolean {
     if (!this.connected) return false;
     this.socket?.send(encode(message));
@@ -107,7 +107,7 @@ export type Outgoing = ClientMessage | ExperimenterMessage;
 const encoder = new Encoder();
 const decoder = new Decoder();
 
-/** The bytes of a message, valid until the next call: whoever sends them copies them. */
+/** The bytes of a message, valid until the next call; the recipient must copy them. */
 export function encode(message: Outgoing): Uint8Array<ArrayBuffer> {
   return encoder.encodeSharedRef(message);
 }

@@ -1,15 +1,15 @@
-/** The seconds that are left of a phase, in whole numbers. */
+/** The remaining whole seconds of a phase. */
 export class Countdown {
   secondsLeft: number | null = null;
   private endsMs = Infinity;
 
-  /** Begins with a phase of so many seconds; null: it has no end. */
+  /** Starts with the duration of a phase; null: unlimited. */
   begin(seconds: number | null, nowMs: number): void {
     this.endsMs = seconds === null ? Infinity : nowMs + seconds * 1000;
     this.secondsLeft = this.secondsUntilEnd(nowMs);
   }
 
-  /** Whether another number is shown than before. */
+  /** Updates the seconds; returns whether they changed. */
   advance(nowMs: number): boolean {
     const before = this.secondsLeft;
     this.secondsLeft = this.secondsUntilEnd(nowMs);

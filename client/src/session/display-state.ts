@@ -3,22 +3,22 @@ import { PHASES_WHERE, type Body, type Phase, type Question } from "../generated
 import { textFor, type InputKind } from "../input/input-kind";
 import type { Key, Texts } from "../page/texts";
 
-/** Everything that texts are shown about. */
+/** The state that determines the displayed texts. */
 export interface DisplayState {
   texts: Texts;
   link: Link;
-  /** What the server closed the connection with, or 0. */
+  /** The closing code of the server, or 0. */
   code: number;
   phase: Phase | null;
-  /** The participant's body, for those who may choose it. */
+  /** The participant's body, for roles that may change it. */
   body: Body | null;
   question: Question | null;
   answered: number | null;
   problem: string | null;
   secondsLeft: number | null;
-  /** How the participant selects in VR. */
+  /** The participant's select input in VR. */
   input: InputKind;
-  /** Whether the participant is in VR, or plays without a headset. */
+  /** Whether the participant is in VR or takes part without a headset. */
   participates: boolean;
 }
 
@@ -28,13 +28,13 @@ export interface PanelContent {
   text: string;
   secondsLeft: number | null;
   question: Question | null;
-  /** The body to choose another in the place of, while the participant is measured. */
+  /** The present body, while it can be changed. */
   body: Body | null;
   answered: number | null;
   notice: string | null;
-  /** Whether all questions are answered, and the answers are to be confirmed. */
+  /** Whether the participant must confirm their answers. */
   confirms: boolean;
-  /** Whether the participant may ask to be measured again. */
+  /** Whether the participant may be calibrated again. */
   again: boolean;
 }
 
@@ -46,7 +46,7 @@ const LINK_TEXTS: Record<Link, Key> = {
   superseded: "superseded",
 };
 
-/** Why the server closed a connection, by its code. */
+/** Texts by closing code of the server. */
 const REASONS: Readonly<Record<number, Key>> = {
   1001: "stopped_server",
   4400: "outdated",
@@ -57,7 +57,7 @@ const REASONS: Readonly<Record<number, Key>> = {
   4411: "enter_code",
 };
 
-/** Whether the code of a session opens this page again; see `server/access.py`. */
+/** Whether a session code reopens this page; see `server/authentication.py`. */
 export function asksForCode(code: number): boolean {
   return code === 4410 || code === 4411;
 }
@@ -66,7 +66,7 @@ export function linkText({ texts, link, code }: Pick<DisplayState, "texts" | "li
   return texts.get((link !== "connected" && REASONS[code]) || LINK_TEXTS[link]);
 }
 
-/** What the panel in VR shows; null while there is nothing to read. */
+/** The content of the panel in VR; null if it is empty. */
 export function panelContent(display: DisplayState): PanelContent | null {
   const { texts, question, phase, answered, secondsLeft } = display;
   const notice = display.link === "connected" ? display.problem : linkText(display);
@@ -79,44 +79,44 @@ export function panelContent(display: DisplayState): PanelContent | null {
   return { texts, label, text, secondsLeft: counts, question, body, answered, notice, confirms, again };
 }
 
-/** Which trial of how many; empty outside the trials. */
+/** The number of the trial; empty outside trials. */
 export function phaseLabel(phase: Phase | null, texts: Texts): string {
   if (!phase || phase.trial < 1) return "";
   return phase.practice ? texts.get("practice") : texts.get("trial", { trial: phase.trial, trials: phase.trials });
 }
 
-/** Nothing stands between the person and the robot while it moves. */
+/** The text of a phase; empty while the robot moves, so that nothing covers the view. */
 function phaseText(phase: Phase | null, input: InputKind): string {
   if (!phase || phase.name === "trial" || phase.name === "retreat") return "";
   return textFor(input, phase.text, phase.texts_by_input);
 }
 
-/** Whether the participant confirms their answers now. */
+/** Whether the participant must confirm their answers. */
 export function confirmsAnswers(phase: Phase | null): boolean {
   return phase?.name === "confirm";
 }
 
-/** Whether there is an earlier answer to change. */
+/** Whether there is a previous answer to change. */
 export function mayGoBack({ phase, question }: Pick<DisplayState, "phase" | "question">): boolean {
   return question ? question.number > 1 : confirmsAnswers(phase);
 }
 
-/** Whether a press of the trigger tells the server to go on. */
+/** Whether the session waits for a trigger press. */
 export function awaitsReady(phase: Phase | null): boolean {
   return phase !== null && PHASES_WHERE.awaits_ready.includes(phase.name);
 }
 
-/** Whether the participant may ask to be measured again. */
+/** Whether the participant may be calibrated again. */
 export function mayRecalibrate(phase: Phase | null): boolean {
   return phase?.name === "check";
 }
 
-/** Whether a stop holds the robot now. */
+/** Whether a stop is possible now. */
 export function canBeStopped(phase: Phase | null): boolean {
   return phase !== null && PHASES_WHERE.can_be_stopped.includes(phase.name);
 }
 
-/** Whether the person and the robot may be moving, so that the stop key must work. */
+/** Whether person and robot may move, so the stop key must work. */
 export function isRunning(phase: Phase | null): boolean {
   return phase !== null && PHASES_WHERE.moves.includes(phase.name);
 }

@@ -1,19 +1,19 @@
 import type { HeadsetFrames } from "../generated/messages";
 
 const SEND_INTERVAL_MS = 1000;
-/** What one message holds. */
+/** Maximum number of intervals in a message. */
 const MAX_INTERVALS = 512;
 
-/** What frames are drawn on. */
+/** The properties of the device. */
 export type Headset = Pick<HeadsetFrames, "device" | "emulated" | "profiles" | "display_hz">;
 
-/** Notes when frames are drawn while the headset is checked, to tell it once a second. */
+/** Measures the intervals between frames during the headset check, for one message a second. */
 export class FrameIntervals {
   private lastMs = NaN;
   private sentMs = 0;
   private intervalsMs: number[] = [];
 
-  /** A frame is drawn; what to tell of those of the last second, when that is due. */
+  /** Notes a frame; returns the message of the last second when it is due. */
   drawn(timeMs: number, headset: () => Headset): HeadsetFrames | null {
     const intervalMs = timeMs - this.lastMs;
     this.lastMs = timeMs;
@@ -29,7 +29,7 @@ export class FrameIntervals {
     return { type: "headset_frames", ...headset(), intervals_ms };
   }
 
-  /** What was drawn before tells nothing of what comes. */
+  /** Discards earlier frames. */
   forget(): void {
     this.lastMs = NaN;
     this.intervalsMs = [];

@@ -3,16 +3,16 @@ import type { Feedback } from "../generated/messages";
 export type Hand = "left" | "right";
 
 const PULSE = { strength: 0.5, ms: 40 };
-/** Two soft partials a fifth apart that die away: heard, but not startling. */
+/** Two sine tones a fifth apart with an exponential decay. */
 const CHIME = { frequenciesHz: [660, 990], gain: 0.05, seconds: 0.35 };
 
-/** What the plan and the participant allow. */
+/** Enabled feedback. */
 export interface Allowed {
   haptics: boolean;
   sounds: boolean;
 }
 
-/** Lets the participant feel when a touch begins, and hear when the robot succeeds. */
+/** Haptic feedback when a touch begins, and a sound when the robot succeeds. */
 export class Senses {
   private readonly touched = { left: false, right: false };
   private audio: AudioContext | null = null;
@@ -22,7 +22,7 @@ export class Senses {
     private readonly allowed: () => Allowed,
   ) {}
 
-  /** Browsers let a page sound only after a press: call it in its handler. */
+  /** Enables audio; browsers require a call in the handler of a user action. */
   wake(): void {
     if (!("AudioContext" in globalThis)) return;
     this.audio ??= new AudioContext();

@@ -3,12 +3,12 @@ import type { State } from "./state-decoder";
 import type { FrameTimes } from "../tracking/pose-reader";
 
 const SEND_INTERVAL_MS = 1000;
-/** By so many of the latest frames the clocks are aligned: ten seconds of 90 a second. */
+/** Number of recent frames for clock alignment: ten seconds at 90 Hz. */
 const CLOCK_SAMPLES = 900;
-/** What one message holds; a page that draws nothing has no more to tell. */
+/** Maximum number of frames in a message. */
 const MAX_FRAMES = 256;
 
-/** The ways of one frame: by the client's clock, and while it is with the server by the server's; milliseconds. */
+/** The times of one frame, by the client's clock, and in the server by the server's clock; milliseconds. */
 interface FrameJourney extends FrameTimes {
   sequence: number;
   receivedMs: number;
@@ -19,7 +19,7 @@ interface FrameJourney extends FrameTimes {
   drawnMs: number;
 }
 
-/** Measures how long frames take from pose to picture, stage by stage. */
+/** Measures the latency from tracking to display by stage. */
 export class LatencyMeter {
   private passed: Passed | null = null;
   private waiting: FrameJourney[] = [];
@@ -27,10 +27,10 @@ export class LatencyMeter {
   private toldMs = 0;
   private readonly ways: { upMs: number; downMs: number }[] = [];
 
-  /** `times` says when a frame was read and sent. */
+  /** `times` returns when a frame was read and sent. */
   constructor(private readonly times: (sequence: number) => FrameTimes | null) {}
 
-  /** The state that comes next is the first to follow a frame. */
+  /** The next state is the first that includes this frame. */
   announce(passed: Passed): void {
     this.passed = passed;
   }
@@ -52,14 +52,14 @@ export class LatencyMeter {
     if (this.waiting.length > MAX_FRAMES) this.waiting.shift();
   }
 
-  /** A picture of a simulation time has been drawn. */
+  /** Notes that a frame with this simulation time was drawn. */
   pictureDrawn(simulationTimeS: number, nowMs: number): void {
     const isShown = (journey: FrameJourney) => journey.simulationTimeS <= simulationTimeS;
     for (const journey of this.waiting) if (isShown(journey)) this.drawn.push({ ...journey, drawnMs: nowMs });
     this.waiting = this.waiting.filter((journey) => !isShown(journey));
   }
 
-  /** What to tell the server, once a second. */
+  /** The message of the last second when it is due. */
   take(nowMs: number): Latency | null {
     if (nowMs < this.toldMs + SEND_INTERVAL_MS || this.drawn.length === 0) return null;
     const journeys = this.drawn.slice(-MAX_FRAMES);
@@ -68,7 +68,7 @@ export class LatencyMeter {
     return latencyOf(journeys, this.serverAheadMs());
   }
 
-  /** By how much the server's clock is ahead, if the fastest messages take as long either way. */
+  /** The offset of the server's clock, assuming equal minimum delays in both directions. */
   private serverAheadMs(): number {
     const least = (way: "upMs" | "downMs") => Math.min(...this.ways.map((each) => each[way]));
     return (least("upMs") - least("downMs")) / 2;

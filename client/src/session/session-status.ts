@@ -10,7 +10,7 @@ import {
   type Visibility,
 } from "../generated/messages";
 
-/** What happens in a phase, for those who watch. */
+/** Descriptions of phases for watchers. */
 export const PHASE_TEXTS: Readonly<Record<PhaseName, string>> = {
   waiting: "the participant is not in VR",
   headset: "the headset is about to be checked",
@@ -33,19 +33,19 @@ export const PHASE_TEXTS: Readonly<Record<PhaseName, string>> = {
   viewing: "an environment is shown",
 };
 
-/** Why the participant does not see the scene. */
+/** Reasons why the participant does not see the scene. */
 export const VISIBILITY_TEXTS: Readonly<Record<Exclude<Visibility, "visible">, string>> = {
   "visible-blurred": "a menu covers the scene",
   hidden: "headset taken off or page in the background",
   "context-lost": "the graphics failed",
 };
 
-/** What the experimenter's *skip* leaves out now. */
+/** The label of the experimenter's *skip* button. */
 export function skipText(phase: PhaseName): string {
   return phase.startsWith("headset") ? "Skip headset check" : "Skip trial";
 }
 
-/** What each line about a session says, by the id of its element. */
+/** Texts of the status by element id. */
 export function statusTexts(status: Status): Record<string, string> {
   return {
     "watch-trial": `${status.trial} of ${status.trials}, attempt ${status.attempt || "–"}`,
@@ -94,7 +94,7 @@ function untrackedText({ untracked_parts, needed_parts }: Status): string {
   return untracked_parts.map(words).join("");
 }
 
-/** From pose to picture, the half and all but one in twenty; then the halves of its stages. */
+/** Median and 95th percentile of the total latency, then the medians of its stages. */
 function latencyText({ latency }: Status): string {
   const total = latency.find(({ stage }) => stage === "total_ms");
   if (!total) return "–";

@@ -16,7 +16,7 @@ function element<T extends HTMLElement>(id: string): T {
   return document.getElementById(id) as T;
 }
 
-/** The page of those who watch: the participant's own view on demand, how things stand, and the experimenter's commands. */
+/** The page for watchers: the participant's view, the status of the session, and the experimenter's commands. */
 export class Spectator {
   firstPerson = false;
   private readonly participant = new ParticipantCamera();
@@ -44,7 +44,7 @@ export class Spectator {
     if (drives) this.driving ??= new OperatorControl(element("drive"), this.send);
   }
 
-  /** What the participant sees. */
+  /** The camera of the participant's view. */
   get eyes() {
     return this.participant.camera;
   }
@@ -65,7 +65,7 @@ export class Spectator {
     element("watch-ticks").textContent = timingText(timing);
   }
 
-  /** Puts the camera where the participant's eyes are in the newest state. */
+  /** Moves the camera to the participant's eyes in the newest state. */
   follow(state: State | null, root: Object3D): void {
     if (state) this.participant.follow(state.poses, root);
   }

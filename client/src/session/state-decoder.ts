@@ -1,19 +1,19 @@
 import { JOINT_STEPS, POSE_STEPS, type StateChange } from "../generated/messages";
 
-/** The world at one instant; its numbers hold until the next state is decoded. */
+/** The state of the world at one time; its arrays are reused for the next state. */
 export interface State extends Omit<StateChange, "type" | "joint_targets" | "poses"> {
-  /** Angles that the person's joints are driven to, radians. */
+  /** Target angles of the person's joints, radians. */
   joint_targets: Float64Array;
-  /** x, y, z, then w, x, y, z of each body, then of each mark; the simulation's frame. */
+  /** x, y, z, w, x, y, z of each body, then of each mark, in the world frame. */
   poses: Float32Array;
 }
 
-/** The client's end of a connection over which states come as changes; the server's is `vr/protocol/state_encoding.py`. */
+/** Decoder of delta-encoded states; the server's encoder is `vr/protocol/state_encoding.py`. */
 export class StateDecoder {
   private targets = new DeltaRows(JOINT_STEPS);
   private poses = new DeltaRows(POSE_STEPS);
 
-  /** After a scene, states differ from nothing. */
+  /** Resets after a scene message. */
   beginScene(): void {
     this.targets = new DeltaRows(JOINT_STEPS);
     this.poses = new DeltaRows(POSE_STEPS);
@@ -29,7 +29,7 @@ export class StateDecoder {
 
   private single = new Float32Array();
 
-  /** three takes them as they are drawn: in single precision. */
+  /** Converts to single precision for three.js. */
   private numbers(poses: Float64Array): Float32Array {
     if (this.single.length !== poses.length) this.single = new Float32Array(poses.length);
     this.single.set(poses);
@@ -37,7 +37,7 @@ export class StateDecoder {
   }
 }
 
-/** Rows of numbers as they were told last: in whole steps, so that nothing drifts, and what these amount to. */
+/** Decodes rows of numbers from differences in whole steps, without drift. */
 class DeltaRows {
   private whole = new Float64Array();
   private numbers = new Float64Array();
@@ -59,7 +59,7 @@ class DeltaRows {
     return this.numbers;
   }
 
-  /** Only the first state after a scene brings rows that were not there. */
+  /** Only the first state after a scene has new rows. */
   private reserve(length: number): void {
     if (length <= this.whole.length) return;
     this.whole = extended(this.whole, length);
@@ -67,7 +67,7 @@ class DeltaRows {
   }
 }
 
-/** Whole numbers, the lowest seven bits first, as Protocol Buffers write them. */
+/** Decodes varints as in Protocol Buffers. */
 class Varints {
   private at = 0;
 
@@ -77,7 +77,7 @@ class Varints {
     return this.at >= this.bytes.length;
   }
 
-  /** Numbers of more than 32 bits come too, which shifts would cut. */
+  /** Uses multiplication, because numbers may exceed 32 bits. */
   next(): number {
     for (let value = 0, scale = 1; ; scale *= 128) {
       const byte = this.bytes[this.at++]!;

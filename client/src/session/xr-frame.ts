@@ -5,15 +5,15 @@ import type { Panel } from "../panel/panel";
 import { Pointers } from "../input/pointers";
 import { BACKLOG_LIMIT_BYTES, Numbering, Reader, Throttle, type Poses } from "../tracking/pose-reader";
 
-/** What happens in every frame of VR: poses go out, the panel is placed, input sources point at it. */
+/** Handles XR frames: sends poses, places the panel, updates the pointers. */
 export class XRFrameHandler {
   readonly numbering = new Numbering();
   readonly pointers = new Pointers();
-  /** How many frames have been drawn. */
+  /** The number of frames so far. */
   frames = 0;
-  /** Whether poses come from `track` alone, and not with the frames. */
+  /** Whether poses are sent only by `track` and not with each frame. */
   trackedElsewhere = false;
-  /** The participant does not see the scene: poses that come meanwhile are not theirs. */
+  /** Whether the participant does not see the scene; then no poses are sent. */
   blocked = false;
   private readonly reader = new Reader();
   private readonly throttle = new Throttle();
@@ -27,7 +27,7 @@ export class XRFrameHandler {
     private readonly surfacePoints: (eyes: Vector3) => Float32Array,
   ) {}
 
-  /** Reads the frame's poses and sends them. */
+  /** Reads the poses of a frame and sends them. */
   read(frame: XRFrame, space: XRReferenceSpace, timeMs: number): Poses {
     const poses = this.reader.read(frame, space);
     if (!this.trackedElsewhere) this.track(poses, timeMs);
@@ -41,17 +41,17 @@ export class XRFrameHandler {
     else this.pointers.hide();
   }
 
-  /** The fingers of bare hands in the latest frame. */
+  /** The joints of bare hands in the last frame. */
   get bareHands(): TrackedHands {
     return this.reader.bareHands;
   }
 
-  /** The value of the button that an input points at, or null. */
+  /** The value of the button at which a source points, or null. */
   pointedAt(source: XRInputSource, frame: XRFrame, space: XRReferenceSpace): number | null {
     return this.panel.buttons.length > 0 ? this.pointers.pointedAt(source, frame, space, this.panel) : null;
   }
 
-  /** Sends poses, unless earlier ones still wait or the participant does not see the scene. */
+  /** Sends poses, unless there is a backlog or the participant does not see the scene. */
   track(poses: Poses, timeMs: number): void {
     if (this.blocked || !this.connection.connected || this.connection.backlog > BACKLOG_LIMIT_BYTES) return;
     if (this.throttle.pass(timeMs)) this.connection.send(this.numbering.next(poses, timeMs, performance.now()));

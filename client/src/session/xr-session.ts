@@ -6,18 +6,18 @@ const FOVEATION = 0.3;
 const WANTED_RATE_HZ = 90;
 
 export interface SessionEvents {
-  /** VR begins, and inputs can be listened to. */
+  /** The session starts, and its inputs can be observed. */
   begins(session: XRSession): void;
   entered(): void;
   left(): void;
-  /** A trigger went down, or two fingers were pinched. */
+  /** A select input started. */
   selected(source: XRInputSource, frame: XRFrame): void;
   menuPressed(): void;
   originReset(): void;
   visibilityChanged(): void;
 }
 
-/** Enters and leaves immersive VR and reports what the participant does there. */
+/** Starts and ends immersive VR sessions, and reports the participant's inputs. */
 export class XRSessionManager {
   private session: XRSession | null = null;
   private menuWasDown = false;
@@ -56,12 +56,12 @@ export class XRSessionManager {
     this.events.entered();
   }
 
-  /** Whether the headset shows the scene to the participant, and lets them act. */
+  /** The visibility state of the session. */
   get visibility(): XRVisibilityState {
     return this.session?.visibilityState ?? "hidden";
   }
 
-  /** What the headset tells of itself and of what the hands hold. */
+  /** Input profiles and refresh rate of the headset. */
   get hardware(): { profiles: string[]; display_hz: number | null } {
     const profiles = Array.from(this.session?.inputSources ?? [], ({ profiles: [first] }) => first ?? "");
     return { profiles: profiles.filter((profile) => profile).slice(0, 4), display_hz: this.session?.frameRate ?? null };
@@ -71,14 +71,14 @@ export class XRSessionManager {
     void this.session?.end();
   }
 
-  /** A tick in the controller of a hand, where it has a motor. */
+  /** Vibrates the controller of a hand, if it has an actuator. */
   pulse(hand: XRHandedness, strength: number, ms: number): void {
     for (const source of this.session?.inputSources ?? []) {
       if (source.handedness === hand) void motorOf(source)?.pulse(strength, ms);
     }
   }
 
-  /** Looks for a menu button that goes down; call it in every frame. */
+  /** Checks the menu button; call it in every frame. */
   watchButtons(sources: XRInputSourceArray): void {
     const down = menuIsDown(sources);
     if (down && !this.menuWasDown) this.events.menuPressed();
@@ -93,7 +93,7 @@ export class XRSessionManager {
   }
 }
 
-/** Why VR cannot be entered; null when it can. */
+/** The reason why VR cannot be entered, or null. */
 export async function vrUnavailableReason(): Promise<Key | null> {
   if (!window.isSecureContext) return "insecure";
   if (!navigator.xr) return "no_vr";
@@ -101,7 +101,7 @@ export async function vrUnavailableReason(): Promise<Key | null> {
   return supported ? null : "no_headset";
 }
 
-/** The supported rate closest to the one wanted; streaming begins only when it is set. */
+/** Sets the supported frame rate closest to `WANTED_RATE_HZ`. */
 async function setFrameRate(session: XRSession): Promise<void> {
   const rates = Array.from(session.supportedFrameRates ?? []);
   const distance = (rate: number) => Math.abs(rate - WANTED_RATE_HZ);
@@ -114,7 +114,7 @@ interface Motor {
   pulse(strength: number, ms: number): Promise<boolean>;
 }
 
-/** WebXR's gamepads have the motors of the Gamepad Extensions, which the browsers' types leave out. */
+/** Haptic actuators of the Gamepad Extensions, which the type definitions lack. */
 function motorOf({ gamepad }: XRInputSource): Motor | undefined {
   return (gamepad as { hapticActuators?: Motor[] } | undefined)?.hapticActuators?.[0];
 }
