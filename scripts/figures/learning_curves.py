@@ -1,4 +1,4 @@
-"""Learning curves of the packaged policies, one panel per environment, from their files.
+"""Learning curves of the packaged policies, one panel per environment, from their files' metadata.
 
 python scripts/figures/learning_curves.py docs/pictures/learning_curves.svg
 """
@@ -15,7 +15,7 @@ from avrgym.robots.registry import ROBOTS
 from avrgym.tasks.registry import TASKS
 
 STYLES = {"original": ("#b3541e", "--"), "revised": ("#1f5f8b", "-")}
-"""Colour and line of each kind, told apart without colour too."""
+"""Colour and line style of each policy."""
 
 
 def draw(path: Path) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import pytest
 
 from avrgym.cli import progress
-from avrgym.cli.progress import Pace, duration, progress_bar
+from avrgym.cli.progress import Rate, duration, progress_bar
 from avrgym.cli.terminal import print_table
 from helpers.system.processes import die_with_parent
 
@@ -70,7 +70,7 @@ def test_a_file_gets_plain_lines(colours: dict[str, str], monkeypatch: pytest.Mo
 
 
 def test_what_is_done_soon_says_nothing_in_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert shown(File(), monkeypatch, [0.9 * progress.LINE_EVERY_S] * 10) == ""
+    assert shown(File(), monkeypatch, [0.9 * progress.LINE_INTERVAL_S] * 10) == ""
 
 
 def test_a_terminal_gets_a_bar_that_goes_away(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -104,17 +104,17 @@ def test_work_of_unknown_length_says_how_much_is_done(monkeypatch: pytest.Monkey
 
 
 def test_what_was_done_before_is_no_speed() -> None:
-    pace = Pace()
+    rate = Rate()
     for now_s, done in ((5.0, 1000.0), (10.0, 1010.0), (10.5, 1011.0), (15.0, 1020.0)):
-        pace.see(now_s, done)
-    assert pace.per_s == pytest.approx(2.0)
+        rate.add(now_s, done)
+    assert rate.per_s == pytest.approx(2.0)
 
 
 def test_the_rate_is_that_of_the_latest_minutes() -> None:
-    pace = Pace()
+    rate = Rate()
     for second in range(0, 4000, 2):
-        pace.see(float(second), min(second, 2000) * 10.0 + max(second - 2000, 0) * 1.0)
-    assert pace.per_s == pytest.approx(1.0)
+        rate.add(float(second), min(second, 2000) * 10.0 + max(second - 2000, 0) * 1.0)
+    assert rate.per_s == pytest.approx(1.0)
 
 
 def test_a_table_in_a_file_has_no_colours(monkeypatch: pytest.MonkeyPatch) -> None:

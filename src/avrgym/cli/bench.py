@@ -23,21 +23,21 @@ from avrgym.system.engines import THREADS
 from avrgym.tasks.constants import expected_errors
 
 Row = dict[str, Any]
-app = typer.Typer(no_args_is_help=True, help="Measure speeds on this machine.")
+app = typer.Typer(no_args_is_help=True, help="Measure speeds on this computer.")
 
 
 @app.command("sim")
 def bench_sim(
     env: Annotated[
-        list[str] | None, typer.Option(help="An environment id, again for more; without one, all.")
+        list[str] | None, typer.Option(help="An environment id; repeatable; by default all.")
     ] = None,
     num_envs: Annotated[int, typer.Option(help="Worlds stepped together.", min=1)] = 64,
     engine: Engine = THREADS,
     json_file: JsonFile = None,
 ) -> None:
-    """Measure whole episodes against their bare physics.
+    """Measure the speed of whole episodes and of their physics alone.
 
-    Medians of five runs. Best on an idle machine.
+    Medians of five runs. Use an idle computer.
     """
     from avrgym.envs.benchmark import RUNS, measure_simulation
 
@@ -52,17 +52,20 @@ def bench_sim(
 @app.command("vr")
 def bench_vr(
     env: Annotated[
-        list[str] | None, typer.Option(help="An environment id, again for more; without one, all.")
+        list[str] | None, typer.Option(help="An environment id; repeatable; by default all.")
     ] = None,
-    seconds: Annotated[float, typer.Option(help="How long each environment is measured.", min=1.0)] = 60.0,
+    seconds: Annotated[
+        float, typer.Option(help="Duration of each environment's measurement.", min=1.0)
+    ] = 60.0,
     policy: Annotated[
-        str | None, typer.Option(help=f"Who drives: {CHOICES}; without it an untrained network.")
+        str | None,
+        typer.Option(help=f"The policy that drives the robot, by default an untrained network: {CHOICES}."),
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Measure the live server's ticks and round trips.
 
-    Over loopback, with recording. Best on an idle machine.
+    Over loopback, with recording. Use an idle computer.
     """
     from avrgym.vr.benchmark.live_latency import measure_vr
 
@@ -77,7 +80,7 @@ def bench_vr(
 
 
 def _brief(row: Row) -> Row:
-    """What of a row of ``bench vr`` fits a table."""
+    """The columns of ``bench vr`` for a terminal."""
     p99s = {
         f"{name}\np99, ms": row[key] and row[key]["p99"]
         for name, key in (
@@ -93,7 +96,7 @@ def _brief(row: Row) -> Row:
 
 
 def _stages(row: Row) -> list[Row]:
-    """The parts of the round trip, a line each."""
+    """The stages of the round trip, one row each."""
     return [
         {"env": row["env"], "stage": name.replace("_", " "), **{f"{p}, ms": ms for p, ms in spread.items()}}
         for name, spread in {**row["stages_ms"], "round_trip": row["round_trip_ms"]}.items()
@@ -107,9 +110,9 @@ def _tabulate(
     json_file: Path | None,
     shown: Callable[[Row], Row] = lambda row: row,
 ) -> list[Row]:
-    """Measure a row for each environment that was named, or all; print what is ``shown`` of them, write them whole.
+    """Measure a row for each named environment, or for all; print the ``shown`` columns, and write all columns.
 
-    Of all, those that cannot be measured are left out and named.
+    With all environments, those that fail are named and left out.
     """
     check_json(json_file)
     rows: list[Row] = []

@@ -340,7 +340,7 @@ def _progress(env: str, steps: int, folder: Path, recipe: str | None) -> "Genera
             results = ""
             if now.reward_mean is not None:
                 results = f"  reward {now.reward_mean:.1f}  success {100 * (now.success_rate or 0.0):.1f} %"
-            bar.show(now.steps, words=f"{env}  {now.stage}{results}")
+            bar.show(now.steps, label=f"{env}  {now.stage}{results}")
 
         yield report
 

@@ -11,7 +11,7 @@ from avrgym.cli.activity_log import log
 from avrgym.cli.plan import Folder
 from avrgym.cli.terminal import plain_errors, print_table, say
 
-KEPT = "Keep a copy of it outside the study: without it the names are lost, but no other data."
+KEY_ADVICE = "Store a copy of it outside the study: without it the names are lost, but no other data."
 
 
 def names(folder: Folder) -> None:
@@ -37,13 +37,12 @@ def names(folder: Folder) -> None:
 def encrypt_names(
     folder: Folder,
     passphrase: Annotated[
-        bool, typer.Option("--passphrase", help="With a passphrase instead of a key file.")
+        bool, typer.Option("--passphrase", help="Use a passphrase instead of a key file.")
     ] = False,
 ) -> None:
     """Encrypt the names with a new key or passphrase.
 
-    The file that was not encrypted is removed once the encrypted one was read back. Names that are encrypted already
-    get the new key.
+    The unencrypted file is removed after the encrypted one was read back. Encrypted names get the new key.
     """
     from avrgym.study.people.identities import encrypt_names as encrypt
     from avrgym.study.storage.store import Store
@@ -55,13 +54,13 @@ def encrypt_names(
     print_key(folder)
     if was_plain:
         say(
-            "The file that was not encrypted is removed. Snapshots, backups and the disk's free space may retain it: "
+            "The unencrypted file is removed. Snapshots, backups and free space of the disk may still contain it: "
             "delete old copies yourself."
         )
 
 
 def unlock(folder: Path) -> None:
-    """Ask for the passphrase of the names on a terminal, where one is needed and none was given."""
+    """Prompt for the passphrase of the names, if it is needed, was not given, and there is a terminal."""
     from avrgym.study.storage import identity_file, identity_keys
 
     lock = identity_file.key_source(folder)
@@ -74,14 +73,14 @@ def unlock(folder: Path) -> None:
 
 
 def print_key(folder: Path) -> None:
-    """Say what the names are encrypted with, and what is lost without it."""
+    """Print how the names are encrypted, and that they are lost without the key."""
     from avrgym.study.storage import identity_file, identity_keys
 
     lock = identity_file.key_source(folder)
     if lock is None:
         return
     what = "a passphrase" if lock.kind == "passphrase" else f"the key file {identity_keys.key_path(lock)}"
-    say(f"names     are encrypted with {what}. {KEPT}")
+    say(f"names     are encrypted with {what}. {KEY_ADVICE}")
 
 
 def _new_passphrase(folder: Path) -> str:
@@ -92,5 +91,5 @@ def _new_passphrase(folder: Path) -> str:
     if (lock is None or lock.kind == "file") and (given := os.environ.get(identity_keys.PASSPHRASE)):
         return given
     if not sys.stdin.isatty():
-        raise RuntimeError("a new passphrase needs a terminal on which you type it; nothing was changed")
+        raise RuntimeError("a new passphrase must be typed on a terminal; nothing was changed")
     return typer.prompt("New passphrase of the names", hide_input=True, confirmation_prompt=True)

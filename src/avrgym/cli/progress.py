@@ -1,4 +1,4 @@
-"""How far long work is: a bar on a terminal, plain lines where output goes into a file, and what is kept of it."""
+"""Progress of long work: a bar on a terminal, lines of text in a file."""
 
 import time
 from collections import deque
@@ -11,76 +11,76 @@ from avrgym.cli.terminal import console, printable, say
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-LINE_EVERY_S = 10.0
-"""What is done sooner says nothing in a file but its results."""
-SEE_EVERY_S, RATE_OVER_S = 1.0, 300.0
-"""How often the rate is measured anew, and over how long: it may differ from stage to stage."""
-BEGINS_ANEW = "nothing was written; the same command begins anew"
-GOES_ON = "what is done is kept; the same command goes on"
+LINE_INTERVAL_S = 10.0
+"""Time between lines in a file."""
+SAMPLE_INTERVAL_S, RATE_WINDOW_S = 1.0, 300.0
+"""Time between samples of the rate, and the time that it is averaged over."""
+NOTHING_WRITTEN = "nothing was written; run the same command again"
+CONTINUES = "finished work is stored; the same command continues"
 Clock = Callable[[], float]
 
 
-class Pace:
-    """How fast work goes, from how much was done when."""
+class Rate:
+    """The rate of work, from samples of the amount done."""
 
     def __init__(self) -> None:
-        self._seen: deque[tuple[float, float]] = deque()
+        self._samples: deque[tuple[float, float]] = deque()
 
-    def see(self, now_s: float, done: float) -> None:
-        """So much is done now. What was done at the first time counts as done before."""
-        if len(self._seen) > 1 and now_s - self._seen[-2][0] < SEE_EVERY_S:
-            self._seen.pop()
-        self._seen.append((now_s, done))
-        while len(self._seen) > 2 and self._seen[1][0] <= now_s - RATE_OVER_S:
-            self._seen.popleft()
+    def add(self, now_s: float, done: float) -> None:
+        """Add a sample. The amount of the first sample does not count."""
+        if len(self._samples) > 1 and now_s - self._samples[-2][0] < SAMPLE_INTERVAL_S:
+            self._samples.pop()
+        self._samples.append((now_s, done))
+        while len(self._samples) > 2 and self._samples[1][0] <= now_s - RATE_WINDOW_S:
+            self._samples.popleft()
 
     @property
     def per_s(self) -> float:
-        """How much is done a second; 0 before that is known."""
-        (first_s, first), (last_s, last) = self._seen[0], self._seen[-1]
+        """Amount per second; 0 before it is known."""
+        (first_s, first), (last_s, last) = self._samples[0], self._samples[-1]
         return (last - first) / (last_s - first_s) if last_s > first_s else 0.0
 
 
 class Bar:
-    """How far long work is."""
+    """The progress of long work."""
 
-    def __init__(self, progress: "Progress", words: str, total: float | None, unit: str) -> None:
-        self._progress, self._words, self._unit = progress, printable(words), unit
-        progress.add_task(self._words, total=total, left="")
+    def __init__(self, progress: "Progress", label: str, total: float | None, unit: str) -> None:
+        self._progress, self._label, self._unit = progress, printable(label), unit
+        progress.add_task(self._label, total=total, left="")
         (self._task,) = progress.tasks
-        self._began_s = self._told_s = progress.get_time()
-        self._pace = Pace()
+        self._started_s = self._line_s = progress.get_time()
+        self._rate = Rate()
 
     def advance(self, by: float = 1) -> None:
-        """So many more are done."""
+        """Add to the amount done."""
         if not self._task.completed:
-            self._pace.see(self._began_s, 0.0)
+            self._rate.add(self._started_s, 0.0)
         self.show(self._task.completed + by)
 
-    def show(self, done: float, total: float | None = None, words: str | None = None) -> None:
-        """So many are done, of so many where that was not known, in other words where they changed."""
+    def show(self, done: float, total: float | None = None, label: str | None = None) -> None:
+        """Set the amount done, and the total or the label if they change."""
         now_s = self._progress.get_time()
-        self._pace.see(now_s, done)
-        description = None if words is None else printable(words)
+        self._rate.add(now_s, done)
+        description = None if label is None else printable(label)
         self._progress.update(self._task.id, completed=done, total=total, description=description)
         self._progress.update(self._task.id, left=self._left())
-        if not self._progress.console.is_terminal and now_s - self._told_s >= LINE_EVERY_S:
-            self._told_s = now_s
+        if not self._progress.console.is_terminal and now_s - self._line_s >= LINE_INTERVAL_S:
+            self._line_s = now_s
             say(self._line())
 
     def end(self) -> None:
-        """Say how long it took, where lines told of it."""
-        if self._told_s > self._began_s:
-            say(f"{self._words}: done in {duration(self._progress.get_time() - self._began_s)}")
+        """Print the duration, if lines were printed."""
+        if self._line_s > self._started_s:
+            say(f"{self._label}: done in {duration(self._progress.get_time() - self._started_s)}")
 
     def _left(self) -> str:
-        per_s, total = self._pace.per_s, self._task.total
+        per_s, total = self._rate.per_s, self._task.total
         remaining = (total or 0.0) - self._task.completed
         return f"{duration(remaining / per_s)} left" if per_s and remaining > 0.0 else ""
 
     def _line(self) -> str:
         """Such as ``avrgym/FeedingJaco-v1: 38400 of 300000 steps (13 %), 1250 a second, 4 min left``."""
-        task, per_s = self._task, self._pace.per_s
+        task, per_s = self._task, self._rate.per_s
         done = f"{task.completed:.0f} {self._unit}"
         if task.total:
             share = 100 * task.completed / task.total
@@ -91,29 +91,29 @@ class Bar:
 
 @contextmanager
 def progress_bar(
-    words: str,
+    label: str,
     total: float | None = None,
     unit: str = "",
-    stopped: str = BEGINS_ANEW,
+    stopped: str = NOTHING_WRITTEN,
     clock: Clock = time.monotonic,
 ) -> Generator[Bar]:
-    """Show how long work goes on.
+    """Show the progress of long work.
 
     Args:
-        words: what is done.
-        total: how much there is to do; a bar sways where nobody knows.
-        unit: of what.
-        stopped: what is kept where a signal breaks it off, and how to go on.
-        clock: gives seconds.
+        label: name of the work.
+        total: amount of work; without it the bar pulses.
+        unit: of the amount.
+        stopped: message after an interruption: the stored results, and how to continue.
+        clock: returns seconds.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-    words_column, left_column = (
+    label_column, left_column = (
         TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[left]}")
     )
     shown = console()
     progress = Progress(
-        words_column,
+        label_column,
         BarColumn(),
         MofNCompleteColumn(),
         left_column,
@@ -124,7 +124,7 @@ def progress_bar(
     )
     try:
         with progress:
-            bar = Bar(progress, words, total, unit)
+            bar = Bar(progress, label, total, unit)
             yield bar
     except KeyboardInterrupt as stop:
         stop.add_note(stopped)
@@ -133,7 +133,7 @@ def progress_bar(
 
 
 def duration(seconds: float) -> str:
-    """A length of time in words: ``40 s``, ``12 min`` or ``3 h 20 min``."""
+    """A duration as text: ``40 s``, ``12 min`` or ``3 h 20 min``."""
     minutes = round(seconds / 60)
     if seconds < 100:
         return f"{seconds:.0f} s"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from avrgym.cli.activity_log import log
-from avrgym.cli.progress import GOES_ON, progress_bar
+from avrgym.cli.progress import CONTINUES, progress_bar
 from avrgym.cli.terminal import (
     JsonFile,
     check_json,
@@ -50,7 +50,7 @@ def merge(
     told: list[str] = []
     with plain_errors():
         check_json(json_file)
-        with progress_bar("comparing recordings", unit="recordings", stopped=GOES_ON) as bar:
+        with progress_bar("comparing recordings", unit="recordings", stopped=CONTINUES) as bar:
             sites = merge_studies(
                 folders,
                 out,

@@ -11,7 +11,7 @@ from avrgym.cli.experimenters import add_experimenter, experimenters, revoke_exp
 from avrgym.cli.names import encrypt_names, names, print_key, unlock
 from avrgym.cli.options import PEOPLE, Cluster, Impairment, on_cluster
 from avrgym.cli.plan import Folder, checked, freeze, plan_of, power
-from avrgym.cli.progress import GOES_ON, progress_bar
+from avrgym.cli.progress import CONTINUES, progress_bar
 from avrgym.cli.records import (
     adverse_events,
     data_protection,
@@ -291,7 +291,7 @@ def simulate(
         check_json(json_file)
         with (
             on_cluster(cluster, jobs) as workers,
-            progress_bar("simulating", unit="trials", stopped=GOES_ON) as bar,
+            progress_bar("simulating", unit="trials", stopped=CONTINUES) as bar,
         ):
             simulate_study(folder, participants, seed, bar.show, jobs, people, impairment, workers)
         with Store(folder) as store:

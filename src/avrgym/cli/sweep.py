@@ -51,7 +51,7 @@ def sweep(
 
             def report(name: str, steps_made: int) -> None:
                 made[name] = steps_made
-                bar.show(sum(made.values()), words=f"{len(made)} trainings started")
+                bar.show(sum(made.values()), label=f"{len(made)} trainings started")
 
             rows = [asdict(each) for each in sweeps.run(folder, jobs, report)]
         print_table([{name: row[name] for name in row if name != "policy"} for row in rows])

@@ -1,4 +1,4 @@
-"""Every policy with every group of people."""
+"""Evaluation of every policy with every population."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
 LeaveOut = Callable[[str, Exception], None]
-"""Is called with an environment in words, and with the error that keeps it from being run."""
+"""Called with the name of an environment that was left out, and with its error."""
 Run = Callable[[Sequence[str]], list[Evaluation]]
-"""Evaluates one policy with one group of people in some environments."""
+"""Evaluates one policy with one population in some environments."""
 
 
 def cross_play(
@@ -41,31 +41,34 @@ def cross_play(
     engine: str = THREADS,
     leave_out: LeaveOut | None = None,
 ) -> list[Evaluation]:
-    """A row for each group of people, policy and environment; arguments as of ``evaluate_all``.
+    """A row for each population, policy and environment; arguments as in ``evaluate_all``.
 
-    In an environment each policy meets the same people in the same episodes. With ``leave_out`` an environment that
-    lacks a policy or people, or that fails, has no row there and is named to it.
+    In an environment all policies have the same episodes. With ``leave_out``, environments without the policy or the
+    people, and environments that fail, are reported and left out.
 
     Raises:
-        ValueError: for an unknown name, before anything is run, naming what is allowed; with ``leave_out`` for a name
-            that no environment knows, and where all of them failed.
+        ValueError: for an unknown name, before the evaluation, naming what is allowed; with ``leave_out`` for a name
+            that is unknown in every environment, and when all environments fail.
     """
     find_impairment(impairment)
     check_engine(engine)
     for environment_id in environment_ids:
         find_environment(environment_id)
     find_policy = partial(registry.find, allow_other_environment=allow_other_environment)
-    met_in = {
-        group: _known_in(environment_ids, group, environment_populations, leave_out) for group in people
+    with_people = {
+        population: _environments_with(environment_ids, population, environment_populations, leave_out)
+        for population in people
     }
-    driven_in = {policy: _known_in(environment_ids, policy, find_policy, leave_out) for policy in policies}
+    with_policy = {
+        policy: _environments_with(environment_ids, policy, find_policy, leave_out) for policy in policies
+    }
     rows: list[Evaluation] = []
-    for group in people:
+    for population in people:
         for policy in policies:
             run = partial(
                 evaluate_all,
                 policy=policy,
-                people=group,
+                people=population,
                 episodes=episodes,
                 seed=seed,
                 progress=progress,
@@ -78,24 +81,28 @@ def cross_play(
                 withdraw_after_success=withdraw_after_success,
                 engine=engine,
             )
-            chosen = [each for each in environment_ids if each in met_in[group] and each in driven_in[policy]]
+            chosen = [
+                each
+                for each in environment_ids
+                if each in with_people[population] and each in with_policy[policy]
+            ]
             if leave_out is None:
                 rows += run(chosen)
             else:
-                found = _rows_of_those_that_run(run, chosen, f"{policy} and {group}", leave_out)
+                found = _rows(run, chosen, f"{policy} and {population}", leave_out)
                 rows += sorted(found, key=lambda row: chosen.index(row.env))
     if not rows:
         raise ValueError("nothing was evaluated: every environment was left out")
     return rows
 
 
-def _known_in(
+def _environments_with(
     environment_ids: Sequence[str],
     name: str,
     find: Callable[[str, str], object],
     leave_out: LeaveOut | None,
 ) -> set[str]:
-    """The environments that know a name of a policy or of people; the first error where none does."""
+    """The environments that have a policy or population of that name; raises the first error if there is none."""
     errors: dict[str, Exception] = {}
     for environment_id in environment_ids:
         try:
@@ -110,32 +117,32 @@ def _known_in(
     return {*environment_ids} - errors.keys()
 
 
-def _rows_of_those_that_run(
-    run: Run, environment_ids: Sequence[str], whose: str, leave_out: LeaveOut
-) -> Iterator[Evaluation]:
-    """Packaged environments run together, unless one of them fails; those of other packages run alone."""
+def _rows(run: Run, environment_ids: Sequence[str], label: str, leave_out: LeaveOut) -> Iterator[Evaluation]:
+    """Rows of packaged environments, evaluated together unless one fails, and of other environments one by one."""
     packaged = [each for each in environment_ids if each in ENVIRONMENTS]
-    alone = [each for each in environment_ids if each not in ENVIRONMENTS]
+    single = [each for each in environment_ids if each not in ENVIRONMENTS]
     try:
         yield from run(packaged) if packaged else ()
     except (ValueError, RuntimeError) as error:
         if len(packaged) == 1:
-            leave_out(f"{packaged[0]} with {whose}", error)
+            leave_out(f"{packaged[0]} with {label}", error)
         else:
-            alone = [*packaged, *alone]
-    for each in alone:
+            single = [*packaged, *single]
+    for each in single:
         try:
             yield from run([each])
         except expected_errors(each) as error:
-            leave_out(f"{each} with {whose}", error)
+            leave_out(f"{each} with {label}", error)
 
 
 def matrix(rows: Sequence[Evaluation]) -> list[dict[str, Any]]:
-    """Success with its 95 % interval: a row for each environment and policy, a column for each group of people."""
+    """Success rate with 95 % interval: a row per environment and policy, a column per population."""
     table: dict[tuple[str, str], dict[str, Any]] = {}
     groups = dict.fromkeys(row.people for row in rows)
     for row in rows:
-        line = table.setdefault((row.env, row.policy), {"env": row.env, "policy": row.policy, **groups})
+        row_of_table = table.setdefault(
+            (row.env, row.policy), {"env": row.env, "policy": row.policy, **groups}
+        )
         low, high = row.success_ci95
-        line[row.people] = f"{row.success_rate:.0%} [{100.0 * low:.0f}, {100.0 * high:.0f}]"
+        row_of_table[row.people] = f"{row.success_rate:.0%} [{100.0 * low:.0f}, {100.0 * high:.0f}]"
     return list(table.values())

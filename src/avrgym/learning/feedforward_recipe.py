@@ -88,7 +88,7 @@ def parts_of(configuration: FeedforwardConfiguration, cluster: "Cluster | None")
         return 1
     least, most = WORLDS_PER_WORKER
     worlds = configuration.num_envs
-    workers = cluster.asked_for or max(1, min(cluster.count, worlds // least))
+    workers = cluster.max_jobs or max(1, min(cluster.count, worlds // least))
     workers = min(workers, worlds)
     return workers * -(-worlds // (workers * most))
 

@@ -1,4 +1,4 @@
-"""Work that is spread over processes."""
+"""Function calls in several processes."""
 
 import multiprocessing
 import os
@@ -12,13 +12,13 @@ from avrgym.system.child_processes import block_terminal_signals, exit_with_pare
 
 Result = TypeVar("Result")
 
-LOOK_EVERY_S = 0.5
+POLL_INTERVAL_S = 0.5
 _add: Callable[[int], None] | None = None
-"""Where a process that works for another counts what it reports."""
+"""Counts the reports of a worker process."""
 
 
 def cores() -> int:
-    """How many of the machine's cores this process may use."""
+    """The number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -26,32 +26,32 @@ def run_all(
     function: Callable[..., Result],
     arguments: Sequence[tuple[Any, ...]],
     jobs: int,
-    tell: Callable[[int], None] = lambda done: None,
+    progress: Callable[[int], None] = lambda done: None,
 ) -> list[Result]:
-    """What a function gives of each arguments, in their order, from so many processes at the same time.
+    """The results of a function for each tuple of arguments, in order; the first error ends all calls.
 
-    The processes end with this one, however that ends; the first error ends all.
+    The processes end with this one, even if it is killed.
 
     Args:
-        function: of a module, so that the processes find it.
-        arguments: one tuple for each call.
-        jobs: how many processes, 1 or more; there are no more than calls.
-        tell: told again and again how much the calls have reported so far.
+        function: of a module, so that processes can import it.
+        arguments: one tuple per call.
+        jobs: number of processes, 1 or more, limited to the number of calls.
+        progress: called repeatedly with the sum of all reports so far.
     """
     if not arguments:
         return []
     context = multiprocessing.get_context("spawn")
     done: Synchronized[int] = context.Value("q", 0)
-    with ProcessPoolExecutor(min(jobs, len(arguments)), context, _begin, (done,)) as pool:
+    with ProcessPoolExecutor(min(jobs, len(arguments)), context, _start, (done,)) as pool:
         with block_terminal_signals():
             calls = [pool.submit(function, *each) for each in arguments]
         try:
             running: set[Future[Result]] = set(calls)
             while running:
-                finished, running = wait(running, LOOK_EVERY_S)
+                finished, running = wait(running, POLL_INTERVAL_S)
                 for call in finished:
                     call.result()
-                tell(done.value)
+                progress(done.value)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             for process in multiprocessing.active_children():
@@ -61,14 +61,14 @@ def run_all(
 
 
 def report(done: int) -> None:
-    """In a process that works for another: so much more is done."""
+    """In a worker process: report that so much more is done."""
     assert _add is not None
     _add(done)
 
 
 @contextmanager
 def counting() -> Generator[Callable[[], int]]:
-    """Count what is reported in this context; gives how much it was so far."""
+    """Count the reports in this context; yields a function that returns their sum."""
     global _add
     before, counts = _add, [0]
     _add = counts.append
@@ -78,8 +78,8 @@ def counting() -> Generator[Callable[[], int]]:
         _add = before
 
 
-def _begin(done: "Synchronized[int]") -> None:
-    """Have this process end with the one that started it; a terminal's signals are for that one."""
+def _start(done: "Synchronized[int]") -> None:
+    """End this process with the one that started it, which also handles a terminal's signals."""
 
     def add(more: int) -> None:
         with done.get_lock():
