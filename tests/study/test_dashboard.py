@@ -153,7 +153,7 @@ def test_the_page_reaches_and_loads_nothing_but_this_server(server: LiveServer) 
         ("/participants", {"sex": "man", "name": "n" * MAX_BODY_BYTES}, 413, "too long"),
         ("/participants/sub-999/notes", {"text": "x"}, 409, "no sub-999"),
         ("/participants/..%2f..%2fkey/notes", {"text": "x"}, 404, ""),
-        ("/participants/sub-1/notes", {"text": "x"}, 409, "no participant"),
+        ("/participants/sub-1/notes", {"text": "x"}, 409, "not a pseudonym"),
     ],
 )
 def test_what_cannot_be_is_refused_and_changes_nothing(

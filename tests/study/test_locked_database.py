@@ -140,7 +140,7 @@ def test_an_end_that_cannot_be_stored_is_said_and_the_next_session_ends_it(
             await_phase(attended, "trial")
             with sqlite_lock(tmp_path / database.FILE):
                 attended.leave()
-                with pytest.raises(StudyError, match="its end is not stored, the database is busy"):
+                with pytest.raises(StudyError, match="was not stored because the database is busy"):
                     visit.close()
         with StudyVisit(store, visit.pseudonym, take_over=True):
             assert [attempt.state for attempt in store.attempts(visit.pseudonym)] == ["interrupted"]

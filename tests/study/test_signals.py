@@ -111,7 +111,7 @@ def test_a_session_whose_end_cannot_be_stored_is_told_and_exit_code_1(
                 _, errors = running.communicate(timeout=2 * PATIENCE_S)
         assert running.returncode == 1
         assert errors.splitlines() == [
-            f"avrgym: ses-01 of {pseudonym}: its end is not stored, the database is busy"
+            f"avrgym: the end of ses-01 of {pseudonym} was not stored because the database is busy"
         ]
 
 

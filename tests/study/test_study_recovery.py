@@ -91,7 +91,9 @@ def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None
         in_trials = [answer for answer in original.answers("sub-001") if answer.attempt is not None]
         assert [_facts(row) for row in again.answers("sub-001")] == [_facts(row) for row in in_trials]
         for attempt in again.attempts("sub-001"):
-            assert attempt.torso_height_m == read_recording(old / attempt.recording).torso_height_m
+            assert attempt.torso_height_m == (
+                read_recording(old / attempt.recording).configuration.person.torso_height_m
+            )
         participant = again.participant("sub-001")
         assert (participant.state, participant.sex, participant.cell) == ("unknown", "man", 0)
         assert confirm_participation(again, "sub-001", "consent form in folder 2") == "completed"

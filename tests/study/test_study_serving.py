@@ -107,7 +107,7 @@ def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store
     loop.ask(loop.sessions.begin, first)
     assert [type(message) for message in greeted] == [Welcome, Language, Body, Scene, Phase]
     assert (loop.sessions.participant, len(loop.sessions.scenes)) == (first, 1)
-    with pytest.raises(StudyError, match="the session of sub-001 runs; end it before another begins"):
+    with pytest.raises(StudyError, match="the session of sub-001 is running; end it first"):
         loop.ask(loop.sessions.begin, second)
     loop.sessions.receive(Command(name="end"), loop.now_s)
     loop.tick()
@@ -177,7 +177,7 @@ def test_questions_come_before_and_after_the_trials_and_are_stored_at_once(askin
     assert [type(message) for message in loop.heard[-4:]] == [Welcome, Language, Phase, Question]
     loop.sessions.receive(Entered(), loop.now_s)
     for item, value, problem in (
-        ("strain", 2, "'strain' is not asked now; nausea is"),
+        ("strain", 2, "the answer is to 'strain'; expected: nausea"),
         ("nausea", 5, "allowed: whole numbers from 1 to 4"),
     ):
         answer(loop, item, value)

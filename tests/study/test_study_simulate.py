@@ -159,7 +159,7 @@ def test_other_people_do_not_go_on_with_them_either(folder: Path) -> None:
     assert str(zoo) == f"simulated with seed {SEED}, people zoo/unseen, impairment tremor"
     with Store(folder) as store:
         simulated_participant(store, 0, zoo)
-        with pytest.raises(StudyError, match="other people does not go on"):
+        with pytest.raises(StudyError, match="allowed: the same seed and people"):
             simulated_participant(store, 0, DryRun(SEED))
 
 

@@ -295,7 +295,7 @@ def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
 def test_an_unknown_participant_is_refused(store: Store, pseudonym: str) -> None:
     take_in(store)
     for action in (open_session, withdraw, record_consent, Store.participant):
-        refused(store, lambda action=action: action(store, pseudonym), "no participant|there is no sub-002")
+        refused(store, lambda action=action: action(store, pseudonym), "not a pseudonym|there is no sub-002")
 
 
 def test_a_stray_file_is_never_overwritten(store: Store) -> None:

@@ -12,7 +12,7 @@ from avrgym.vr.server.session_links import SessionLinks, link_sha256, new_link
 
 
 def make_link(store: Store, session_id: int) -> str:
-    """A new link for an open session; ``StudyError`` for one that has ended."""
+    """Create and store a link for an open session; ``StudyError`` if the session has ended."""
     link = new_link()
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
@@ -21,14 +21,14 @@ def make_link(store: Store, session_id: int) -> str:
 
 
 def participants_by_link(store: Store) -> dict[str, int]:
-    """The participant's number of every link that was ever made, by the link's checksum."""
+    """The number of the participant by checksum of the link, for all links."""
     with store.database.read() as connection:
         sessions = {each.id: each.participant for each in find_all(connection, StudySession)}
         return {each.sha256: sessions[each.session] for each in find_all(connection, ParticipantLink)}
 
 
 def session_links(store: Store) -> SessionLinks:
-    """Links for the sessions that a server will run; every earlier one has ended, in its participant's language."""
+    """Links for the sessions of a server; all earlier links have ended."""
     people = {each.number: each for each in store.participants()}
     return SessionLinks(
         {sha256: _language(store, people[number]) for sha256, number in participants_by_link(store).items()}
@@ -36,7 +36,7 @@ def session_links(store: Store) -> SessionLinks:
 
 
 def _language(store: Store, participant: Participant) -> Language:
-    """The participant's; English where the study no longer has texts in it."""
+    """The participant's language; English if there are no texts in it any more."""
     try:
         return language_message(participant_texts(store, participant))
     except StudyError:
@@ -44,5 +44,5 @@ def _language(store: Store, participant: Participant) -> Language:
 
 
 def language_message(texts: Texts) -> Language:
-    """A participant's language, with the words of their page."""
+    """A participant's language and the texts of their page."""
     return Language(texts.language, texts.direction, dict(texts.page))

@@ -1,4 +1,4 @@
-"""Sessions of a study's participants, one after another, as a real-time loop runs them."""
+"""Sessions of a study's participants, one after another, in a real-time loop."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -29,21 +29,21 @@ from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
 
 MAX_CLIENTS = 64
-"""How many connections are remembered, to be told of the next session."""
+"""Maximum number of connections that are informed about the next session."""
 ACTION_TIMEOUT_S = 60.0
 
 RETRY_S = 5.0
-"""How long until the end of a session is stored again that could not be."""
+"""Time until a failed storage of a session's end is repeated, in seconds."""
 
 Action = Callable[[float], Future[None] | None]
-"""What the loop does when asked; with a future it is done when that is."""
+"""An action for the loop's thread; it is complete when its future is, if there is one."""
 
 
 class StudySessions:
-    """Runs at most one participant's session at a time; until one begins, clients wait.
+    """Runs at most one participant's session at a time.
 
-    A session goes from the questions before it through the trials in VR to the questions after it. The loop's thread
-    ticks; ``begin`` and ``withdraw`` may be called from any other, and return when it is done.
+    A session consists of questions before it, trials in VR, and questions after it. The loop's thread calls ``tick``.
+    Other threads may call ``begin``, ``withdraw`` and ``renew_link``, which return after completion.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class StudySessions:
         headset_check: bool = False,
         links: SessionLinks | None = None,
     ) -> None:
-        """Wait for a participant of a study, or begin the session of the ``first`` immediately.
+        """Wait for a participant, or begin the session of the ``first`` immediately.
 
         ``furniture``: the real seat and bed at this station; default: the design's. ``send``, ``workers`` and
         ``streams`` are as for ``Session``, ``storing`` as for ``StudyVisit``, ``headset_check`` as for
@@ -75,14 +75,14 @@ class StudySessions:
         self._session: Session | None = None
         self._scenes: list[tuple[str, Person]] = []
         self._clients: deque[tuple[Send, Role]] = deque(maxlen=MAX_CLIENTS)
-        self._asked: SimpleQueue[tuple[Action, Future[None]]] = SimpleQueue()
+        self._actions: SimpleQueue[tuple[Action, Future[None]]] = SimpleQueue()
         self._furniture = furniture or store.design.furniture
         if first is not None:
             self._begin(first, 0.0)
 
     @property
     def furniture(self) -> RealFurniture:
-        """What participants of the next session really sit and lie on, unless their session begins with other."""
+        """The real seat and bed of the next session."""
         return self._furniture
 
     @property
@@ -91,63 +91,61 @@ class StudySessions:
         return self._visit.pseudonym if self._visit is not None else None
 
     def begin(self, pseudonym: str, furniture: RealFurniture | None = None) -> None:
-        """Begin or continue a participant's session, from now on with this furniture if it is given.
+        """Begin a participant's session; ``furniture`` also applies to later sessions.
 
         Raises:
-            StudyError: while another session runs, or when the participant can have none.
+            StudyError: while another session runs, or when the participant cannot have a session.
             PolicyError: when a policy of the remaining trials is missing.
         """
         self._ask(lambda now_s: self._begin(pseudonym, now_s, furniture))
 
     def withdraw(self, pseudonym: str, reason: str) -> None:
-        """Stop robot and recording of the participant whose session runs, then store that they withdrew.
+        """Stop robot and recording of the running session, then store the withdrawal.
 
         Raises:
-            StudyError: when it is not their session that runs.
+            StudyError: when the participant has no running session here.
         """
         self._ask(lambda now_s: self._withdraw(pseudonym, reason, now_s))
 
     def renew_link(self, pseudonym: str) -> None:
-        """Make a new link for the session that runs; the link before has ended.
+        """Create a new link for the running session; the earlier link ends.
 
         Raises:
-            StudyError: when it is not their session that runs.
+            StudyError: when the participant has no running session here.
         """
         visit = self._visit
         if visit is None or visit.pseudonym != pseudonym:
             raise StudyError(f"no session of {pseudonym} runs here")
-        link = make_link(
-            self._store, visit.stored.id
-        )  # in this thread: the loop never waits for the database
+        link = make_link(self._store, visit.stored.id)  # not in the loop, which never waits for the database
         self._ask(lambda _: self._renew_link(visit, link))
 
     # What the loop calls -----------------------------------------------------------------------------------------
 
     @property
     def scenes(self) -> Sequence[tuple[str, Person]]:
-        """Those of all sessions so far: browsers keep them by their numbers."""
+        """Scenes of all sessions so far; browsers cache them by number."""
         return self._scenes
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves."""
+        """Whether the simulation is at rest."""
         return self._session is None or self._session.at_rest
 
     def welcome(self, send: Send, role: Role, now_s: float) -> None:
-        """Tell a client where things stand, now or when a session begins."""
+        """Send the present state to a client, now and when a session begins."""
         self._clients.append((send, role))
         self._welcome(send, role, now_s)
 
     def receive(self, message: Received, now_s: float) -> None:
-        """Take a message of a client."""
+        """Handle a message of a client."""
         if self._questions is not None:
             self._questions.receive(message)
         elif self._session is not None:
             self._session.receive(message, now_s)
 
     def tick(self, now_s: float) -> None:
-        """Do what was asked, then advance by 10 ms."""
-        self._do_what_was_asked(now_s)
+        """Run pending actions, then advance by 10 ms."""
+        self._run_pending_actions(now_s)
         if self._ended is not None:
             self._await_end(self._ended, now_s)
         elif self._retry_at_s is not None:
@@ -160,7 +158,7 @@ class StudySessions:
                 self._ask_last(self._visit, now_s)
 
     def close(self, now_s: float) -> None:
-        """End the session that runs, and refuse what is still asked."""
+        """End the running session, and refuse pending actions."""
         try:
             if self._session is not None:
                 self._session.close(now_s)
@@ -169,29 +167,29 @@ class StudySessions:
                 self._visit.close()
                 self._visit = None
         finally:
-            self._do_what_was_asked(now_s)
+            self._run_pending_actions(now_s)
 
     def _ask(self, action: Action) -> None:
         done: Future[None] = Future()
-        self._asked.put((action, done))
+        self._actions.put((action, done))
         done.result(ACTION_TIMEOUT_S)
 
-    def _do_what_was_asked(self, now_s: float) -> None:
+    def _run_pending_actions(self, now_s: float) -> None:
         while True:
             try:
-                action, done = self._asked.get_nowait()
+                action, done = self._actions.get_nowait()
             except Empty:
                 return
             try:
                 stored = action(now_s)
-            except Exception as error:  # the asking thread raises it
+            except Exception as error:  # the calling thread raises it
                 done.set_exception(error)
             else:
                 _hand_on(stored, done)
 
     def _begin(self, pseudonym: str, now_s: float, furniture: RealFurniture | None = None) -> None:
         if self.participant is not None:
-            raise StudyError(f"the session of {self.participant} runs; end it before another begins")
+            raise StudyError(f"the session of {self.participant} is running; end it first")
         visit = StudyVisit(self._store, pseudonym, storing=self._storing)
         self._furniture = furniture or self._furniture
         try:
@@ -211,7 +209,7 @@ class StudySessions:
         self._forget_participant()
 
     def _end_link(self) -> None:
-        """End the link of the session: its pages are not part of the next one."""
+        """End the link of the session; its pages do not join the next session."""
         self.links.end()
         self._forget_participant()
 
@@ -220,7 +218,7 @@ class StudySessions:
         self._clients = deque(watching, maxlen=MAX_CLIENTS)
 
     def _in_vr(self, visit: StudyVisit) -> Session | None:
-        """The trials that remain; ``None`` where a crash left only the last questions."""
+        """The session in VR; ``None`` if only questions after the session remain."""
         if visit.items("after_session") and not has_remaining(self._store, visit.pseudonym):
             return None
         plan = visit.plan(self._furniture, headset_check=self._headset_check)
@@ -245,7 +243,7 @@ class StudySessions:
             self._welcome(send, role, now_s)
 
     def _go_on_after(self, questions: SessionQuestions, now_s: float) -> None:
-        """When the questions before the session are over, the trials begin; after the last ones all is over."""
+        """Begin the trials after the first questions; end the session after the last ones."""
         questions.tick()
         if not questions.done:
             return
@@ -264,7 +262,7 @@ class StudySessions:
             self._send(_phase("finished", "ended", self._visit.texts))
 
     def _ask_last(self, visit: StudyVisit, now_s: float) -> None:
-        """The trials are over."""
+        """Begin the questions after the trials."""
         self._questions = None if visit.called_off else self._questions_of(visit, "after_session")
         if self._questions is None:
             self._end_visit(now_s)
@@ -281,7 +279,7 @@ class StudySessions:
         return stored
 
     def _end_visit(self, now_s: float) -> None:
-        """End the participant's link, then store the end of the visit; afterwards another can begin."""
+        """End the participant's link, then store the end of the visit."""
         self._end_link()
         if self._visit is not None:
             self._ended, self._retry_at_s = self._visit.end(), None
@@ -295,7 +293,7 @@ class StudySessions:
             self._visit = None
         else:
             self._retry_at_s = now_s + RETRY_S
-            self._send(Problem(f"the session's end cannot be stored: {error}", "experimenter"))
+            self._send(Problem(f"the end of the session cannot be stored: {error}", "experimenter"))
 
     def _end_again(self, due_s: float, now_s: float) -> None:
         if now_s >= due_s:
@@ -303,7 +301,7 @@ class StudySessions:
 
 
 def _hand_on(stored: Future[None] | None, done: Future[None]) -> None:
-    """Let ``done`` be done when ``stored`` is."""
+    """Complete ``done`` with the result of ``stored``."""
     if stored is None:
         done.set_result(None)
     else:

@@ -1,4 +1,4 @@
-"""What a design asks before or after a session: on the participant's page, or in VR if they are there already."""
+"""Questionnaires before and after a session, on the participant's page or in VR."""
 
 from concurrent.futures import Future
 
@@ -25,14 +25,14 @@ WORDS = {"before_session": Text("questions_before"), "after_session": Text("ques
 
 
 class SessionQuestions:
-    """Asks one item after another, each when the answer before it is stored, until all answers are confirmed.
+    """Shows one item after another until all answers are stored and confirmed.
 
-    The participant may go back before. The experimenter may skip what is left, or end the session. ``verdict`` is what
-    the study's stop rules say to the answers so far; what is asked is asked to its end.
+    The participant can go back. The experimenter can skip the remaining items or end the session. ``verdict`` is the
+    strictest verdict of the stop rules so far; it does not shorten the questionnaire.
     """
 
     def __init__(self, visit: StudyVisit, when: str, send: Send) -> None:
-        """Ask the items of a moment; ``send`` takes every message for the clients."""
+        """Show the items of a moment; ``send`` receives all messages for clients."""
         self.when = when
         self._visit, self._send = visit, send
         self._questions = Questions(visit.items(when))
@@ -43,27 +43,27 @@ class SessionQuestions:
 
     @property
     def done(self) -> bool:
-        """Whether there is nothing more to ask."""
+        """Whether all items are answered or skipped."""
         return self._stored is None and (self._over or self.ended)
 
     @property
     def ended(self) -> bool:
-        """Whether no trials follow, because the session was ended here or elsewhere, or by a stop rule."""
+        """Whether the session has ended: by the experimenter, by another process or by a stop rule."""
         by_rule = self._over and self.verdict is not None and self.verdict.then == "end"
         return self._ended or by_rule or self._visit.called_off
 
     def begin(self) -> None:
-        """Ask the first item."""
+        """Show the first item."""
         self._ask(self._send)
 
     def welcome(self, send: Send, role: Role) -> None:
-        """Tell a client that has just connected what is asked."""
+        """Send the present item to a new client."""
         send(Welcome(PROTOCOL, self._visit.identifier, role, haptics=False, sounds=False))
         send(self._visit.language_message)
         self._ask(send)
 
     def receive(self, message: Received) -> None:
-        """Take what the participant or the experimenter says of the questions; nothing else counts now."""
+        """Handle answers and commands; other messages are ignored."""
         if self.done or self._stored is not None:
             return
         if isinstance(message, Answer):
@@ -76,7 +76,7 @@ class SessionQuestions:
             self._leave(ended=message.name == "end")
 
     def tick(self) -> None:
-        """Go on when what was given is stored; what cannot be is asked again."""
+        """Continue when an answer is stored; an invalid answer is requested again."""
         if self._stored is None or not self._stored.done():
             return
         error, given = self._stored.exception(), self._given
@@ -91,7 +91,7 @@ class SessionQuestions:
             self._go_on(given)
 
     def _ask(self, send: Send) -> None:
-        """Say where the questions stand: at one of them, or at their end."""
+        """Send the present item, or the request to confirm all answers."""
         name, text = (
             ("confirm", Text("confirm")) if self._questions.done else ("questionnaire", WORDS[self.when])
         )
@@ -112,7 +112,7 @@ class SessionQuestions:
             send(self._questions.question())
 
     def _go_on(self, given: Answer) -> None:
-        """Ask what follows an answer that is stored."""
+        """Continue after a stored answer."""
         self._questions.take(given)
         if self._questions.done:
             self._ask(self._send)
@@ -129,7 +129,7 @@ class SessionQuestions:
             self._send(self._questions.question())
 
     def _heed(self, answer: Answer) -> None:
-        """Keep and tell what the stop rules say to an answer; an end is stronger than a pause."""
+        """Apply the stop rules to an answer; an end replaces a pause."""
         verdict = self._visit.store.design.rules.verdict(answer.item, answer.value)
         if verdict is None:
             return
@@ -140,22 +140,22 @@ class SessionQuestions:
         self._send(Problem(before + verdict.why, "experimenter"))
 
     def _take(self, answer: Answer) -> None:
-        """Store an answer; what is none is refused."""
+        """Store an answer; refuse an invalid one."""
         asked = None if self._questions.done else self._questions.question()
         if asked is None:
             self._explain("no_question")
         elif answer.item != asked.item:
-            self._ask_again(f"{answer.item!r} is not asked now; {asked.item} is")
+            self._ask_again(f"the answer is to {answer.item!r}; expected: {asked.item}")
         elif answer.value == asked.given:
             self._go_on(answer)
         else:
             self._given = answer
-            keep = self._visit.record if asked.given is None else self._visit.change
-            self._stored = keep(answer, self.when)
+            store = self._visit.record if asked.given is None else self._visit.change
+            self._stored = store(answer, self.when)
             self.tick()
 
     def _leave(self, *, ended: bool) -> None:
-        """Leave what is asked now, and whatever would follow, unanswered."""
+        """Skip the present and all following items."""
         self._over, self._ended = True, ended
         if not self._questions.done:
             what = f"questions {self.when} left"

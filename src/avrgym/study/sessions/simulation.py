@@ -1,7 +1,7 @@
-"""Dry runs of a study: simulated participants go the way of people, through session, store and recordings.
+"""Dry runs of a study: simulated participants use the same sessions, database and recordings as people.
 
-They take part in processes of their own, in simulated time. After each trial they take a break: they leave VR, come
-back and are measured again. So what a trial gives follows from the seeds alone, wherever an earlier run ended.
+Each participant runs in a process, in simulated time. After each trial they leave VR, return and are measured again, so
+results of a trial depend on the seeds alone and not on where an earlier run ended.
 """
 
 import socket
@@ -42,17 +42,17 @@ if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
 AGES_YEARS = (19, 24)
-"""Of the paper's participants."""
+"""Youngest and oldest participant of the paper."""
 LEFT_STUDY = ("excluded", "withdrawn", UNKNOWN)
 
 
 @dataclass(frozen=True)
 class DryRun:
-    """Whom simulated participants are drawn from: a seed, people by name and as kinds, and an impairment."""
+    """Settings of a dry run: seed, populations by name, and impairment."""
 
     seed: int
     people: str = "participants"
-    kinds: tuple[Population, ...] = (Population("participants", PARTICIPANTS),)
+    populations: tuple[Population, ...] = (Population("participants", PARTICIPANTS),)
     impairment: Impairment = "none"
 
     def __str__(self) -> str:
@@ -62,7 +62,7 @@ class DryRun:
 
 
 def find_dry_run(seed: int, people: str, impairment: str) -> DryRun:
-    """The cast of people and an impairment by name; ``ValueError`` names what is allowed."""
+    """The settings for people and an impairment by name; ``ValueError`` for unknown names."""
     return DryRun(seed, people, find_populations(people, TASKS), impairments.find_impairment(impairment))
 
 
@@ -76,105 +76,104 @@ def simulate_study(
     impairment: str = "none",
     cluster: "Cluster | None" = None,
 ) -> None:
-    """Let so many simulated participants complete a study; those of an earlier run are among them and go on.
+    """Let simulated participants complete a study; participants of an earlier run continue.
 
     Args:
-        folder: the study's.
-        participants: how many simulated participants the study shall have, 1 or more.
-        seed: of their bodies, habits and answers; that of the earlier run, if there was one.
-        progress: told again and again how many of their trials are completed, and how many there are.
-        jobs: how many take part at the same time, each in a process; without it as many as there are cores. What
-            each gives does not depend on it.
-        people: what participants are like, a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a file of people, a
+        folder: the study's folder.
+        participants: number of simulated participants, including those of an earlier run.
+        seed: seed of bodies, habits and answers; the seed of the earlier run, if there was one.
+        progress: called with the numbers of completed and planned trials.
+        jobs: number of processes; default: number of cores. Results do not depend on it.
+        people: the population, a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a file of people, a
             trained human or a folder of them.
-        impairment: of all of them, a name in ``people.impairments.IMPAIRMENTS``.
-        cluster: on whose workers they take part instead of in processes here; each has to see the study's folder.
+        impairment: the impairment of all participants, a name in ``people.impairments.IMPAIRMENTS``.
+        cluster: run on its workers, which need access to the study's folder.
 
     Raises:
-        ValueError: for unknown people or impairments, naming what is allowed; nothing is stored then.
-        StudyError: when an earlier run had another seed or other people, or a participant's session does not get on.
+        ValueError: for unknown people or impairments; nothing is stored then.
+        StudyError: when an earlier run had another seed or other people, or a session fails.
         PolicyError: when a policy of the design is missing; nothing is stored then.
     """
-    cast = find_dry_run(seed, people, impairment)
+    dry_run = find_dry_run(seed, people, impairment)
     with Store(folder) as store:
         if cluster is not None and store.database.is_sqlite and cluster.several_computers():
             raise StudyError(
-                "computers cannot share a study's file of SQLite: name a PostgreSQL database in study.toml, or take "
+                "several computers cannot share a SQLite database: set a PostgreSQL url in study.toml, or use "
                 "--cluster local"
             )
         for environment, policy in policies_needed(store):
             environment_populations(people, environment)
             if isinstance(load_study_policy(store, environment, policy), HumanOperator):
                 raise PolicyError(
-                    f"{policy}: nobody drives the robot in a dry run; leave it out of a copy of the study"
+                    f"{policy} needs a human operator, and a dry run has none; remove it in a copy of the study"
                 )
-        pseudonyms = [simulated_participant(store, index, cast) for index in range(participants)]
+        pseudonyms = [simulated_participant(store, index, dry_run) for index in range(participants)]
         unfinished = [name for name in pseudonyms if store.participant(name).state == "allocated"]
-        arguments = [(store.folder.resolve(), name, cast) for name in unfinished]
+        arguments = [(store.folder.resolve(), name, dry_run) for name in unfinished]
 
-        def tell(_: int) -> None:
+        def report(_: int) -> None:
             progress(*_trials(store, pseudonyms))
 
         if cluster is None:
-            run_all(simulate_participant, arguments, jobs or cores(), tell)
+            run_all(simulate_participant, arguments, jobs or cores(), report)
         else:
-            cluster.run_all(_simulate_where_seen, arguments, tell)
+            cluster.run_all(_simulate_where_seen, arguments, report)
 
 
-def _simulate_where_seen(folder: Path, pseudonym: str, cast: DryRun) -> None:
-    """``simulate_participant`` on a computer that may be another than the one where the study was opened."""
+def _simulate_where_seen(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
+    """``simulate_participant`` on a worker of a cluster."""
     if not (folder / FILE).is_file():
         raise StudyError(
-            f"{folder} is not there on {socket.gethostname()}: every node of the cluster has to see the study's "
-            "folder at the same path"
+            f"{folder} is missing on {socket.gethostname()}: each node of the cluster needs the study's folder at the "
+            "same path"
         )
-    simulate_participant(folder, pseudonym, cast)
+    simulate_participant(folder, pseudonym, dry_run)
 
 
-def simulate_participant(folder: Path, pseudonym: str, cast: DryRun) -> None:
-    """Let one simulated participant go through all trials that remain, in this process, unless they are withdrawn."""
+def simulate_participant(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
+    """Run all remaining trials of a simulated participant in this process, until they withdraw."""
     with Store(folder) as store:
         try:
-            _attend(store, pseudonym, cast)
+            _attend(store, pseudonym, dry_run)
         except RuntimeError:
             if store.participant(pseudonym).state not in LEFT_STUDY:
                 raise
 
 
-def _attend(store: Store, pseudonym: str, cast: DryRun) -> None:
+def _attend(store: Store, pseudonym: str, dry_run: DryRun) -> None:
     with StudyVisit(store, pseudonym) as visit:
-        chance = _random(cast.seed, visit.stored.participant)
-        _answer(visit, "before_session", chance)
+        rng = _random(dry_run.seed, visit.stored.participant)
+        _answer(visit, "before_session", rng)
         while has_remaining(store, pseudonym):
-            _run_trial(visit, cast)
+            _run_trial(visit, dry_run)
             if visit.called_off:
                 raise StudyError(f"{visit.stored} was ended elsewhere")
-        _answer(visit, "after_session", chance)
+        _answer(visit, "after_session", rng)
 
 
-def draw_participant_traits(participant: Participant, cast: DryRun) -> Traits:
-    """Body and habits of a simulated participant."""
-    random = _random(cast.seed, participant.number)
-    seed, kind = int(random.integers(2**31)), cast.kinds[int(random.integers(len(cast.kinds)))]
-    return draw_traits(
-        participant.sex, seed, kind.distribution, kind.effective_impairment(cast.impairment), kind.trained
-    )
+def draw_participant_traits(participant: Participant, dry_run: DryRun) -> Traits:
+    """Sample body and habits of a simulated participant."""
+    rng = _random(dry_run.seed, participant.number)
+    seed = int(rng.integers(2**31))
+    population = dry_run.populations[int(rng.integers(len(dry_run.populations)))]
+    impairment = population.effective_impairment(dry_run.impairment)
+    return draw_traits(participant.sex, seed, population.distribution, impairment, population.trained)
 
 
-def _answer(visit: StudyVisit, when: str, chance: np.random.Generator) -> None:
-    """Answer what is asked about the session; these answers are chance, also those that a crash left nothing to ask."""
+def _answer(visit: StudyVisit, when: str, rng: np.random.Generator) -> None:
+    """Give random answers to items about the session; answered items also consume random numbers."""
     asked = visit.items(when)
     for item in visit.store.design.items_at(when, seed=visit.stored.participant):
-        value = int(chance.integers(1, item.points + 1))
+        value = int(rng.integers(1, item.points + 1))
         if item in asked:
             visit.record(Answer(item.id, value, ANSWER_AFTER_S), when).result()
 
 
-def _run_trial(visit: StudyVisit, cast: DryRun) -> None:
-    """Run the first trial that remains as a session in VR of its own."""
+def _run_trial(visit: StudyVisit, dry_run: DryRun) -> None:
+    """Run the first remaining trial as a separate session in VR."""
     plan = visit.plan()
     number = plan.first_trial
-    traits = draw_participant_traits(visit.store.participant(visit.pseudonym), cast)
+    traits = draw_participant_traits(visit.store.participant(visit.pseudonym), dry_run)
     participant = SimulatedParticipant(traits, plan.trials[number - 1].seed, plan.furniture)
     client = InProcessClient(participant, lambda text: None)
     reached = replace(plan, trials=plan.trials[:number])
@@ -182,30 +181,28 @@ def _run_trial(visit: StudyVisit, cast: DryRun) -> None:
     client.run(session)
 
 
-def simulated_participant(store: Store, index: int, cast: DryRun) -> str:
-    """The pseudonym of the simulated participant with this index, who takes part from now on if not before."""
+def simulated_participant(store: Store, index: int, dry_run: DryRun) -> str:
+    """The pseudonym of the simulated participant with this index, who is enrolled if necessary."""
     present = [
         person for person in store.participants() if person.simulated and person.state not in LEFT_STUDY
     ]
     if index < len(present):
         pseudonym = present[index].pseudonym
     else:
-        age_years = int(_random(cast.seed, index).integers(AGES_YEARS[0], AGES_YEARS[1] + 1))
+        age_years = int(_random(dry_run.seed, index).integers(AGES_YEARS[0], AGES_YEARS[1] + 1))
         pseudonym = enrol(store, SEXES[index % len(SEXES)], age_years=age_years, simulated=True)
-    _admit(store, pseudonym, cast)
+    _admit(store, pseudonym, dry_run)
     return pseudonym
 
 
-def _admit(store: Store, pseudonym: str, cast: DryRun) -> None:
-    """Do what is still to be done before a first session."""
-    note = str(cast)
+def _admit(store: Store, pseudonym: str, dry_run: DryRun) -> None:
+    """Record consent and inclusion, if they are missing."""
+    note = str(dry_run)
     notes = [written.text for written in store.notes(pseudonym)]
     if not notes:
         add_note(store, pseudonym, note)
     elif notes[0] != note:
-        raise StudyError(
-            f"{pseudonym} is {notes[0]!r}; a run with another seed or other people does not go on with them"
-        )
+        raise StudyError(f"{pseudonym} is {notes[0]!r}; allowed: the same seed and people")
     participant = store.participant(pseudonym)
     if participant.state == "enrolled" or participant.must_reconsent(store.design.consent.version):
         record_consent(store, pseudonym)

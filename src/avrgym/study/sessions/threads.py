@@ -12,10 +12,10 @@ from avrgym.study.storage.store import Store, find_all
 
 
 class StorageThread(ThreadPoolExecutor):
-    """The one thread that stores.
+    """A single thread that stores facts in order.
 
-    On leaving its context it drops what has not begun: whoever had to know it stored has waited for it before, and a
-    database that is busy for minutes keeps no program from ending.
+    When its context ends, tasks that have not started are cancelled: a busy database does not delay the end of a
+    program. Callers that need a result wait for it before.
     """
 
     def __init__(self) -> None:
@@ -26,40 +26,40 @@ class StorageThread(ThreadPoolExecutor):
 
 
 class StorageQueue:
-    """Hands what is to be stored to an executor of one thread."""
+    """Submits storage tasks to an executor with one thread."""
 
     def __init__(self, thread: Executor) -> None:
-        """``thread`` does what is submitted in order: a pool of one thread, or at once in simulated time."""
+        """``thread`` runs tasks in order: a pool of one thread, or immediately in simulated time."""
         self._thread = thread
-        self._asked: deque[Future[None]] = deque()
+        self._pending: deque[Future[None]] = deque()
 
-    def ask(self, store: Callable[[], None]) -> None:
-        """Have something stored after all that was asked before; ``done`` tells how that went."""
-        self._asked.append(self.submit(store))
+    def submit_checked(self, store: Callable[[], None]) -> None:
+        """Submit a task; ``done`` raises its error."""
+        self._pending.append(self.submit(store))
 
     def submit(self, store: Callable[[], None]) -> Future[None]:
-        """Have something stored after all that was asked before; only the future tells how that went."""
+        """Submit a task; only its future raises its error."""
         return self._thread.submit(store)
 
     def done(self) -> bool:
-        """Whether all is on disk that was asked so far; raises once what could not be."""
+        """Whether all tasks of ``submit_checked`` are on disk; raises the error of a failed task once."""
         failures = [error for future in self._take_done() if (error := future.exception())]
         if failures:
             raise failures[0]
-        return not self._asked
+        return not self._pending
 
     def _take_done(self) -> Iterator[Future[None]]:
-        while self._asked and self._asked[0].done():
-            yield self._asked.popleft()
+        while self._pending and self._pending[0].done():
+            yield self._pending.popleft()
 
 
 CHECK_EVERY_S = 0.5
 
 
 class SessionWatch:
-    """Looks again and again, on a thread of its own, whether a session is still open in the study.
+    """A thread that polls whether a session is still open in the database.
 
-    ``called_off``: somebody else has ended it, by withdrawing the participant or by taking over.
+    ``called_off``: another process has ended it, by withdrawing the participant or by taking over.
     """
 
     def __init__(self, store: Store, session_id: int) -> None:
@@ -70,12 +70,12 @@ class SessionWatch:
         self._thread.start()
 
     def close(self) -> None:
-        """Look no longer."""
+        """Stop the thread."""
         self._closed.set()
 
     def _run(self) -> None:
         while not self._closed.wait(CHECK_EVERY_S) and not self.called_off:
-            with suppress(StudyError):  # a database that cannot be read shows when something is to be stored
+            with suppress(StudyError):  # other operations report an unreadable database
                 self._look()
 
     def _look(self) -> None:

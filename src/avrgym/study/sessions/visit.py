@@ -1,4 +1,4 @@
-"""A participant's visit: their session in VR on the study's store. Each fact is stored before the session goes on."""
+"""A participant's visit: a session in VR that is stored in the study's database."""
 
 import re
 from collections.abc import Sequence
@@ -53,31 +53,30 @@ from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
 
 STORE_TIMEOUT_S = 20.0
-"""How long the end of a session may take to be stored."""
+"""Maximum time to store the end of a session, in seconds."""
 
 
 class StudyVisit:
     """An open session of a participant in a study, as a context manager.
 
-    ``stored`` is its row, ``trials`` are all of the participant's trials in the order of ``plan``: completed ones,
-    behind which the session begins, then those that remain.
+    ``stored`` is its row. ``trials`` are all trials of the participant in the order of ``plan``: first the completed
+    ones, then the remaining ones.
     """
 
     def __init__(
         self, store: Store, pseudonym: str, *, take_over: bool = False, storing: Executor | None = None
     ) -> None:
-        """Open the participant's session, or the next one after a break or a crash.
+        """Open the participant's next session.
 
         Args:
             store: the study.
             pseudonym: the participant.
-            take_over: also end a session that may still run elsewhere.
-            storing: one thread that stores what happens, so that a session in real time never waits for the database;
-                without it each fact is stored before the session goes on.
+            take_over: also end a session that may run at another station.
+            storing: a thread that stores events; default: events are stored immediately, and the caller waits.
 
         Raises:
             StudyError: without consent and an allocated order, or while another session runs.
-            PolicyError: when a policy of the remaining trials is missing or does not fit; no session is opened.
+            PolicyError: when a policy of the remaining trials is missing or invalid; no session is opened.
         """
         self.store, self.pseudonym = store, pseudonym
         self.policies = _policies(store, pseudonym)
@@ -95,19 +94,16 @@ class StudyVisit:
 
     @property
     def language_message(self) -> Language:
-        """The participant's language, with the words of their page."""
+        """The participant's language and the texts of their page."""
         return language_message(self.texts)
 
     @property
     def called_off(self) -> bool:
-        """Whether somebody elsewhere has ended the session."""
+        """Whether another process has ended the session."""
         return self._watch.called_off
 
     def plan(self, furniture: RealFurniture | None = None, *, headset_check: bool = False) -> SessionPlan:
-        """What remains to be run; ``StudyError`` when nothing does, as after a crash at the very end.
-
-        The arguments are those of ``plan_session``.
-        """
+        """The remaining trials; ``StudyError`` if there are none. Arguments as in ``plan_session``."""
         if not has_remaining(self.store, self.pseudonym):
             raise StudyError(f"{self.pseudonym} has completed every trial")
         return plan_session(self.store, self.pseudonym, furniture, headset_check=headset_check)
@@ -121,12 +117,10 @@ class StudyVisit:
         streams: Streams | None = None,
         state_every_ticks: int = 1,
     ) -> Session:
-        """A session in VR that runs the visit's plan or the first trials of it, and is stored as it happens.
-
-        The arguments are those of ``Session``.
+        """A session in VR of the plan or its first trials, which stores its events. Arguments as in ``Session``.
 
         Raises:
-            StudyError: where the robot of the first trial has no room to begin.
+            StudyError: when the robot of the first trial has no start.
         """
         try:
             return Session(
@@ -145,11 +139,11 @@ class StudyVisit:
             )
         except NoClearanceError as error:
             raise StudyError(
-                f"{self.identifier} cannot begin: {error}; `avrgym study check` lists who has no start"
+                f"{self.identifier} cannot begin: {error}; `avrgym study check` lists all bodies without a start"
             ) from error
 
     def _store_policies(self) -> None:
-        """Store the files of the policies and which plug-ins the remaining trials use, as these are now."""
+        """Store the present policy files and plug-ins of the remaining trials."""
         files = msgspec.json.encode(policy_files(self.store)).decode()
         record_session_event(self.store, self.stored.id, POLICIES_USED, files)
         used = {each for key, policy in self.policies.items() for each in plugins_used(key[0], policy)}
@@ -159,34 +153,31 @@ class StudyVisit:
             )
 
     def _observer(self) -> Observer:
-        keeper = EventStorage(self.store, self.stored, self.trials, self._watch)
-        return lambda happened: self.storing.ask(lambda: keeper(happened))
+        store_event = EventStorage(self.store, self.stored, self.trials, self._watch)
+        return lambda event: self.storing.submit_checked(lambda: store_event(event))
 
     def items(self, when: str) -> tuple[Item, ...]:
-        """What is still to be asked ``before_session`` or ``after_session``, in this participant's order and language.
-
-        What was answered before a crash is not asked again.
-        """
+        """The unanswered items ``before_session`` or ``after_session``, in this participant's order and language."""
         asked = self.store.design.items_at(when, seed=self.stored.participant)
         answered = answered_in_visit(self.store, self.stored) if asked else set[tuple[str, str]]()
         return translate([item for item in asked if (when, item.id) not in answered], self.texts)
 
     def record(self, answer: Answer, when: str) -> Future[None]:
-        """Store an answer about the session; the future raises ``StudyError`` for what is none or was given already."""
+        """Store an answer about the session; the future raises ``StudyError`` for an invalid or second answer."""
         return self.storing.submit(lambda: record_session_answer(self.store, self.stored.id, answer, when))
 
     def change(self, answer: Answer, when: str) -> Future[None]:
-        """Store an answer about the session in the place of an earlier one; as ``record``."""
+        """Store a changed answer about the session; errors as in ``record``."""
         return self.storing.submit(lambda: change_session_answer(self.store, self.stored.id, answer, when))
 
     def tell(self, name: str, detail: str) -> Future[None]:
-        """Store that something happened; the future tells when that is done."""
+        """Store an event."""
         return self.storing.submit(lambda: record_session_event(self.store, self.stored.id, name, detail))
 
     def withdraw(self, session: Session | None, now_s: float, reason: str = "") -> Future[None]:
-        """Stop robot and recording, end the session in VR if there is one, then store that the participant withdrew.
+        """Stop robot and recording, end the session in VR, then store the withdrawal.
 
-        The future tells when that is stored. ``StudyError`` for a reason that is too long; nothing is stopped then.
+        ``StudyError`` for a reason that is too long; nothing is stopped then.
         """
         check_line("the reason", reason)
         if session is not None and session.phase != "finished":
@@ -194,23 +185,22 @@ class StudyVisit:
         return self.storing.submit(lambda: withdraw(self.store, self.pseudonym, reason))
 
     def end(self) -> Future[None]:
-        """Store after all else that the session has ended, unless that is stored; the future tells when it is.
-
-        After the last trial the participant has completed the study.
-        """
+        """Store the end of the session after all other events. After the last trial the participant is completed."""
         self._watch.close()
         return self.storing.submit(self._end)
 
     def close(self) -> None:
-        """End the session, and wait until that is stored.
+        """End the session, and wait until this is stored.
 
         Raises:
-            StudyError: when it cannot be; the next session of the participant then ends this one.
+            StudyError: when it cannot be stored; the next session of the participant then ends this one.
         """
         try:
             self.end().result(STORE_TIMEOUT_S)
         except TimeoutError as error:
-            raise StudyError(f"{self.stored}: its end is not stored, the database is busy") from error
+            raise StudyError(
+                f"the end of {self.stored} was not stored because the database is busy"
+            ) from error
 
     def _end(self) -> None:
         if any(
@@ -226,7 +216,7 @@ class StudyVisit:
 
 
 def has_remaining(store: Store, pseudonym: str) -> bool:
-    """Whether a participant has trials to run, or a questionnaire of one to answer."""
+    """Whether a participant has remaining trials or an open questionnaire."""
     return bool(
         store.remaining_trials(pseudonym)
         or attempts_with_open_questionnaire(store, store.attempts(pseudonym))
@@ -234,7 +224,7 @@ def has_remaining(store: Store, pseudonym: str) -> bool:
 
 
 def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
-    """All of a participant's trials: those that a session has no more to run, then those that remain."""
+    """All trials of a participant: first the completed ones, then the remaining ones."""
     remaining = store.remaining_trials(pseudonym)
     over = [trial for trial in store.trials(pseudonym) if trial not in remaining]
     return over + remaining
@@ -243,10 +233,10 @@ def trials_in_order(store: Store, pseudonym: str) -> list[Trial]:
 def plan_session(
     store: Store, pseudonym: str, furniture: RealFurniture | None = None, *, headset_check: bool = False
 ) -> SessionPlan:
-    """What a session of a participant runs now; there must be a trial or an open questionnaire that remains.
+    """The plan of a participant's next session; at least a trial or an open questionnaire must remain.
 
-    ``furniture`` is what the participant really sits and lies on, the design's unless given. ``headset_check``: the
-    headset of a person is checked also where the design does not say so.
+    ``furniture`` is the real seat or bed; default: that of the design. ``headset_check``: check the headset of a person
+    even if the design does not.
     """
     participant, design = store.participant(pseudonym), store.design
     texts = participant_texts(store, participant)
@@ -274,7 +264,7 @@ def plan_session(
 
 
 def _open_questionnaire(store: Store, pseudonym: str, trials: Sequence[Trial]) -> OpenQuestionnaire | None:
-    """The first that is to be asked before another trial begins."""
+    """The first open questionnaire, which is shown before the next trial."""
     left = attempts_with_open_questionnaire(store, store.attempts(pseudonym))
     if not left:
         return None
@@ -297,9 +287,9 @@ def _trial_plan(store: Store, trial: Trial, attempts: int, texts: Texts) -> Tria
 
 
 def _policies(store: Store, pseudonym: str) -> Policies:
-    """The policies of trials that are not completed, or whose questionnaire is open.
+    """The policies of trials that are not completed or have an open questionnaire.
 
-    A trial may still count as running that a crash broke off.
+    After a crash, an interrupted trial may still have the state running.
     """
     left = {attempt.trial for attempt in attempts_with_open_questionnaire(store, store.attempts(pseudonym))}
     wanted = {
@@ -313,42 +303,42 @@ def _policies(store: Store, pseudonym: str) -> Policies:
 
 
 class EventStorage:
-    """Stores what happens in a session in VR, unless it was called off; raises what keeps it from doing so."""
+    """Stores events of a session in VR, unless another process has ended it; raises errors of storing."""
 
     def __init__(
         self, store: Store, session: StudySession, trials: Sequence[Trial], watch: SessionWatch
     ) -> None:
-        """Keep a session's events; ``trials`` stand in the order of its plan."""
+        """Store events of a session; ``trials`` are in the order of its plan."""
         self._store, self._session, self._trials, self._watch = store, session, trials, watch
         self._pseudonym = pseudonym_of(session.participant)
         self._attempt: TrialAttempt | None = None
         self._began_s = 0.0
         self._torso_height_m: float | None = None
 
-    def __call__(self, happened: SessionEvent) -> None:
-        """Store an event; on return it is on disk."""
+    def __call__(self, event: SessionEvent) -> None:
+        """Store an event; it is on disk when this returns."""
         if self._watch.called_off:
             return
-        match happened:
+        match event:
             case events.TrialBegun():
-                self._begin(happened)
+                self._begin(event)
             case events.AnswerChanged():
-                change_answer(self._store, self._answered(happened.trial), happened.answer)
+                change_answer(self._store, self._answered(event.trial), event.answer)
             case events.HeadsetChecked():
-                store_headset_check(self._store, self._session.id, happened.check)
+                store_headset_check(self._store, self._session.id, event.check)
             case events.Answered():
-                record_answer(self._store, self._answered(happened.trial), happened.answer)
+                record_answer(self._store, self._answered(event.trial), event.answer)
             case events.QuestionsLeft():
-                skip_questionnaire(self._store, self._answered(happened.trial), happened.items)
+                skip_questionnaire(self._store, self._answered(event.trial), event.items)
             case events.TrialEnded():
-                self._end(happened)
+                self._end(event)
             case events.TrialSkipped():
-                self._skip(happened)
+                self._skip(event)
             case events.Calibrated() | events.TorsoHeightCorrected():
-                self._torso_height_m = happened.torso_height_m
-                self._tell(happened)
+                self._torso_height_m = event.torso_height_m
+                self._tell(event)
             case _:
-                self._tell(happened)
+                self._tell(event)
 
     def _begin(self, begun: events.TrialBegun) -> None:
         self._settle()
@@ -363,7 +353,7 @@ class EventStorage:
         self._began_s = begun.time_s
 
     def _settle(self) -> None:
-        """End an attempt whose end could not be stored, unless somebody else did."""
+        """End an attempt if its end could not be stored and it is still running."""
         for attempt in self._store.attempts(self._pseudonym):
             if self._attempt is not None and attempt.id == self._attempt.id and attempt.state == "running":
                 end_attempt(self._store, attempt.id, "failed")
@@ -381,24 +371,24 @@ class EventStorage:
         self._attempt = None
 
     def _skip(self, skipped: events.TrialSkipped) -> None:
-        """Put a trial behind all others, where one that was skipped before is already."""
+        """Move a trial after all others, unless it was skipped before."""
         position = self._trials[skipped.trial - 1].position
         if self._store.trials(self._pseudonym)[position - 1].state == "planned":
             skip_trial(self._store, self._session.id, position)
 
-    def _tell(self, happened: SessionEvent) -> None:
-        details = {name: value for name, value in asdict(happened).items() if name != "time_s"}
-        name = re.sub(r"(?<!^)(?=[A-Z])", " ", type(happened).__name__).lower()
+    def _tell(self, event: SessionEvent) -> None:
+        details = {name: value for name, value in asdict(event).items() if name != "time_s"}
+        name = re.sub(r"(?<!^)(?=[A-Z])", " ", type(event).__name__).lower()
         detail = ", ".join(f"{key} {value}" for key, value in details.items())
         attempt = self._attempt.id if self._attempt is not None else None
         record_session_event(self._store, self._session.id, name, detail, attempt)
 
     def _answered(self, number: int) -> int:
-        """The attempt whose questionnaire is open: the one that runs, or that completed the trial of this number."""
+        """The running attempt, or the one that completed the trial with this number."""
         if self._attempt is not None:
             return self._attempt.id
         trial = self._trials[number - 1]
         for attempt in self._store.attempts(self._pseudonym):
             if attempt.trial == trial.id and attempt.state == "completed":
                 return attempt.id
-        raise StudyError("there is no attempt that an answer could belong to")
+        raise StudyError("the answer belongs to no attempt")
