@@ -27,19 +27,25 @@ sys.path.insert(0, str(ROOT / "research"))
 
 from figures_file import name_of, read  # noqa: E402
 from papers_results import SIMULATION, short  # noqa: E402
-from partners import FIGURES_FILE, GROUPS  # noqa: E402
+from partners import FIGURES_FILE  # noqa: E402
 from policy_tables import settings_table  # noqa: E402
 
 Lines = Iterator[str]
 KINDS = ("original", "revised", "adaptive")
+NO_BREAK = "\N{NO-BREAK SPACE}"
+POPULATIONS = ("zoo/unseen", "participants", "guarded", "revised", "tremor", "weakness", "limits")
 AXES = ("delay", "amplitude", "tempo")
 
 
 def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> Lines:
     """A table in Markdown."""
     for row in (head, ("---",) * len(head), *rows):
-        yield f"| {' | '.join(' '.join(cell.replace('|', '¦').split()) for cell in row)} |"
+        yield f"| {' | '.join(_cell(cell) for cell in row)} |"
     yield ""
+
+
+def _cell(text: str) -> str:
+    return re.sub("[ \n]+", " ", text.replace("|", "¦"))
 
 
 def _parsed(file: Path) -> ast.Module:
@@ -91,19 +97,19 @@ def policies() -> Lines:
     figures = read(FIGURES_FILE)
     rows = []
     for environment, kind, policy in _packaged():
-        found = [figures.get(name_of(environment, kind, group)) for group in GROUPS]
+        found = [figures.get(name_of(environment, kind, group)) for group in POPULATIONS]
         cells = ("–" if each is None else _result(each) for each in found)
         rows.append((short(environment), kind, _result(policy.metadata.measured), *cells))
-    return table(("environment", "policy", "training", *GROUPS), rows)
+    return table(("environment", "policy", "training", *POPULATIONS), rows)
 
 
 def _result(figures: Mapping[str, Any]) -> str:
     rate, episodes = figures["success_rate"], figures["episodes"]
     low, high = (100.0 * end for end in wilson_interval(round(rate * episodes), episodes))
     lines = [f"{100.0 * rate:.1f} % [{low:.0f}, {high:.0f}]", f"{figures['force_mean_newton']:.1f} N"]
-    over = figures.get("episodes_over_limit")
-    lines.append(f"{episodes} episodes" if over is None else f"{over} of {episodes}")
-    return "<br>".join(lines)
+    if "episodes_over_limit" in figures:
+        lines.append(f"{figures['episodes_over_limit']} of {episodes}")
+    return "<br>".join(lines).replace(" ", NO_BREAK)
 
 
 def _packaged() -> Iterator[tuple[str, str, Policy]]:
