@@ -415,7 +415,10 @@ def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
     with_operator = study("operated", '["operator"]')
     assert CliRunner().invoke(app, ["study", "check", str(with_operator)]).exit_code == 0
     refused = CliRunner().invoke(app, ["study", "simulate", str(with_operator), "--participants", "1"])
-    assert (refused.exit_code, "needs a human operator, and a dry run has none" in refused.stderr) == (1, True)
+    assert (refused.exit_code, "needs a human operator, and a dry run has none" in refused.stderr) == (
+        1,
+        True,
+    )
 
 
 def test_plug_ins_have_names_and_a_broken_one_is_in_nobodys_way(monkeypatch: pytest.MonkeyPatch) -> None:

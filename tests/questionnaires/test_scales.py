@@ -94,5 +94,5 @@ def test_a_stop_rule_names_the_answer_on_its_scale() -> None:
     rules = StopRules((StopRule("ipq_g1", 4.0, "pause"),), (questionnaire,))
     verdict = rules.verdict("ipq_g1", 5)
     assert verdict is not None
-    assert "was answered '4 of 6'; a stop rule holds from 4 on" in verdict.why
+    assert "was answered '4 of 6'; the limit of its stop rule is 4" in verdict.why
     assert rules.verdict("ipq_g1", 4) is None

@@ -165,9 +165,9 @@ def test_closing_twice_changes_nothing_and_a_late_record_is_refused(tmp_path):
     writer = RecordingWriter(path, CONFIGURATION)
     writer.close(OUTCOME)
     before = path.read_bytes()
-    writer.close({"success": False})
+    writer.close(Outcome(result="stopped"))
     assert path.read_bytes() == before
-    with pytest.raises(RecordingError, match="too late"):
+    with pytest.raises(RecordingError, match="is closed"):
         writer.write("/answers", 0, RECORDS["/answers"])
 
 
@@ -281,7 +281,7 @@ def test_a_recording_with_another_topic_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "trial.mcap"
     write_trial(path)
     monkeypatch.delitem(schema.TOPICS, "/answers")
-    with pytest.raises(RecordingError, match=r"foreign '/answers'.* allowed: /physics, /tracking"):
+    with pytest.raises(RecordingError, match=r"invalid message in '/answers'.* allowed: /physics, /tracking"):
         read_recording(path)
 
 
@@ -390,7 +390,7 @@ def test_a_disk_too_slow_loses_records_loudly_and_never_blocks(tmp_path, stalled
         writer.write("/physics", step, Physics(step, 0.0, []))
     assert isinstance(writer.error, RecordingError)
     stalled_disk.set()
-    with pytest.raises(RecordingError, match=r"not complete: .* a record is lost"):
+    with pytest.raises(RecordingError, match=r"not complete: .* a record was lost"):
         writer.close(OUTCOME)
     read = read_recording(tmp_path / "trial.mcap")
     assert not read.complete

@@ -30,7 +30,7 @@ item = "nausea"
 at_least = 3
 then = "pause"
 """  # noqa: E501
-WHY = "'Nausea' was answered 'moderate'; a stop rule holds from 3 on"
+WHY = "'Nausea' was answered 'moderate'; the limit of its stop rule is 3"
 
 
 @pytest.fixture

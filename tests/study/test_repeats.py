@@ -128,7 +128,7 @@ def test_a_policy_that_was_repeated_until_it_succeeded_is_named_everywhere(folde
     assert named in (folder / "analysis" / "reporting" / "methods.md").read_text()
     rows = json.loads((folder / "analysis" / "results.json").read_text())["repeats"]
     assert {row["policy"] for row in rows} == {"original"}
-    assert sum(row["replaced"] for row in rows) == extra
+    assert sum(row["replaced_attempts"] for row in rows) == extra
     assert sum(row["replaced_successes"] for row in rows) == 0
 
 

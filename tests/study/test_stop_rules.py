@@ -36,7 +36,7 @@ item = "nausea"
 at_least = 4
 then = "end"
 """
-WHY = "'How sick do you feel?' was answered '3 of 4'; a stop rule holds from 3 on"
+WHY = "'How sick do you feel?' was answered '3 of 4'; the limit of its stop rule is 3"
 FIRST_RULE = (default_text() + TABLES).split("[[stop_rules]]")[0].count("\n") + 1
 
 
@@ -97,7 +97,7 @@ def test_rules_count_answers_as_their_instrument_does() -> None:
     rules = parse_design(default_text() + used + rule).rules
     assert rules.verdict("ssq_nausea", 2) is None
     verdict = rules.verdict("ssq_nausea", 3)
-    assert verdict == Verdict("pause", "'Nausea' was answered 'moderate'; a stop rule holds from 2 on")
+    assert verdict == Verdict("pause", "'Nausea' was answered 'moderate'; the limit of its stop rule is 2")
 
 
 # In VR

@@ -25,7 +25,7 @@ CSQ_VR = Instrument(
         "Kourtesis, Linnell, Amir, Argelaguet and MacPherson (2023), Cybersickness in Virtual Reality Questionnaire "
         "(CSQ-VR), doi:10.3390/virtualworlds2010002"
     ),
-    licence="CC BY 4.0, with the article that it stands in",
+    licence="CC BY 4.0, as its article",
     response=Response(points=7, lowest=1),
     items=_CSQ_ITEMS,
     scales=(

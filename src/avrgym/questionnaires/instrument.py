@@ -1,15 +1,18 @@
-"""What a validated questionnaire is: its items, what their answers count as, and the scores that follow from them."""
+"""Validated questionnaires: items, values of answers, and scores.
+
+To add one, define an ``Instrument`` in a module of this package and list it in ``registry``.
+"""
 
 from collections.abc import Mapping, Sequence
 from statistics import fmean
 from typing import Literal, NamedTuple
 
 DIGITS = 9
-"""Scores are rounded to so many decimals, so that equal answers give equal scores."""
+"""Decimals of scores. Rounding makes scores of equal answers equal."""
 
 
 class Response(NamedTuple):
-    """The scale of an item: ``points`` answers, counted ``lowest``, ``lowest + step`` and so on."""
+    """The scale of an item: ``points`` answers with the values ``lowest``, ``lowest + step`` and so on."""
 
     points: int
     lowest: int
@@ -17,7 +20,7 @@ class Response(NamedTuple):
 
     @property
     def highest(self) -> int:
-        """What the last answer counts as."""
+        """The value of the last answer."""
         return self.counts_as(self.points)
 
     @property
@@ -36,9 +39,9 @@ class Response(NamedTuple):
 
 
 class InstrumentItem(NamedTuple):
-    """An item. What its licence keeps to itself is empty here: the study's folder says it.
+    """An item. Texts that its licence does not permit are empty; the study's folder contains them.
 
-    ``low`` and ``high`` are the words at both ends; ``labels`` those of every answer, where they are more than numbers.
+    ``low`` and ``high``: labels of both ends. ``labels``: of every answer, if they are not just numbers.
     """
 
     id: str
@@ -49,10 +52,10 @@ class InstrumentItem(NamedTuple):
 
 
 class Scale(NamedTuple):
-    """A score: the ``mean`` or ``sum`` of what the answers to its items count as, times ``factor``.
+    """A score: the ``mean`` or ``sum`` of the item values, times ``factor``.
 
-    An item may be listed more than once. Those that are ``reversed`` count from the other end. ``offset`` is then added
-    to each item.
+    An item that is listed twice counts twice. ``reversed`` items count from the other end. ``offset`` is then added to
+    each item.
     """
 
     name: str
@@ -64,9 +67,10 @@ class Scale(NamedTuple):
 
 
 class Weighting(NamedTuple):
-    """A further score: the mean of items, each weighted by what another instrument's scale says, by its name.
+    """A score with weights: the weighted mean of items.
 
-    Weights are whole numbers from 0 to ``most``, which add up to ``total``.
+    ``instrument`` is the questionnaire whose scores are the weights; ``items`` maps its scales to the weighted items.
+    Weights are integers from 0 to ``most`` with the sum ``total``.
     """
 
     scale: str
@@ -79,8 +83,8 @@ class Weighting(NamedTuple):
 class Instrument(NamedTuple):
     """A validated questionnaire.
 
-    ``missing``: with ``"no score"`` a scale of which an answer is missing has none, with ``"centre"`` a missing answer
-    counts as the middle of the response. ``texts`` says where the words are that are not here.
+    ``missing``: with ``"no score"``, a scale with a missing answer has no score; with ``"centre"``, a missing answer
+    has the middle value. ``texts``: source of the texts that are not included.
     """
 
     name: str
@@ -106,7 +110,7 @@ class Instrument(NamedTuple):
         return tuple(dict.fromkeys(self._scale(scale).items))
 
     def range_of(self, scale: str) -> tuple[float, float]:
-        """The lowest and the highest score that answers can give."""
+        """The lowest and the highest possible score."""
         response = self.response
         if self.weighting is not None and scale == self.weighting.scale:
             return float(response.lowest), float(response.highest)
@@ -117,14 +121,14 @@ class Instrument(NamedTuple):
     def score(
         self, answers: Mapping[str, int], weights: Mapping[str, int] | None = None
     ) -> dict[str, float | None]:
-        """Every score that answers give, by the scale's name; ``None`` where too many are missing.
+        """Every score by the name of its scale; ``None`` if required answers are missing.
 
         Args:
-            answers: by item, numbered from 1 as participants give them.
-            weights: of the weighting's items; without them it gives no score.
+            answers: by item, numbered from 1.
+            weights: of the weighted items; without them, the weighted score is ``None``.
 
         Raises:
-            ValueError: for an item, an answer or weights that cannot be, naming what is allowed.
+            ValueError: for an unknown item or an invalid answer or weight.
         """
         counts = {item: self._count(item, value) for item, value in answers.items()}
         scores = {scale.name: self._score(scale, counts) for scale in self.scales}
@@ -140,7 +144,7 @@ class Instrument(NamedTuple):
             raise ValueError(f"{self.name} has no item {item!r}; allowed: {', '.join(own)}")
         if not 1 <= value <= self.response.points:
             raise ValueError(
-                f"{value} does not answer {item}; allowed: whole numbers from 1 to {self.response.points}"
+                f"{value} is no answer to {item}; allowed: whole numbers from 1 to {self.response.points}"
             )
         return self.response.counts_as(value)
 
@@ -157,12 +161,12 @@ class Instrument(NamedTuple):
 
 
 def check_weights(weighting: Weighting, weights: Mapping[str, int]) -> None:
-    """Raise ``ValueError``, naming what is allowed, unless these are weights of all items that add up."""
+    """Raise ``ValueError``, naming the allowed values, unless every item has a weight and the sum is right."""
     names = ", ".join(weighting.items)
     if set(weights) != set(weighting.items):
-        raise ValueError(f"weights of {', '.join(weights) or 'nothing'}; allowed: {names}, each once")
+        raise ValueError(f"weights of {', '.join(weights) or 'no item'}; allowed: {names}, each once")
     if not all(0 <= weight <= weighting.most for weight in weights.values()):
-        raise ValueError(f"a weight is beyond its ends; allowed: whole numbers from 0 to {weighting.most}")
+        raise ValueError(f"a weight is out of range; allowed: whole numbers from 0 to {weighting.most}")
     total = sum(weights.values())
     if total != weighting.total:
         raise ValueError(f"the weights add up to {total}; allowed: {weighting.total}")

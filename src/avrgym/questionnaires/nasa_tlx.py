@@ -1,4 +1,4 @@
-"""NASA-TLX: how demanding something was, by six ratings, and how much each of the six contributes."""
+"""NASA Task Load Index: six ratings of workload, and pairwise comparisons for their weights."""
 
 from itertools import combinations
 from types import MappingProxyType
@@ -38,7 +38,7 @@ def _pair_id(first: str, second: str) -> str:
 
 
 def _weight(factor: str) -> Scale:
-    """How often a factor was chosen, as the second of a pair or, counted from the other end, as the first."""
+    """The number of pairs in which a factor was chosen. Items in which it is the first are reversed."""
     own = [pair for pair in PAIRS if factor in pair]
     as_first = [_pair_id(*pair) for pair in own if pair[0] == factor]
     return Scale(factor, tuple(_pair_id(*pair) for pair in own), "sum", reversed=tuple(as_first))

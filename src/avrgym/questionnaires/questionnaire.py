@@ -1,4 +1,4 @@
-"""The statements that participants rate, and what counts as an answer."""
+"""Items that participants rate, questionnaires of items, and valid answers."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
@@ -18,7 +18,7 @@ MOST_POINTS = 101
 
 
 class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """One statement, rated from 1 (``low``) to ``points`` (``high``); ``labels``, if any, stand for the numbers."""
+    """One statement, rated from 1 (``low``) to ``points`` (``high``). ``labels`` replace the numbers on screen."""
 
     id: str
     text: Annotated[str, msgspec.Meta(min_length=1)]
@@ -29,7 +29,7 @@ class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_default
 
 
 def translate(items: Sequence[Item], texts: Texts) -> tuple[Item, ...]:
-    """Items in a participant's language."""
+    """Returns the items in the language of ``texts``."""
     return tuple(
         msgspec.structs.replace(
             item,
@@ -43,9 +43,10 @@ def translate(items: Sequence[Item], texts: Texts) -> tuple[Item, ...]:
 
 
 class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Items that are asked together: when (one or several of ``MOMENTS``), and in which order (``ITEM_ORDERS``).
+    """Items that belong together. ``when``: one or several of ``MOMENTS``. ``order``: one of ``ITEM_ORDERS``.
 
-    ``use`` names the instrument whose items these are and that scores them, with ``weights`` where it may have some.
+    ``use``: name of a validated questionnaire, which defines the items and the scores. ``weights``: for scores with
+    weights.
     """
 
     name: str
@@ -57,25 +58,25 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def instrument(self) -> Instrument | None:
-        """The instrument whose items these are, if they are one's."""
+        """The validated questionnaire in use, if there is one."""
         return INSTRUMENTS[self.use] if self.use else None
 
     @property
     def moments(self) -> tuple[str, ...]:
-        """When it is asked."""
+        """The moments of its items."""
         return (self.when,) if isinstance(self.when, str) else self.when
 
     def scale_of(self, item: Item) -> Response:
-        """The scale of an item: its instrument's, else the whole numbers on its labels, else 1 to its points.
+        """The scale of an item: that of the validated questionnaire, else integer labels, else 1 to ``points``.
 
-        Stored answers are numbered from 1. Tables, figures and exports show their values on this scale.
+        Stored answers are numbered from 1. Tables, figures and exports use the values of this scale.
         """
         if self.instrument is not None:
             return self.instrument.response
         return _numbered(item.labels) or Response(item.points, lowest=1)
 
     def describe_scale(self, item: Item) -> str:
-        """The scale of an item with the words at its ends, or on every answer."""
+        """The scale of an item as text, with the labels at its ends or of every answer."""
         scale = self.scale_of(item)
         if item.labels and item.labels != tuple(map(str, scale.values)):
             return ", ".join(
@@ -86,7 +87,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def _numbered(labels: Sequence[str]) -> Response | None:
-    """The scale of labels that are whole numbers in equal steps upwards; ``None`` for others."""
+    """The scale of labels that are equally spaced, increasing integers; ``None`` for others."""
     try:
         values = [int(label) for label in labels]
     except ValueError:
@@ -108,22 +109,22 @@ LIKERT_ITEMS = (
 
 
 def items_to_ask(questionnaires: Iterable[Questionnaire], when: str, seed: int) -> tuple[Item, ...]:
-    """The items of a moment in the order to ask them; the same seed gives the same order."""
+    """The items of a moment in the order of presentation. The same seed gives the same order."""
     rng = random_streams.item_order(seed)
-    asked: list[Item] = []
+    ordered: list[Item] = []
     for questionnaire in questionnaires:
         if when in questionnaire.moments:
             count = len(questionnaire.items)
             indices = rng.permutation(count) if questionnaire.order == "random" else range(count)
-            asked += [questionnaire.items[index] for index in indices]
-    return tuple(asked)
+            ordered += [questionnaire.items[index] for index in indices]
+    return tuple(ordered)
 
 
 def validate_answer(items: Sequence[Item], item_id: str, value: int) -> None:
-    """Raise ``ValueError``, naming what is allowed, unless ``value`` answers one of the items."""
+    """Raise ``ValueError``, naming the allowed values, unless ``value`` is a valid answer to one of the items."""
     by_id = {item.id: item for item in items}
     if item_id not in by_id:
         raise ValueError(f"no item {item_id!r}; allowed: {', '.join(by_id)}")
     points = by_id[item_id].points
     if type(value) is not int or not 1 <= value <= points:
-        raise ValueError(f"{value!r} does not answer {item_id}; allowed: whole numbers from 1 to {points}")
+        raise ValueError(f"{value!r} is no answer to {item_id}; allowed: whole numbers from 1 to {points}")

@@ -1,4 +1,4 @@
-"""Every validated questionnaire that ``use`` in ``study.toml`` may name."""
+"""The validated questionnaires by name, as ``use`` in ``study.toml`` names them."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Stop rules: answers at which a session pauses or ends, as where somebody gets sick."""
+"""Stop rules: a session pauses or ends at certain answers, for example on sickness."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,13 +8,13 @@ import msgspec
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 
 THEN = ("pause", "end")
-"""What a session does, the stronger last."""
+"""The possible actions, the strongest last."""
 
 
 class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """At an answer to ``item`` that counts ``at_least`` so much, the session pauses or ends, as ``then`` says.
+    """The session does ``then`` (one of ``THEN``) at an answer to ``item`` with a value of ``at_least`` or more.
 
-    Answers count as their instrument counts them, those to a study's own items from 1 to ``points``.
+    The values are those of the validated questionnaire, or 1 to ``points`` for the study's own items.
     """
 
     item: str
@@ -23,7 +23,7 @@ class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Verdict(NamedTuple):
-    """What a session does (one of ``THEN``), and why, in words for the experimenter."""
+    """The action of the session (one of ``THEN``), and the reason as text for the experimenter."""
 
     then: str
     why: str
@@ -31,30 +31,31 @@ class Verdict(NamedTuple):
 
 @dataclass(frozen=True)
 class StopRules:
-    """Stop rules with the questionnaires whose items they are about."""
+    """Stop rules with the questionnaires of their items."""
 
     rules: tuple[StopRule, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()
 
     def verdict(self, item_id: str, value: int) -> Verdict | None:
-        """The verdict of the rules on an answer; the strongest, where several are met."""
+        """Returns the strongest action of all rules that an answer meets; ``None`` if it meets none."""
         met = [rule for rule in self.rules if rule.item == item_id and self._is_met(rule, value)]
         if not met:
             return None
         rule = max(met, key=lambda each: THEN.index(each.then))
         questionnaire, item = self.find(item_id)
-        given = item.labels[value - 1] if item.labels else _of_most(questionnaire, item, value)
+        answer = item.labels[value - 1] if item.labels else _value_text(questionnaire, item, value)
         return Verdict(
-            rule.then, f"{item.text!r} was answered {given!r}; a stop rule holds from {rule.at_least:g} on"
+            rule.then,
+            f"{item.text!r} was answered {answer!r}; the limit of its stop rule is {rule.at_least:g}",
         )
 
-    def ends_of(self, item: str) -> tuple[float, float]:
-        """The least and the most that an answer to an item can count."""
+    def value_range(self, item: str) -> tuple[float, float]:
+        """The lowest and the highest value of an answer to an item."""
         questionnaire, found = self.find(item)
         return _count(questionnaire, 1), _count(questionnaire, found.points)
 
     def find(self, item: str) -> tuple[Questionnaire, Item]:
-        """An item, and the questionnaire that it stands in; ``KeyError`` where there is none."""
+        """Returns an item and its questionnaire; ``KeyError`` for an unknown item."""
         for questionnaire in self.questionnaires:
             for each in questionnaire.items:
                 if each.id == item:
@@ -65,7 +66,7 @@ class StopRules:
         return _count(self.find(rule.item)[0], value) >= rule.at_least
 
 
-def _of_most(questionnaire: Questionnaire, item: Item, value: int) -> str:
+def _value_text(questionnaire: Questionnaire, item: Item, value: int) -> str:
     return f"{_count(questionnaire, value):g} of {_count(questionnaire, item.points):g}"
 
 

@@ -127,9 +127,9 @@ def _header(path: str | os.PathLike[str], records: Iterable[mcap_records.McapRec
 
 
 def intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.McapRecord], bool, int]:
-    """The records before the first damage, whether there was none, and the offset behind the last record of the data.
+    """The records before the first damage, whether there is none, and the offset after the last data record.
 
-    Messages lie in chunks, each of which has a checksum: a message outside of them is damage to another record's kind.
+    Messages are in chunks with checksums. A message outside of a chunk is therefore a damaged record of another kind.
     """
     records: list[mcap_records.McapRecord] = []
     end_of_data, ended = 0, False
@@ -149,7 +149,7 @@ def intact_records(path: str | os.PathLike[str]) -> tuple[list[mcap_records.Mcap
                 end_of_data = end_of_data if ended else file.tell()
         except OSError:
             raise
-        except Exception:  # the reader raises whatever the bytes of a cut or damaged record lead to
+        except Exception:  # the MCAP reader raises any exception on damaged bytes
             return records, False, end_of_data
     return records, True, end_of_data
 
@@ -172,7 +172,7 @@ def _outcome(values: dict[str, Any] | None) -> Outcome | None:
 def _messages(
     path: str | os.PathLike[str], records: list[mcap_records.McapRecord]
 ) -> tuple[list[tuple[str, int, Any]], bool]:
-    """The messages before the first gap in their numbers, and whether there was none; 0 is no number."""
+    """The messages before the first gap in their sequence numbers, and whether there is no gap; 0 is no number."""
     names: dict[int, str] = {}
     messages: list[tuple[str, int, Any]] = []
     for record in records:
@@ -186,7 +186,9 @@ def _messages(
                 messages.append((topic, record.log_time, decode(topic, record.data)))
             except (KeyError, msgspec.DecodeError) as error:
                 allowed = ", ".join(TOPICS)
-                raise RecordingError(f"{path}: foreign {topic!r}: {error}; allowed: {allowed}") from error
+                raise RecordingError(
+                    f"{path}: invalid message in {topic!r}: {error}; allowed: {allowed}"
+                ) from error
     return messages, True
 
 

@@ -1,7 +1,7 @@
-"""What a recording of a trial holds: one struct per topic, written as JSON.
+"""The schema of a recording: one struct for each topic, written as JSON.
 
-JSON keeps every finite double bit for bit. Numbers that are not finite are written as the strings ``"NaN"``,
-``"Infinity"`` and ``"-Infinity"``, because JSON has none for them.
+JSON preserves every bit of finite numbers. Other numbers are the strings ``"NaN"``, ``"Infinity"`` and ``"-Infinity"``.
+The configuration of the trial is in ``configuration``.
 """
 
 import math
@@ -13,11 +13,11 @@ from avrgym.questionnaires.questionnaire import MOST_POINTS
 from avrgym.system.type_guards import is_array, is_table
 
 MOST_FRAMES, LONGEST_MS = 256, 60_000
-"""What one record of latencies holds at most."""
+"""Limits of one record of latencies."""
 
 
 class Record(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Base of all records. Their times count from the start of the trial unless they say otherwise."""
+    """Base of all records. Times count from the start of the trial unless noted."""
 
 
 class Pose(Record, frozen=True):
@@ -41,12 +41,12 @@ class Physics(Record, frozen=True):
 class TrackingFrame(Record, frozen=True):
     """One XR frame as received; a pose that was not tracked is ``None``.
 
-    ``applied``: the frame moved the person; one that a newer frame overtook did not.
-    ``held``: the frame was stale or invalid, and the person kept the last pose.
-    ``held_parts``: which of ``head``, ``left`` and ``right`` it did not move, because their poses had jumped, or were
-    stale though the task needs the part. ``untracked_parts``: which had stale poses, missing or the same for 0.2 s.
-    ``left_modality``, ``right_modality``: what a hand was tracked with: a ``controller``, the bare ``hand``, whose
-    pose is the wrist's, a ``mouse`` in place of a headset, or ``none``.
+    ``applied``: the frame moved the person; otherwise a newer frame replaced it.
+    ``held``: the frame was stale or invalid, and the person stayed in the last pose.
+    ``held_parts``: parts (``head``, ``left``, ``right``) that the frame did not move: their poses had jumped, or were
+    stale and the task needs the part. ``untracked_parts``: parts with stale poses, missing or unchanged for 0.2 s.
+    ``left_modality``, ``right_modality``: the tracked device of a hand: ``controller``, bare ``hand`` (pose of the
+    wrist), ``mouse`` without a headset, or ``none``.
     """
 
     sequence: int
@@ -64,20 +64,20 @@ class TrackingFrame(Record, frozen=True):
 
 
 class BodyTargets(Record, frozen=True):
-    """The joint angles that the person's body is driven to from the next physics step on, as soon as they change.
+    """The joint targets of the person's body from the next physics step on; recorded on change.
 
-    Radians, in the order of the model's joints.
+    Radians, in the order of ``joints`` of the configuration.
     """
 
     joint_targets: list[float]
 
 
 class Command(Record, frozen=True):
-    """The command to the robot at the beginning of control step ``step``; an interrupted step has only this record.
+    """The command to the robot at the start of control step ``step``. An interrupted step has only this record.
 
-    A driver that answers later, or a person, gives further commands during the step. In the phase ``retreat``, in which
-    there are no control steps, these are the commands of the motion away from the person. ``brakes``: the action is
-    zero, and the brakes hold the robot.
+    A slow driver or a human operator may change the command during the step. In the phase ``retreat``, which has no
+    control steps, these are the commands of the motion away from the person. ``brakes``: the action is zero, and the
+    brakes hold the robot.
     """
 
     step: int
@@ -86,9 +86,9 @@ class Command(Record, frozen=True):
 
 
 class Placement(Record, frozen=True):
-    """Where the simulated world stands in ``local-floor`` from now on, after a participant has slid on their seat.
+    """A new pose of the simulated world in ``local-floor``, after the participant has moved on the seat.
 
-    Until then it stands where the metadata say.
+    The pose at the start is ``xr_from_world`` of the configuration.
     """
 
     xr_from_world: Pose
@@ -97,9 +97,8 @@ class Placement(Record, frozen=True):
 class Control(Record, frozen=True):
     """One control step of the robot. ``reward_terms`` are not weighted; ``reward`` is their weighted sum.
 
-    ``driver``: who drove, a policy by its name or ``operator``; empty where nobody wrote it down. ``idle``: at the end
-    of the step the robot held still, because the operator drove nowhere, the controller failed or tracking
-    was stale.
+    ``driver``: name of the policy, or ``operator``. ``idle``: the robot stood still at the end of the step, because
+    the operator gave no command, the controller failed, or tracking was stale.
     """
 
     step: int
@@ -115,17 +114,14 @@ class Control(Record, frozen=True):
 
 
 class Event(Record, frozen=True):
-    """Anything that happened at one instant, such as a lost connection."""
+    """An event, for example a lost connection."""
 
     name: str
     detail: str
 
 
 class Answer(Record, frozen=True):
-    """The answer to one item of the questionnaire, and the time from its appearance to the press.
-
-    The message that brings it and the row that keeps it add to this record what else they say.
-    """
+    """The answer to one item of the questionnaire, and the time from the item's appearance to the answer."""
 
     item: Annotated[str, msgspec.Meta(max_length=64)]
     value: Annotated[int, msgspec.Meta(ge=1, le=MOST_POINTS)]
@@ -139,12 +135,12 @@ _Milliseconds = Annotated[
 
 
 class Latency(Record, frozen=True):
-    """How long tracking frames took from pose to picture, stage after stage, milliseconds: an entry for each frame.
+    """The latency of tracking frames from pose to picture by stage, in milliseconds: one entry for each frame.
 
-    ``sequence`` are the frames that a state was the first to follow. ``sample_ms``: from the pose to its sending;
-    ``up_ms``: until the server had it; ``simulate_ms``: until a tick had simulated it and handed its state out;
-    ``send_ms``: until that was sent; ``down_ms``: until the client had it; ``draw_ms``: until a picture showed it. The
-    clocks of both sides are aligned so that the fastest messages take as long either way.
+    ``sequence``: the frames, each the newest in its state. ``sample_ms``: from the pose to sending; ``up_ms``: to
+    arrival at the server; ``simulate_ms``: to the simulated state; ``send_ms``: to sending of the state; ``down_ms``:
+    to arrival at the client; ``draw_ms``: to the picture. Clocks are aligned: the fastest messages take equal times in
+    both directions.
     """
 
     sequence: _Numbers
@@ -157,11 +153,11 @@ class Latency(Record, frozen=True):
 
 
 class Stream(Record, frozen=True):
-    """A stream of another device, written before the first of its samples in a trial.
+    """A stream of another device, written before its first samples.
 
-    ``stream`` is what the study calls it, ``source`` what the device does. ``kind`` is the device's word for what it
-    measures, such as ``EEG``. ``rate_hz`` is the rate that it promises, 0 for samples that come at any time. Names of
-    channels and units are empty where the device gives none.
+    ``stream``: name in the study. ``source``: name of the device. ``kind``: type of the measurement according to the
+    device, for example ``EEG``. ``rate_hz``: nominal rate, 0 for irregular samples. Channel names and units are empty
+    if the device reports none.
     """
 
     stream: str
@@ -173,10 +169,9 @@ class Stream(Record, frozen=True):
 
 
 class StreamSamples(Record, frozen=True):
-    """Samples of a stream in the order they came, an entry each: of a stream of numbers ``values``, else ``texts``.
+    """Samples of a stream in the order of arrival, in ``values`` for numbers or ``texts``.
 
-    ``time_s``: when each was taken. ``offset_s`` was added to the times that the device gave, because its clock is so
-    much behind ours.
+    ``time_s``: time of each sample. ``offset_s``: clock difference that was added to the device's times.
     """
 
     stream: str
@@ -235,7 +230,7 @@ _decoders = {kind: msgspec.json.Decoder(kind, strict=False) for kind in TOPICS.v
 
 
 def encode(value: Any) -> bytes:
-    """A record, or any plain value, as JSON."""
+    """Encodes a record, or any plain value, as JSON."""
     data = _encoder.encode(value)
     if b"null" in data:
         data = _encoder.encode(_spell_out(msgspec.to_builtins(value)))
@@ -243,12 +238,12 @@ def encode(value: Any) -> bytes:
 
 
 def decode(topic: str, data: bytes) -> Any:
-    """The record of a topic; raises ``msgspec.DecodeError`` when the data do not fit it."""
+    """Decodes a record of a topic; raises ``msgspec.DecodeError`` for invalid data."""
     return _decoders[TOPICS[topic]].decode(data)
 
 
 def json_schema(topic: str) -> bytes:
-    """The JSON Schema of a topic's records, without references, as viewers of recordings want it."""
+    """The JSON Schema of a topic's records, without references: viewers of recordings do not resolve them."""
     (reference,), definitions = msgspec.json.schema_components((TOPICS[topic],))
     return _encoder.encode(_resolve(reference, definitions))
 

@@ -17,13 +17,13 @@ from avrgym.recording.schema import Stream, StreamSamples
 from avrgym.system.columns import Column
 
 GAP_INTERVALS = 5.0
-"""Samples of a regular stream that are further apart than so many intervals have others missing between them."""
+"""A longer distance between samples of a regular stream is a gap; in sample intervals."""
 AHEAD_S, BACK_S = 0.25, 0.05
-"""Smaller jumps ahead count as gaps, and smaller steps back as jitter."""
+"""Smaller jumps ahead are gaps, smaller steps back are jitter."""
 OLDEST_S = 60.0
-"""A sample that is older when it arrives has a wrong time; Lab Streaming Layer keeps no more."""
-FEWEST = 10
-"""Of fewer samples nothing is said about jitter."""
+"""Largest plausible age of a sample at arrival: the buffer of Lab Streaming Layer."""
+MIN_SAMPLES = 10
+"""Smallest number of samples for a measure of jitter."""
 
 Topics = Mapping[str, Sequence[tuple[int, Any]]]
 Chunks = Sequence[tuple[int, StreamSamples]]
@@ -34,7 +34,7 @@ Chunks = Sequence[tuple[int, StreamSamples]]
 class ClockReset:
     """A jump of a stream's clock: ``time_s`` is the corrected time of the first sample after it.
 
-    ``jump_s`` is how far the clock is ahead from then on; it is negative for a clock that is behind.
+    ``jump_s`` is positive if the clock jumped ahead.
     """
 
     time_s: float
@@ -45,7 +45,7 @@ class ClockReset:
 class SampleTimes:
     """The times (n,) of a stream's samples in seconds, which never decrease.
 
-    ``raised`` counts the samples that would have been earlier than the one before by jitter alone.
+    ``raised``: number of samples whose time was raised to that of the sample before, because of jitter.
     """
 
     time_s: FloatArray
@@ -55,7 +55,7 @@ class SampleTimes:
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Samples ``first`` to ``end`` without a reset between them; ``delay_s`` is the least from sample to arrival."""
+    """Samples ``first`` to ``end`` without a reset; ``delay_s`` is the smallest delay from sample to arrival."""
 
     first: int
     end: int
@@ -66,19 +66,19 @@ def sample_times(chunks: Chunks, rate_hz: float) -> SampleTimes:
     """Correct the times of a stream's samples.
 
     Args:
-        chunks: all of its samples in the order they came.
-        rate_hz: the rate that the device promises; 0 for samples at any time.
+        chunks: all of its samples in the order of arrival.
+        rate_hz: nominal rate; 0 for irregular samples.
     """
     given = np.concatenate([np.empty(0), *(np.array(chunk.time_s, float) for _, chunk in chunks)])
     arrived = np.repeat([time_ns / 1e9 for time_ns, _ in chunks], [len(chunk.time_s) for _, chunk in chunks])
     if not len(given):
         return SampleTimes(given, (), 0)
     stretches = _stretches(given, arrived, rate_hz)
-    usual_s = next((each.delay_s for each in stretches if _is_plausible(each)), 0.0)
+    normal_delay_s = next((each.delay_s for each in stretches if _is_plausible(each)), 0.0)
     corrected, resets, ahead_s = given.copy(), list[ClockReset](), 0.0
     for each in stretches:
         before_s = ahead_s
-        ahead_s = _ahead_s(each, given, corrected, usual_s, rate_hz)
+        ahead_s = _ahead_s(each, given, corrected, normal_delay_s, rate_hz)
         corrected[each.first : each.end] -= ahead_s
         if each.first or ahead_s:
             resets.append(ClockReset(float(corrected[each.first]), ahead_s - before_s))
@@ -107,9 +107,9 @@ def _stretches(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_
 
 
 def _is_reset(before_s: float, after_s: float, step_s: float, rate_hz: float) -> bool:
-    """Whether the clock jumped where the least delay of samples changes from ``before_s`` to ``after_s``.
+    """Whether the clock jumped where the smallest delay changes from ``before_s`` to ``after_s``.
 
-    Single samples that come late look like a jump ahead too: of those at any time only one from the future is certain.
+    A late sample looks like a jump ahead. For irregular samples, only a sample from the future proves a jump.
     """
     if step_s < -BACK_S:
         return True
@@ -117,15 +117,15 @@ def _is_reset(before_s: float, after_s: float, step_s: float, rate_hz: float) ->
 
 
 def _gap_s(rate_hz: float) -> float:
-    """The least step between samples that may be a jump ahead."""
+    """The smallest step between samples that may be a jump ahead."""
     return max(GAP_INTERVALS / rate_hz, AHEAD_S) if rate_hz > 0.0 else AHEAD_S
 
 
 def _ahead_s(
-    stretch: _Stretch, given: FloatArray, corrected: FloatArray, usual_s: float, rate_hz: float
+    stretch: _Stretch, given: FloatArray, corrected: FloatArray, normal_delay_s: float, rate_hz: float
 ) -> float:
-    """How far the clock is ahead in a stretch: by arrivals, or exactly where a regular stream goes on at its rate."""
-    by_arrival_s = usual_s - stretch.delay_s
+    """The lead of the clock in a stretch: from arrivals, or exactly if a regular stream continues at its rate."""
+    by_arrival_s = normal_delay_s - stretch.delay_s
     if not stretch.first:
         return 0.0 if _is_plausible(stretch) else by_arrival_s
     going_on_s = corrected[stretch.first - 1] + (1.0 / rate_hz if rate_hz > 0.0 else inf)
@@ -156,35 +156,35 @@ class StreamQuality:
     clock_jump_s: Annotated[float, Column("Largest jump of this clock; negative is backwards.", unit="s")]
 
 
-def described_streams(topics: Topics) -> dict[str, Stream]:
-    """The streams in a recording, by its topics and their names."""
+def streams_by_name(topics: Topics) -> dict[str, Stream]:
+    """The streams of a recording by name."""
     return {each.stream: each for _, each in topics["/streams"]}
 
 
 def chunks_of(topics: Topics, stream: str) -> Chunks:
-    """The samples of a stream, with the times of their arrival."""
+    """The samples of a stream, with their times of arrival."""
     return [(time_ns, chunk) for time_ns, chunk in topics["/samples"] if chunk.stream == stream]
 
 
 def times_of(topics: Topics, stream: str) -> SampleTimes:
-    """When the samples of a stream were taken, corrected where its clock jumped."""
-    described = described_streams(topics).get(stream)
+    """The times of a stream's samples, corrected for clock resets."""
+    described = streams_by_name(topics).get(stream)
     return sample_times(chunks_of(topics, stream), described.rate_hz if described else 0.0)
 
 
 def stream_quality(topics: Topics) -> list[StreamQuality]:
-    """Of each stream in a recording, by its topics; in the order of their names."""
+    """The timing quality of each stream of a recording, in the order of names."""
     return [
-        _figures(stream, chunks_of(topics, name), times_of(topics, name))
-        for name, stream in sorted(described_streams(topics).items())
+        _quality(stream, chunks_of(topics, name), times_of(topics, name))
+        for name, stream in sorted(streams_by_name(topics).items())
     ]
 
 
-def _figures(stream: Stream, chunks: Chunks, found: SampleTimes) -> StreamQuality:
+def _quality(stream: Stream, chunks: Chunks, found: SampleTimes) -> StreamQuality:
     times = found.time_s
     offsets_ms = 1e3 * np.array([chunk.offset_s for _, chunk in chunks] or [0.0])
     lasted_s = float(times[-1] - times[0]) if len(times) > 1 else 0.0
-    jitter_s, gaps = _evenness(times, stream.rate_hz)
+    jitter_s, gaps = _jitter(times, stream.rate_hz)
     return StreamQuality(
         stream=stream.stream,
         kind=stream.kind,
@@ -200,13 +200,13 @@ def _figures(stream: Stream, chunks: Chunks, found: SampleTimes) -> StreamQualit
     )
 
 
-def _evenness(times: FloatArray, rate_hz: float) -> tuple[float | None, int | None]:
-    """The deviation from the straight line through each stretch without a gap, and the number of gaps."""
-    if rate_hz <= 0.0 or len(times) < FEWEST:
+def _jitter(times: FloatArray, rate_hz: float) -> tuple[float | None, int | None]:
+    """The standard deviation from a straight line through each stretch without gaps, and the number of gaps."""
+    if rate_hz <= 0.0 or len(times) < MIN_SAMPLES:
         return None, None
     breaks = np.flatnonzero(np.diff(times) > GAP_INTERVALS / rate_hz) + 1
     stretches = np.split(times, breaks)
-    residuals = [_residuals(stretch) for stretch in stretches if len(stretch) >= FEWEST]
+    residuals = [_residuals(stretch) for stretch in stretches if len(stretch) >= MIN_SAMPLES]
     return (float(np.concatenate(residuals).std()) if residuals else None), len(breaks)
 
 

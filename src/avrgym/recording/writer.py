@@ -37,10 +37,10 @@ CLOSE_TIMEOUT_S = 10.0
 
 
 class RecordingWriter:
-    """Writes one trial's recording on a thread of its own, so that the caller never waits for the disk.
+    """Writes one trial's recording in its own thread; the caller never waits for the disk.
 
-    What was written reaches the file within half a second. A disk that fails shows in ``error`` within a
-    second, and the file is never marked complete then.
+    Data reach the file within half a second. ``error`` reports a failing disk within a second; the file is then never
+    marked complete.
 
     Args:
         path: The new file; an existing one raises ``FileExistsError``.
@@ -61,45 +61,46 @@ class RecordingWriter:
 
     @property
     def error(self) -> Exception | None:
-        """What keeps the recording from being complete, or ``None``. Only a stall can pass."""
+        """The error that prevents a complete recording, or ``None``. Only a ``TimeoutError`` can pass."""
         silent_s = time.monotonic() - self._alive_at
         if self._failure is None and self._thread.is_alive() and silent_s > STALL_S:
             return TimeoutError(f"{self.path}: the disk has taken no data for {silent_s:.1f} s")
         return self._failure
 
     def write(self, topic: str, log_time_ns: int, record: Record) -> None:
-        """Queue one record, without waiting; ``log_time_ns`` is on the trial's monotonic clock.
+        """Queue one record without waiting; ``log_time_ns`` is on the trial's monotonic clock.
 
-        The record and its lists must not change afterwards. After a failure of the disk this does nothing.
+        Do not change the record afterwards. After a disk failure this does nothing.
         """
         if type(record) is not TOPICS.get(topic):
             allowed = ", ".join(f"{name}: {kind.__name__}" for name, kind in TOPICS.items())
             raise RecordingError(f"no topic {topic!r} for {type(record).__name__}; allowed: {allowed}")
         if self._disk.closed:
-            raise RecordingError(f"{self.path}: closed; a record for {topic} came too late")
+            raise RecordingError(f"{self.path}: is closed and takes no record for {topic}")
         if self._failure is None and self._queue.qsize() >= CAPACITY_MESSAGES:
-            self._failure = RecordingError(f"{self.path}: a record is lost: the disk is too slow")
+            self._failure = RecordingError(f"{self.path}: a record was lost: the disk is too slow")
         if self._failure is None:
             self._queue.put((topic, log_time_ns, record))
 
     def robot_finished(self, outcome: Outcome) -> None:
-        """Queue the outcome of a trial whose robot has finished, without waiting.
+        """Queue the outcome at the end of the last control step, without waiting.
 
-        Once it is in the file, ``end_cut_recording`` completes that if this process is killed. Waiting for the disk
-        itself here would keep later records from the file.
+        If the process is killed later, ``end_cut_recording`` completes the file with this outcome.
         """
         self._queue.put(outcome)
 
     def catch_up(self) -> None:
-        """Wait until little is queued, for callers faster than real time; no longer than the disk takes data."""
+        """Wait until the queue is short, for callers faster than real time. Returns on a disk error."""
         while self._queue.qsize() > FEW_MESSAGES and self.error is None:
             time.sleep(0.001)
 
     def close(self, outcome: Outcome | None = None) -> None:
-        """Write what is queued and end the file; with an outcome, and all data on disk, mark it complete.
+        """Write the queue and end the file. With an outcome, and all data on disk, mark it complete.
 
-        Raises ``RecordingError`` when there is an outcome but the file could not be completed. Closing a
-        closed writer does nothing.
+        Closing a closed writer does nothing.
+
+        Raises:
+            RecordingError: with an outcome, if the file could not be completed.
         """
         if self._disk.closed:
             return
@@ -182,7 +183,7 @@ class RecordingWriter:
 
 
 class _Disk:
-    """A new file without a buffer: what fails to reach it is never tried again behind the writer's back."""
+    """A new file without a buffer: a failed write is not repeated."""
 
     def __init__(self, path: Path):
         self._file = FileIO(path, "x", opener=private_opener)
@@ -197,7 +198,7 @@ class _Disk:
             rest = rest[self._file.write(rest) :]
 
     def flush(self) -> None:
-        """Nothing is held back."""
+        """Does nothing: there is no buffer."""
 
     def tell(self) -> int:
         return self._file.tell()
@@ -214,9 +215,9 @@ class _Disk:
 
 
 def end_cut_recording(path: str | os.PathLike[str]) -> None:
-    """Complete a recording that was cut off after the robot had finished; any other stays as it is.
+    """Complete a recording that was cut off after the robot had finished; leave any other unchanged.
 
-    The end replaces an unreadable rest. Nobody may write the recording any more.
+    The end replaces unreadable data. No writer may be open.
     """
     recording = read_recording(path)
     if recording.complete or recording.robot_finished is None:

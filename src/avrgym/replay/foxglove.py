@@ -1,15 +1,15 @@
-"""A recorded trial as an MCAP file that Foxglove and Rerun show in 3D without a plug-in. Needs the extra ``foxglove``.
+"""Export a recorded trial for 3D display in Foxglove and Rerun. Needs the extra ``foxglove``.
 
-Beside all that the recording holds it has Foxglove's well-known schemas
-(https://docs.foxglove.dev/docs/visualization/message-schemas), as protocol buffers because Rerun reads no others:
+The MCAP file contains the recording's messages and Foxglove's schemas
+(https://docs.foxglove.dev/docs/visualization/message-schemas) as protocol buffers:
 
-- ``/tf``: where every body is, as often as live clients are told; one that has not moved is not repeated;
-- ``/scene``: what bodies look like, as triangles, for Foxglove;
-- ``/surfaces/BODY``: the same as points, for Rerun, which shows no triangles of this kind;
-- ``/tracked/head``, ``/tracked/left``, ``/tracked/right``: the tracked poses, in the headset's own space;
-- ``/log``: phases, events and answers in words.
+- ``/tf``: poses of all bodies at the client's rate, without bodies that have not moved;
+- ``/scene``: triangle meshes of the bodies, for Foxglove;
+- ``/surfaces/BODY``: the same as points, for Rerun, which does not show these meshes;
+- ``/tracked/head``, ``/tracked/left``, ``/tracked/right``: tracked poses in the headset's space;
+- ``/log``: phases, events and answers as text.
 
-All of it follows from the recording, so that no live session has to write it. Times are those of the calendar.
+Times are UTC.
 """
 
 import io
@@ -49,12 +49,12 @@ from avrgym.vr.scene.body_surfaces import BodySurface, body_surfaces
 from avrgym.vr.scene.export_process import model_with_appearance
 
 WORLD, TRACKING = "world", "local_floor"
-"""The frames: the simulated world, z up; and that of tracked poses, y up, which the headset gives."""
+"""The frames: of the simulated world (z up), and of tracked poses (y up)."""
 TRACKED = ("head", "left", "right")
 POINTS = 40_000
-"""On all surfaces together."""
+"""Number of points on all surfaces together."""
 FIELDS = {"x": 0, "y": 4, "z": 8, "red": 12, "green": 13, "blue": 14, "alpha": 15}
-"""Where the numbers of a point lie among its bytes."""
+"""Byte offsets of the fields of a point."""
 POINT_BYTES = 16
 
 
@@ -64,11 +64,11 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
     Args:
         recording: of the trial.
         out: a new file that ends in .mcap.
-        progress: told after each recorded state.
+        progress: called after each recorded state.
 
     Raises:
-        ValueError: for another ending, or a recording that cannot be stepped again.
-        FileExistsError: when there is such a file.
+        ValueError: for another suffix, or a recording that cannot be recomputed.
+        FileExistsError: if the file exists.
     """
     check_new(out, (".mcap",))
     timeline, poses = timeline_of(recording, progress)
@@ -100,7 +100,7 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
 
 
 class _Log:
-    """An MCAP file on the way; its times are given in seconds from the beginning of the trial."""
+    """An open MCAP file. Times are seconds from the start of the trial."""
 
     def __init__(self, data: io.BytesIO, began_ns: int, described: dict[str, str]) -> None:
         self._began_ns = began_ns
@@ -111,7 +111,7 @@ class _Log:
         self._schemas: dict[str, int] = {}
 
     def timestamp(self, time_s: float) -> Timestamp:
-        """A time of the trial by the calendar."""
+        """The UTC time of a time in the trial."""
         stamp = Timestamp()
         stamp.FromNanoseconds(self._at_ns(time_s))
         return stamp
@@ -124,14 +124,14 @@ class _Log:
         self._add(topic, "protobuf", self._schemas[name], self._at_ns(time_s), message.SerializeToString())
 
     def write_record(self, topic: str, time_ns: int, record: Any) -> None:
-        """Write a record as the recording has it."""
+        """Copy a record of the recording."""
         if topic not in self._schemas:
             name = f"avrgym.{TOPICS[topic].__name__}"
             self._schemas[topic] = self._mcap.register_schema(name, "jsonschema", json_schema(topic))
         self._add(topic, "json", self._schemas[topic], self._began_ns + time_ns, encode(record))
 
     def finish(self) -> None:
-        """Write the end."""
+        """End the file."""
         self._mcap.finish()
 
     def _at_ns(self, time_s: float) -> int:
@@ -249,7 +249,7 @@ def _transform(log: _Log, time_s: float, frame: str, pose: FloatArray) -> FrameT
 
 
 def _tracking_space(recording: Recording) -> FloatArray:
-    """Where the space of tracked poses lies in the world (7,)."""
+    """Pose of the space of tracked poses in the world (7,)."""
     pose = recording.configuration.xr_from_world
     x, y, z, w = pose.orientation
     return np.concatenate(transforms.invert(np.array(pose.position), np.array([w, x, y, z])))

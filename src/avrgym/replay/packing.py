@@ -1,24 +1,21 @@
-"""Poses made small: in whole steps, as differences in time, byte by byte."""
+"""Compact encoding of poses: differences in time, in integer steps, byte by byte."""
 
 import numpy as np
 
 STEP = 2.0**-14
-"""What packed numbers are multiples of: metres for positions, 1 for orientations.
-
-Half a step, 0.03 mm, is far below what a screen shows; a power of two is exact in binary.
-"""
+"""Resolution of packed numbers: metres for positions, 1 for orientations. The error of 0.03 mm is not visible."""
 
 
 def pack_poses(poses: bytes, frames: int) -> bytes:
-    """Poses of so many frames in a form that deflate makes small: seldom more than a tenth of what they were.
+    """Encodes poses so that deflate compresses them to about a tenth.
 
     Args:
-        poses: 32-bit floats, little-endian, as many for each frame.
-        frames: how many frames there are.
+        poses: 32-bit floats, little-endian, equally many for each frame.
+        frames: number of frames.
 
     Returns:
-        The lowest bytes of all numbers, then the next ones, up to the fourth. The numbers are differences from frame to
-        frame, the first from nought, in multiples of ``STEP``: those of all frames' first number, then of their second.
+        32-bit differences between frames in multiples of ``STEP``, number by number over all frames; first the lowest
+        bytes of all, then the next, up to the fourth.
     """
     steps = np.round(np.frombuffer(poses, "<f4").reshape(frames, -1).astype(float) / STEP)
     changes = np.diff(steps, axis=0, prepend=0.0).T.astype("<i4")

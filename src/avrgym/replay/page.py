@@ -1,4 +1,4 @@
-"""A recorded trial, or two beside each other, as a page in one file that needs neither server nor network."""
+"""A recorded trial, or two side by side, as one HTML file that needs neither server nor network."""
 
 import base64
 import zlib
@@ -22,14 +22,14 @@ PLACE = b'<script id="recorded" type="application/json">'
 
 
 class PackedTrial(msgspec.Struct, frozen=True):
-    """A trial with the poses of its frames, packed."""
+    """A timeline with the packed poses of its frames."""
 
     timeline: Timeline
     poses: str
 
 
 class Packed(msgspec.Struct, frozen=True):
-    """What the page shows: poses as ``pack_poses`` makes them, GLB files by their addresses, deflated and in base64."""
+    """The data of the page: packed poses, and GLB files by URL; both deflated and in base64."""
 
     step: float
     trials: list[PackedTrial]
@@ -37,7 +37,7 @@ class Packed(msgspec.Struct, frozen=True):
 
 
 class ReplayedTrial(NamedTuple):
-    """A recording, and what ``timeline_of`` gave of it."""
+    """A recording with the result of ``timeline_of``."""
 
     recording: Recording
     timeline: Timeline
@@ -45,19 +45,19 @@ class ReplayedTrial(NamedTuple):
 
 
 def check_page_to_write(out: Path) -> None:
-    """Whether a page can be written there.
+    """Check that the page can be written.
 
     Raises:
-        ValueError: for another ending than .html, or where there is no such folder.
-        FileExistsError: when there is such a file.
-        ServerError: when the client is not built.
+        ValueError: for another suffix than .html or a missing folder.
+        FileExistsError: if the file exists.
+        ServerError: if the client is not built.
     """
     check_new(out, (".html",))
     check_page(TEMPLATE)
 
 
 def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
-    """Write one trial, or two that begin together where the robot begins, into a page, which is its owner's alone.
+    """Write one or two trials into a page that only its owner can read. Two trials are aligned at the robot's start.
 
     Raises: as ``check_page_to_write``.
     """
@@ -86,7 +86,7 @@ def _packed(trials: Sequence[ReplayedTrial]) -> Packed:
 
 
 def _scene_number(recording: Recording, recordings: Sequence[Recording]) -> int:
-    """That of the first recording that has the same environment and person, and so looks alike."""
+    """Index of the first recording with the same environment and person, and therefore the same scene."""
     looks = [(each.configuration.environment, each.configuration.person) for each in recordings]
     return looks.index((recording.configuration.environment, recording.configuration.person))
 
@@ -96,5 +96,5 @@ def _deflated(data: bytes) -> str:
 
 
 def _within_script(packed: Packed) -> bytes:
-    """As JSON that no text within can end."""
+    """JSON that is safe within a script element."""
     return msgspec.json.encode(packed).replace(b"<", b"\\u003c")

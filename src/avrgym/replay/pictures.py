@@ -1,4 +1,4 @@
-"""Videos, animations and image sequences of a recorded trial, drawn by MuJoCo's renderer."""
+"""Videos, animations and image strips of a recorded trial, rendered by MuJoCo."""
 
 # PyAV's streams: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -32,7 +32,7 @@ PICTURE_SUFFIXES = (".png", ".jpg")
 
 @dataclass(frozen=True)
 class Moment:
-    """How a trial stands at a time: its phase, the reward so far, and what the latest control step gave."""
+    """The state of a trial at one time: phase, reward so far, and results of the latest control step."""
 
     time_s: float
     phase: str
@@ -42,18 +42,18 @@ class Moment:
 
 
 def write_video(recording: Recording, out: Path, *, first_person: bool, progress: Progress) -> None:
-    """Write a trial from its beginning to the questionnaire as H.264 in MP4, in real time.
+    """Write a trial up to the questionnaire as H.264 in MP4, at real speed.
 
     Args:
         recording: of the trial.
         out: a new file that ends in .mp4.
-        first_person: whether the participant's eyes see it, else somebody beside.
-        progress: told after each recorded state.
+        first_person: show the participant's view instead of a side view.
+        progress: called after each recorded state.
 
     Raises:
-        ValueError: for another ending, or a recording that cannot be stepped again.
-        FileExistsError: when there is such a file.
-        RuntimeError: where no picture can be drawn, or the encoder is missing.
+        ValueError: for another suffix, or a recording that cannot be recomputed.
+        FileExistsError: if the file exists.
+        RuntimeError: if rendering fails or the encoder is missing.
     """
     check_new(out, (".mp4",))
     try:
@@ -75,7 +75,7 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
 
 
 def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: Progress) -> None:
-    """Write what ``write_video`` shows as an animation of half the size that begins again, for slides.
+    """Write the frames of ``write_video`` as a looping animation of half the size, for slides.
 
     Args: as for ``write_video``; ``out`` is a new file that ends in .gif.
     """
@@ -93,7 +93,7 @@ def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: 
 def draw_strip(
     recording: Recording, count: int, out: Path, *, first_person: bool, progress: Progress
 ) -> list[float]:
-    """Draw pictures side by side, evenly spaced while the robot helps; give their times, s from its beginning.
+    """Draw evenly spaced pictures of the robot's motion side by side; returns their times in seconds from its start.
 
     Args: as for ``write_video``; ``count`` pictures go into a new file that ends in .png or .jpg.
     """
@@ -116,12 +116,12 @@ def draw_strip(
 
 
 def draw_moment(recording: Recording, time_s: float, out: Path) -> None:
-    """Draw the world at a time of the trial, seen from beside, into a file that ends in .png or .jpg.
+    """Draw a side view of the world at a time of the trial into a file that ends in .png or .jpg.
 
     Raises:
-        ValueError: for another ending, or a recording that cannot be stepped again.
-        FileExistsError: when there is such a file.
-        RuntimeError: where no picture can be drawn.
+        ValueError: for another suffix, or a recording that cannot be recomputed.
+        FileExistsError: if the file exists.
+        RuntimeError: if rendering fails.
     """
     check_new(out, PICTURE_SUFFIXES)
     for _, picture in _pictures(recording, [time_s], FRAMES_PX, False, lambda: None):
@@ -133,7 +133,7 @@ def draw_moment(recording: Recording, time_s: float, out: Path) -> None:
 def _film(
     recording: Recording, frames_per_s: int, first_person: bool, progress: Progress
 ) -> Iterator[Picture]:
-    """So many pictures a second until the questionnaire; where ticks are missing, one picture stands for several."""
+    """Frames at a constant rate up to the questionnaire. Missing states repeat a frame."""
     begins_s, _ = driven_span_s(recording)
     times_s = np.arange(0.0, movement_end_s(recording), 1.0 / frames_per_s).tolist()
     for moment, picture in _pictures(recording, times_s, VIDEO_PX, first_person, progress):
@@ -147,7 +147,7 @@ def _pictures(
     first_person: bool,
     progress: Progress,
 ) -> Iterator[tuple[Moment, Picture]]:
-    """The world at these times, in order: each is the first state at or after its time."""
+    """The world at these times, in order: the first state at or after each time."""
     playback = Playback(recording)
     width_px, height_px = size_px
     camera = Camera(playback.episodes, 0, width_px=width_px, height_px=height_px, first_person=first_person)
@@ -167,7 +167,7 @@ def _pictures(
 
 
 def _moments(playback: Playback, progress: Progress) -> Iterator[Moment]:
-    """The trial at each recorded state, which the world is in."""
+    """The trial at each recorded state; the world is in that state."""
     reward, force_n, success = 0.0, 0.0, False
     for compared in playback.run(follow=True):
         if isinstance(compared, ComparedState):
@@ -179,7 +179,7 @@ def _moments(playback: Playback, progress: Progress) -> Iterator[Moment]:
 
 
 def _titled(picture: Picture, text: str) -> Picture:
-    """A picture with words below it."""
+    """A picture with a caption below."""
     sheet = Image.new("RGB", (picture.shape[1], picture.shape[0] + CAPTION_PX), PAPER)
     sheet.paste(Image.fromarray(picture), (0, 0))
     _write(sheet, (picture.shape[1] // 2, picture.shape[0] + CAPTION_PX // 2), text, "mm")
@@ -187,7 +187,7 @@ def _titled(picture: Picture, text: str) -> Picture:
 
 
 def _subtitled(picture: Picture, text: str, moment: Moment, begins_s: float) -> Picture:
-    """A picture with how the trial stands written into its lower edge."""
+    """A picture with title and state of the trial in its lower edge."""
     sheet = Image.fromarray(picture)
     height = picture.shape[0]
     band = Image.new("RGB", (sheet.width, CAPTION_PX), PAPER)

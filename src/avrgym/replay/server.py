@@ -1,4 +1,4 @@
-"""The local server of a replay: the page, the scene, and the timeline with its poses."""
+"""Local web server of a replay: page, scene, timeline and poses."""
 
 from functools import cache
 
@@ -17,7 +17,7 @@ from avrgym.vr.server.web_server import STATIC, WebServer, check_page, listen
 
 
 def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:
-    """The web application; all but the page itself needs a token, because movements identify people."""
+    """The web application. Data need a token, because movements may identify people."""
     app = FastAPI(openapi_url=None)
     app.add_middleware(SameOriginOnly)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK))
@@ -57,7 +57,7 @@ class ReplayServer:
         """Bind the port.
 
         Raises:
-            ServerError: when the client is not built or the port cannot be had.
+            ServerError: if the client is not built or the port is not available.
         """
         check_page("replay.html")
         listener = listen(LOOPBACK[0], port)
@@ -68,7 +68,7 @@ class ReplayServer:
 
     @property
     def url(self) -> str:
-        """The address of the page. The token stands in the fragment, which browsers do not send."""
+        """The URL of the page. The token is in the fragment, which browsers do not send."""
         return f"http://localhost:{self.port}/replay#token={self.tokens.spectator}"
 
     def __enter__(self) -> "ReplayServer":

@@ -1,4 +1,4 @@
-"""What the page of a replay shows: the scene's poses over time, and what happened when."""
+"""The data of a replay page: poses of the scene over time, control steps and events."""
 
 from collections.abc import Callable, Sequence
 
@@ -17,11 +17,11 @@ from avrgym.vr.scene.export_process import export_scene
 from avrgym.vr.session.trial_worlds import resting
 
 FRAME_EVERY_STATES = 2
-"""50 frames a second, which pages draw between."""
+"""50 frames per second; the page interpolates."""
 
 
 class Happening(msgspec.Struct, frozen=True):
-    """An event or an answer, in words; ``kind`` is the phase that begins, ``event`` or ``answer``."""
+    """An event or an answer as text. ``kind``: name of a phase that starts, ``event`` or ``answer``."""
 
     time_s: float
     kind: str
@@ -29,7 +29,7 @@ class Happening(msgspec.Struct, frozen=True):
 
 
 class Steps(msgspec.Struct, frozen=True):
-    """The control steps, one entry each: when they ended, the reward so far, and what they gave."""
+    """One entry for each control step: time of its end, reward so far, and results."""
 
     time_s: list[float]
     reward: list[float]
@@ -39,11 +39,11 @@ class Steps(msgspec.Struct, frozen=True):
 
 
 class Timeline(msgspec.Struct, frozen=True):
-    """A trial for its page; times count from its beginning.
+    """A trial for its page. Times count from the start of the trial.
 
-    ``frames_s`` are the times of the poses, which come apart: of each frame all bodies and marks of ``scene``, each
-    x, y, z, w, x, y, z as 32-bit floats. ``complete``: the recording holds its whole trial. ``facts``: what else it
-    says of itself, by headings.
+    ``frames_s``: times of the poses. These are separate: for each frame, all bodies and marks of ``scene`` as position
+    x, y, z and orientation w, x, y, z, 32-bit floats. ``complete``: the recording contains the whole trial. ``facts``:
+    further information by heading.
     """
 
     title: str
@@ -59,10 +59,14 @@ class Timeline(msgspec.Struct, frozen=True):
 
 
 def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Timeline, bytes]:
-    """The timeline of a recording and the poses of its frames; ``progress`` is told after each recorded state.
+    """The timeline of a recording and the poses of its frames.
+
+    Args:
+        recording: of one attempt.
+        progress: called after each recorded state.
 
     Raises:
-        ValueError: for a recording that cannot be stepped again.
+        ValueError: if the recording cannot be recomputed.
     """
     playback = Playback(recording)
     frames_s, frames = _frames(playback, progress)
@@ -82,7 +86,7 @@ def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Tim
 
 
 def aligned(timelines: Sequence[Timeline]) -> list[Timeline]:
-    """The same timelines, begun so much later that in all the robot begins to help at the same time."""
+    """The timelines, delayed so that the robot starts at the same time in all."""
     begin_s = [
         next((happening.time_s for happening in timeline.happenings if happening.kind == "trial"), 0.0)
         for timeline in timelines

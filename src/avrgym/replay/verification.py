@@ -1,8 +1,8 @@
-"""Whether a recording is what its own beginning, commands and movements lead to, bit by bit.
+"""Verify a recording: recompute it from its start, commands and body targets, and compare every bit.
 
-MuJoCo takes sines and the like from the C library, whose last bits differ between processors and libraries, and
-contacts make such a difference grow. So where bits differ, every tick is also stepped from the recorded state before
-it: there, rounding alone makes less than 10⁻¹¹, and anything else shows at once.
+The C library's elementary functions round differently on other processors, and contacts amplify the differences. If
+bits differ, every tick is therefore also recomputed from the recorded state before it. Rounding alone then changes less
+than 10⁻¹¹.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,18 +25,18 @@ STATE_QUANTITIES: Mapping[str, _State] = {
     for name, part in _State.__members__.items()
     if int(part) & int(_State.mjSTATE_INTEGRATION) and int(part).bit_count() == 1
 }
-"""Parts of a state by the simulator's names for them; SI units."""
+"""Parts of a state by MuJoCo's names; SI units."""
 
 
 ROUNDING = 1e-9
-"""What rounding alone cannot make of a number of ordinary size in one tick."""
+"""Largest relative difference in one tick that rounding can explain."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A quantity that came out otherwise: how often, since when, and by how much at most (SI units).
+    """A quantity that differs: number of differences, time of the first, and the largest (SI units).
 
-    ``largest_share``: by how much at most as a share of the recorded number, or of 1 where that is larger.
+    ``largest_share``: the largest, relative to the recorded number or to 1, whichever is larger.
     """
 
     quantity: str
@@ -72,36 +72,36 @@ class Verification:
 
     @property
     def identical(self) -> bool:
-        """Whether everything agreed in every bit."""
+        """Whether all bits are equal."""
         return not self.differences
 
     @property
     def agrees(self) -> bool:
-        """Whether nothing but rounding differs."""
+        """Whether rounding can explain all differences."""
         return self.tick_error <= ROUNDING
 
 
 def verify(recording: Recording, progress: Callable[[], None] = lambda: None) -> Verification:
-    """Step a recording compared from its first state and compare whatever it holds.
+    """Recompute a recording from its first state; compare states and control steps.
 
     Args:
-        recording: of one attempt at a trial, whole or not.
-        progress: told after each state.
+        recording: of one attempt, complete or not.
+        progress: called after each state.
 
     Raises:
-        ReplayError: when it cannot be stepped.
+        ReplayError: if it cannot be recomputed.
     """
-    playback, ledger = Playback(recording), _Ledger()
+    playback, found = Playback(recording), _Differences()
     states: list[bool] = []
     steps: list[bool] = []
     until_s = 0.0
     for compared in playback.run():
         if isinstance(compared, ComparedState):
-            states.append(ledger.compare_state(compared, playback.episodes.simulation.model))
+            states.append(found.compare_state(compared, playback.episodes.simulation.model))
             until_s = compared.time_s
             progress()
         else:
-            steps.append(ledger.compare_step(compared))
+            steps.append(found.compare_step(compared))
     recorded_with = recording.configuration.versions
     return Verification(
         states=len(states),
@@ -109,34 +109,34 @@ def verify(recording: Recording, progress: Callable[[], None] = lambda: None) ->
         steps=len(steps),
         identical_steps=sum(steps),
         until_s=until_s,
-        tick_error=_tick_error(recording) if ledger.differences else 0.0,
+        tick_error=_tick_error(recording) if found.differences else 0.0,
         complete=recording.complete,
         recorded_with=recorded_with,
         same_versions=recorded_with == versions(),
         same_rounding=recording.configuration.c_library == fingerprint_of_c_library(),
         plugin_differences=changed_plugins(recording),
-        differences=list(ledger.differences.values()),
+        differences=list(found.differences.values()),
     )
 
 
 def _tick_error(recording: Recording) -> float:
-    playback, ledger = Playback(recording), _Ledger()
+    playback, found = Playback(recording), _Differences()
     for compared in playback.run(follow=True):
         if isinstance(compared, ComparedState):
-            ledger.compare_state(compared, playback.episodes.simulation.model)
+            found.compare_state(compared, playback.episodes.simulation.model)
         else:
-            ledger.compare_step(compared)
-    return max((difference.largest_share for difference in ledger.differences.values()), default=0.0)
+            found.compare_step(compared)
+    return max((difference.largest_share for difference in found.differences.values()), default=0.0)
 
 
-class _Ledger:
+class _Differences:
     """The differences so far, by quantity."""
 
     def __init__(self) -> None:
         self.differences: dict[str, Difference] = {}
 
     def compare_state(self, compared: ComparedState, model: mujoco.MjModel) -> bool:
-        """Whether the state is the recorded one; note by how much its parts differ."""
+        """Returns whether the state equals the recorded one; stores the differences of its parts."""
         if not compared.identical:
             for name, part in STATE_QUANTITIES.items():
                 self._compare(
@@ -147,7 +147,7 @@ class _Ledger:
         return compared.identical
 
     def compare_step(self, compared: ComparedStep) -> bool:
-        """Whether the control step is the recorded one; note what of it differs."""
+        """Returns whether the control step equals the recorded one; stores the differences."""
         recorded, stepped = _figures(compared.recorded), _figures(compared.recomputed)
         absent = np.array([np.nan])
         same = [
@@ -172,7 +172,7 @@ class _Ledger:
 
 
 def _distance(recorded: FloatArray, stepped: FloatArray) -> tuple[float, float]:
-    """The largest difference, and the largest as a share; infinite where shapes differ or a number is missing."""
+    """The largest absolute and relative difference; infinite for other shapes or missing numbers."""
     if recorded.shape != stepped.shape:
         return np.inf, np.inf
     apart = np.where(np.isnan(recorded) & np.isnan(stepped), 0.0, np.abs(recorded - stepped))
@@ -187,7 +187,7 @@ def _part(model: mujoco.MjModel, state: FloatArray, part: _State) -> FloatArray:
 
 
 def _figures(step: Control) -> dict[str, FloatArray]:
-    """What a control step gave, each an array, by name."""
+    """The results of a control step as arrays, by name."""
     terms = {f"term {name}": value for name, value in step.reward_terms.items()}
     values = {
         "observation": step.observation,

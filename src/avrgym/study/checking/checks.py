@@ -9,7 +9,7 @@ from avrgym.questionnaires.questionnaire import SESSION_MOMENTS
 from avrgym.recording import answers_file
 from avrgym.recording.reader import Recording, RecordingError, read_recording
 from avrgym.recording.schema import Metrics
-from avrgym.recording.streams import SampleTimes, described_streams, times_of
+from avrgym.recording.streams import SampleTimes, streams_by_name, times_of
 from avrgym.study.checking.consent_checks import check_consents
 from avrgym.study.checking.database_checks import check_database, check_private
 from avrgym.study.checking.design_checks import check_design, check_stored_designs
@@ -240,7 +240,7 @@ def _check_recording(
 
 def _clocks(recording: Recording) -> Iterator[tuple[str, SampleTimes]]:
     """The times of each stream of other devices."""
-    return ((name, times_of(recording.topics, name)) for name in sorted(described_streams(recording.topics)))
+    return ((name, times_of(recording.topics, name)) for name in sorted(streams_by_name(recording.topics)))
 
 
 def _jumped(stream: str, times: SampleTimes) -> str:

@@ -48,7 +48,7 @@ def check_stop_rules(rules: StopRules) -> None:
         place = ("stop_rules", index)
         check_known((*place, "item"), rule.item, items)
         check_choice((*place, "then"), rule.then, THEN)
-        least, most = rules.ends_of(rule.item)
+        least, most = rules.value_range(rule.item)
         if not least < rule.at_least <= most:
             raise ValidationError(
                 (*place, "at_least"),

@@ -10,7 +10,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.recording.schema import Event, Stream
-from avrgym.recording.streams import Chunks, SampleTimes, Topics, chunks_of, described_streams, sample_times
+from avrgym.recording.streams import Chunks, SampleTimes, Topics, chunks_of, sample_times, streams_by_name
 
 GAZE = "gaze"
 """The kind of streams of eye trackers in Lab Streaming Layer's list of kinds."""
@@ -76,7 +76,7 @@ class Series:
 
 def recorded_series(topics: Topics, start_s: float) -> Iterator[Series]:
     """The streams of numbers in a recording, by its topics; ``start_s`` is when its first tracking frame came."""
-    for name, stream in described_streams(topics).items():
+    for name, stream in streams_by_name(topics).items():
         chunks = [each for each in chunks_of(topics, name) if each[1].values]
         if chunks:
             values = np.concatenate([np.array(chunk.values, float) for _, chunk in chunks])
