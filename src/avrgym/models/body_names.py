@@ -6,6 +6,6 @@ Sex = Literal["man", "woman"]
 SEXES: tuple[Sex, ...] = ("man", "woman")
 
 Part = Literal["head", "left", "right"]
-"""A part of the body with a tracked pose: the head with the trunk, or one arm."""
+"""A tracked body part: the head with the trunk, or one arm."""
 PARTS: tuple[Part, ...] = ("head", "left", "right")
 PART_LABELS: dict[Part, str] = {"head": "head", "left": "left hand", "right": "right hand"}

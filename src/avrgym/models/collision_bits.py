@@ -1,4 +1,4 @@
-"""Which kinds of things touch each other, as MuJoCo's contact bits, in one place."""
+"""Collision bits: which kinds of geoms collide."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ _PERSON, _ROBOT, _TOOL, _PARTICLE, _FURNITURE, _HULL = 1, 2, 4, 8, 16, 32
 
 @dataclass(frozen=True)
 class CollisionBits:
-    """Two geoms touch when one's ``contype`` meets the other's ``conaffinity``."""
+    """Two geoms collide if the ``contype`` of one shares a bit with the ``conaffinity`` of the other."""
 
     contype: int
     conaffinity: int
@@ -23,4 +23,4 @@ HULL = CollisionBits(_HULL, _PERSON)
 PARTICLE = CollisionBits(_PARTICLE, _PERSON | _TOOL | _PARTICLE | _FURNITURE)
 FURNITURE = CollisionBits(_FURNITURE, _ROBOT | _TOOL)
 NO_COLLISION = CollisionBits(0, 0)
-"""Touches nothing: what keeps people out of the place of something else."""
+"""Collides with nothing; marks space that people's initial poses must avoid."""

@@ -1,4 +1,4 @@
-"""The colours that MuJoCo draws geoms and skins with: their own, or else those of their materials."""
+"""Colours of geoms and skins as MuJoCo renders them: their own, or those of their materials."""
 
 import mujoco
 import numpy as np
@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 from avrgym.array_types import FloatArray, NumpyArray
 
 UNSET = (0.5, 0.5, 0.5, 1.0)
-"""The colour of geoms and skins without one of their own: their material's colour is drawn, where they have one."""
+"""MuJoCo's default colour. Geoms and skins with it have the colour of their material."""
 
 
 def geom_colours(model: mujoco.MjModel) -> FloatArray:
-    """Red, green, blue and alpha (G, 4) of all geoms, 0 to 1; where a texture covers one, times the texture's mean."""
+    """RGBA (G, 4) of all geoms, 0 to 1, multiplied by the mean of their texture."""
     colours = _drawn(model, model.geom_matid, model.geom_rgba)
     for material in np.unique(model.geom_matid[model.geom_matid >= 0]):
         colours[model.geom_matid == material, :3] *= texture_mean(model, int(material))
@@ -19,24 +19,24 @@ def geom_colours(model: mujoco.MjModel) -> FloatArray:
 
 
 def skin_colours(model: mujoco.MjModel) -> FloatArray:
-    """Red, green, blue and alpha (S, 4) of all skins, 0 to 1, without their textures."""
+    """RGBA (S, 4) of all skins, 0 to 1, without textures."""
     return _drawn(model, model.skin_matid, model.skin_rgba)
 
 
 def texture_of(model: mujoco.MjModel, material: int) -> int:
-    """The number of the texture that colours a material; -1 without one."""
+    """Index of a material's colour texture; -1 without one."""
     return int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]) if material >= 0 else -1
 
 
 def texture_pixels(model: mujoco.MjModel, texture: int) -> NDArray[np.uint8]:
-    """The pixels (height, width, channels) of a texture."""
+    """Pixels (height, width, channels) of a texture."""
     shape = model.tex_height[texture], model.tex_width[texture], model.tex_nchannel[texture]
     start = model.tex_adr[texture]
     return model.tex_data[start : start + np.prod(shape)].reshape(shape)
 
 
 def texture_mean(model: mujoco.MjModel, material: int) -> FloatArray:
-    """The mean colour (3,) of a material's texture, 0 to 1; white without one."""
+    """Mean colour (3,) of a material's texture, 0 to 1; white without one."""
     texture = texture_of(model, material)
     if texture < 0:
         return np.ones(3)
@@ -44,7 +44,7 @@ def texture_mean(model: mujoco.MjModel, material: int) -> FloatArray:
 
 
 def linear_from_srgb(colours: FloatArray) -> FloatArray:
-    """Shares of light, as renderers compute with them, of colours as screens show them, both 0 to 1."""
+    """Linear colour values from sRGB values, both 0 to 1."""
     return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
 
 

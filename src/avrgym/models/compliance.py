@@ -1,21 +1,21 @@
-"""What bounds the forces between robot and person: motors of limited torque, and a person who gives way.
+"""Compliance of contacts with the person, and torque limits: they bound the contact forces.
 
-Torque alone bounds no force. Close to a joint's axis, along a stretched arm, or where a tool is wedged between arm and
-trunk, a motor of 24 N m presses with thousands of newtons on what cannot move, and MuJoCo's contacts are as stiff as
-the things that touch are heavy to move. What bounds the force at one point of contact is the person's own give:
+Torque limits alone do not bound forces. Near a joint's axis, along a stretched arm or with a wedged tool, a motor of 24
+N m presses on a rigid obstacle with thousands of newtons, and MuJoCo's contacts are as stiff as the touching bodies are
+heavy. The compliance of the person's body bounds the force at a contact point:
 
-- At rest a person is a spring of 25 N/mm at the first touch that gives way ever more: 21 N at 1 mm, 50 N at 4 mm, 68 N
-  at 1 cm, and ``MAX_CONTACT_FORCE_N`` at ``MAX_DEPTH_M``. ISO/TS 15066 gives springs of 10 to 150 N/mm for skin and
-  flesh, and 110 to 220 N as what people bear before it hurts: who can, draws back long before.
-- What strikes adds ``impact_force_n`` at most. With A the inverse mass at the contact and R the contact's own give, it
-  is b v / (A + R). What moves with an energy E closes with v ≤ √(2 E A), so that this is at most b √(2 E) / (2 √R), at
-  A = R: stiff things cannot close fast. For n contacts at once the same bounds the root of the sum of their squares.
-  All joints at full speed hold 0.5 J (Jaco) or 1.1 J (PR2).
-- What is being accelerated into a person, by motors or by furniture that it bounces off, adds as much as a strike with
-  √(τᵀ M⁻¹ τ) in place of b √(2 E), for the one or two steps until it moves along; τ are the torques on the joints.
+- At rest the person is a softening spring of 25 N/mm at first touch: 21 N at 1 mm, 50 N at 4 mm, 68 N at 1 cm, and
+  ``MAX_CONTACT_FORCE_N`` at ``MAX_DEPTH_M``. ISO/TS 15066 has springs of 10 to 150 N/mm, and 110 to 220 N as pain
+  limits.
+- An impact adds at most ``impact_force_n``. With inverse mass A at the contact and compliance R of the contact, it is b
+  v / (A + R). Bodies with energy E approach with v ≤ √(2 E A). The maximum is therefore b √(2 E) / (2 √R), at A = R.
+  For n contacts, the same value bounds the root of the sum of squares. All joints at full speed have 0.5 J (Jaco) or
+  1.1 J (PR2).
+- Motors that accelerate bodies into the person, or furniture that reflects them, add as much as an impact with √(τᵀ M⁻¹
+  τ) in place of b √(2 E), for one or two steps; τ are the joint torques.
 
-The sum over contacts grows with how many points touch. So thin walls of tools count as one shape, see ``tools.Hull``.
-Who trembles would press with full strength five times a second, and is held to ``TREMOR_STRENGTH_SHARE`` of it.
+The sum over contacts grows with the number of contact points. Thin walls of tools therefore count as one shape, see
+``tools.Hull``. People with tremor use only ``TREMOR_STRENGTH_SHARE`` of their strength.
 """
 
 from dataclasses import dataclass
@@ -32,49 +32,60 @@ from avrgym.models.tools import Hull, Tool
 
 @dataclass(frozen=True, kw_only=True)
 class ContactCompliance:
-    """How a contact gives way: MuJoCo's parameters of it.
+    """MuJoCo's parameters of a compliant contact.
 
-    Its impedance falls from ``first`` at the touch to ``last`` at ``depth_m``, along a power of the depth on either
-    side of ``midpoint`` (a share of ``depth_m``); see "Impedance" in MuJoCo's documentation of solver parameters.
+    The impedance falls from ``impedance_start`` at first touch to ``impedance_end`` at depth ``width_m``, with a power
+    law on both sides of ``midpoint`` (a share of the width). See "Impedance" under "Solver parameters" in MuJoCo's
+    documentation.
     """
 
     stiffness_s2: float
     """Acceleration per metre of depth (1/s²)."""
     damping_s: float
     """Acceleration per m/s (1/s)."""
-    first: float
-    last: float
-    depth_m: float
+    impedance_start: float
+    impedance_end: float
+    width_m: float
     midpoint: float = 0.5
     power: float = 1.0
 
     def impedance(self, depth_m: FloatArray) -> FloatArray:
-        """MuJoCo's impedance at a depth, between 0 and 1; any shape."""
-        share = np.clip(depth_m / self.depth_m, 0.0, 1.0)
+        """Impedance at a depth, between 0 and 1; any shape."""
+        share = np.clip(depth_m / self.width_m, 0.0, 1.0)
         rising = self.midpoint * (share / self.midpoint) ** self.power
         levelling = 1.0 - (1.0 - self.midpoint) * ((1.0 - share) / (1.0 - self.midpoint)) ** self.power
-        return self.first + (self.last - self.first) * np.where(share < self.midpoint, rising, levelling)
+        return self.impedance_start + (self.impedance_end - self.impedance_start) * np.where(
+            share < self.midpoint, rising, levelling
+        )
 
 
 SOFT_TISSUE = ContactCompliance(
-    stiffness_s2=1700.0, damping_s=50.0, first=0.98, last=0.80, depth_m=0.1, midpoint=0.005, power=3.0
+    stiffness_s2=1700.0,
+    damping_s=50.0,
+    impedance_start=0.98,
+    impedance_end=0.80,
+    width_m=0.1,
+    midpoint=0.005,
+    power=3.0,
 )
-WASHCLOTH_PAD = ContactCompliance(stiffness_s2=1400.0, damping_s=25.0, first=0.70, last=0.30, depth_m=0.03)
-"""Of the washcloth, whose low friction makes MuJoCo's contact 20 times as stiff: 15 N/mm at the first touch and 70 N
-at most. Its own layers are softer by far, so that gentle wiping does not tell."""
+WASHCLOTH_PAD = ContactCompliance(
+    stiffness_s2=1400.0, damping_s=25.0, impedance_start=0.70, impedance_end=0.30, width_m=0.03
+)
+"""Washcloth pad. Its low friction makes MuJoCo's contact 20 times as stiff: 15 N/mm at first touch and 70 N at most.
+The cloth's own springs are much softer."""
 INVERSE_MASS_PER_KG = 3.2
-"""What the person's yielding adds to what a contact has to move; the robot's own share makes it softer still."""
+"""Inverse mass of the person's body at a contact, 1/kg. The robot's own inverse mass adds to the compliance."""
 MAX_DEPTH_M = 0.05
-"""Farther in, where only an arm at full speed comes against people who cannot move, the spring grows stiffer again."""
+"""Beyond this depth the spring stiffens again. Only an arm at full speed against a fixed person gets there."""
 TREMOR_STRENGTH_SHARE = 1 / 3
-"""Of their strength, with which people press who tremble: our assumption. It suffices for their tremor, measured
-to swing a shoulder by 6° and a head by 17° either way, and for 7° and 20° with all their strength."""
+"""Share of their strength that people with tremor use (assumption). The measured tremor is ±6° at the shoulder and ±17°
+at the head; with full strength it would be ±7° and ±20°."""
 _DOMINANT_MIX = 1e6
-"""Mixed with other geoms' parameters, those of the person count alone."""
+"""Makes the parameters of this geom determine the contact."""
 
 
 def contact_force_n(depth_m: FloatArray) -> FloatArray:
-    """What a contact of one point with a person carries at rest, where the robot cannot be moved; any shape."""
+    """Static force of a one-point contact with the person at a depth, for a robot that cannot move; any shape."""
     impedance = SOFT_TISSUE.impedance(depth_m)
     return SOFT_TISSUE.stiffness_s2 * depth_m * impedance**2 / ((1.0 - impedance) * INVERSE_MASS_PER_KG)
 
@@ -83,19 +94,19 @@ MAX_CONTACT_FORCE_N = float(contact_force_n(np.linspace(0.0, MAX_DEPTH_M, 501)).
 
 
 def impact_force_n(energy_j: FloatArray) -> FloatArray:
-    """What the speed of things that move with this energy adds to a contact at most; any shape."""
-    give = (1.0 - SOFT_TISSUE.first) / SOFT_TISSUE.first * INVERSE_MASS_PER_KG
-    return 0.5 * SOFT_TISSUE.damping_s * np.sqrt(2.0 * energy_j / give)
+    """Largest additional force of an impact with this kinetic energy; any shape."""
+    compliance = (1.0 - SOFT_TISSUE.impedance_start) / SOFT_TISSUE.impedance_start * INVERSE_MASS_PER_KG
+    return 0.5 * SOFT_TISSUE.damping_s * np.sqrt(2.0 * energy_j / compliance)
 
 
 def limit_contact_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: float) -> None:
-    """Let a scene's person give way to whatever touches them, and an arm's motors press with no more than they aim.
+    """Make all contacts with the person compliant, and limit the torques of the arm.
 
     Args:
         spec: the scene.
-        arm: the robot's moving arm.
-        tool: what it holds.
-        lead_rad: how far the target of a servo may run ahead of its joint.
+        arm: the moving arm.
+        tool: the tool in its hand.
+        lead_rad: largest lead of a servo target over its joint.
     """
     if tool.hull is not None:
         _replace_walls_by_hull(spec, tool.hull)
@@ -108,26 +119,35 @@ def limit_contact_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: fl
         spec.actuator(robot.PREFIX + joint).forcerange = [-torque, torque]
 
 
-def set_compliance(geom: mujoco.MjsGeom, give: ContactCompliance = SOFT_TISSUE) -> None:
-    """Set a geom's contact; MuJoCo takes negative numbers as stiffness and damping."""
-    geom.solref = [-give.stiffness_s2 * give.last**2, -give.damping_s * give.last]
-    geom.solimp = [give.first, give.last, give.depth_m, give.midpoint, give.power]
+def set_compliance(geom: mujoco.MjsGeom, compliance: ContactCompliance = SOFT_TISSUE) -> None:
+    """Set a geom's contact parameters. Negative ``solref`` values mean stiffness and damping in MuJoCo."""
+    geom.solref = [
+        -compliance.stiffness_s2 * compliance.impedance_end**2,
+        -compliance.damping_s * compliance.impedance_end,
+    ]
+    geom.solimp = [
+        compliance.impedance_start,
+        compliance.impedance_end,
+        compliance.width_m,
+        compliance.midpoint,
+        compliance.power,
+    ]
     geom.solmix = _DOMINANT_MIX
 
 
 def torque_limit_n_m(arm: Arm, lead_rad: float) -> FloatArray:
-    """What each motor presses with at most, (J,): the spring of its servo at ``lead_rad``, or all that it can."""
+    """Torque limits (J,): the servo's spring torque at ``lead_rad``, or the motor's own limit if that is lower."""
     return np.minimum(arm.torque_limit_n_m, lead_rad * arm.stiffness_n_m_rad)
 
 
 def person_torque_limit_n_m(strength_n_m: FloatArray, tremor_rad: FloatArray) -> FloatArray:
-    """What people's joints press with at most, (N, 20), of what they are able to, who tremble by so much or not."""
+    """Torque limits of people's joints (N, 20), reduced for people with tremor."""
     trembling = tremor_rad.any(axis=-1, keepdims=True)
     return np.where(trembling, TREMOR_STRENGTH_SHARE * strength_n_m, strength_n_m)
 
 
 def _replace_walls_by_hull(spec: mujoco.MjSpec, hull: Hull) -> None:
-    """Let people touch a tool's hull in place of its walls."""
+    """Make people collide with a tool's hull instead of its walls."""
     body = spec.body(robot.PREFIX + tools.BODY)
     for name in hull.walls:
         spec.geom(robot.PREFIX + name).conaffinity = 0

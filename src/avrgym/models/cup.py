@@ -1,4 +1,4 @@
-"""The cup, and the water in it."""
+"""The cup and its water."""
 
 import math
 
@@ -13,21 +13,21 @@ from avrgym.models.shapes import revolve
 from avrgym.models.tools import Hull, Particles, Tool
 
 RIM_RADIUS_M, FOOT_RADIUS_M, HEIGHT_M = 0.047, 0.034, 0.125
-"""The reference's cup, tapered like one of paper, so that every hand goes around its lower half."""
+"""The cup of the 2020 reference, tapered so that every hand fits around its lower half."""
 AXIS_X_M = -RIM_RADIUS_M
-"""The cup's axis in the tool's frame, whose origin is the edge of the rim that water pours over."""
+"""The cup's axis in the tool's frame. The frame's origin is the pouring edge of the rim."""
 
 _WALLS, _WALL_M, _FLOOR_M = 8, 0.004, 0.006
 _TAPER_RAD = math.atan2(RIM_RADIUS_M - FOOT_RADIUS_M, HEIGHT_M)
 
 
 def inner_radius_m(z: float) -> float:
-    """How far the walls are from the cup's axis at height ``z`` of the tool's frame; the rim is at zero."""
+    """Inner radius at height ``z`` in the tool's frame; the rim is at zero."""
     return RIM_RADIUS_M + z * math.tan(_TAPER_RAD) - _WALL_M / math.cos(_TAPER_RAD)
 
 
 def _packed(count: int, radius_m: float) -> FloatArray:
-    """The lowest ``count`` places of a closest packing of spheres in the cup, (count, 3)."""
+    """The lowest ``count`` centres of a close packing of spheres in the cup (count, 3)."""
     pitch = 2.02 * radius_m
     places: list[FloatArray] = []
     layer = 0
@@ -39,7 +39,7 @@ def _packed(count: int, radius_m: float) -> FloatArray:
 
 
 def _layer(z: float, reach_m: float, pitch: float, *, shifted: bool) -> list[FloatArray]:
-    """A hexagonal layer about the cup's axis, the places nearest to the axis first."""
+    """A hexagonal layer around the cup's axis, sorted by distance from the axis."""
     i, j = (grid.ravel() for grid in np.meshgrid(np.arange(-9, 10), np.arange(-9, 10), indexing="ij"))
     x, y = pitch * (i + 0.5 * j), pitch * np.sqrt(0.75) * (j + (2.0 / 3.0 if shifted else 0.0))
     distance = np.hypot(x, y)
@@ -59,7 +59,7 @@ WATER = Particles(
 
 
 def _build_cup(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
-    """A floor, and a ring of walls that lean outward; two of them meet where water pours."""
+    """A floor and a ring of tilted walls. The pouring edge is between two walls."""
     floor = [AXIS_X_M, 0.0, 0.5 * _FLOOR_M - HEIGHT_M]
     size = [FOOT_RADIUS_M, 0.5 * _FLOOR_M, 0.0]
     add_collision(body, "cup_floor", CYLINDER, collision_bits.TOOL, pos=floor, size=size, mass=0.02)
@@ -71,7 +71,7 @@ def _build_cup(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> N
 
 
 def _add_wall(body: mujoco.MjsBody, name: str, angle_rad: float) -> None:
-    """A box whose inner face touches the hollow's cone at ``angle_rad`` about the cup's axis."""
+    """A box whose inner face touches the cone at ``angle_rad`` around the cup's axis."""
     around = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(angle_rad))
     lean = transforms.from_axis_angle([0.0, 1.0, 0.0], _TAPER_RAD)
     outward = transforms.rotate(around, [1.0, 0.0, 0.0])
@@ -89,7 +89,7 @@ _OUTLINE = [
     (0.0455, -0.006), (0.0465, -0.005), (0.0478, -0.003), (0.0478, -0.001), (0.0470, 0.0),
     (0.0455, -0.0005), (0.0445, -0.002), (0.0325, -0.117), (0.030, -0.119), (0.0, -0.119),
 ]  # fmt: skip
-"""Radius and height of the cup's skin, with a rolled rim."""
+"""Radius and height of the cup's visual mesh, with a rolled rim."""
 
 CUP = Tool(
     "cup",

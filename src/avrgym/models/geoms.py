@@ -1,4 +1,4 @@
-"""Adding geoms to a body: one for the picture, one for contact, or both."""
+"""Add collision and visual geoms to a body."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,7 +17,7 @@ SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE
 def add_collision(
     body: mujoco.MjsBody, name: str, kind: mujoco.mjtGeom, bits: CollisionBits, **attributes: Any
 ) -> None:
-    """Add an invisible geom that touches; attributes as of ``MjsBody.add_geom``."""
+    """Add an invisible collision geom; attributes as for ``MjsBody.add_geom``."""
     body.add_geom(
         name=name,
         type=kind,
@@ -29,7 +29,7 @@ def add_collision(
 
 
 def add_visual(body: mujoco.MjsBody, kind: mujoco.mjtGeom, material: str, **attributes: Any) -> None:
-    """Add a visible geom without mass that nothing touches; attributes as of ``MjsBody.add_geom``."""
+    """Add a visible geom without mass and collision; attributes as for ``MjsBody.add_geom``."""
     body.add_geom(
         type=kind, material=material, group=VISUAL_GROUP, contype=0, conaffinity=0, mass=0.0, **attributes
     )
@@ -38,7 +38,7 @@ def add_visual(body: mujoco.MjsBody, kind: mujoco.mjtGeom, material: str, **attr
 def add_skin(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, material: str, mesh: Mesh, **attributes: Any
 ) -> None:
-    """Add a visible mesh made by ``shapes``; ``name`` names the mesh asset."""
+    """Add a visible mesh from ``shapes``; ``name`` is the name of the mesh asset."""
     spec.add_mesh(
         name=name,
         uservert=mesh.vertices.ravel(),
@@ -51,7 +51,7 @@ def add_skin(
 def add_material(
     spec: mujoco.MjSpec, name: str, rgb: Sequence[float], *, metallic: float = 0.0, roughness: float = 0.7
 ) -> str:
-    """Add a plain material and return its name; adding the same name twice is harmless."""
+    """Add a plain material, unless it exists, and return its name."""
     if spec.material(name) is None:
         spec.add_material(name=name, rgba=[*rgb, 1.0], metallic=metallic, roughness=roughness)
     return name

@@ -33,7 +33,7 @@ from avrgym.models.human import (
 
 @dataclass(frozen=True)
 class Part:
-    """A piece of the picture: its colour (``None``: the skin's tone) and how rough it is."""
+    """A visual part: its colour (``None``: the skin tone) and roughness."""
 
     rgb: tuple[float, float, float] | None
     roughness: float
@@ -54,19 +54,19 @@ PARTS: Mapping[str, Part] = {
     "tongue": Part((0.60, 0.28, 0.26), 0.3),
 }
 HEAD_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth", "tongue")
-"""What a participant does not see of their own body."""
+"""Parts that are hidden in the participant's own view."""
 
 PLACE_M, OPENING_M, MOUTH_OPEN = 1.2, 0.06, 0.7
-"""What the whole ranges of stored places and openings stand for, and how wide an open mouth is."""
+"""Ranges of stored positions and mouth openings, and the extent of an open mouth."""
 ARM = ("upper_arm", "forearm")
 CROWN_SHARE = 0.5
-"""How much of the torso's stretch the head takes, above the mouth: its collision sphere rises by so much."""
+"""Share of the torso's stretch by which the head above the mouth rises, like its collision sphere."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One part of the body, bound to ``bind_frames``: ``vertices`` (V, 3), texture places ``uv`` (V, 2; v down),
-    ``faces`` (F, 3), and four of ``BODIES`` with their weights at each vertex, (V, 4)."""
+    """A visual part in the pose of ``bind_frames``: ``vertices`` (V, 3), texture coordinates ``uv`` (V, 2; v down),
+    ``faces`` (F, 3), and four of ``BODIES`` with weights for each vertex, (V, 4)."""
 
     vertices: FloatArray
     uv: FloatArray
@@ -76,7 +76,7 @@ class Shape:
 
 
 def add_appearance(spec: mujoco.MjSpec, person: Person, posture: Posture, *, open_mouth: bool) -> None:
-    """Add the skins of a person whose bodies are in the scene; they lie in bed without shoes."""
+    """Add the skins of a person who is in the scene. In bed the person wears no shoes."""
     _add_materials(spec, person)
     pos, q = bind_frames(person.sex, person.torso_height_m, person.arm_scale)
     for name, shape in shapes(person, open_mouth=open_mouth):
@@ -97,7 +97,7 @@ def _add_materials(spec: mujoco.MjSpec, person: Person) -> None:
 
 
 def _add_texture(spec: mujoco.MjSpec, material: str, file: str) -> None:
-    """Give a material a picture of factors of its colour."""
+    """Give a material a texture that multiplies its colour."""
     name, pixels = PREFIX + material, _pixels(file)
     texture = spec.add_texture(
         name=name,
@@ -129,7 +129,7 @@ def _bind(
 
 
 def shapes(person: Person, *, open_mouth: bool) -> Iterator[tuple[str, Shape]]:
-    """All parts of a body by name, as long as the torso height and the arms' scale make it."""
+    """All visual parts by name, scaled to torso height and arm scale."""
     for name in PARTS:
         drawn, opening = _drawn(person.sex)[name]
         vertices = drawn.vertices + (MOUTH_OPEN if open_mouth else 0.0) * opening
@@ -155,7 +155,7 @@ def _stretched(drawn: Shape, vertices: FloatArray, person: Person) -> Shape:
 
 
 def _lengthened(local: FloatArray, body: str, h: float) -> FloatArray:
-    """Places in a body's frame when lengths along the body grow by ``h``; hands keep their size."""
+    """Points in a body's frame, scaled by ``h`` along the body. Hands keep their size."""
     part = body.rpartition("_")[2]
     if part == "hand":
         return local
@@ -169,7 +169,7 @@ def _lengthened(local: FloatArray, body: str, h: float) -> FloatArray:
 
 @cache
 def _drawn(sex: Sex) -> Mapping[str, tuple[Shape, FloatArray]]:
-    """The stored parts, and how their vertices (V, 3) move when the mouth opens."""
+    """Stored parts, and the displacement of their vertices (V, 3) when the mouth opens."""
     with np.load(io.BytesIO(_asset(f"{sex}.npz"))) as stored:
         return {name: _unpacked({k: stored[f"{name}/{k}"] for k in STORED}) for name in PARTS}
 
@@ -190,7 +190,7 @@ def _unpacked(stored: Mapping[str, NumpyArray]) -> tuple[Shape, FloatArray]:
 
 @cache
 def _pixels(file: str) -> NDArray[np.uint8]:
-    """A picture (H, W, 3)."""
+    """An image (H, W, 3)."""
     return np.asarray(Image.open(io.BytesIO(_asset(file))))
 
 

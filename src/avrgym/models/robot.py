@@ -1,4 +1,4 @@
-"""What a robot is, as plain data, and how its model is built from that; the records are in ``avrgym.robots``."""
+"""Robot records and the MuJoCo models built from them. The packaged robots are in ``avrgym.robots``."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -16,26 +16,29 @@ from avrgym.models.tools import Tool
 
 PREFIX = "robot/"
 MOTORS = 1
-"""The group of the moving arm's actuators."""
+"""Actuator group of the moving arm."""
 Side = Literal["right", "left"]
 SIDES: tuple[Side, ...] = ("right", "left")
 Place = Literal["wheelchair", "bed"]
 PLACES: tuple[Place, ...] = ("wheelchair", "bed")
-"""Where people are helped."""
+"""Place of the person."""
 Furniture = Callable[[mujoco.MjSpec, bool], None]
-"""Adds bodies to a scene, in the world's frame; the second argument says whether to add what only pictures need."""
+"""Adds bodies to a scene, in the world's frame. The second argument adds visual geoms."""
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """An arm that may be the moving one.
+    """A robot arm. See ``tuned_arm`` for values that can be computed.
 
-    ``joints`` are the names of its J hinges from base to hand, six or more, each with a range; ``end_effector`` is the
-    body that holds tools. ``speed_limit_rad_s``, ``torque_limit_n_m``, ``stiffness_n_m_rad`` and ``inertia_kg_m2``
-    (J,) are each joint's highest speed, its motor's torque, the spring constant of its servo, and what it has to turn
-    at the seed pose, its motor included; the servo's damping follows from the last two. ``seed_pose_rad`` (J,) is a
-    pose with free space around it, where inverse kinematics starts. ``finger_prefix`` stands before the names of
-    joints in the robot's grips. See ``tuned_arm`` for what may be computed.
+    Attributes:
+        joints: names of the J hinges from base to hand, at least six, each with a range.
+        end_effector: body that holds tools.
+        speed_limit_rad_s: speed limits (J,).
+        torque_limit_n_m: motor torque limits (J,).
+        stiffness_n_m_rad: servo stiffness (J,).
+        inertia_kg_m2: inertia at the seed pose, motor included (J,). The servo's damping follows from it.
+        seed_pose_rad: start pose of the inverse kinematics (J,), with free space around it.
+        finger_prefix: prefix of the hand's joint names.
     """
 
     joints: tuple[str, ...]
@@ -50,11 +53,11 @@ class Arm:
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """Where the hand holds a tool.
+    """How the hand holds a tool.
 
-    ``pos`` (3,), metres, and ``q`` (4,) place the tool's frame, moved to its ``grip_pos``, in the end effector's
-    frame. ``fingers`` are the positions of the hand's joints, named without the arm's prefix: radians, or metres where
-    they slide.
+    Attributes:
+        pos, q: pose of the tool's ``grip_pos`` in the end effector's frame, (3,) in metres and (4,).
+        fingers: joint positions of the hand, without the arm's prefix; radians, or metres for slide joints.
     """
 
     pos: FloatArray
@@ -64,7 +67,7 @@ class Grip:
 
 @dataclass(frozen=True)
 class BaseRange:
-    """Where the robot's base may stand: metres and radians added to its nominal place."""
+    """Range of the robot's base around its nominal pose, metres and radians."""
 
     x_m: tuple[float, float]
     y_m: tuple[float, float]
@@ -73,12 +76,13 @@ class BaseRange:
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """Where a robot's base is beside a person.
+    """Pose of a robot's base next to a person.
 
-    ``pos_w`` (3,) and ``yaw_rad`` place the base, world frame: the person is at the origin and faces −y, their right is
-    −x. With ``base_range`` every episode searches for a better place around that. ``carrier`` is what the base is
-    fastened to; without one the robot stands on the floor by itself, and tasks may shift it. ``carrier_body`` is the
-    carrier's body that is placed under the base wherever this stands.
+    Attributes:
+        pos_w, yaw_rad: base pose, world frame. The person is at the origin and faces −y; their right is −x.
+        base_range: range in which each episode searches for a base pose.
+        carrier: furniture to which the base is attached. ``None``: the robot is on the floor, and tasks may shift it.
+        carrier_body: body of the carrier that moves with the base.
     """
 
     pos_w: tuple[float, float, float]
@@ -89,20 +93,25 @@ class Mount:
 
     @property
     def on_floor(self) -> bool:
-        """Whether the robot stands by itself."""
+        """Whether the robot is on the floor."""
         return self.carrier is None
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A robot.
+    """A robot. It can do the tasks for which it has arm, mount and grip.
 
-    ``build(appearance)`` gives the model of the robot alone, whose root body ``base`` is placed by its mount; geoms of
-    group ``contacts.VISUAL_GROUP`` are only seen, all others only touch. ``torso`` is the body that observations are
-    relative to, the base of a robot without one. ``arms`` are by the side of the person that tasks are done with;
-    a robot with one arm has the same for both. ``mounts`` are by where the person is, ``grips`` by the tool's name:
-    a robot does the tasks for which it has arm, mount and grip. ``half_width_m`` is that of a square base on the floor.
-    ``fixed_joints`` are the positions of other joints, radians or metres, 0 for those not named.
+    Attributes:
+        name: part of the environment ids.
+        build: returns the model of the robot alone. Geoms of group ``collision_bits.VISUAL_GROUP`` are only visible,
+            all others only collide.
+        base: root body, placed by the mount.
+        torso: reference body of observations; the base for robots without a torso.
+        arms: by the side of the person. A robot with one arm has it on both sides.
+        mounts: by the place of the person.
+        grips: by the tool's name.
+        half_width_m: half the width of a square base on the floor.
+        fixed_joints: positions of the other joints, radians or metres; 0 by default.
     """
 
     name: str
@@ -117,14 +126,14 @@ class Robot:
 
 
 class UnsuitableError(ValueError):
-    """A robot lacks what a task asks for."""
+    """A robot lacks what a task needs."""
 
 
 def select_equipment(robot: Robot, place: Place, side: Side, tool: Tool) -> tuple[Arm, Mount]:
-    """The arm that holds a tool beside a person, and the mount there.
+    """Arm and mount for a tool at a place.
 
     Raises:
-        UnsuitableError: where the robot has no such arm, mount or grip, saying which.
+        UnsuitableError: if the robot has no such arm, mount or grip.
     """
     for what, wanted, found in (
         ("arm", side, robot.arms), ("mount", place, robot.mounts), ("grip", tool.name, robot.grips)
@@ -135,12 +144,11 @@ def select_equipment(robot: Robot, place: Place, side: Side, tool: Tool) -> tupl
 
 
 def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: bool) -> mujoco.MjSpec:
-    """The robot alone: contact bits set, a velocity servo on each joint of the arm, all else held.
+    """The robot alone, with collision bits, a velocity servo on each joint of the arm, and all other joints fixed.
 
-    The servo integrates its command into a target angle, never past the joint's range, and pulls the joint
-    there like a spring of ``stiffness_n_m_rad`` with critical damping at the seed pose, within the motor's
-    torque. (MuJoCo's own damping ratio holds at angle zero, where the arm is folded and five times lighter to
-    turn: it lets the arm overshoot.)
+    The servo integrates its command into a target angle within the joint's range. It acts like a spring of
+    ``stiffness_n_m_rad`` with critical damping at the seed pose, within the motor's torque. MuJoCo's own damping ratio
+    refers to angle zero, where the folded arm has a fifth of the inertia, and would overshoot.
     """
     spec = robot.build(appearance)
     for geom in list(spec.geoms):
@@ -160,7 +168,7 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
 
 
 def robot_with(robot: Robot, arm: Arm, tool: Tool, name: str, *, appearance: bool) -> mujoco.MjSpec:
-    """The robot alone with a tool in its hand, whose body is named ``name``."""
+    """The robot alone with a tool in its hand. ``name`` is the name of the tool's body."""
     grip = robot.grips[tool.name]
     spec = robot_spec(robot, arm, grip, appearance=appearance)
     body = spec.body(arm.end_effector).add_body(
@@ -180,9 +188,9 @@ def _delete_unused_meshes(spec: mujoco.MjSpec) -> None:
 
 
 def fix_joints(spec: mujoco.MjSpec, moving: Sequence[str], fixed: Mapping[str, float]) -> None:
-    """Weld all joints but the moving ones: hinges at radians, slides at metres, 0 where ``fixed`` names none.
+    """Weld all joints except the moving ones, at ``fixed`` positions (radians or metres; 0 by default).
 
-    A joint that mimics another one, in MuJoCo by an equality, is where that one puts it.
+    A joint that mimics another (an equality in MuJoCo) follows it.
 
     Raises:
         ValueError: for a moving joint that mimics another one, or is mimicked.
@@ -197,7 +205,7 @@ def fix_joints(spec: mujoco.MjSpec, moving: Sequence[str], fixed: Mapping[str, f
 def _with_mimics(
     spec: mujoco.MjSpec, moving: Sequence[str], fixed: Mapping[str, float]
 ) -> Mapping[str, float]:
-    """The positions of held joints, those that mimic others included; their equalities are deleted."""
+    """Positions of the fixed joints including mimic joints. Removes their equalities."""
     mimics = [each for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_JOINT]
     positions = dict(fixed)
     for each in mimics:
@@ -216,11 +224,7 @@ def _with_mimics(
 
 
 def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """The model of a robot.
-
-    Raises:
-        ValueError: naming a moving body without mass, and for whatever else MuJoCo refuses.
-    """
+    """Compiled model of a robot."""
     try:
         return spec.compile()
     except ValueError as error:
@@ -233,7 +237,7 @@ def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _displace(body: mujoco.MjsBody, joint: mujoco.MjsJoint, value: float) -> None:
-    """Put a body where its joint has it at a position."""
+    """Move a body to its pose at a joint position."""
     q = _orientation(body)
     if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
         body.pos = body.pos + value * transforms.rotate(q, transforms.normalize(joint.axis))
@@ -243,7 +247,7 @@ def _displace(body: mujoco.MjsBody, joint: mujoco.MjsJoint, value: float) -> Non
 
 
 def _orientation(body: mujoco.MjsBody) -> FloatArray:
-    """A body's quaternion (4,), whether the file gives it as such or as angles about fixed axes."""
+    """Quaternion (4,) of a body, also if it is given as Euler angles."""
     if body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT:
         return np.array(body.quat)
     orientation = np.zeros(4)
@@ -252,9 +256,9 @@ def _orientation(body: mujoco.MjsBody) -> FloatArray:
 
 
 COMFORTABLE_RAD_S = np.radians(48.0)
-"""No joint of the Jaco, made for such work, turns faster."""
+"""Highest joint speed of the Jaco, an assistive arm."""
 SERVO_RAD_S = 20.0
-"""Natural frequency of a servo: at full speed its joint lags by 0.1 s."""
+"""Natural frequency of a servo: 0.1 s of lag at full speed."""
 
 
 def tuned_arm(
@@ -267,19 +271,19 @@ def tuned_arm(
     torque_limit_n_m: ArrayLike,
     finger_prefix: str = "",
 ) -> Arm:
-    """An arm whose servos are tuned by what its joints have to turn at the seed pose, all else at position 0.
+    """An arm with servo gains computed from its inertia at the seed pose.
 
     Args:
-        build: gives the robot's model, as in ``Robot``.
-        joints: the names of its J hinges, from base to hand.
-        end_effector: the body that holds tools.
-        seed_pose_rad: (J,).
-        speed_limit_rad_s: (J,) or one for all, such as the description's; cut to what is comfortable beside a person.
-        torque_limit_n_m: (J,) or one for all.
+        build: returns the robot's model, as in ``Robot``.
+        joints: names of the J hinges, from base to hand.
+        end_effector: body that holds tools.
+        seed_pose_rad: start pose of the inverse kinematics (J,).
+        speed_limit_rad_s: (J,) or one value; limited to ``COMFORTABLE_RAD_S``.
+        torque_limit_n_m: (J,) or one value.
         finger_prefix: see ``Arm``.
 
     Raises:
-        ValueError: for a joint that the model lacks, or arrays that do not have a number for each joint.
+        ValueError: for a joint that the model lacks, or arrays of a wrong length.
     """
     spec = build(False)
     missing = [name for name in joints if spec.joint(name) is None]
@@ -343,14 +347,14 @@ def _add_servos(spec: mujoco.MjSpec, arm: Arm) -> None:
 
 
 BRAKING_S = 0.04
-"""Time constant of the brakes' friction: they halve the speed of all joints every 10 ms, whatever these turn,
-so that the hand runs on straight ahead, 2 cm at 1 m/s."""
+"""Time constant of the brakes: they halve the speed of all joints every 10 ms, so that the hand continues straight, 2
+cm at 1 m/s."""
 BRAKE_FIRMNESS = 0.9999
-"""Which share of a load on a joint its brake takes at once, the largest that MuJoCo knows; under the rest it creeps."""
+"""Impedance of a brake, the largest in MuJoCo. The joint creeps under the rest of the load."""
 
 
 def _shape_brakes(spec: mujoco.MjSpec, arm: Arm) -> None:
-    """How the joints' friction acts when ``safety.brakes.Brakes`` puts it on."""
+    """Set the friction parameters that ``safety.brakes.Brakes`` uses."""
     for joint in arm.joints:
         spec.joint(joint).solref_friction = [BRAKING_S, 1.0]
         spec.joint(joint).solimp_friction = [BRAKE_FIRMNESS, BRAKE_FIRMNESS, 0.001, 0.5, 2.0]

@@ -1,4 +1,4 @@
-"""One MuJoCo model for a scene: person, furniture, robot, tool and what the tool carries."""
+"""The MuJoCo model of a scene: person, furniture, robot, tool and particles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,15 +17,15 @@ PHYSICS_STEP_S = 0.01
 CONTROL_STEP_S = 0.1
 SUBSTEPS = round(CONTROL_STEP_S / PHYSICS_STEP_S)
 FLUID_TOLERANCE = 1e-3
-"""Of the solver where 64 spheres of water flow. With it, conjugate gradients, no islands and no trees of geoms a
-physics step takes 0.20 ms; it takes 0.45 ms with Newton's method, which food and bare scenes do better with."""
+"""Solver tolerance for 64 water particles. With it, conjugate gradients, and no islands or geom trees, a physics step
+takes 0.20 ms instead of 0.45 ms with Newton's method. Food and scenes without particles are faster with Newton's."""
 
 
 @dataclass(frozen=True, eq=False)
 class SceneConfig:
-    """What stands in a scene: the furniture, the person's posture, a robot on its mount with its tool.
+    """Content of a scene: furniture, posture, and a robot on its mount with a tool.
 
-    The mount's carrier is among the furniture; ``movable`` are the bodies of furniture that every episode places anew.
+    The furniture includes the mount's carrier. ``movable`` are furniture bodies that each episode places again.
     """
 
     furniture: Sequence[Furniture]
@@ -38,13 +38,13 @@ class SceneConfig:
 
 
 def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: bool) -> mujoco.MjSpec:
-    """Assemble the scene.
+    """Build the scene.
 
     Args:
-        scene: the furniture, the robot and the tool.
-        person: whose body it is; a static person keeps this pose.
-        moving: whether the person has driven joints.
-        appearance: whether to add what only pictures need.
+        scene: furniture, robot and tool.
+        person: the person; a static person keeps this pose.
+        moving: whether the person has actuated joints.
+        appearance: whether to add visual geoms.
     """
     spec = mujoco.MjSpec()
     _set_options(spec, scene.tool.particles)
@@ -84,7 +84,7 @@ def _add_robot(spec: mujoco.MjSpec, scene: SceneConfig, appearance: bool) -> Non
 
 
 def robot_with_tool(scene: SceneConfig, *, appearance: bool) -> mujoco.MjSpec:
-    """The scene's robot alone, with its tool in its hand."""
+    """The scene's robot alone, with the tool in its hand."""
     return robot.robot_with(scene.robot, scene.arm, scene.tool, TOOL_BODY, appearance=appearance)
 
 
@@ -95,16 +95,16 @@ ROBOT_CONTACT_SENSOR = "robot_contacts_with_person"
 ROBOT_CONTACTS = 16
 TOOL_CONTACT_SENSOR = "tool_contacts_with_person"
 TOOL_CONTACTS = 6
-"""More than the 6 contacts of a robot and the 4 of a tool seen at most in 12 800 steps of packaged policies."""
+"""Number of contacts reported. In 12 800 steps of packaged policies, a robot had at most 6 and a tool at most 4."""
 EFFECTOR_VELOCITY_SENSOR = "end_effector_velocity"
 TOOL_VELOCITY_SENSOR = "tool_velocity"
 
 
 def _add_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
-    """What robot and tool do to the person, and the velocities of end effector and tool.
+    """Sensors of contact forces on the person, contacts, and velocities of end effector and tool.
 
-    Net forces and velocities are in the world's frame. Contacts are the strongest ones, those of the tool with force
-    (whose length alone has a meaning: it is in the contact's frame), place, and normal from the tool to the person.
+    Net forces and velocities are in the world frame. Contacts are the strongest ones. Those of the tool have a force
+    (in the contact frame: only its magnitude matters), a position, and a normal from the tool to the person.
     """
     base = robot.PREFIX + scene.robot.base
     _add_contact_sensor(spec, ROBOT_FORCE_SENSOR, base, _FORCE, _NET_FORCE, slots=1)
@@ -132,7 +132,7 @@ def _add_velocity_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
 
 
 def add_geom_sensor(spec: mujoco.MjSpec, scene: SceneConfig, name: str, geom: str, slots: int) -> None:
-    """Add a sensor of the strongest contact forces of the robot with one of ``human.GEOMS``."""
+    """Add a sensor of the robot's strongest contact forces on one of ``human.GEOMS``."""
     base = robot.PREFIX + scene.robot.base
     _add_contact_sensor(spec, name, base, _FORCE, _STRONGEST, slots, human.PREFIX + geom)
 
@@ -140,7 +140,7 @@ def add_geom_sensor(spec: mujoco.MjSpec, scene: SceneConfig, name: str, geom: st
 def _add_contact_sensor(
     spec: mujoco.MjSpec, name: str, of: str, fields: int, reduction: int, slots: int, geom: str = ""
 ) -> None:
-    """Add one of a body's contacts with the person, or with a ``geom`` of them alone."""
+    """Add a sensor of a body's contacts with the person, or with one ``geom``."""
     spec.add_sensor(
         name=name,
         type=mujoco.mjtSensor.mjSENS_CONTACT,

@@ -9,7 +9,7 @@ from avrgym.models.shapes import Section, loft
 from avrgym.models.tools import Tool
 
 PAST_FINGERS_M = 0.05
-"""How far the tip lies past the fingertips (reference)."""
+"""Distance of the tip beyond the fingertips (reference)."""
 RADIUS_M, LENGTH_M = 0.005, 0.12
 _PINCH_M = 0.039  # from the end of the fingertips back to the point between the fingers that holds the rod
 
@@ -36,7 +36,7 @@ def _build_scratcher(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool
 
 
 def _add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    """A knob, a slimmer neck and a handle, all within the capsule."""
+    """A knob, a slimmer neck and a handle, all inside the capsule."""
     wood = add_material(spec, "scratcher_wood", (0.74, 0.53, 0.31), roughness=0.5)
     rubber = add_material(spec, "scratcher_grip", (0.13, 0.30, 0.38), roughness=0.85)
     along_x = [0.5**0.5, 0.0, 0.5**0.5, 0.0]

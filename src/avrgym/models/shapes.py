@@ -1,4 +1,4 @@
-"""Closed triangle meshes for the pictures: lofts, tubes and rings. Collision never uses them."""
+"""Closed triangle meshes for rendering: lofts, tubes and rings. They do not collide."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ SEGMENTS = 28
 
 @dataclass(frozen=True)
 class Mesh:
-    """Vertices (V, 3) in metres and triangles (F, 3), counter-clockwise seen from outside."""
+    """Vertices (V, 3) in metres and triangles (F, 3), counter-clockwise from outside."""
 
     vertices: FloatArray
     faces: NDArray[np.integer[Any]]
@@ -22,7 +22,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Section:
-    """One cross-section of a loft, at height ``z``: a superellipse with half axes ``a`` (x) and ``b`` (y)."""
+    """Cross-section of a loft at height ``z``: a superellipse with half axes ``a`` (x) and ``b`` (y)."""
 
     z: float
     a: float
@@ -41,7 +41,7 @@ def loft(sections: Sequence[Section], segments: int = SEGMENTS) -> Mesh:
 
 
 def tube(points: FloatArray, radius_m: float, segments: int = 10) -> Mesh:
-    """A round tube of constant radius along a polyline (P, 3), closed at both ends."""
+    """A round tube along a polyline (P, 3), closed at both ends."""
     tangents = np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     helper = np.where(np.abs(tangents[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
@@ -54,7 +54,7 @@ def tube(points: FloatArray, radius_m: float, segments: int = 10) -> Mesh:
 
 
 def torus(radius_m: float, tube_radius_m: float, segments: int = 48, tube_segments: int = 12) -> Mesh:
-    """A ring about the x axis, centred at the origin."""
+    """A torus around the x axis, centred at the origin."""
     turn = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)[:, None]
     roll = np.linspace(0.0, 2.0 * np.pi, tube_segments, endpoint=False)[None, :]
     distance = radius_m + tube_radius_m * np.cos(roll)
@@ -71,7 +71,7 @@ def torus(radius_m: float, tube_radius_m: float, segments: int = 48, tube_segmen
 
 
 def revolve(profile: Sequence[tuple[float, float]], segments: int = 40) -> Mesh:
-    """A solid of revolution about z; its outline (radius, z) begins and ends on the axis."""
+    """A solid of revolution about z. The profile (radius, z) begins and ends on the axis."""
     angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
     rings = np.stack(
         [
@@ -96,7 +96,7 @@ def _close_at_centres(rings: FloatArray) -> Mesh:
 
 
 def _close(rings: FloatArray, first: FloatArray, last: FloatArray) -> Mesh:
-    """The skin of rings (R, S, 3) with a point (3,) at either end."""
+    """Mesh of rings (R, S, 3), closed by a point (3,) at each end."""
     count, segments = len(rings), len(rings[0])
     vertices = np.concatenate([rings.reshape(-1, 3), first[None], last[None]])
     start, end = count * segments, count * segments + 1
@@ -127,7 +127,7 @@ def _outward(vertices: FloatArray, faces: NDArray[np.integer[Any]]) -> NDArray[n
 
 
 def rounded_polyline(points: list[list[float]], per_corner: int = 6) -> FloatArray:
-    """A polyline (P, 3) with its inner corners replaced by quadratic arcs of ``per_corner`` points."""
+    """A polyline (P, 3) with corners replaced by quadratic arcs of ``per_corner`` points."""
     p = np.asarray(points, float)
     pieces = [p[:1]]
     for before, corner, after in zip(p[:-2], p[1:-1], p[2:], strict=True):

@@ -1,4 +1,4 @@
-"""The spoon, and the food that lies on it."""
+"""The spoon and its food."""
 
 import math
 
@@ -35,7 +35,7 @@ _FLOOR_Z, _RIM_Z = -0.008, 0.005
 
 
 def _build_spoon(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
-    """A level bowl of boxes with walls tilted outward, and a handle towards the hand."""
+    """A level bowl of boxes with tilted walls, and a handle towards the hand."""
     _add_bowl_walls(body)
     handle_end = -(SPOON_LENGTH_M - _BOWL[0])
     add_collision(
@@ -104,4 +104,4 @@ OUTLINE = np.concatenate(
         _grid([-_FLOOR[0], _FLOOR[0]], [-_FLOOR[1], _FLOOR[1]], _BOTTOM_Z),
     ]
 )
-"""Points (P, 3) of the bowl's outside, in the tool's frame."""
+"""Points (P, 3) on the outside of the bowl, in the tool's frame."""

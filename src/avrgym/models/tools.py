@@ -1,6 +1,6 @@
-"""What the robot holds, and what lies on it.
+"""Tools and the particles that they carry.
 
-A tool's frame: origin at the point that does the work, x away from the hand, z up when the tool is level.
+A tool's frame has its origin at the working point, x away from the hand, and z up when the tool is level.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ BODY = "tool"
 class Particles:
     """Small spheres that a tool carries: food or water.
 
-    ``start``: (K, 3) centres in the tool's frame, metres. ``fluid`` ones slide on everything without friction.
+    ``start`` are their centres (K, 3) in the tool's frame, metres. ``fluid`` particles have no friction.
     """
 
     name: str
@@ -32,13 +32,14 @@ class Particles:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """The names of their bodies; each one's slide joints are named ``<body>_x``, ``_y``, ``_z``."""
+        """Body names. The slide joints of each are ``<body>_x``, ``_y`` and ``_z``."""
         return tuple(f"{self.name}_{i}" for i in range(len(self.start)))
 
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """What people touch instead of a tool's thin ``walls``: a shape, its centre and MuJoCo size in the tool's frame."""
+    """Collision shape for people in place of a tool's thin ``walls``: type, centre and MuJoCo size in the tool's
+    frame."""
 
     walls: tuple[str, ...]
     shape: mujoco.mjtGeom
@@ -48,9 +49,9 @@ class Hull:
 
 @dataclass(frozen=True, eq=False)
 class Tool:
-    """A tool: how it is built, where the hand holds it, (3,) in the tool's frame, and what it carries.
+    """A tool: build function, grip position (3,) in the tool's frame, and particles.
 
-    ``pad`` is the body that touches people, where that gives way against the tool.
+    ``pad`` is the body that touches people if it moves relative to the tool.
     """
 
     name: str
@@ -62,15 +63,16 @@ class Tool:
 
 
 _GRAIN = {"condim": 1, "friction": [0.6, 0.005, 0.0001]}
-"""Grains slide on each other; on what has friction of its own, as tools have, they do not."""
+"""Grains slide on each other but not on tools, which have friction."""
 _FLUID = {"condim": 1, "priority": 1, "solimp": [0.9, 0.9, 0.001, 0.5, 2.0]}
-"""One constraint per contact whatever the other surface is like; softer, which takes a quarter fewer iterations."""
+"""One constraint for each contact, independent of the other surface. The softer impedance needs a quarter fewer
+iterations."""
 
 
 def add_particles(spec: mujoco.MjSpec, particles: Particles, appearance: bool) -> None:
-    """Add the particles to the world, each on three slide joints.
+    """Add the particles to the world, each with three slide joints.
 
-    They do not spin, which costs half the coordinates of free bodies; joint values are world positions.
+    They do not rotate, which halves the coordinates. Joint values are world positions.
     """
     material = add_material(spec, particles.name, particles.rgb, roughness=0.6)
     for name in particles.bodies:

@@ -1,4 +1,4 @@
-"""Robots described as URDF, and meshes of any format, as parts of MuJoCo models."""
+"""Robots from URDF, and meshes of any format, for MuJoCo models."""
 
 # trimesh's functions: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -22,9 +22,9 @@ from avrgym.models import collision_bits
 from avrgym.models.geoms import add_material, add_visual
 
 TWO_TURNS_RAD = (-2.0 * np.pi, 2.0 * np.pi)
-"""The range of joints that the description has turn freely."""
+"""Range of continuous joints."""
 ARMATURE_KG_M2 = 0.05
-"""What a motor adds to what its joint turns, which URDF says nothing of; the Jaco's wrist has as much."""
+"""Motor inertia, which URDF lacks; that of the Jaco's wrist."""
 GREY = (0.75, 0.75, 0.77)
 ROOT = "world"
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
@@ -32,20 +32,20 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 
 @dataclass(frozen=True)
 class Urdf:
-    """A description.
+    """A URDF description.
 
-    ``text`` is URDF (xacro must be expanded); ``find_mesh`` gives the file for the name of a mesh in it, such as
-    ``package://arm/meshes/base.dae``. Any format that trimesh reads will do (``.dae`` needs pycollada).
+    ``text`` is URDF (expanded xacro). ``find_mesh`` returns the file of a mesh name such as
+    ``package://arm/meshes/base.dae``. Any format that trimesh reads is allowed (``.dae`` needs pycollada).
     """
 
     text: str
     find_mesh: Callable[[str], Path]
 
     def limits(self, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-        """The joints' highest speeds, rad/s, and torques, N·m, (J,) each.
+        """Speed limits (rad/s) and torque limits (N·m) of joints, (J,) each.
 
         Raises:
-            ValueError: for a joint without such limits.
+            ValueError: for a joint without limits.
         """
         found = {e.attrib["name"]: e.find("limit") for e in _read(self.text).iter("joint")}
         return tuple(
@@ -54,13 +54,13 @@ class Urdf:
         )  # type: ignore[return-value]
 
     def spec(self, *, appearance: bool) -> mujoco.MjSpec:
-        """The model, its root a body named like the root link.
+        """The model. Its root body has the name of the root link.
 
-        Weightless in gravity's field, as robots hold themselves. For each collision shape there is a capsule about it;
-        visual shapes are there with ``appearance``. Joints that turn freely have a range of two turns either way.
+        Gravity is compensated. Each collision shape becomes a capsule; visual shapes are added with ``appearance``.
+        Continuous joints get a range of ±2 turns.
 
         Raises:
-            ValueError: for xacro, for what is no URDF, and for joints that are neither fixed, turn nor slide.
+            ValueError: for xacro, invalid URDF, and other joint types.
         """
         robot = _read(self.text)
         shapes = {link.attrib["name"]: _shapes(link) for link in robot.findall("link")}
@@ -97,7 +97,7 @@ class Urdf:
 
 @dataclass(frozen=True)
 class _Shape:
-    """A link's visual or collision shape: a mesh's name, or a primitive with its size as in URDF."""
+    """Visual or collision shape of a link: a mesh name, or a primitive with URDF sizes."""
 
     pos: FloatArray
     q: FloatArray
@@ -118,10 +118,10 @@ class _Shape:
 
 @cache
 def read_mesh(file: Path) -> tuple[trimesh.Trimesh, ...]:
-    """The parts of a mesh file, each of one colour, where the file's own scene places them.
+    """Parts of a mesh file, each with one colour, in the frame of the file.
 
     Raises:
-        ValueError: for a file that cannot be read, saying why.
+        ValueError: if the file cannot be read.
     """
     try:
         parts = trimesh.load_scene(file).dump()
@@ -147,7 +147,7 @@ def add_mesh(
     scale: FloatArray | float = 1.0,
     **attributes: Any,
 ) -> None:
-    """Add a mesh that is only seen; ``attributes`` are those of its geom."""
+    """Add a visual mesh; ``attributes`` are those of its geom."""
     material = add_material(spec, "rgb " + " ".join(f"{c:.3f}" for c in rgb), rgb, roughness=0.5)
     spec.add_mesh(
         name=name,
@@ -159,10 +159,9 @@ def add_mesh(
 
 
 def capsule_about(points: FloatArray) -> tuple[FloatArray, float]:
-    """The ends (2, 3) of the axis, and the radius, of a capsule about points (V, 3): along their longest extent.
+    """Axis ends (2, 3) and radius of a capsule around points (V, 3), along their longest extent.
 
-    The axis runs through the middle of the box along the principal axes; the radius is the farthest point's distance
-    from it across, the half-spheres reach as far as the points.
+    The axis is in the middle of the bounding box along the principal axes.
     """
     points = points[np.unique(np.round(points, 4), axis=0, return_index=True)[1]]
     _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
@@ -189,10 +188,10 @@ def _add_capsule(body: mujoco.MjsBody, points: FloatArray, shape: _Shape, name: 
 
 
 def _read(text: str) -> Element:
-    """The description's root.
+    """Root element of the description.
 
     Raises:
-        ValueError: for what is no URDF, with the command that makes one of xacro.
+        ValueError: for invalid URDF; for xacro with the command that expands it.
     """
     if re.search(r"xmlns:xacro|<xacro:|\$\(find ", text):
         raise ValueError(
@@ -216,7 +215,7 @@ def _read(text: str) -> Element:
 
 
 def _make_importable(robot: Element) -> None:
-    """Leave MuJoCo the kinematics and masses, and a root that stays a body of its own."""
+    """Remove shapes, which are added separately, and keep the root as a body."""
     children = {joint.find("child").attrib["link"] for joint in robot.findall("joint")}  # type: ignore[union-attr]
     for link in robot.findall("link"):
         for kind in ("visual", "collision"):
@@ -232,7 +231,7 @@ def _make_importable(robot: Element) -> None:
 
 
 def _shapes(link: Element) -> tuple[list[_Shape], list[_Shape]]:
-    """What of a link is seen, and what touches."""
+    """Visual and collision shapes of a link."""
     seen, touched = ([_shape(found) for found in link.findall(kind)] for kind in ("visual", "collision"))
     return seen, touched
 
@@ -252,7 +251,7 @@ def _shape(found: Element) -> _Shape:
 
 
 def _fixed_angles(rpy: FloatArray) -> FloatArray:
-    """The quaternion (4,) of turns about the fixed axes x, then y, then z."""
+    """Quaternion (4,) of roll, pitch and yaw about fixed axes."""
     roll, pitch, yaw = (
         transforms.from_axis_angle(axis, angle) for axis, angle in zip(np.eye(3), rpy, strict=True)
     )

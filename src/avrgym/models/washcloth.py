@@ -12,16 +12,17 @@ from avrgym.models.shapes import Section, loft
 from avrgym.models.tools import Tool
 
 PAD_HALF_SIZE_M = np.array([0.010, 0.050, 0.025])
-"""Half of 2 × 10 × 5 cm, along the tool's x, y and z. Length and width: the reference; thickness: ours."""
+"""Half of 2 × 10 × 5 cm, along the tool's x, y and z. Length and width are those of the reference; the thickness is
+ours."""
 PAD_CENTRE_M = np.array([-PAD_HALF_SIZE_M[0], 0.0, 0.0])
-"""In the tool's frame: its origin is the middle of the face that wipes, its x that face's normal."""
+"""In the tool's frame. The origin is the middle of the wiping face, and x its normal."""
 NAP_M = 0.004
-"""What touches is a box of this much less on every side, and this much around it: a pad with rounded edges."""
+"""The collision box is smaller by this margin on each side and has this contact margin: a pad with rounded edges."""
 
 
 @dataclass(frozen=True)
 class _Spring:
-    """Stiffness in N/m or N m/rad, damping in N s/m or N m s/rad, what it moves in kg or kg m²."""
+    """Stiffness (N/m or N m/rad), damping (N s/m or N m s/rad) and inertia (kg or kg m²)."""
 
     stiffness: float
     damping: float
@@ -30,7 +31,7 @@ class _Spring:
 
 _GIVE, _TILT = _Spring(1500.0, 40.0, 0.4), _Spring(4.0, 0.12, 1.2e-3)
 _MAX_GIVE_M, _MAX_TILT_RAD = 0.008, 0.25
-"""Layers of wet terry give about 3 mm under 5 N, and lie flat on what they wipe: our assumption."""
+"""Assumption: wet terry compresses by 3 mm under 5 N and lies flat on the skin."""
 _PAD_MASS_KG = 0.05
 _WET_FRICTION = (0.3, 0.005, 0.0001)
 _FIRM = (0.98, 0.999, 0.001, 0.5, 2.0)  # so light a body would sink into others with the usual impedance
@@ -42,7 +43,7 @@ _TERRY_RGB, _STRIPE_RGB = (0.50, 0.74, 0.86), (0.95, 0.97, 0.98)
 
 
 def _build_washcloth(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
-    """A pad that touches, on springs as soft as the cloth, and a ridge between the fingers that does not."""
+    """A collision pad on springs as soft as the cloth, and a visual ridge between the fingers."""
     pad = body.add_body(name="washcloth", gravcomp=1.0)
     _add_springs(pad)
     add_collision(
@@ -54,7 +55,7 @@ def _build_washcloth(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool
 
 
 def _add_springs(pad: mujoco.MjsBody) -> None:
-    """The pad gives way towards the hand and tilts about its two sides."""
+    """The pad moves towards the hand and tilts about its two sides."""
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
     for name, kind, axis, give, limits in (
         ("washcloth_give", slide, 0, _GIVE, (-_MAX_GIVE_M, 0.0)),
@@ -80,7 +81,7 @@ def _add_skins(spec: mujoco.MjSpec, body: mujoco.MjsBody, pad: mujoco.MjsBody) -
 
 
 def _layer(index: int) -> list[Section]:
-    """One layer of the folded cloth, counted from the face, its edges rounded."""
+    """One layer of the folded cloth, counted from the face, with rounded edges."""
     thickness = _THICKNESS / len(_LAYER_INSETS)
     rounding = ((0.0, 0.0024), (0.12, 0.0010), (0.5, 0.0), (0.88, 0.0010), (1.0, 0.0024))
     _, half_length, half_width = PAD_HALF_SIZE_M - _LAYER_INSETS[index]
@@ -100,7 +101,7 @@ def _stripe(y: float) -> list[Section]:
 
 
 def _ridge() -> list[Section]:
-    """Gathered from the pad's back, thin where the fingers hold it: distance behind the pad, both shares."""
+    """The gathered back of the cloth, thin where the fingers hold it."""
     outline = (
         (-0.002, 2.4, 1.06),
         (0.003, 1.2, 1.02),

@@ -1,4 +1,4 @@
-"""What stands around the person, by name, in the world's frame: they sit or lie at the origin, facing −y."""
+"""Furniture by name, in the world's frame. The person sits or lies at the origin and faces −y."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -34,4 +34,4 @@ FURNITURE: Mapping[str, Callable[[mujoco.MjSpec, bool], None]] = {
     "hospital_bed": add_hospital_bed,
     "nightstand": add_nightstand,
 }
-"""Each adds its bodies to a scene; the second argument says whether to add what only pictures need."""
+"""Each function adds its bodies to a scene. The second argument adds visual geoms."""

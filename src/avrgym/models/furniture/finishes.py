@@ -1,4 +1,4 @@
-"""What furniture is made of, as it looks."""
+"""Materials of the furniture for rendering."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from avrgym.models.geoms import add_material
 
 @dataclass(frozen=True)
 class Finish:
-    """Colour (red, green, blue), how metallic and how rough a surface is; each 0 to 1."""
+    """Colour (red, green, blue), roughness and metallic factor; each 0 to 1."""
 
     rgb: tuple[float, float, float]
     roughness: float
@@ -34,6 +34,6 @@ FINISHES: Mapping[str, Finish] = {
 
 
 def finish(spec: mujoco.MjSpec, name: str) -> str:
-    """The material of that name in ``FINISHES``, added to the scene where it is not yet there."""
+    """Add the material of this name, unless it exists, and return its name."""
     look = FINISHES[name]
     return add_material(spec, name, look.rgb, metallic=look.metallic, roughness=look.roughness)

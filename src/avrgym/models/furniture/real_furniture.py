@@ -1,4 +1,4 @@
-"""What participants really sit and lie on while they see the virtual wheelchair and bed."""
+"""The real seat and mattress of participants in VR."""
 
 from collections.abc import Mapping
 from math import radians, sin
@@ -19,14 +19,13 @@ RANGES: Mapping[str, tuple[float, float]] = {
 
 
 class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A real seat and a real mattress, as those of the virtual wheelchair and bed unless given.
+    """A real seat and mattress. The defaults are the virtual wheelchair and bed.
 
-    Heights above the floor and depth in metres; ``*_back_deg`` are the angles of the backs that participants lean on
-    while they are measured, from the horizontal. The depth of a seat changes no measure, since people are placed by
-    their heads; it is kept with the recordings.
+    Heights above the floor and seat depth in metres. ``*_back_deg`` are the backrest angles from the horizontal during
+    calibration. The seat depth is only recorded: people are placed by their head.
 
     Raises:
-        ValueError: for what no such furniture has, naming what is allowed.
+        ValueError: for a value out of range.
     """
 
     seat_height_m: float = SEAT_HEIGHT_M
@@ -42,18 +41,18 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
                 raise ValueError(f"{name} is {value:g}; allowed: {low:g} to {high:g}")
 
     def rise_m(self, posture: Posture) -> float:
-        """How much higher the real seat or mattress is than the virtual one."""
+        """Height of the real seat or mattress above the virtual one."""
         if posture is SEATED:
             return self.seat_height_m - SEAT_HEIGHT_M
         return self.mattress_height_m - MATTRESS_TOP_M
 
     def head_rise_m(self, posture: Posture, torso_height_m: float) -> float:
-        """How much higher the head of somebody at rest is here than on the virtual seat or mattress."""
+        """Height of a resting head here above that on the virtual seat or mattress."""
         real, virtual = (sin(radians(deg)) for deg in (self.back_deg(posture), 90.0 + posture.hips_deg))
         return self.rise_m(posture) + torso_height_m * (real - virtual)
 
     def back_deg(self, posture: Posture) -> float:
-        """The angle of the back that is leant on, from the horizontal."""
+        """Backrest angle from the horizontal."""
         return self.seat_back_deg if posture is SEATED else self.mattress_back_deg
 
 
@@ -61,10 +60,10 @@ REAL_AS_VIRTUAL = RealFurniture()
 
 
 def real_furniture(otherwise: RealFurniture, **given: float | None) -> RealFurniture:
-    """What is given, in the names and units of ``RealFurniture``, and ``otherwise`` where that is ``None``.
+    """``otherwise`` with the ``given`` fields that are not ``None``.
 
     Raises:
-        ValueError: for what no such furniture has, naming what is allowed.
+        ValueError: for a value out of range.
     """
     changed = {name: value for name, value in given.items() if value is not None}
     return RealFurniture(**msgspec.structs.asdict(otherwise) | changed)

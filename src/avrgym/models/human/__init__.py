@@ -1,7 +1,7 @@
 """The simulated person: a man and a woman, scaled by torso height, static or moving.
 
-The person's model frame is the world's: x to their left, y to their back, z up. One layout function gives body and geom
-frames for any number of people at once; the compiled model of one person and the per-world fields of many come from it.
+The model frame is the world's: x to the person's left, y to the back, z up. One layout function computes body and geom
+frames of any number of people, for the compiled model of one and for the per-world fields of many.
 """
 
 from avrgym.models.body_names import SEXES, Sex

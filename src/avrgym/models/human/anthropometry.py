@@ -1,4 +1,4 @@
-"""How long, thick and heavy a man and a woman are, and how they scale.
+"""Anthropometry: lengths, radii and masses of a man and a woman, and how they scale.
 
 The 50th percentile man and woman of the 2020 reference (after Tilley, *The Measure of Man and Woman*, 2002).
 """
@@ -19,7 +19,7 @@ ARM_SCALE_RANGE = (0.8, 1.25)
 class Proportions:
     """Measures of one sex at its reference torso height; metres and kilograms.
 
-    Every field may also be an array (N,): the same measures of N people.
+    Fields may be arrays (N,) for N people.
     """
 
     torso_height: float
@@ -92,7 +92,7 @@ PROPORTIONS: Mapping[Sex, Proportions] = {"man": MAN, "woman": WOMAN}
 
 
 def proportions_of(is_woman: BoolArray, numbers: Any = 0.0) -> Proportions:
-    """The unscaled measures of N people, each field an array (N,) of the library and type of ``numbers``."""
+    """Unscaled measures of N people, (N,) each, as arrays like ``numbers``."""
     where = namespace(is_woman).where
     measures: dict[str, Any] = {
         each.name: where(is_woman, *[constant_like(getattr(sex, each.name), numbers) for sex in (WOMAN, MAN)])

@@ -1,4 +1,4 @@
-"""Where every part of N people is: frames of bodies, geoms and sites from measures, posture and joint angles."""
+"""Forward kinematics of N people: frames of bodies, geoms and sites from measures, posture and joint angles."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,16 +15,17 @@ from avrgym.models.human.joints import JOINTS, X, Y, Z, joint_angles
 from avrgym.models.human.person import People, Person
 
 BODY_FROM_DEVICE_AXES = transforms.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
-"""Axes of a device (x right, y up, −z ahead) and of the body part it sits on (x left, −y ahead, z up).
+"""Rotation from device axes (x right, y up, −z forward) to body axes (x left, −y forward, z up).
 
-It serves the headset and the grip alike: of a fist around an upright rod, the grip's −z points to the thumb
-and its y from the knuckles to the wrist, as −y and z of our hand (WebXR Device API, ``gripSpace``)."""
+It applies to headset and grip. For a fist around an upright rod, the grip's −z points to the thumb and its y from the
+knuckles to the wrist, like −y and z of the hand (WebXR Device API, ``gripSpace``).
+"""
 HEADSET_AHEAD_M = 0.08
-"""The headset's pose lies about 8 cm in front of the centre of the head (2020 reference)."""
+"""Distance of the headset's pose in front of the head's centre (2020 reference)."""
 
 
 MOUTH_RISE = 0.03
-"""The mouth above the head joints, metres; unscaled, as the reference gives it in the head's frame."""
+"""Height of the mouth above the head joints, metres; not scaled (2020 reference)."""
 
 CRANIUM_RADIUS, JAW_RADIUS, JAW_RISE, MOUTH_DEPTH = 0.090, 0.062, 0.025, 0.028
 """Collision spheres of the head. The jaw ends 2.8 cm behind the mouth: a spoon can enter an open mouth."""
@@ -42,15 +43,14 @@ PARENTS: Mapping[str, str | None] = {
 BODIES = tuple(PARENTS)
 
 RIGHT_ARM = ("right_upper_arm", "right_forearm", "right_hand")
-"""Bodies, and the geom of the same name in each: their frames are shoulder, elbow and wrist."""
+"""Bodies and geoms of the right arm. Their frames are shoulder, elbow and wrist."""
 
 
 @dataclass(frozen=True)
 class Posture:
-    """What carries the person: rotations about x of the hips in the world and of the undriven legs.
+    """Posture: rotations about x of the hips and of the legs, which are not actuated.
 
-    ``hips_pos_w`` is the origin of the hips, or ``None`` where they rest on a seat: then it depends on the sex.
-    ``shoes``: whether the person wears any.
+    ``hips_pos_w`` is the origin of the hips; ``None`` means on a seat, where it depends on the sex.
     """
 
     hips_pos_w: tuple[float, float, float] | None
@@ -60,14 +60,14 @@ class Posture:
     shoes: bool = True
 
     def hips(self, p: Proportions) -> FloatArray:
-        """The origin of the hips, (3,) or (N, 3), world frame."""
+        """Origin of the hips, (3,) or (N, 3); world frame."""
         if self.hips_pos_w is None:
             return _vector(0.0, 0.03, p.seated_hips_height)
         pos_w = constant_like(np.array(self.hips_pos_w), p.mass)
         return namespace(p.mass).broadcast_to(pos_w, (*np.shape(p.mass), 3))
 
     def turns_deg(self) -> dict[str, float]:
-        """Rotation about x of the hips and each leg's bodies that turn, by body."""
+        """Rotations about x of the hips and leg bodies, by body."""
         legs = {"thigh": self.thigh_deg, "shin": self.shin_deg}
         return {"hips": self.hips_deg} | {
             f"{s}_{part}": a for s in ("right", "left") for part, a in legs.items()
@@ -76,15 +76,14 @@ class Posture:
 
 SEATED = Posture(hips_pos_w=None, hips_deg=0.0, thigh_deg=-90.0, shin_deg=80.0)
 RECLINED = Posture(hips_pos_w=(0.0, 0.0, 0.7), hips_deg=-30.0, thigh_deg=-60.0, shin_deg=0.0, shoes=False)
-"""In a wheelchair, and in a bed whose backrest is raised by 60° (reference)."""
+"""Sitting in a wheelchair, and lying in a bed with the backrest raised by 60° (reference)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Frames and sizes of N people, by the names of bodies, geoms and sites without prefix; made when asked for.
+    """Frames and sizes of N people by name of body, geom and site; computed on demand.
 
-    Each (N, 3), metres. Lengths along the body are ``scale`` (N,) times those of the reference's sizes, the arms'
-    ``arm_scale`` times.
+    Positions (N, 3) in metres. Lengths along the body scale with ``scale`` (N,), those of the arms with ``arm_scale``.
     """
 
     proportions: Proportions
@@ -94,22 +93,22 @@ class Layout:
 
     @cached_property
     def body_pos(self) -> Mapping[str, FloatArray]:
-        """Where each body is in its parent."""
+        """Body positions in the parent body."""
         return _body_positions(self.proportions, self.scale, self.arm_scale, self.posture)
 
     @property
     def geom_pos(self) -> Mapping[str, FloatArray]:
-        """Where each geom is in its body."""
+        """Geom positions in the body."""
         return self._geoms[0]
 
     @property
     def geom_size(self) -> Mapping[str, FloatArray]:
-        """Radius, half length, 0 of each capsule."""
+        """Capsule sizes: radius, half length, 0."""
         return self._geoms[1]
 
     @cached_property
     def site_pos(self) -> Mapping[str, FloatArray]:
-        """Where each site is in its body."""
+        """Site positions in the body."""
         return _sites(self.proportions, self.scale)
 
     @cached_property
@@ -123,9 +122,9 @@ def layout(
     posture: Posture = SEATED,
     arm_scale: FloatArray | float = 1.0,
 ) -> Layout:
-    """Where everything is in N people; lengths along the body scale with the torso height, radii do not.
+    """Layout of N people. Lengths along the body scale with the torso height; radii do not.
 
-    Upper arms and forearms are ``arm_scale`` (N,) times as long as that makes them.
+    Upper arms and forearms also scale with ``arm_scale`` (N,).
     """
     p = proportions_of(is_woman, torso_height_m)
     scale = torso_height_m / p.torso_height
@@ -133,7 +132,7 @@ def layout(
 
 
 def layout_of(people: People, posture: Posture = SEATED) -> Layout:
-    """``layout`` of people."""
+    """Layout of ``people``."""
     return layout(people.is_woman, people.torso_height_m, posture, people.arm_scale)
 
 
@@ -164,7 +163,7 @@ ARM = "upper_arm", "forearm"
 def _geoms(
     p: Proportions, h: FloatArray, arm_h: FloatArray
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Capsules lie along the axis that ``GEOMS`` names; their size is radius, half length, 0."""
+    """Capsules along the axes of ``GEOMS``; sizes are radius, half length, 0."""
     zero = namespace(h).zeros_like(h)
     chest_z = p.chest_rise * h
     shoulder_z = chest_z + p.shoulder_rise * h - (p.shoulder_radius - 0.055)
@@ -221,7 +220,7 @@ SITE_BODY = {
 
 @dataclass(frozen=True)
 class Geom:
-    """A collision geom: its body, the axis of a capsule (``None``: a sphere), its share of the mass."""
+    """A collision geom: body, capsule axis (``None`` for a sphere), and share of the mass."""
 
     body: str
     axis: tuple[float, float, float] | None
@@ -245,17 +244,17 @@ GEOMS: Mapping[str, Geom] = {
 
 
 def mass_shares() -> FloatArray:
-    """What each of ``BODIES`` weighs as a share of the person, (B,)."""
+    """Share of the mass of each of ``BODIES`` (B,)."""
     return np.array([sum(geom.mass_share for geom in GEOMS.values() if geom.body == name) for name in BODIES])
 
 
 def body_rotations(joint_angles_rad: FloatArray, posture: Posture = SEATED) -> dict[str, FloatArray]:
-    """Each body's rotation in its parent, (N, 4), of people with joint angles (N, 20)."""
+    """Rotations (N, 4) of all bodies in their parents, for joint angles (N, 20)."""
     return {body: body_rotation(body, joint_angles_rad, posture) for body in BODIES}
 
 
 def body_rotation(body: str, joint_angles_rad: FloatArray, posture: Posture = SEATED) -> FloatArray:
-    """One body's rotation in its parent, (N, 4), of people with joint angles (N, 20)."""
+    """Rotation (N, 4) of one body in its parent, for joint angles (N, 20)."""
     xp, angles = as_floats(joint_angles_rad)
     turns = [(joint.axis, angles[..., i]) for i, joint in enumerate(JOINTS.values()) if joint.body == body]
     if body in posture.turns_deg():
@@ -270,7 +269,7 @@ def body_rotation(body: str, joint_angles_rad: FloatArray, posture: Posture = SE
 def body_frames(
     people: People, posture: Posture = SEATED, bodies: Sequence[str] = BODIES
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """World frames of bodies of N people and of those that carry them: positions (N, 3), quaternions (N, 4)."""
+    """Positions (N, 3) and quaternions (N, 4) of bodies and their ancestors; world frame."""
     local_pos = layout_of(people, posture).body_pos
     pos_w: dict[str, FloatArray] = {}
     q_w: dict[str, FloatArray] = {}
@@ -285,7 +284,7 @@ def body_frames(
 
 
 def _carrying(bodies: Sequence[str]) -> list[str]:
-    """Bodies and those that carry them, whoever carries before whom is carried."""
+    """Bodies and their ancestors, parents first."""
     found: set[str] = set()
     for body in bodies:
         carrier: str | None = body
@@ -303,9 +302,9 @@ BIND_RAD = joint_angles(right_shoulder_y=42.0, left_shoulder_y=-42.0, right_elbo
 def bind_frames(
     sex: Sex, torso_height_m: float, arm_scale: float = 1.0
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Where the skin is bound to the bodies: standing, hips at the origin, arms half raised and half bent.
+    """Bind pose of the skin: standing, hips at the origin, arms half raised and half bent.
 
-    Positions (3,) and quaternions (4,) by body name, to be read only: who asks again is given the same.
+    Positions (3,) and quaternions (4,) by body. The result is cached: do not change it.
     """
     pos, q = body_frames(People.of([Person(sex, torso_height_m, BIND_RAD, arm_scale=arm_scale)]), _STANDING)
     return {body: pos[body][0] for body in BODIES}, {body: q[body][0] for body in BODIES}

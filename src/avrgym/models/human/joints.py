@@ -1,4 +1,4 @@
-"""The driven joints: axes, ranges, strength and the inertia that their servos are tuned for."""
+"""Actuated joints: axes, ranges, strength, and inertia for the servo gains."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Joint:
-    """A hinge: its body, its axis in that body, its range in degrees and the person's torque (N m).
+    """A hinge: body, axis in that body, range in degrees and torque limit (N m).
 
-    Ranges: facts of the reference, with the wider shoulder abduction it uses in VR. Torques: isometric maxima
-    of healthy adults, rounded (Chaffin, Andersson and Martin, *Occupational Biomechanics*, 2006).
+    Ranges are those of the 2020 reference, with its wider shoulder abduction in VR. Torques are rounded isometric
+    maxima of healthy adults (Chaffin, Andersson and Martin, *Occupational Biomechanics*, 2006).
     """
 
     body: str
@@ -50,8 +50,8 @@ JOINTS: Mapping[str, Joint] = {
     **_arm("right"),
     **_arm("left"),
 }
-"""The 20 driven joints (paper, section III), in the order of every array of joint angles; hinges of one body
-follow each other, the first outermost."""
+"""The 20 actuated joints (paper, section III), in the order of all joint-angle arrays. Hinges of one body are adjacent,
+outermost first."""
 
 JOINT_INDEX = {name: i for i, name in enumerate(JOINTS)}
 LOWER_RAD = np.radians([joint.lower_deg for joint in JOINTS.values()])
@@ -69,14 +69,14 @@ SERVO_INERTIA_KG_M2: Mapping[str, float] = {
     **{f"{side}_{part}": value for side in ("right", "left")
        for part, value in (("upper_arm", 0.25), ("forearm", 0.07), ("hand", 0.012))},
 }  # fmt: skip
-"""Moment of inertia that each body's servos are tuned for, about its joint, armature included."""
+"""Inertia about each body's joint for the servo gains, armature included."""
 
 
 def joint_angles(**degrees: float) -> FloatArray:
     """The seated pose (20,) in radians, elbows at −90°, with the named joints set in degrees.
 
     Raises:
-        ValueError: for a name that is no driven joint.
+        ValueError: for an unknown joint name.
     """
     pose = {"right_elbow_x": -90.0, "left_elbow_x": -90.0} | degrees
     unknown = sorted(set(pose) - set(JOINTS))

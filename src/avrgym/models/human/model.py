@@ -1,4 +1,4 @@
-"""The person in MuJoCo: bodies, geoms, and servos where the person moves."""
+"""MuJoCo model of the person: bodies, geoms and servos."""
 
 import mujoco
 import numpy as np
@@ -25,7 +25,7 @@ PREFIX = "person/"
 
 
 def person_model(person: Person, posture: Posture = SEATED, *, moving: bool) -> mujoco.MjModel:
-    """A person alone; see ``add_person``."""
+    """Compiled model of a person alone; see ``add_person``."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     add_person(spec, person, posture, moving=moving)
@@ -33,10 +33,10 @@ def person_model(person: Person, posture: Posture = SEATED, *, moving: bool) -> 
 
 
 def add_person(spec: mujoco.MjSpec, person: Person, posture: Posture = SEATED, *, moving: bool) -> None:
-    """Add a person to a scene, hips fixed to the world.
+    """Add a person to a scene, with the hips fixed to the world.
 
-    A moving person has the 20 driven joints, each with a position servo of limited torque, weightless by
-    gravity compensation (muscle tone holds the posture). A static one is welded in its pose.
+    A moving person has 20 actuated joints with position servos of limited torque. Gravity is compensated (muscle tone).
+    A static person is welded in the given pose.
     """
     frames = layout_of(People.of([person]), posture)
     rotations = body_rotations(person.joint_angles_rad[None], posture)
@@ -69,7 +69,7 @@ def _add_geoms(bodies: dict[str, mujoco.MjsBody], frames: Layout, mass_kg: float
 
 
 SERVO_FREQUENCY_RAD_S = 40.0
-"""Bandwidth of the person's position servos: tracking lags about 2 / 40 s = 50 ms behind the headset."""
+"""Bandwidth of the position servos: about 2 / 40 s = 50 ms of lag behind the headset."""
 
 
 def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:
@@ -93,7 +93,7 @@ def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:
 
 
 def let_targets_glide(spec: mujoco.MjSpec) -> None:
-    """Have the servos of a scene's moving person told how fast their targets go, rad/s, not where they are."""
+    """Make the servos of a moving person take the speeds of their targets in rad/s."""
     for name in JOINTS:
         actuator, joint = spec.actuator(PREFIX + name), spec.joint(PREFIX + name)
         actuator.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR

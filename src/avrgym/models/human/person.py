@@ -1,4 +1,4 @@
-"""Whom a robot meets: one person, or many as arrays."""
+"""Person and people: the body of one person, or of many as arrays."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -20,17 +20,22 @@ SKIN_TONES: Mapping[str, tuple[float, float, float]] = {
     "brown": (0.48, 0.33, 0.24),
     "dark": (0.31, 0.21, 0.16),
 }
-"""How people look in pictures: red, green, blue from 0 to 1."""
+"""Rendered skin colours: red, green, blue from 0 to 1."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """One person: sex, torso height (hip bone to head centre), joint angles (20,) in radians, tone of the skin.
+    """One person.
 
-    ``arm_scale``: by how much upper arms and forearms are longer than those of most people of this torso height.
+    Attributes:
+        sex: body model.
+        torso_height_m: from hip bone to head centre.
+        joint_angles_rad: joint angles (20,).
+        skin_tone: a name in ``SKIN_TONES``.
+        arm_scale: length of upper arms and forearms relative to the average for this torso height.
 
     Raises:
-        ValueError: when a value is outside what the model allows.
+        ValueError: for a value out of range.
     """
 
     sex: Sex = "woman"
@@ -53,10 +58,10 @@ class Person:
 
 
 def as_person(person: "Person | Mapping[str, Any] | None") -> "Person | None":
-    """A person, or one by the plain values of their fields, as JSON has them.
+    """A person, or one from plain field values as in JSON.
 
     Raises:
-        ValueError: for a field that there is not, or a value outside what the model allows.
+        ValueError: for an unknown field or a value out of range.
     """
     if person is None or isinstance(person, Person):
         return person
@@ -71,14 +76,14 @@ def as_person(person: "Person | Mapping[str, Any] | None") -> "Person | None":
 
 
 def check_arm_scale(arm_scale: float) -> None:
-    """Raise ``ValueError`` for arms that no adult has."""
+    """Raise ``ValueError`` for an arm scale out of range."""
     low, high = ARM_SCALE_RANGE
     if not low <= arm_scale <= high:
         raise ValueError(f"arms {arm_scale:.2f} times as long as most are outside {low:g} to {high:g}")
 
 
 def check_torso_height(torso_height_m: float) -> None:
-    """Raise ``ValueError`` for a torso height that no seated adult has."""
+    """Raise ``ValueError`` for a torso height out of range."""
     low, high = TORSO_HEIGHT_RANGE_M
     if not low <= torso_height_m <= high:
         raise ValueError(f"torso height {torso_height_m:.3f} m is outside {low:.2f} to {high:.2f} m")
@@ -86,10 +91,16 @@ def check_torso_height(torso_height_m: float) -> None:
 
 @dataclass(frozen=True)
 class People:
-    """N people as arrays: ``is_woman`` (N,) bool, ``torso_height_m`` (N,), ``joint_angles_rad`` (N, 20).
+    """N people as arrays.
 
-    Impairments: ``range_share`` and ``strength_share`` (N,) of the joints' ranges and torques, ``tremor_rad``
-    (N, 20) by which the joints' targets tremble either way. ``arm_scale`` (N,) as of ``Person``.
+    Attributes:
+        is_woman: body model (N,).
+        torso_height_m: (N,).
+        joint_angles_rad: (N, 20).
+        range_share: share of the joint ranges (N,).
+        strength_share: share of the joint torques (N,).
+        tremor_rad: tremor amplitude of each joint (N, 20).
+        arm_scale: see ``Person`` (N,).
     """
 
     is_woman: BoolArray
@@ -102,7 +113,7 @@ class People:
 
     @classmethod
     def of(cls, persons: Iterable[Person]) -> "People":
-        """Stack single persons."""
+        """From single persons."""
         persons = list(persons)
         people = cls.unimpaired(
             np.array([person.sex == "woman" for person in persons]),
@@ -115,13 +126,13 @@ class People:
     def unimpaired(
         cls, is_woman: BoolArray, torso_height_m: FloatArray, joint_angles_rad: FloatArray
     ) -> "People":
-        """People with full ranges and strength, without tremor, and with arms as most have them."""
+        """People with full ranges and strength, without tremor, with average arms."""
         xp, height, angles = as_floats(torso_height_m, joint_angles_rad)
         full = xp.ones_like(height)
         return cls(is_woman, torso_height_m, joint_angles_rad, full, full, xp.zeros_like(angles), full)
 
     def person(self, index: int) -> Person:
-        """One of them."""
+        """One of these people."""
         sex = SEXES[int(self.is_woman[index])]
         return Person(
             sex,
