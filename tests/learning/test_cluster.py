@@ -1,4 +1,4 @@
-"""A cluster gives what one process gives, whoever dies meanwhile; on several nodes of this machine."""
+"""A cluster gives the same results as one process, even when workers die; several nodes on this computer."""
 
 import os
 import signal
@@ -65,7 +65,7 @@ def _measured_shortly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
 
 
-def test_a_cluster_and_kills_of_workers_change_no_weight(whole, cluster, tmp_path) -> None:
+def test_cluster_and_killed_workers_do_not_change_weights(whole, cluster, tmp_path) -> None:
     """A worker dies in the middle of each part; the parts are not equal."""
     killed: set[int] = set()
 
@@ -79,8 +79,8 @@ def test_a_cluster_and_kills_of_workers_change_no_weight(whole, cluster, tmp_pat
     assert_same_training(tmp_path / "shared", whole)
 
 
-def test_a_training_goes_on_elsewhere(whole, cluster, tmp_path) -> None:
-    """Begun on a cluster, ended in one process."""
+def test_a_training_continues_without_the_cluster(whole, cluster, tmp_path) -> None:
+    """Started on a cluster, finished in one process."""
 
     class Killed(Exception):
         pass
@@ -96,18 +96,18 @@ def test_a_training_goes_on_elsewhere(whole, cluster, tmp_path) -> None:
 
 
 def test_rows_are_the_same_from_a_cluster(cluster) -> None:
-    told: list[int] = []
-    rows = evaluate_all([FEEDING], "revised", "revised", 3, 7, told.append, cluster=cluster)
+    steps: list[int] = []
+    rows = evaluate_all([FEEDING], "revised", "revised", 3, 7, steps.append, cluster=cluster)
     assert rows == evaluate_all([FEEDING], "revised", "revised", 3, 7, jobs=1)
-    assert sum(told) == 3 * 200
+    assert sum(steps) == 3 * 200
 
 
-def test_the_error_of_a_call_is_told(cluster) -> None:
+def test_the_error_of_a_call_is_raised(cluster) -> None:
     with pytest.raises(ValueError, match="2 is refused"):
         cluster.run_all(refuse, [(2,)])
 
 
-def test_what_does_not_fit_is_refused_before_anything_is_written(cluster, tmp_path) -> None:
+def test_too_many_worlds_are_refused_before_anything_is_written(cluster, tmp_path) -> None:
     with pytest.raises(RuntimeError, match=r"a worker would need .* let more workers share the worlds"):
         cluster.need(1 << 60)
     with pytest.raises(ValueError, match=r"worlds would take .* of this computer's memory"):

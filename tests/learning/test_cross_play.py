@@ -10,14 +10,16 @@ POLICIES, PEOPLE = ["zero", "random"], ["original", "zoo/unseen/startled"]
 
 
 @pytest.mark.slow
-def test_every_cell_is_what_it_is_alone() -> None:
-    told: list[int] = []
-    rows = cross_play([ENVIRONMENT], POLICIES, PEOPLE, 1, 5, told.append, impairment="weakness", jobs=1)
-    assert [(row.people, row.policy) for row in rows] == [(whom, who) for whom in PEOPLE for who in POLICIES]
+def test_cross_play_equals_single_evaluations() -> None:
+    steps: list[int] = []
+    rows = cross_play([ENVIRONMENT], POLICIES, PEOPLE, 1, 5, steps.append, impairment="weakness", jobs=1)
+    assert [(row.people, row.policy) for row in rows] == [
+        (people, policy) for people in PEOPLE for policy in POLICIES
+    ]
     (alone,) = evaluate_all([ENVIRONMENT], "random", PEOPLE[1], 1, 5, impairment="weakness", jobs=1)
     assert rows[3] == alone
     assert {row.impairment for row in rows} == {"weakness"}
-    assert sum(told) == 4 * 200
+    assert sum(steps) == 4 * 200
     table = matrix(rows)
     assert [[*line] for line in table] == [["env", "policy", *PEOPLE]] * 2
     assert table[0] == {"env": ENVIRONMENT, "policy": "zero"} | dict.fromkeys(PEOPLE, "0% [0, 79]")
@@ -31,8 +33,8 @@ def test_every_cell_is_what_it_is_alone() -> None:
         (POLICIES, PEOPLE, "gout", "the impairments are none, limits"),
     ],
 )
-def test_mistakes_are_named_before_anything_runs(policies, people, impairment, said) -> None:
-    told: list[int] = []
+def test_unknown_names_are_refused_before_the_evaluation(policies, people, impairment, said) -> None:
+    steps: list[int] = []
     with pytest.raises(ValueError, match=said):
-        cross_play([ENVIRONMENT], policies, people, 1, 0, told.append, impairment=impairment)
-    assert told == []
+        cross_play([ENVIRONMENT], policies, people, 1, 0, steps.append, impairment=impairment)
+    assert steps == []

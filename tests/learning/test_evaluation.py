@@ -40,8 +40,8 @@ def rewards(monkeypatch: pytest.MonkeyPatch) -> Callable[..., np.ndarray]:
 
 
 @pytest.mark.slow
-def test_an_episode_is_the_same_however_many_there_are(rewards: Callable[..., np.ndarray]) -> None:
-    """Its figures depend on seed and number alone, not on the count nor on who runs beside it."""
+def test_an_episode_does_not_depend_on_the_number_of_episodes(rewards: Callable[..., np.ndarray]) -> None:
+    """Its results depend on seed and number only."""
     three = rewards(3)
     assert len(set(three)) == 3
     assert np.array_equal(rewards(1), three[:1])
@@ -50,7 +50,7 @@ def test_an_episode_is_the_same_however_many_there_are(rewards: Callable[..., np
     assert not np.intersect1d(rewards(3, seed=1), three).size
 
 
-def test_batches_hold_each_episode_once_and_are_of_one_size() -> None:
+def test_batches_contain_each_episode_once_and_have_similar_sizes() -> None:
     for episodes, size in ((1, 64), (3, 2), (100, 64), (1000, 64)):
         batches = evaluation._parts(episodes, size)
         assert [number for batch in batches for number in batch] == list(range(episodes))
@@ -59,19 +59,19 @@ def test_batches_hold_each_episode_once_and_are_of_one_size() -> None:
         assert max(sizes) - min(sizes) <= 1
 
 
-def test_a_policy_file_has_the_figures_of_its_name(rewards: Callable[..., np.ndarray]) -> None:
+def test_a_policy_file_gives_the_results_of_its_name(rewards: Callable[..., np.ndarray]) -> None:
     path = packaged_policies(ENVIRONMENT)["revised"]
     assert np.array_equal(rewards(2, policy=str(path)), rewards(2, policy="revised"))
 
 
 @pytest.mark.parametrize("policy", ["zero", "random"])
-def test_the_same_seed_gives_the_same_figures(policy: str) -> None:
+def test_the_same_seed_gives_the_same_results(policy: str) -> None:
     one, same = (evaluate(ENVIRONMENT, policy, "original", 3, 4) for _ in range(2))
     assert one == same
     assert (one.env, one.policy, one.people, one.episodes) == (ENVIRONMENT, policy, "original", 3)
 
 
-def test_who_does_nothing_succeeds_never_and_touches_nobody() -> None:
+def test_the_zero_policy_never_succeeds_and_touches_nobody() -> None:
     figures = evaluate(ENVIRONMENT, "zero", "original", 4, 0)
     assert figures.success_rate == 0.0
     assert figures.success_ci95 == wilson_interval(0, 4)
@@ -87,7 +87,7 @@ def test_who_does_nothing_succeeds_never_and_touches_nobody() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("force_guard", [False, True])
-def test_forces_by_region_do_not_depend_on_who_runs_beside(
+def test_forces_by_region_do_not_depend_on_other_episodes(
     monkeypatch: pytest.MonkeyPatch, force_guard: bool
 ) -> None:
     rows: list[list[Evaluation]] = []
@@ -132,7 +132,7 @@ def test_the_interval_has_published_values(successes: int, count: int, low: floa
     assert wilson_interval(successes, count) == pytest.approx((low, high), abs=5e-5)
 
 
-def test_the_interval_holds_the_share_and_is_symmetric() -> None:
+def test_the_interval_contains_the_proportion_and_is_symmetric() -> None:
     for count in (1, 7, 100):
         for successes in range(count + 1):
             low, high = wilson_interval(successes, count)

@@ -1,4 +1,4 @@
-"""Episodes that training begins again."""
+"""Failed episodes that training repeats."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ WORLDS = 8
 
 
 def run(hard: HardEpisodes, steps: int, good) -> list[int]:
-    """Choose, and judge with nothing on the person: those go well that are ``good``; what was chosen."""
+    """Choose episodes, and update with no force; those in ``good`` succeed. Returns the seeds."""
     seeds = hard.choose(steps)
     hard.update([good(seed) for seed in seeds], [0.0] * len(seeds))
     return seeds
@@ -22,14 +22,14 @@ def never(seed: int) -> bool:
     return False
 
 
-def test_where_all_goes_well_every_episode_is_new():
+def test_without_failures_every_episode_is_new():
     hard = HardEpisodes(WORLDS, 0.5, 0)
     seeds = [seed for update in range(20) for seed in run(hard, update, always)]
     assert len(set(seeds)) == 20 * WORLDS
     assert hard.stored == []
 
 
-def test_what_went_badly_comes_again_until_it_goes_well():
+def test_failed_episodes_are_repeated_until_they_succeed():
     hard = HardEpisodes(WORLDS, 0.5, 0)
     bad = run(hard, 0, never)
     assert hard.stored == bad
@@ -42,14 +42,14 @@ def test_what_went_badly_comes_again_until_it_goes_well():
     assert hard.stored == []
 
 
-def test_strong_forces_are_bad_even_where_the_robot_succeeds():
+def test_an_episode_with_large_forces_counts_as_failed():
     hard = HardEpisodes(2, 0.5, 0)
     seeds = hard.choose(0)
     hard.update([True, True], [HARD_FORCE_N, HARD_FORCE_N + 0.1])
     assert hard.stored == seeds[1:]
 
 
-def test_at_most_its_share_comes_again_and_at_most_so_many_are_kept():
+def test_repeated_and_stored_episodes_are_limited():
     hard = HardEpisodes(WORLDS, 0.25, 0)
     for update in range(100):
         seeds = run(hard, update, never)
@@ -60,7 +60,7 @@ def test_at_most_its_share_comes_again_and_at_most_so_many_are_kept():
     assert len(hard.stored) == STORED_EPISODES
 
 
-def test_the_same_choice_when_asked_again_and_another_with_another_seed():
+def test_choices_follow_from_seed_and_steps():
     first, second, other = (
         HardEpisodes(WORLDS, 0.5, 1),
         HardEpisodes(WORLDS, 0.5, 1),

@@ -1,4 +1,4 @@
-"""Robot and human who learn together: weights follow from the seed, and the human sits where people are named."""
+"""Training of robot and human together, and trained humans as people."""
 
 import json
 import shutil
@@ -84,7 +84,7 @@ def assert_same_weights(first: Path, second: Path) -> None:
         assert Policy.load(first / name).digest == Policy.load(second / name).digest
 
 
-def test_a_pair_leaves_two_networks_that_know_each_other(trained):
+def test_a_pair_writes_two_networks_with_matching_metadata(trained):
     robot, human = (Policy.load(trained / f"{name}.safetensors") for name in ("policy", "human"))
     view, joints = human_view_of(SCRATCHING)
     assert (human.observation_size, human.action_size) == (view.size, joints)
@@ -100,7 +100,7 @@ def test_a_pair_leaves_two_networks_that_know_each_other(trained):
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_two_networks_and_another_gives_others(trained, tmp_path):
+def test_the_seed_determines_both_networks_of_a_pair(trained, tmp_path):
     train(PAIR, tmp_path / "again")
     assert_same_weights(trained, tmp_path / "again")
     train(replace(PAIR, seed=5), tmp_path / "other")
@@ -109,8 +109,8 @@ def test_the_same_seed_gives_the_same_two_networks_and_another_gives_others(trai
 
 
 @pytest.mark.slow
-def test_a_pair_that_was_cut_off_goes_on_to_the_same_weights(tmp_path):
-    """Wherever: after its imitation, and while one of the two learns; what was killed twice, too."""
+def test_an_interrupted_pair_resumes_to_the_same_weights(tmp_path):
+    """After imitation, while one agent learns, and after two interruptions."""
 
     def killed(after: int) -> Callable[[Progress], None]:
         def kill(progress: Progress) -> None:
@@ -130,8 +130,8 @@ def test_a_pair_that_was_cut_off_goes_on_to_the_same_weights(tmp_path):
 
 
 @pytest.mark.slow
-def test_in_turn_one_learns_while_the_other_stays_as_it_is(tmp_path):
-    """First the robot, then the human; only how random actions are goes by the training's steps for both."""
+def test_alternating_agents_learn_one_at_a_time(tmp_path):
+    """First the robot, then the human; only log_std follows the steps for both."""
 
     def agents() -> list[dict[str, np.ndarray]]:
         state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
@@ -154,7 +154,7 @@ def test_in_turn_one_learns_while_the_other_stays_as_it_is(tmp_path):
 
 
 @pytest.mark.parametrize("alternate", [0, 1, 3])
-def test_turns_are_of_as_many_updates_each(alternate):
+def test_agents_alternate_after_equal_numbers_of_updates(alternate):
     how = replace(LONG, steps=100 * UPDATE, pairing=Pairing(alternate=alternate))
     turns = [how.learners_at(how.imitation_steps + number * UPDATE) for number in range(12)]
     one = [(True, False)] * alternate + [(False, True)] * alternate
@@ -166,7 +166,7 @@ def test_turns_are_of_as_many_updates_each(alternate):
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_training_makes_the_episodes_of_the_parallel_environment_to_the_bit(environment, monkeypatch):
+def test_rollouts_of_a_pair_equal_the_parallel_environment(environment, monkeypatch):
     """With the same actions of both; observations and rewards of both, and those of each agent's own effort."""
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 6)
     networks = [network(environment, of_human=of_human, deviation=0.3) for of_human in (False, True)]
@@ -191,14 +191,14 @@ def test_training_makes_the_episodes_of_the_parallel_environment_to_the_bit(envi
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_a_trained_human_acts_as_in_the_parallel_environment_to_the_bit(environment, tmp_path, monkeypatch):
+def test_a_trained_human_acts_as_in_the_parallel_environment(environment, tmp_path, monkeypatch):
     """The same start, the actions that the network says there, and the same worlds after them."""
     human = network(environment, people="zoo/train", impairment="tremor", deviation=0.0)
     worlds = Episodes(environment, 2, people=saved(tmp_path / "human.safetensors", human), num_threads=1)
     envs = [avrgym.parallel_env(environment, people="zoo/train", impairment="tremor") for _ in range(2)]
-    told: list[np.ndarray] = []
+    commanded: list[np.ndarray] = []
     steer = worlds.command_people
-    monkeypatch.setattr(worlds, "command_people", lambda action: (told.append(action), steer(action)))
+    monkeypatch.setattr(worlds, "command_people", lambda action: (commanded.append(action), steer(action)))
     worlds.reset(np.arange(2), [np.random.default_rng(seed) for seed in (3, 4)])
     seen = [env.reset(seed=seed)[0] for env, seed in zip(envs, (3, 4), strict=True)]
     robot = np.full(worlds.action_size, 0.3)
@@ -206,14 +206,14 @@ def test_a_trained_human_acts_as_in_the_parallel_environment_to_the_bit(environm
         worlds.step(np.stack([robot, robot]))
         for world, env in enumerate(envs):
             action = np.clip(human.mean(seen[world][HUMAN][None])[0], -1, 1).astype(np.float32)
-            assert_array_equal(told[-1][world], action.astype(float))
+            assert_array_equal(commanded[-1][world], action.astype(float))
             seen[world] = env.step({ROBOT: robot, HUMAN: action})[0]
             both = worlds.simulation.integration_state(world), env.episodes.simulation.integration_state()
             assert_array_equal(*both)
-    assert np.abs(told).max() > 0.0
+    assert np.abs(commanded).max() > 0.0
 
 
-def test_a_human_s_chance_follows_from_the_world_s_own_stream(tmp_path):
+def test_a_human_s_noise_follows_from_the_world_s_stream(tmp_path):
     path = saved(tmp_path / "human.safetensors", network(SCRATCHING, deviation=0.5))
 
     def states(seeds: list[int]) -> list[np.ndarray]:
@@ -230,7 +230,7 @@ def test_a_human_s_chance_follows_from_the_world_s_own_stream(tmp_path):
     assert not np.array_equal(states([1, 2])[0], two[0])
 
 
-def test_a_copy_of_worlds_with_trained_humans_goes_on_to_the_same_bits(tmp_path):
+def test_a_copy_of_worlds_with_trained_humans_continues_equally(tmp_path):
     import copy
 
     for seed in range(3):
@@ -248,7 +248,7 @@ def test_a_copy_of_worlds_with_trained_humans_goes_on_to_the_same_bits(tmp_path)
 # Populations
 
 
-def test_of_a_population_each_world_meets_one_in_its_own_body_and_alone_or_beside_others(tmp_path):
+def test_each_world_has_one_human_of_a_population_with_its_own_body(tmp_path):
     """Still people of the same height, others who tremble, and robots' policies that lie beside are passed over."""
     saved(tmp_path / "a" / "human.safetensors", network(SCRATCHING, people="original"))
     saved(tmp_path / "b" / "human.safetensors", network(SCRATCHING, people="revised", impairment="tremor"))
@@ -272,7 +272,7 @@ def test_of_a_population_each_world_meets_one_in_its_own_body_and_alone_or_besid
         assert_array_equal(alone.simulation.integration_state(), together.simulation.integration_state(seed))
 
 
-def test_another_impairment_takes_the_place_of_the_human_s_own(tmp_path):
+def test_a_given_impairment_replaces_that_of_the_human(tmp_path):
     path = saved(tmp_path / "human.safetensors", network(SCRATCHING, impairment="weakness"))
 
     def people(impairment: str):
@@ -287,7 +287,7 @@ def test_another_impairment_takes_the_place_of_the_human_s_own(tmp_path):
     assert tremor.tremor_rad.any()
 
 
-def test_people_whose_files_are_not_seen_here_are_carried(tmp_path, monkeypatch):
+def test_people_are_transferred_with_their_files(tmp_path, monkeypatch):
     from avrgym.people.populations import transferred_people
 
     saved(tmp_path / "here" / "a" / "human.safetensors", network(SCRATCHING))
@@ -305,7 +305,7 @@ def test_people_whose_files_are_not_seen_here_are_carried(tmp_path, monkeypatch)
 
 
 @pytest.mark.slow
-def test_a_robot_learns_with_trained_humans_and_goes_on_without_their_files(tmp_path):
+def test_a_training_with_trained_humans_resumes_without_their_files(tmp_path):
     for seed in range(2):
         saved(tmp_path / "humans" / f"{seed}.safetensors", network(SCRATCHING, seed=seed))
     alone = replace(PAIR, people=str(tmp_path / "humans"), impairment="none", pairing=None)
@@ -325,7 +325,7 @@ def test_a_robot_learns_with_trained_humans_and_goes_on_without_their_files(tmp_
 
 
 @pytest.mark.slow
-def test_a_human_keeps_the_bodies_of_a_file_of_people(tmp_path):
+def test_a_trained_human_contains_its_file_of_people(tmp_path):
     text = "cooperating = false\n[torso_height_m]\nman = [0.51, 0.52]\nwoman = [0.51, 0.52]\n"
     (tmp_path / "people.toml").write_text(text)
     train(replace(PAIR, people=str(tmp_path / "people.toml"), steps=UPDATE), tmp_path / "pair")
@@ -341,7 +341,7 @@ def test_a_human_keeps_the_bodies_of_a_file_of_people(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_every_environment_trains_a_pair_that_is_measured_together(environment, tmp_path):
+def test_every_environment_trains_and_evaluates_a_pair(environment, tmp_path):
     few = replace(PAIR, environment=environment, num_envs=1, steps=EPISODE_STEPS, people="revised")
     policy = train(few, tmp_path)
     human = str(tmp_path / "human.safetensors")
@@ -350,7 +350,7 @@ def test_every_environment_trains_a_pair_that_is_measured_together(environment, 
     assert Policy.load(human).metadata.measured == policy.metadata.measured
 
 
-# What is refused
+# Refusals
 
 
 def run(*arguments: object) -> Result:
@@ -364,7 +364,7 @@ def assert_refused(result: Result, said: str) -> None:
     assert len(result.stderr.splitlines()) == 1
 
 
-def test_who_cannot_be_there_is_named_in_one_line(tmp_path):
+def test_unsuitable_people_are_refused_in_one_line(tmp_path):
     human = saved(tmp_path / "human.safetensors", network(SCRATCHING))
     robot = saved(tmp_path / "robot.safetensors", network(SCRATCHING, of_human=False))
     damaged = tmp_path / "damaged.safetensors"
@@ -390,7 +390,7 @@ def test_who_cannot_be_there_is_named_in_one_line(tmp_path):
     assert not (tmp_path / "no").exists()
 
 
-def test_a_human_with_a_memory_is_refused(tmp_path):
+def test_a_recurrent_human_is_refused(tmp_path):
     from avrgym.networks.layers import Memory
 
     plain = network(SCRATCHING)
@@ -402,7 +402,7 @@ def test_a_human_with_a_memory_is_refused(tmp_path):
         find_populations(path, TASKS)
 
 
-def test_options_of_a_pair_belong_to_pairs(trained, tmp_path):
+def test_options_of_pairs_need_the_recipe(trained, tmp_path):
     new = "train", SCRATCHING, "--out", tmp_path / "no"
     for option in (("--alternate", 2), ("--own-reward",)):
         assert_refused(run(*new, *option), f"{option[0]} needs --recipe pair")
@@ -419,14 +419,14 @@ def test_options_of_a_pair_belong_to_pairs(trained, tmp_path):
     assert not (tmp_path / "no").exists()
 
 
-def test_a_task_that_wants_nothing_of_people_has_no_human_to_train(tmp_path, monkeypatch):
+def test_a_task_without_human_actions_trains_no_human(tmp_path, monkeypatch):
     monkeypatch.setitem(TASKS, "ScratchItch", replace(TASKS["ScratchItch"], offered="nothing"))
     with pytest.raises(ValueError, match="people do nothing in"):
         train(PAIR, tmp_path / "no")
     assert not (tmp_path / "no").exists()
 
 
-def test_files_of_robots_are_what_they_were_before_there_were_humans(tmp_path):
+def test_files_of_robots_contain_no_human_metadata(tmp_path):
     path = tmp_path / "robot.safetensors"
     saved(path, network(SCRATCHING, of_human=False))
     assert b'"human"' not in path.read_bytes()

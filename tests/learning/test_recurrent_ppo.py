@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 WORLDS, DEVIATION = 8, 0.3
 
 
-def begun() -> tuple[RecurrentNetwork, RecurrentPPO]:
+def started() -> tuple[RecurrentNetwork, RecurrentPPO]:
     torch.manual_seed(1)
     network = RecurrentNetwork(3, 8, (8,), 2)
     return network, RecurrentPPO(network, 3)
@@ -27,7 +27,7 @@ def begun() -> tuple[RecurrentNetwork, RecurrentPPO]:
 def update(
     network: RecurrentNetwork, number: int, worlds: int = WORLDS
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Episodes whose reward is the higher, the nearer actions come to 0.5."""
+    """Episodes whose reward is highest for actions of 0.5."""
     random = np.random.default_rng(number)
     observations = torch.as_tensor(
         random.standard_normal((EPISODE_STEPS + 1, worlds, 3)), dtype=torch.float32
@@ -49,7 +49,7 @@ def numbers(network: torch.nn.Module) -> list[np.ndarray]:
     return [parameter.detach().numpy().copy() for parameter in network.parameters()]
 
 
-def test_an_advantage_is_what_was_gained_beyond_what_was_expected():
+def test_advantages_are_returns_minus_values():
     random = np.random.default_rng(2)
     rewards, values = (torch.as_tensor(random.standard_normal((steps, 4))) for steps in (6, 7))
     whole = advantages(rewards, values, gamma=0.9, gae_lambda=1.0)
@@ -63,8 +63,8 @@ def test_an_advantage_is_what_was_gained_beyond_what_was_expected():
 
 
 @pytest.mark.slow
-def test_actions_go_where_the_reward_is():
-    network, ppo = begun()
+def test_ppo_increases_the_reward():
+    network, ppo = started()
     rewards: list[float] = []
     for number in range(8):
         rewards.append(float(update(network, number)[2].mean()))
@@ -76,15 +76,15 @@ def test_actions_go_where_the_reward_is():
 
 
 @pytest.mark.parametrize(("worlds", "minibatches"), [(8, 1), (64, 4), (65, 5), (160, 8)])
-def test_many_episodes_make_larger_minibatches_rather_than_more(worlds: int, minibatches: int) -> None:
-    network, ppo = begun()
+def test_the_number_of_minibatches_is_limited(worlds: int, minibatches: int) -> None:
+    network, ppo = started()
     ppo.update(*update(network, 1, worlds), DEVIATION, np.random.default_rng(1), learning_rate=0.0)
     steps = ppo.state()["critic_optimizer"]["state"][0]["step"]
     assert int(steps) == RECURRENT.n_epochs * minibatches * len([*windows()])
 
 
-def test_while_only_the_critic_learns_the_policy_stays_as_it_is():
-    network, ppo = begun()
+def test_without_a_learning_rate_only_the_critic_learns():
+    network, ppo = started()
     before, state = numbers(network), str(ppo.state()["critic"])
     learn(network, ppo, 0, 0.0)
     for now, then in zip(numbers(network), before, strict=True):
@@ -92,12 +92,12 @@ def test_while_only_the_critic_learns_the_policy_stays_as_it_is():
     assert str(ppo.state()["critic"]) != state
 
 
-def test_a_policy_that_has_gone_far_goes_no_farther(monkeypatch):
-    """With a rate this high one epoch is too far already: more of them change nothing."""
+def test_an_update_ends_at_the_target_kl_divergence(monkeypatch):
+    """With this learning rate one epoch exceeds the target; more epochs change nothing."""
     ends: list[list[np.ndarray]] = []
     for epochs in (1, 4):
         monkeypatch.setattr("avrgym.learning.recurrent_ppo.RECURRENT", replace(RECURRENT, n_epochs=epochs))
-        network, ppo = begun()
+        network, ppo = started()
         learn(network, ppo, 0, 0.05)
         ends.append(numbers(network))
     for one, four in zip(*ends, strict=True):

@@ -41,7 +41,7 @@ TINY = RecurrentConfiguration(
 )
 
 
-class CutOffError(Exception):
+class Interrupted(Exception):
     pass
 
 
@@ -58,7 +58,7 @@ def packaged(environment: str, kind: str) -> Policy:
 
 
 def tensors(out: Path) -> bytes:
-    """A policy's numbers; its header says how long it took."""
+    """A policy's tensors, without the header."""
     data = (out / "policy.safetensors").read_bytes()
     return data[8 + int.from_bytes(data[:8], "little") :]
 
@@ -81,7 +81,7 @@ def tensors(out: Path) -> bytes:
         "in imitation from a policy on",
     ],
 )
-def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(last, how, imitated, tmp_path):
+def test_a_resumed_training_ends_with_the_same_bits(last, how, imitated, tmp_path):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     configuration = replace(TINY, **{"imitation_share": 0.4, **how})
     assert (configuration.updates, configuration.imitation_updates) == (5, imitated)
@@ -95,9 +95,9 @@ def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(last, how, imitated, 
 
     def stop(progress):
         if progress.steps == last:
-            raise CutOffError
+            raise Interrupted
 
-    with pytest.raises(CutOffError):
+    with pytest.raises(Interrupted):
         train(configuration, cut, stop)
     assert json.loads((cut / "adaptive.json").read_text())["seed"] == 4
     assert (cut / "checkpoint.pt").exists()
@@ -110,7 +110,7 @@ def test_resumed_it_ends_at_the_same_bits_as_uninterrupted(last, how, imitated, 
         train(configuration, cut)
 
 
-def test_ppo_follows_imitation_and_ends_with_its_last_round():
+def test_ppo_progress_starts_after_imitation_and_ends_with_the_last_update():
     configuration = RecurrentConfiguration(environment=TINY.environment)
     first = configuration.imitation_updates + 1
     assert configuration.imitation_updates == round(RECURRENT.imitation_share * configuration.updates)
@@ -119,7 +119,7 @@ def test_ppo_follows_imitation_and_ends_with_its_last_round():
 
 
 @pytest.mark.parametrize("rounds", [1, 2, 25, 63])
-def test_a_longer_training_imitates_as_long(rounds):
+def test_a_longer_training_has_as_much_imitation(rounds):
     configuration = replace(TINY, steps=200 * rounds, imitation_share=0.25)
     for more in (0, 1, 10, 100):
         longer = configuration.lengthened(200 * (rounds + more))
@@ -129,7 +129,7 @@ def test_a_longer_training_imitates_as_long(rounds):
 
 
 @pytest.mark.slow
-def test_it_keeps_the_chance_with_which_it_succeeds_most_and_the_least_of_equals(tmp_path, monkeypatch):
+def test_the_best_action_std_is_kept_and_the_least_of_equals(tmp_path, monkeypatch):
     success_with = {0.0: 0.2, 0.05: 0.6, 0.08: 0.6}
     assert tuple(success_with) == RECURRENT.final_action_stds
 
@@ -147,7 +147,7 @@ def test_it_keeps_the_chance_with_which_it_succeeds_most_and_the_least_of_equals
 
 
 @pytest.mark.slow
-def test_a_training_that_has_ended_goes_on_with_more_steps(tmp_path):
+def test_a_complete_training_continues_with_more_steps(tmp_path):
     out = tmp_path / "out"
     train(replace(TINY, steps=400, imitation_share=0.5), out)
     before = tensors(out)
@@ -158,7 +158,7 @@ def test_a_training_that_has_ended_goes_on_with_more_steps(tmp_path):
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_numpy_does_as_torch_does(environment):
+def test_the_policy_in_numpy_equals_the_network_in_torch(environment):
     observation_size, action_size = sizes(environment)
     torch.manual_seed(1)
     network = RecurrentNetwork(observation_size, 12, (9, 8), action_size)
@@ -171,7 +171,7 @@ def test_numpy_does_as_torch_does(environment):
     assert_allclose(np.stack([actor.mean(each) for each in observations]), means.numpy(), atol=1e-6)
 
 
-def test_windows_begin_where_the_one_before_ended():
+def test_memory_continues_between_windows():
     torch.manual_seed(1)
     network = RecurrentNetwork(5, 6, (4,), 2)
     observations = torch.randn(20, 3, 5)
@@ -182,7 +182,7 @@ def test_windows_begin_where_the_one_before_ended():
     assert_allclose(torch.cat([first, second]).numpy(), whole.numpy(), atol=1e-6)
 
 
-def test_what_is_shown_is_what_the_teacher_would_do():
+def test_demonstrations_are_the_teacher_s_actions():
     teacher, learner = (packaged(TINY.environment, kind) for kind in ("revised", "original"))
     place = WorldSettings(TINY.environment, TransferredFile.read(TINY.people), "none", 1, "threads")
     by_expert = np.array([True, False])
@@ -194,19 +194,19 @@ def test_what_is_shown_is_what_the_teacher_would_do():
 
 
 @pytest.mark.parametrize(
-    ("name", "told"), [("nobody", "allowed"), ("oracle", "allowed"), ("original", "trained for")]
+    ("name", "message"), [("nobody", "allowed"), ("oracle", "allowed"), ("original", "trained for")]
 )
-def test_whoever_cannot_teach_is_refused_before_anything_is_written(name, told, tmp_path):
+def test_an_unsuitable_teacher_is_refused_before_anything_is_written(name, message, tmp_path):
     wrong = tmp_path / "PR2.safetensors"
     packaged("avrgym/ScratchItchPR2-v1", "original").save(wrong)
     teacher = str(wrong) if name == "original" else name
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=message):
         train(replace(TINY, teacher=teacher), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("nobody", "no policy 'nobody'"),
         ("oracle", "a recurrent policy"),
@@ -214,11 +214,11 @@ def test_whoever_cannot_teach_is_refused_before_anything_is_written(name, told, 
         ("adaptive", "trained for"),
     ],
 )
-def test_whoever_cannot_be_gone_on_from_is_refused_before_anything_is_written(name, told, tmp_path):
+def test_an_unsuitable_initial_policy_is_refused_before_anything_is_written(name, message, tmp_path):
     wrong = tmp_path / "PR2.safetensors"
     packaged("avrgym/ScratchItchPR2-v1", "adaptive").save(wrong)
     initial = str(wrong) if name == "adaptive" else name
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=message):
         train(replace(TINY, initial=initial), tmp_path / "out")
     with pytest.raises(ValueError, match="leave out the teacher"):
         train(replace(TINY, initial="adaptive", teacher="revised"), tmp_path / "out")
@@ -226,8 +226,8 @@ def test_whoever_cannot_be_gone_on_from_is_refused_before_anything_is_written(na
 
 
 @pytest.mark.slow
-def test_it_goes_on_from_the_very_policy(tmp_path):
-    """As long as only the critic learns, the policy stays as it was."""
+def test_training_starts_from_the_initial_policy(tmp_path):
+    """While only the critic learns, the policy does not change."""
     train(replace(TINY, steps=200, initial="adaptive"), tmp_path / "out")
     before, after = (
         packaged(TINY.environment, "adaptive"),
@@ -240,7 +240,7 @@ def test_it_goes_on_from_the_very_policy(tmp_path):
     assert after.metadata.curve[: len(before.metadata.curve)] == before.metadata.curve
 
 
-def test_an_overload_costs_by_the_highest_share_of_a_limit(monkeypatch):
+def test_the_overload_penalty_follows_the_most_loaded_region(monkeypatch):
     environment, steps, seeds = "avrgym/FeedingPR2-v1", 40, [0, 1, 2]
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", steps)
     policy = packaged(environment, "revised")
@@ -268,7 +268,7 @@ def test_an_overload_costs_by_the_highest_share_of_a_limit(monkeypatch):
     assert_allclose(cost.max(axis=0), np.maximum(2.0 * peak_share - 1.0, 0.0), atol=1e-4)
 
 
-def test_newtons_beyond_the_most_are_not_paid_for(monkeypatch):
+def test_force_beyond_the_limit_is_not_rewarded(monkeypatch):
     """Scratching pays 2 for each newton of a scratch and 0.01 for each at the itch."""
     environment, steps, seeds, most = TINY.environment, 60, np.arange(2), 3.0
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", steps)
@@ -295,7 +295,7 @@ def test_a_folder_without_training_is_refused(tmp_path):
 
 
 @pytest.mark.slow
-def test_with_withdrawal_contact_after_success_earns_nothing_and_imitation_shows_waiting():
+def test_withdrawal_gives_no_reward_and_demonstrates_waiting():
     place = WorldSettings("avrgym/FeedingJaco-v1", TransferredFile.read("revised"), "none", 1, "threads")
     request = RolloutRequest(place, 0, np.array([3]), expert_drives=np.array([True]))
     policy = packaged("avrgym/FeedingJaco-v1", "adaptive")
@@ -310,7 +310,7 @@ def test_with_withdrawal_contact_after_success_earns_nothing_and_imitation_shows
 
 
 @pytest.mark.slow
-def test_every_other_round_of_imitation_is_of_people_who_sit_still(tmp_path, monkeypatch):
+def test_every_other_round_of_imitation_has_still_people(tmp_path, monkeypatch):
     met: list[tuple[str, str]] = []
 
     def rolled_out(policy, request):

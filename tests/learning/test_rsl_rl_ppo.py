@@ -1,4 +1,4 @@
-"""Training where the worlds are on a device: the same recipe, the same files, the same bits when it is resumed."""
+"""Training on a device: the same recipe and files, and the same bits when resumed."""
 
 import sys
 from dataclasses import replace
@@ -58,7 +58,7 @@ METADATA = PolicyMetadata(environment=SCRATCHING, people="", steps=0, seed=0)
 
 @pytest.fixture(autouse=True)
 def _brief(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Episodes of ``STEPS`` steps, measured by one."""
+    """Episodes of ``STEPS`` steps, and one in the evaluation."""
     for module in (configuration_module, ppo, rollouts, training):
         monkeypatch.setattr(module, "EPISODE_STEPS", STEPS)
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
@@ -67,8 +67,8 @@ def _brief(monkeypatch: pytest.MonkeyPatch) -> None:
 # One update
 
 
-def test_episodes_on_the_device_are_those_of_threads() -> None:
-    """Of the same policy, with the same chance, from the same starts; costs and all."""
+def test_rollouts_on_the_device_equal_those_on_threads() -> None:
+    """The same policy, noise, starts and penalties."""
     policy = Policy.load(find_policy("revised", SCRATCHING))
     here, there = (
         roll_out(
@@ -93,7 +93,7 @@ def test_episodes_on_the_device_are_those_of_threads() -> None:
     assert np.ptp(here.rewards) > 0.1
 
 
-def test_a_policy_acts_on_the_device_as_it_does_on_the_host(rng: np.random.Generator) -> None:
+def test_a_policy_acts_equally_on_device_and_host(rng: np.random.Generator) -> None:
     policy = Policy.load(find_policy("revised", SCRATCHING))
     observations = 4.0 * rng.normal(size=(50, policy.observation_size))
     double = DeviceActor(policy, torch.zeros(1, dtype=torch.float64)).mean(torch.as_tensor(observations))
@@ -111,10 +111,10 @@ def seen_and_done(rng: np.random.Generator, worlds: int) -> tuple[Any, Any, Any]
 
 
 @pytest.mark.parametrize("actor_learns", [True, False])
-def test_both_learners_make_the_same_of_an_update(
+def test_both_implementations_of_ppo_give_the_same_update(
     actor_learns: bool, rng: np.random.Generator, tmp_path: Path
 ) -> None:
-    """Where a minibatch is the whole update and no gradient is clipped, for there they differ."""
+    """With one minibatch per update and no clipped gradients, where the two do not differ."""
     worlds = 5
     how = replace(
         TINY,
@@ -150,7 +150,7 @@ def ppo_logger():
     return configure_logger(0)
 
 
-def test_the_exported_policy_acts_as_the_network_does(rng: np.random.Generator, tmp_path: Path) -> None:
+def test_the_exported_policy_equals_the_network(rng: np.random.Generator, tmp_path: Path) -> None:
     model = make_ppo(TINY, *sizes(SCRATCHING), tmp_path)
     model.set_logger(ppo_logger())
     normaliser = Normaliser(observation_of(SCRATCHING), TINY.gamma)
@@ -168,7 +168,7 @@ def test_the_exported_policy_acts_as_the_network_does(rng: np.random.Generator, 
         assert_allclose(exported.mean(plain), network.action_net(latent), atol=1e-6)
 
 
-def test_the_normaliser_learns_the_same_of_tensors(rng: np.random.Generator) -> None:
+def test_the_normaliser_works_equally_with_tensors(rng: np.random.Generator) -> None:
     observations, actions, rewards = (each.numpy() for each in seen_and_done(rng, 3))
     here, there = (Normaliser(observation_of(SCRATCHING), 0.9) for _ in range(2))
     rest = {"episode_return": np.zeros(3), "success": np.zeros(3, dtype=bool), "episode_force_n": np.zeros(3)}
@@ -190,18 +190,18 @@ def test_the_normaliser_learns_the_same_of_tensors(rng: np.random.Generator) -> 
 
 
 class Killed(Exception):
-    """Something ended the training."""
+    """The training was killed."""
 
 
 def trained(
     configuration: FeedforwardConfiguration, out: Path, kill_after: int | None = None
 ) -> list[Progress]:
-    """What a training told of, perhaps killed after so many times."""
-    heard: list[Progress] = []
+    """The progress of a training, which is killed after ``kill_after`` reports."""
+    reported: list[Progress] = []
 
     def hear(progress: Progress) -> None:
-        heard.append(progress)
-        if len(heard) == kill_after:
+        reported.append(progress)
+        if len(reported) == kill_after:
             raise Killed
 
     if kill_after is None:
@@ -209,7 +209,7 @@ def trained(
     else:
         with pytest.raises(Killed):
             train(configuration, out, hear)
-    return heard
+    return reported
 
 
 def weights(out: Path) -> dict[str, torch.Tensor]:
@@ -217,14 +217,14 @@ def weights(out: Path) -> dict[str, torch.Tensor]:
 
 
 @pytest.mark.slow
-def test_a_training_on_the_device_leaves_what_any_other_does_and_goes_on_to_the_same_bits(
+def test_a_training_on_the_device_is_complete_and_resumes(
     tmp_path: Path,
 ) -> None:
-    heard = trained(TINY, tmp_path / "whole")
+    reported = trained(TINY, tmp_path / "whole")
     stages = [
         "imitation, update 1 of 3", "PPO, update 2 of 3", "PPO, update 3 of 3", "evaluation, 1 episodes"
     ]  # fmt: skip
-    assert [progress.stage for progress in heard] == stages
+    assert [progress.stage for progress in reported] == stages
     policy = Policy.load(tmp_path / "whole" / "policy.safetensors")
     assert policy.metadata.steps == TINY.steps
     assert policy.action_std == pytest.approx(np.exp(TINY.log_std[1]))
@@ -244,14 +244,14 @@ def test_a_training_on_the_device_leaves_what_any_other_does_and_goes_on_to_the_
         assert_array_equal(one["exp_avg"], other["exp_avg"])
 
 
-def test_imitation_is_that_of_threads(tmp_path: Path) -> None:
+def test_imitation_equals_that_on_threads(tmp_path: Path) -> None:
     for engine in ("threads", "warp:cpu"):
         trained(replace(TINY, engine=engine), tmp_path / engine, kill_after=2)
     for name, value in weights(tmp_path / "threads").items():
         assert_array_equal(value, weights(tmp_path / "warp:cpu")[name], err_msg=name)
 
 
-# What cannot be done leaves nothing behind
+# Refusals
 
 
 def refused(tmp_path: Path, *options: str) -> str:
@@ -263,13 +263,15 @@ def refused(tmp_path: Path, *options: str) -> str:
     return done.stderr
 
 
-def test_a_missing_extra_is_named_with_its_cure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_extra_is_named_with_its_installation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "rsl_rl.algorithms", None)
     said = refused(tmp_path, "--engine", "warp:cpu")
     assert "training on the engine warp needs rsl_rl.algorithms: `pip install avrgym[train,gpu]`" in said
 
 
-def test_without_a_gpu_training_says_so(tmp_path: Path) -> None:
+def test_training_without_a_gpu_is_refused(tmp_path: Path) -> None:
     if torch.cuda.is_available():
         pytest.skip("there is a GPU here")
     assert "the engine warp needs a CUDA device, and PyTorch finds none here" in refused(
@@ -278,7 +280,7 @@ def test_without_a_gpu_training_says_so(tmp_path: Path) -> None:
     assert "has no device 'cuda:1'; allowed: " in refused(tmp_path, "--engine", "warp:cuda:1")
 
 
-def test_a_cluster_has_no_device(tmp_path: Path) -> None:
+def test_a_cluster_is_refused_with_a_device(tmp_path: Path) -> None:
     class Cluster:
         """Workers that need not be there."""
 
@@ -289,9 +291,7 @@ def test_a_cluster_has_no_device(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_more_worlds_than_the_device_has_room_for_are_refused_before_a_training_begins(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_too_many_worlds_for_the_device_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warp.Warp, "_bytes_per_world", lambda *_: 1 << 30)
     monkeypatch.setattr(warp.Warp, "_free_bytes", lambda _: 5 << 30)
     with pytest.raises(ValueError, match=r"^7 worlds take 7.0 GiB of memory on CPU; allowed: up to 5$"):

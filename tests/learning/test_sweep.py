@@ -1,4 +1,4 @@
-"""A sweep makes every training that its file asks for, each as ``train`` makes it, and goes on where it was cut off."""
+"""A sweep runs every training of its file as ``train`` does, and resumes."""
 
 import json
 import os
@@ -56,7 +56,7 @@ def test_the_example_is_a_sweep() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         pytest.param(("steps = 1200", "steps = 0"), "steps: expected `int` >= 1", id="steps"),
         pytest.param(("seeds", "seedz"), "unknown key seedz; allowed: environments, steps, seeds", id="key"),
@@ -69,26 +69,28 @@ def test_the_example_is_a_sweep() -> None:
         pytest.param(("recipes.little", 'recipes."../out"'), "matching regex", id="name"),
     ],
 )
-def test_a_bad_file_is_one_clear_line(tmp_path: Path, change: tuple[str, str], told: str) -> None:
+def test_an_invalid_sweep_is_refused_in_one_line(
+    tmp_path: Path, change: tuple[str, str], message: str
+) -> None:
     pytest.importorskip("ray", reason="clusters are an extra, too large for every computer")
     out = tmp_path / "out"
     file = written(tmp_path, LITTLE.replace(*change))
     result = CliRunner().invoke(app, ["sweep", str(file), "--out", str(out)])
     assert result.exit_code == 1
-    assert told in result.stderr
+    assert message in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     assert not out.exists()
 
 
 @pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes and files end with its shutdown
-def test_a_sweep_makes_what_train_makes_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sweep_equals_single_trainings_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ray.tune", reason="clusters are an extra, too large for every computer")
     from avrgym.learning import sweep, training
     from avrgym.policies.trained import Policy
     from avrgym.system.cluster import connected
     from helpers.learning.ray_nodes import assert_same_training
 
-    out, heard = tmp_path / "out", dict[str, int]()
+    out, reported = tmp_path / "out", dict[str, int]()
     sweep.create(written(tmp_path, LITTLE), out)
     with pytest.raises(FileExistsError, match="already contains a sweep"):
         sweep.create(tmp_path / "sweep.toml", out)
@@ -99,12 +101,12 @@ def test_a_sweep_makes_what_train_makes_and_goes_on(tmp_path: Path, monkeypatch:
     measured = (out / first.name / "policy.safetensors").stat().st_mtime_ns
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT / "src")]))
     with connected("local") as _:
-        rows = sweep.run(out, None, heard.__setitem__)
+        rows = sweep.run(out, None, reported.__setitem__)
     assert [(row.seed, row.outcome, row.steps) for row in rows] == [
         (0, "complete", 1200),
         (1, "complete", 1200),
     ]
-    assert heard == {first.name: 1200, second.name: 1200}
+    assert reported == {first.name: 1200, second.name: 1200}
     assert (out / first.name / "policy.safetensors").stat().st_mtime_ns == measured
     assert Policy.load(rows[1].policy).metadata.measured["success_rate"] == rows[1].success_rate
     training.train(replace(second.configuration, threads=1), tmp_path / "second")

@@ -22,13 +22,13 @@ ENVIRONMENT = "avrgym/DrinkingJaco-v1"
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_it_foretells_how_actions_move_the_tool(environment):
+def test_tool_motion_predicts_the_motion_of_actions(environment):
     (_, scene), random = task_and_scene(environment), np.random.default_rng(1)
     chain = placement.arm_chain(scene)
     joints = len(scene.arm.joints)
     angles_rad = scene.arm.seed_pose_rad + random.uniform(-0.5, 0.5, (40, 3, joints))
     actions = random.uniform(-0.01, 0.01, (40, 3, joints))
-    told = ToolMotion(scene).per_action(angles_rad.astype(np.float32)).numpy() @ actions[..., None]
+    predicted = ToolMotion(scene).per_action(angles_rad.astype(np.float32)).numpy() @ actions[..., None]
     step_rad = actions * scene.arm.speed_limit_rad_s * CONTROL_STEP_S
     before, after = (
         kinematics.forward(chain, rows.reshape(-1, joints)) for rows in (angles_rad, angles_rad + step_rad)
@@ -36,10 +36,10 @@ def test_it_foretells_how_actions_move_the_tool(environment):
     turn = transforms.to_rotation_vector(transforms.multiply(after[1], transforms.conjugate(before[1])))
     moved = np.concatenate([(after[0] - before[0]) / UNIT_M, turn / UNIT_RAD], axis=-1)
     assert np.abs(moved).max() > 0.005
-    assert_allclose(told.reshape(-1, 6), moved, atol=5e-5)
+    assert_allclose(predicted.reshape(-1, 6), moved, atol=5e-5)
 
 
-def test_a_wrong_action_counts_by_where_it_leads_the_tool():
+def test_the_loss_weights_errors_by_the_motion_of_the_tool():
     _, scene = task_and_scene(ENVIRONMENT)
     motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose_rad, np.float32))
     joints = len(scene.arm.joints)
@@ -53,7 +53,7 @@ def test_a_wrong_action_counts_by_where_it_leads_the_tool():
     assert_allclose(costs[2], 4.0 * costs[1], rtol=1e-4)
 
 
-def test_the_same_error_counts_less_the_faster_the_tool_is_to_go():
+def test_the_loss_of_an_error_falls_with_the_demonstrated_motion():
     _, scene = task_and_scene(ENVIRONMENT)
     motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose_rad, np.float32))
     wanted = torch.linspace(-0.5, 0.5, len(scene.arm.joints))
@@ -64,7 +64,7 @@ def test_the_same_error_counts_less_the_faster_the_tool_is_to_go():
     assert_allclose([slow / at_rest, fast / at_rest], [1 / 2, 1 / 101], rtol=1e-4)
 
 
-def test_a_rollout_says_where_the_arm_was_when_the_expert_spoke(monkeypatch):
+def test_a_rollout_contains_arm_angles_with_an_expert(monkeypatch):
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 5)
     policy = Policy.load(packaged_policies(ENVIRONMENT)["adaptive"])
     place = WorldSettings(ENVIRONMENT, TransferredFile.read("zoo/train"), "none", 1, "threads")

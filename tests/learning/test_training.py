@@ -76,7 +76,7 @@ def trained(tmp_path_factory) -> tuple[Policy, Path]:
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_schedules_go_evenly_from_their_beginning_to_their_end(environment):
+def test_schedules_are_linear(environment):
     how = configuration_for(environment, "revised", 1_000_000, 0)
     steps = np.linspace(how.imitation_steps, how.steps, 31)
     log_std, rate, weight = (
@@ -95,7 +95,7 @@ def test_schedules_go_evenly_from_their_beginning_to_their_end(environment):
 # The wrapper
 
 
-def test_the_wrapper_tells_terminal_observations_only_at_the_end():
+def test_the_wrapper_reports_terminal_observations_only_at_the_end():
     env = SB3VectorEnv(AssistiveVectorEnv(FEEDING, 3, num_threads=1))
     reference = AssistiveVectorEnv(FEEDING, 3, num_threads=1)
     env.seed(5)
@@ -121,7 +121,7 @@ def test_the_wrapper_tells_terminal_observations_only_at_the_end():
         assert not np.array_equal(info["terminal_observation"], np.asarray(observation)[i])
 
 
-def test_the_wrapper_goes_on_with_other_episodes():
+def test_the_wrapper_resets_to_other_episodes():
     env = SB3VectorEnv(AssistiveVectorEnv(FEEDING, 2, num_threads=1))
     env.seed(5)
     first = env.reset()
@@ -134,7 +134,7 @@ def test_the_wrapper_goes_on_with_other_episodes():
 
 
 @pytest.mark.slow
-def test_a_training_leaves_a_policy_that_loads(trained):
+def test_a_training_writes_a_policy_that_loads(trained):
     policy, out = trained
     found = Policy.load(out / "policy.safetensors")
     assert found.metadata == policy.metadata
@@ -153,7 +153,7 @@ def test_a_training_stores_its_configuration_and_its_log(trained):
     assert list((out / "tensorboard").rglob("events.out.tfevents.*"))
 
 
-def test_a_used_folder_is_refused_and_left_alone(trained):
+def test_a_used_folder_is_refused_and_not_changed(trained):
     _, out = trained
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     with pytest.raises(FileExistsError, match="already contains a training; choose another folder"):
@@ -162,77 +162,77 @@ def test_a_used_folder_is_refused_and_left_alone(trained):
 
 
 @pytest.mark.slow
-def test_scratching_gets_better_within_20_000_steps(tmp_path, monkeypatch):
+def test_scratching_improves_within_20_000_steps(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 2)
     few = FeedforwardConfiguration(
         environment=SCRATCHING, people="revised", steps=20_000, seed=1, num_envs=8, batch_size=200, imitation_rounds=0,
         log_std=(-0.7, -1.0), threads=1,
     )  # fmt: skip
-    heard: list[Progress] = []
-    train(few, tmp_path, heard.append)
-    rewards = [progress.reward_mean for progress in heard if progress.reward_mean is not None]
+    reported: list[Progress] = []
+    train(few, tmp_path, reported.append)
+    rewards = [progress.reward_mean for progress in reported if progress.reward_mean is not None]
     assert np.mean(rewards[-3:]) > np.mean(rewards[:3]) + 5.0
 
 
 class Killed(Exception):
-    """Something ended the training."""
+    """The training was killed."""
 
 
 Whole = tuple[Path, list[Progress]]
-"""The folder of a training that nothing interrupted, and what it told of."""
+"""The folder of an uninterrupted training, and its progress."""
 
 
 def train_whole(configuration: FeedforwardConfiguration, out: Path) -> Whole:
-    heard: list[Progress] = []
+    reported: list[Progress] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "EVALUATION_EPISODES", 2)
-        train(configuration, out, heard.append)
-    return out, heard
+        train(configuration, out, reported.append)
+    return out, reported
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> Whole:
     """Two rounds of imitation and two updates."""
-    out, heard = train_whole(LONG, tmp_path_factory.mktemp("runs") / "whole")
-    assert [(progress.stage, progress.steps) for progress in heard] == [
+    out, reported = train_whole(LONG, tmp_path_factory.mktemp("runs") / "whole")
+    assert [(progress.stage, progress.steps) for progress in reported] == [
         *((f"imitation, update {number} of 4", UPDATE * number) for number in (1, 2)),
         *((f"PPO, update {number} of 4", UPDATE * number) for number in (3, 4)),
         ("evaluation, 2 episodes", 4 * UPDATE),
     ]  # fmt: skip
-    assert heard[0].reward_mean is None
-    return out, heard
+    assert reported[0].reward_mean is None
+    return out, reported
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("told", [1, 3], ids=["in its imitation", "in PPO"])
-def test_a_training_that_was_cut_off_goes_on_to_the_same_weights(told, whole, tmp_path, monkeypatch):
-    assert_goes_on(LONG, told, whole, tmp_path, monkeypatch)
+@pytest.mark.parametrize("kill_at", [1, 3], ids=["in its imitation", "in PPO"])
+def test_an_interrupted_training_resumes_to_the_same_weights(kill_at, whole, tmp_path, monkeypatch):
+    assert_resumes_equally(LONG, kill_at, whole, tmp_path, monkeypatch)
 
 
 @pytest.mark.slow
-def test_a_training_with_hard_episodes_that_was_cut_off_goes_on_with_the_same(tmp_path, monkeypatch):
+def test_an_interrupted_training_resumes_with_its_hard_episodes(tmp_path, monkeypatch):
     uncut = train_whole(HARD, tmp_path / "whole")
-    assert_goes_on(HARD, 2, uncut, tmp_path, monkeypatch)
+    assert_resumes_equally(HARD, 2, uncut, tmp_path, monkeypatch)
     assert json.loads(torch.load(uncut[0] / "checkpoint.pt", weights_only=True)["notes"])["hard"]
 
 
-def assert_goes_on(
-    configuration: FeedforwardConfiguration, told: int, whole: Whole, tmp_path: Path, monkeypatch
+def assert_resumes_equally(
+    configuration: FeedforwardConfiguration, kill_at: int, whole: Whole, tmp_path: Path, monkeypatch
 ) -> None:
-    """Assert that a training that is killed when it has told so often goes on as the whole one did."""
+    """Assert that a training that is killed at a report resumes equally."""
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 2)
-    heard: list[Progress] = []
+    reported: list[Progress] = []
 
     def kill(progress: Progress) -> None:
-        heard.append(progress)
-        if len(heard) == told:
+        reported.append(progress)
+        if len(reported) == kill_at:
             raise Killed
 
     with pytest.raises(Killed):
         train(configuration, tmp_path / "cut", kill)
-    resume(tmp_path / "cut", heard.append)
+    resume(tmp_path / "cut", reported.append)
     uncut, expected = whole
-    assert heard == expected
+    assert reported == expected
     first, second = (
         torch.load(out / "checkpoint.pt", weights_only=True) for out in (tmp_path / "cut", uncut)
     )
@@ -246,7 +246,7 @@ def assert_goes_on(
 
 
 @pytest.mark.slow
-def test_a_training_may_be_imitation_alone(tmp_path, monkeypatch):
+def test_a_training_can_consist_of_imitation_only(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 2)
     policy = train(replace(TINY, imitation_rounds=9, imitation_share=1.0), tmp_path)
     assert policy.metadata.steps == TINY.steps
@@ -258,7 +258,7 @@ def test_a_training_may_be_imitation_alone(tmp_path, monkeypatch):
         resume(tmp_path)
 
 
-def test_a_training_goes_on_beyond_its_end(trained, tmp_path, monkeypatch):
+def test_a_complete_training_continues_with_larger_steps(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 2)
     first, out = trained
     longer = Path(shutil.copytree(out, tmp_path / "longer"))
@@ -273,7 +273,7 @@ def test_a_training_goes_on_beyond_its_end(trained, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_a_longer_training_imitates_no_longer(environment):
+def test_a_longer_training_has_no_more_imitation(environment):
     how = configuration_for(environment, "revised", 300_000, 0)
     assert how.lengthened(900_000).imitation_steps == how.imitation_steps
 
@@ -282,7 +282,7 @@ def test_a_longer_training_imitates_no_longer(environment):
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_the_printed_settings_are_those_of_the_environment(environment, tmp_path):
+def test_printed_hyperparameters_are_those_of_the_environment(environment, tmp_path):
     file = tmp_path / "settings.toml"
     file.write_text(hyperparameters_text(environment))
     assert read_hyperparameters(file, environment) == hyperparameters_of(environment)
@@ -290,7 +290,7 @@ def test_the_printed_settings_are_those_of_the_environment(environment, tmp_path
     assert read_hyperparameters(file, environment) == hyperparameters_of(environment)
 
 
-def test_settings_of_a_file_stand_for_the_task_s_own(tmp_path):
+def test_a_file_replaces_hyperparameters_of_the_task(tmp_path):
     file = tmp_path / "settings.toml"
     file.write_text("num_envs = 4\nhidden = [16]\n")
     how = configuration_for(FEEDING, "revised", 1000, 0, hyperparameters=read_hyperparameters(file, FEEDING))
@@ -311,7 +311,7 @@ def test_settings_of_a_file_stand_for_the_task_s_own(tmp_path):
         ("worlds", "invalid TOML: "),
     ],
 )
-def test_a_wrong_file_of_settings_is_refused(text, said, tmp_path):
+def test_an_invalid_file_of_hyperparameters_is_refused(text, said, tmp_path):
     file = tmp_path / "settings.toml"
     file.write_text(text)
     with pytest.raises(ValueError, match=rf"settings\.toml: {said}"):
@@ -319,7 +319,7 @@ def test_a_wrong_file_of_settings_is_refused(text, said, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_training_whose_expert_s_files_are_damaged_says_so(tmp_path):
+def test_damaged_demonstrations_are_named(tmp_path):
     def kill(progress: Progress) -> None:
         if progress.steps > UPDATE:
             raise Killed
@@ -331,7 +331,7 @@ def test_a_training_whose_expert_s_files_are_damaged_says_so(tmp_path):
         resume(tmp_path)
 
 
-def test_only_a_training_that_was_cut_off_can_be_resumed(trained, tmp_path):
+def test_only_an_interrupted_training_resumes(trained, tmp_path):
     _, out = trained
     with pytest.raises(ValueError, match=f"is complete, after {TINY.steps} steps"):
         resume(out)
@@ -343,7 +343,7 @@ def test_only_a_training_that_was_cut_off_can_be_resumed(trained, tmp_path):
         resume(tmp_path)
 
 
-def test_an_unknown_environment_leaves_nothing_behind(tmp_path):
+def test_an_unknown_environment_writes_nothing(tmp_path):
     with pytest.raises(ValueError, match="unknown environment 'avrgym/Flying-v1'"):
         train(FeedforwardConfiguration(environment="avrgym/Flying-v1"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
@@ -365,8 +365,8 @@ def test_a_training_of_another_algorithm_is_refused(stored, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sizes", [(2, 3), (1, 1, 3)])
-def test_who_makes_an_update_s_episodes_changes_none_of_them(sizes):
-    """Parts beside each other give what one gives; with an expert in some worlds and without."""
+def test_rollouts_do_not_depend_on_the_parts(sizes):
+    """Parts give the same rollout as one request; with an expert in some worlds and without."""
     policy = Policy.load(find_policy("revised", SCRATCHING))
     by_expert = np.array([True, False, False, True, False])
     for how in ({"noise_seed": (3, 400)}, {"expert_drives": by_expert}):
@@ -428,7 +428,7 @@ def requests_of(split: tuple[int, ...], how: dict) -> list[RolloutRequest]:
     ]
 
 
-def test_more_worlds_than_memory_are_refused_and_nothing_is_written(tmp_path):
+def test_too_many_worlds_for_the_memory_are_refused(tmp_path):
     with pytest.raises(
         ValueError, match=r"worlds would take .* of this computer's memory.*allowed: .* worlds"
     ):

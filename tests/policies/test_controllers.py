@@ -126,7 +126,9 @@ def check_held(recording: Recording, name: str, kind: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "kind"), FAILURES.items())
-def test_who_fails_holds_the_robot_and_the_session_completes(tmp_path: Path, name: str, kind: str) -> None:
+def test_after_a_failure_the_robot_stops_and_the_session_completes(
+    tmp_path: Path, name: str, kind: str
+) -> None:
     visit = Visit(tmp_path, driven_by(name), load_policies(driven_by(name)))
     (recording,) = completed(visit)
     check_held(recording, name, kind)
@@ -138,7 +140,7 @@ def test_who_fails_holds_the_robot_and_the_session_completes(tmp_path: Path, nam
 
 
 @pytest.mark.parametrize(("name", "kind"), FAILURES.items())
-def test_the_same_holds_beside_a_live_session(
+def test_failures_in_a_live_session_stop_the_robot_too(
     tmp_path: Path, workers: ThreadPoolExecutor, name: str, kind: str
 ) -> None:
     (recording,) = completed(live(tmp_path, driven_by(name), workers))
@@ -151,7 +153,7 @@ def test_the_same_holds_beside_a_live_session(
     assert verify(recording).identical
 
 
-def test_who_never_answers_stops_nobody_and_is_replaced(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
+def test_a_controller_without_answer_is_replaced(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
     visit = live(tmp_path, driven_by("Hangs", seeds=(3, 4)), workers)
     recordings = completed(visit)
     assert len(recordings) == 2
@@ -163,7 +165,7 @@ def test_who_never_answers_stops_nobody_and_is_replaced(tmp_path: Path, workers:
         assert verify(recording).identical
 
 
-def test_who_never_answers_does_not_hold_up_simulated_time(
+def test_a_controller_without_answer_does_not_block_simulated_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(drivers, "SIMULATED_RESPONSE_TIMEOUT_S", 0.2)
@@ -176,7 +178,7 @@ def test_who_never_answers_does_not_hold_up_simulated_time(
         assert verify(recording).identical
 
 
-def test_an_answer_that_comes_late_is_dropped(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
+def test_a_late_action_is_dropped(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
     visit = live(tmp_path, driven_by("Slow"), workers)
     (recording,) = completed(visit)
     actions = {command.action[0] for _, command in recording.topics["/commands"]}
@@ -185,14 +187,14 @@ def test_an_answer_that_comes_late_is_dropped(tmp_path: Path, workers: ThreadPoo
     assert verify(recording).identical
 
 
-def test_who_fails_to_begin_never_drives(tmp_path: Path) -> None:
+def test_a_controller_that_fails_to_reset_never_drives(tmp_path: Path) -> None:
     visit = Visit(tmp_path, driven_by("RaisesAtReset"), load_policies(driven_by("RaisesAtReset")))
     (recording,) = completed(visit)
     assert all(step.idle and not any(step.action) for step in steps_of(recording))
     assert events_of(recording) == [("controller_failed", "exception: RuntimeError: not today")]
 
 
-def test_controllers_are_let_go_with_their_session(tmp_path: Path) -> None:
+def test_controllers_are_closed_with_their_session(tmp_path: Path) -> None:
     before = failing_controllers.Steady.closed
     completed(Visit(tmp_path, driven_by("Steady"), load_policies(driven_by("Steady"))))
     assert failing_controllers.Steady.closed == before + 2, (
@@ -201,7 +203,7 @@ def test_controllers_are_let_go_with_their_session(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_figures_follow_from_the_seed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_follow_from_the_seed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever runs beside, in however many processes, and whether each is made or copied."""
     noisy, ready = (
         "helpers.learning.failing_controllers:Noisy",
@@ -252,7 +254,7 @@ def test_a_failure_ends_an_evaluation_in_one_line() -> None:
         ("nobody.onnx", "no policy 'nobody.onnx'"),
     ],
 )  # fmt: skip
-def test_what_cannot_drive_is_refused_in_one_line(name: str, words: str) -> None:
+def test_unsuitable_controllers_are_refused_in_one_line(name: str, words: str) -> None:
     with pytest.raises(PolicyError) as refused:
         find(name, ENVIRONMENT)
     assert words in str(refused.value)
@@ -290,7 +292,7 @@ def test_an_onnx_file_drives_a_session_and_an_evaluation(tmp_path: Path, workers
     assert evaluate(ENVIRONMENT, str(path), "original", 1, 0).episodes == 1
 
 
-def test_onnx_files_that_cannot_drive_are_refused(tmp_path: Path) -> None:
+def test_unsuitable_onnx_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "net.onnx"
     as_onnx(drive("avrgym/BedBathingJaco-v1"), path, 1, double=False)
     with pytest.raises(PolicyError, match=r"takes one input of float or double, of shape \(25,\), \(1, 25\)"):
@@ -421,7 +423,7 @@ def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
     )
 
 
-def test_plug_ins_have_names_and_a_broken_one_is_in_nobodys_way(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_broken_plugin_does_not_affect_others(monkeypatch: pytest.MonkeyPatch) -> None:
     group = plugins.CONTROLLERS
     found = [
         EntryPoint("calm", "helpers.learning.failing_controllers:Steady", group),

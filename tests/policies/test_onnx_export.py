@@ -20,7 +20,7 @@ ENVIRONMENT = "avrgym/FeedingJaco-v1"
 @pytest.mark.parametrize(
     "environment", sorted(environment for environment in ENVIRONMENTS if environment.startswith("avrgym/"))
 )
-def test_every_packaged_policy_without_memory_acts_the_same_to_a_millionth(environment: str) -> None:
+def test_onnx_export_of_every_policy_without_memory_acts_equally(environment: str) -> None:
     found = [find(name, environment) for name in packaged_policies(environment)]
     without = [policy for policy in found if isinstance(policy, Policy) and policy.memory is None]
     assert len(without) == 2
@@ -36,7 +36,7 @@ def test_every_packaged_policy_without_memory_acts_the_same_to_a_millionth(envir
         np.testing.assert_allclose(actions, np.clip(policy.mean(seen), -1, 1), rtol=0, atol=1e-6)
 
 
-def test_the_command_writes_what_a_policy_was_trained_on_and_never_overwrites(tmp_path: Path) -> None:
+def test_the_command_writes_metadata_and_never_overwrites(tmp_path: Path) -> None:
     out = tmp_path / "feeding.onnx"
     command = ["export", "policy", "revised", ENVIRONMENT, str(out)]
     assert CliRunner().invoke(app, command).exit_code == 0
@@ -62,7 +62,9 @@ def test_the_command_writes_what_a_policy_was_trained_on_and_never_overwrites(tm
     ],
     ids=["oracle", "ending"],
 )
-def test_what_cannot_be_written_is_refused(tmp_path: Path, policy: str, out: str, words: str) -> None:
+def test_policies_that_cannot_be_exported_are_refused(
+    tmp_path: Path, policy: str, out: str, words: str
+) -> None:
     result = CliRunner().invoke(app, ["export", "policy", policy, ENVIRONMENT, str(tmp_path / out)])
     assert result.exit_code != 0
     assert words in " ".join(result.output.split())

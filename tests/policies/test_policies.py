@@ -87,7 +87,7 @@ def test_a_policy_by_hand():
 
 @pytest.mark.parametrize("sizes", [(25, 64, 64, 7), (30, 5, 3, 7), (4, 1), (2, 33, 1)])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_the_batch_never_changes_the_bits_of_a_row(sizes, dtype):
+def test_the_batch_size_does_not_change_the_bits_of_a_row(sizes, dtype):
     policy = make_policy(sizes)
     batch = observations(64, sizes[0]).astype(dtype)
     actions = policy.act(batch, generators(64))
@@ -100,7 +100,7 @@ def test_the_batch_never_changes_the_bits_of_a_row(sizes, dtype):
     assert_array_equal(policy.act(batch[::-1], generators(64)[::-1])[::-1], actions)
 
 
-def test_actions_scatter_about_their_mean_as_told():
+def test_actions_have_the_stated_standard_deviation():
     policy = make_policy((25, 8, 7), deviation=0.02)
     observation = 0.01 * observations(1)
     mean = policy.mean(observation)[0]
@@ -112,14 +112,14 @@ def test_actions_scatter_about_their_mean_as_told():
     assert_allclose(drawn.std(axis=0)[inside], 0.02, rtol=0.1)
 
 
-def test_a_policy_without_chance_draws_nothing():
+def test_a_policy_without_noise_draws_nothing():
     policy, random = make_policy(deviation=0.0), generators(4)
     actions = policy.act(observations(4), random)
     assert_array_equal(actions, np.clip(policy.mean(observations(4)), -1, 1).astype(np.float32))
     assert [each.random() for each in random] == [each.random() for each in generators(4)]
 
 
-def test_actions_are_float32_within_their_bounds_and_the_observations_stay_as_they_were():
+def test_actions_are_float32_in_bounds_and_observations_unchanged():
     batch = observations(64) * 1e6
     before = batch.copy()
     actions = make_policy().act(batch, generators(64))
@@ -149,7 +149,7 @@ def test_a_policy_cannot_be_changed():
 # Files
 
 
-def test_a_saved_policy_acts_bit_for_bit_alike(tmp_path):
+def test_a_saved_policy_acts_with_the_same_bits(tmp_path):
     policy = make_policy()
     loaded = Policy.load(saved(tmp_path, policy))
     assert loaded.metadata == METADATA
@@ -159,13 +159,13 @@ def test_a_saved_policy_acts_bit_for_bit_alike(tmp_path):
     )
 
 
-def test_float32_tensors_are_welcome(tmp_path):
+def test_float32_tensors_are_read(tmp_path):
     path = saved(tmp_path)
     weight = make_policy().weights[0].astype(np.float32)
     assert_array_equal(Policy.load(altered(path, {"actor.0.weight": weight})).weights[0], weight)
 
 
-def test_an_existing_file_is_kept_unless_overwriting(tmp_path):
+def test_an_existing_file_is_replaced_only_with_overwrite(tmp_path):
     path = saved(tmp_path)
     before = path.read_bytes()
     with pytest.raises(PolicyError, match="already exists"):
@@ -290,7 +290,7 @@ def test_names_resolve_to_the_packaged_files(packaged):
     assert find_policy("original", "FeedingPR2-v1") == packaged / "FeedingPR2-original.safetensors"
 
 
-def test_anything_else_is_a_path(packaged):
+def test_other_names_are_paths(packaged):
     path = packaged / "FeedingPR2-original.safetensors"
     assert find_policy(path, ENVIRONMENT) == path
     assert find_policy(str(path), ENVIRONMENT) == path
@@ -324,7 +324,7 @@ def test_a_policy_for_another_environment_is_refused_unless_that_is_allowed(pack
         load_policy(path, "avrgym/ScratchItchPR2-v1", 30, 7, allow_other_environment=True)
 
 
-def test_numbers_so_large_that_actions_would_be_none_are_refused():
+def test_numbers_whose_sums_overflow_are_refused():
     """Whatever is observed, what a policy does is finite."""
     sound = make_policy()
     for layer in range(len(sound.weights)):
@@ -338,7 +338,7 @@ def test_numbers_so_large_that_actions_would_be_none_are_refused():
 
 
 @pytest.mark.parametrize("path", sorted(trained.PACKAGED.glob("*.safetensors")), ids=lambda path: path.stem)
-def test_a_packaged_policy_says_where_and_on_whom_it_was_trained(path):
+def test_packaged_policies_name_environment_and_people(path):
     scene, kind = path.stem.split("-")
     assert find_policy(kind, f"avrgym/{scene}-v1") == path
     assert path.stat().st_size < 500_000
@@ -349,6 +349,6 @@ def test_a_packaged_policy_says_where_and_on_whom_it_was_trained(path):
     assert metadata.measured["episodes"] == 1000
 
 
-def test_arrays_that_do_not_fit_make_no_policy():
+def test_arrays_of_wrong_shapes_are_refused():
     with pytest.raises(PolicyError, match="2 weights and 3 biases"):
         replace(make_policy(), weights=make_policy().weights[:2])

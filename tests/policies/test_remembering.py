@@ -46,14 +46,14 @@ def acted(actor: Actor, observations: np.ndarray) -> np.ndarray:
     return np.stack([actor.act(each, generators) for each in observations])
 
 
-def test_what_was_seen_before_counts():
+def test_earlier_observations_change_the_actions():
     observations = seen(2, 1)
     later = Actor(make_policy(0.0), 1)
     later.mean(observations[0])
     assert np.abs(later.mean(observations[1]) - Actor(make_policy(), 1).mean(observations[1])).max() > 1e-3
 
 
-def test_a_batch_gives_each_world_what_it_gets_alone():
+def test_a_batch_gives_each_world_the_same_actions_as_alone():
     observations = seen(5, 6)
     together = acted(Actor(make_policy(0.0), 6), observations)
     for world in range(6):
@@ -62,7 +62,7 @@ def test_a_batch_gives_each_world_what_it_gets_alone():
 
 
 @pytest.mark.parametrize("forgotten", [[1], np.array([False, True, False])], ids=["numbers", "mask"])
-def test_an_episode_does_not_depend_on_what_was_before_nor_other_worlds_on_its_beginning(forgotten):
+def test_a_reset_clears_one_world_and_no_other(forgotten):
     before, after = seen(4, 3), seen(9, 3)[4:]
     actor, undisturbed = (Actor(make_policy(0.0), 3) for _ in range(2))
     acted(actor, before)
@@ -73,7 +73,7 @@ def test_an_episode_does_not_depend_on_what_was_before_nor_other_worlds_on_its_b
     assert_array_equal(episode[:, [0, 2]], going_on[:, [0, 2]])
 
 
-def test_a_refused_observation_is_not_remembered():
+def test_a_refused_observation_does_not_change_the_memory():
     actor = Actor(make_policy(), 1)
     for wrong in (np.zeros((2, SEEN)), np.zeros((1, SEEN + 1))):
         with pytest.raises(PolicyError, match="observations"):
@@ -81,7 +81,7 @@ def test_a_refused_observation_is_not_remembered():
     assert_array_equal(actor.mean(seen(1, 1)[0]), Actor(make_policy(), 1).mean(seen(1, 1)[0]))
 
 
-def test_each_episode_in_a_simulation_begins_without_memory():
+def test_each_episode_starts_without_memory():
     world = Episodes(ENVIRONMENT, 1, num_threads=1)
     episodes = []
     for _ in range(2):
@@ -96,7 +96,7 @@ def test_each_episode_in_a_simulation_begins_without_memory():
     assert_array_equal(*episodes)
 
 
-def test_files_keep_all_of_it(tmp_path):
+def test_files_contain_the_memory(tmp_path):
     path, policy = tmp_path / "remembers.safetensors", make_policy()
     policy.save(path)
     found = load_policy(path, ENVIRONMENT, SEEN, ACTION)
@@ -104,7 +104,7 @@ def test_files_keep_all_of_it(tmp_path):
 
 
 @pytest.mark.parametrize("part", ["input_weight", "input_bias", "hidden_weight", "hidden_bias"])
-def test_a_memory_of_another_size_is_refused_in_one_line(tmp_path, part):
+def test_a_memory_of_another_size_is_refused(tmp_path, part):
     path = tmp_path / "wrong.safetensors"
     make_policy().save(path)
     with safetensors.safe_open(path, framework="numpy") as file:
@@ -117,7 +117,7 @@ def test_a_memory_of_another_size_is_refused_in_one_line(tmp_path, part):
     assert "\n" not in str(refusal.value)
 
 
-def test_it_is_refused_where_nothing_is_remembered():
+def test_mean_refuses_a_recurrent_policy():
     with pytest.raises(PolicyError, match="recurrent"):
         make_policy().mean(np.zeros((1, SEEN)))
     onnx_export = pytest.importorskip("avrgym.policies.onnx", reason="ONNX is an extra")
@@ -132,6 +132,6 @@ def test_numbers_too_large_are_refused():
         replace(policy, memory=replace(policy.memory, hidden_weight=np.full((UNITS, 3 * UNITS), 1e308)))
 
 
-def test_without_memory_the_actor_is_the_policy():
+def test_without_memory_the_actor_equals_the_policy():
     policy = replace(make_policy(), memory=None, weights=(np.ones((SEEN, 8)), np.ones((8, ACTION))))
     assert_allclose(Actor(policy, 3).mean(seen(1, 3)[0]), policy.mean(seen(1, 3)[0]), rtol=0, atol=0)
