@@ -88,7 +88,7 @@ def test_figures_replace_nothing_but_a_regular_file(tmp_path: Path) -> None:
         listener.bind("socket")
         before = sorted((path.name, path.lstat().st_mode) for path in tmp_path.iterdir())
         for name in ("link", "nowhere", "device", "folder", "pipe", "socket"):
-            assert f"cannot write {name}: it is no regular file" in complaint(avrgym("envs", "--json", name))
+            assert f"cannot write {name}: it is not a regular file" in complaint(avrgym("envs", "--json", name))
         assert sorted((path.name, path.lstat().st_mode) for path in tmp_path.iterdir()) == before
     assert (tmp_path / "target.json").read_text() == "kept"
     assert avrgym("envs", "--json", "target.json").exit_code == 0
@@ -243,9 +243,9 @@ def complaint(result: Result) -> str:
         (["evaluate", ENVIRONMENT, "--policy", "."], "original, revised, oracle, random, zero, FILE"),
         (["evaluate", ENVIRONMENT, "--json", "no/such/folder.json"], "no folder no/such"),
         (["evaluate", ENVIRONMENT, "--policy", "zero", "--episodes", "1", "--json", "."], "."),
-        (["evaluate", ENVIRONMENT, "--json", "/dev/null"], "/dev/null: it is no regular file"),
+        (["evaluate", ENVIRONMENT, "--json", "/dev/null"], "/dev/null: it is not a regular file"),
         (["envs", "--json", "no/such/folder.json"], "no/such"),
-        (["envs", "--json", "/dev/stdout"], "no regular file"),
+        (["envs", "--json", "/dev/stdout"], "not a regular file"),
         (["train", "avrgym/Nope-v1"], ENVIRONMENT),
         (["serve", "--env", "avrgym/Nope-v1"], ENVIRONMENT),
         (["serve", "--person", "child"], "man and woman"),

@@ -98,7 +98,7 @@ def test_a_new_study_is_written_once(tmp_path: Path) -> None:
         (["export", "STUDY", "--format", "csv", "--out", "STUDY"], "holds something already"),
         (["delete-participant", "STUDY", "sub-009"], "there is no sub-009"),
         (["delete-participant", "STUDY", "../x"], "'../x' is not a pseudonym; allowed: sub-001"),
-        (["status", "STUDY", "--json", "no/such/file.json"], "there is no folder no/such"),
+        (["status", "STUDY", "--json", "no/such/file.json"], "the folder no/such does not exist"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_done_is_said_in_one_line(folder: Path, arguments: list[str], message: str) -> None:

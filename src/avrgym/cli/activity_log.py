@@ -1,4 +1,4 @@
-"""Log entries for commands; the person is the account that runs them."""
+"""Entries of commands in the study's log, under the user account that runs them."""
 
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
@@ -29,7 +29,7 @@ def log(
 
 @contextmanager
 def logged(store: "Store", begins: str, ends: str) -> Generator[None]:
-    """Add an entry for the beginning of a command that lasts, and one for its end."""
+    """Add an entry at the start of a long command, and one at its end."""
     from avrgym.study.storage.states import StudyError
 
     log(store, begins)

@@ -8,10 +8,10 @@ from avrgym.cli.terminal import JsonFile, check_json, plain_errors, say, write_j
 
 
 def doctor(json_file: JsonFile = None) -> None:
-    """Examine this computer, and tell each trouble with its cure.
+    """Check this computer, and show how to fix each problem.
 
-    What is installed, whether it draws, who reaches it, whether it keeps up with real time. The exit code is 1 where
-    there is a fault; warnings leave it 0.
+    Checks installation, rendering, headset connection and real-time performance. The exit code is 1 if there is an
+    error; warnings do not change it.
     """
     from avrgym.doctor.checks import CHECKS, run_checks
     from avrgym.doctor.finding import Finding

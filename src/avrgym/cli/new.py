@@ -10,7 +10,7 @@ from avrgym.cli.terminal import plain_errors, say
 if TYPE_CHECKING:
     from avrgym.skeletons.writing import Kind
 
-app = typer.Typer(no_args_is_help=True, help="Write a package of your own to begin with.")
+app = typer.Typer(no_args_is_help=True, help="Create a package with a task, robot or controller.")
 Name = Annotated[str, typer.Argument(help="A capital letter, then letters and digits, such as LiftArm.")]
 Out = Annotated[
     Path | None,
@@ -20,27 +20,27 @@ Out = Annotated[
 
 @app.command()
 def task(name: Name, out: Out = None) -> None:
-    """Write a package with a task.
+    """Create a package with a task.
 
-    It has a scene, a start, an observation, rewards, success and experts.
+    It contains a scene, an initial state, an observation, rewards, a success criterion and experts.
     """
     _write("task", name, out)
 
 
 @app.command()
 def robot(name: Name, out: Out = None) -> None:
-    """Write a package with a robot.
+    """Create a package with a robot.
 
-    It has a model, an arm, grips and mounts.
+    It contains a model, an arm, grips and mounts.
     """
     _write("robot", name, out)
 
 
 @app.command()
 def controller(name: Name, out: Out = None) -> None:
-    """Write a package with a controller.
+    """Create a package with a controller.
 
-    It drives a robot, wherever --policy names it.
+    It can be used with --policy.
     """
     _write("controller", name, out)
 
@@ -52,4 +52,4 @@ def _write(kind: "Kind", name: str, out: Path | None) -> None:
         for path in write_skeleton(kind, name, out):
             say(f"written   {path}")
     folder = out or Path(distribution(name))
-    say(f"It works as it stands: `pip install -e '{folder}'`, then read {folder / 'README.md'}")
+    say(f"Next: `pip install -e '{folder}'`, then read {folder / 'README.md'}")

@@ -1,4 +1,4 @@
-"""The program ``avrgym``: how signals and missing packages end it. Ctrl+C, SIGTERM and SIGHUP do the same."""
+"""The program ``avrgym``: handling of signals (Ctrl+C, SIGTERM, SIGHUP) and of missing packages."""
 
 import os
 import signal
@@ -13,9 +13,9 @@ from avrgym.system.extras import extra_of
 
 STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _INTERRUPTED = 130
-"""What Typer makes of a KeyboardInterrupt."""
+"""Typer's exit code for a KeyboardInterrupt."""
 MOST_SIGNALS = 3
-"""The first one lets the program end well, and the next does not disturb that; this many end it at once."""
+"""The first signal ends the program in order, the second is ignored, the third ends it immediately."""
 EXTRAS = {
     "study": "study",
     "analyze": "study",
@@ -23,24 +23,24 @@ EXTRAS = {
     "demo": "study",
     "sweep": "train,cluster",
 }
-"""Extras with all packages of a command, where it needs more than one extra's."""
+"""The extras to install for a command, if one package alone does not identify them."""
 
 
 class Signals:
-    """The signals that came so far; those that were ignored when the program began, as by ``nohup``, stay so."""
+    """The received signals. Signals that are ignored at the start, as with ``nohup``, remain ignored."""
 
     def __init__(self) -> None:
         self.received: list[int] = []
 
     def listen(self) -> None:
-        """Let the first signal from now on raise ``KeyboardInterrupt``."""
+        """Raise ``KeyboardInterrupt`` at the first signal from now on."""
         for each in STOPPING:
             if signal.getsignal(each) is not signal.SIG_IGN:
                 signal.signal(each, self._receive)
 
     @property
     def exit_code(self) -> int:
-        """That of a program which the first of them broke off."""
+        """The exit code of a program interrupted by the first signal."""
         return 128 + self.received[0]
 
     def _receive(self, number: int, _frame: FrameType | None) -> None:
@@ -52,7 +52,7 @@ class Signals:
 
 
 class Commands(TyperGroup):
-    """Commands of which one whose packages are missing ends with the command that installs them."""
+    """Commands that report missing packages with the command that installs them."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; raises ``typer.Exit``."""
@@ -67,7 +67,7 @@ class Commands(TyperGroup):
 
 
 class Program(typer.Typer):
-    """A command line of which signals break off a command with the exit code 128 and the signal's number."""
+    """A command line whose commands exit with 128 plus the number of the signal that interrupts them."""
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
         """Run the command line's command; raises ``SystemExit``."""
@@ -84,7 +84,7 @@ class Program(typer.Typer):
 
 
 def _is_broken_off(end: BaseException) -> bool:
-    """Whether a command ended by an interrupt that it did not take for an ordinary end."""
+    """Whether a command was interrupted and did not treat this as its normal end."""
     return (
         isinstance(end, KeyboardInterrupt)
         or isinstance(end.__context__, typer.Abort)
@@ -93,7 +93,7 @@ def _is_broken_off(end: BaseException) -> bool:
 
 
 def _notes(end: BaseException) -> list[str]:
-    """What was noted on the interrupt that led to an end: what is kept, and how to go on."""
+    """The notes on the interrupt: what is stored, and how to continue."""
     error: BaseException | None = end
     while error is not None:
         if isinstance(error, KeyboardInterrupt):

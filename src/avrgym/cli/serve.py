@@ -36,21 +36,19 @@ def serve(
         Path, typer.Option(help="A study's folder, or one that recordings go into.", metavar="DIR")
     ] = Path("study"),
     participant: Annotated[
-        str | None, typer.Option(help="Whose session in the study begins or goes on, such as sub-001.")
+        str | None, typer.Option(help="The participant whose session starts or continues, such as sub-001.")
     ] = None,
     host: Annotated[
-        str | None, typer.Option(help="The address to listen on: this machine's own, or with --lan any.")
+        str | None, typer.Option(help="The address to listen on: a loopback address, or with --lan any.")
     ] = None,
     port: Annotated[
         int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
     ] = PORT,
     lan: Annotated[
         bool,
-        typer.Option("--lan", help="Serve the local network too, over TLS with a certificate of our own."),
+        typer.Option("--lan", help="Serve the local network too, over TLS with a self-signed certificate."),
     ] = False,
-    env: Annotated[
-        list[str] | None, typer.Option(help="An environment of the trials, again for more.")
-    ] = None,
+    env: Annotated[list[str] | None, typer.Option(help="An environment of the trials; repeatable.")] = None,
     policy: Annotated[str, typer.Option(help=f"Who drives: {CHOICES}; or {OPERATOR}.")] = "adaptive",
     body: Annotated[
         str, typer.Option("--body", "--person", help=f"The body model: {' or '.join(SEXES)}.")
@@ -59,31 +57,29 @@ def serve(
     seed: Seed = 0,
     seat_height: Annotated[
         float | None,
-        typer.Option(help="The real seat above the floor, m; 0.485 unless the study says otherwise."),
+        typer.Option(help="The height of the real seat, m; default: that of the study, or 0.485."),
     ] = None,
     seat_depth: Annotated[float | None, typer.Option(help="The real seat's depth, m.")] = None,
     seat_back: Annotated[
         float | None, typer.Option(help="The angle of the real seat's back from the horizontal, degrees.")
     ] = None,
-    mattress_height: Annotated[
-        float | None, typer.Option(help="The real mattress above the floor, m.")
-    ] = None,
+    mattress_height: Annotated[float | None, typer.Option(help="The height of the real mattress, m.")] = None,
     mattress_back: Annotated[
         float | None, typer.Option(help="The angle of the real bed's back from the horizontal, degrees.")
     ] = None,
     language: Annotated[
-        str, typer.Option(help="What the participant reads; in a study study.toml and enrolment say it.")
+        str, typer.Option(help="The participant's language; studies set it in study.toml and at enrolment.")
     ] = "",
     check: Annotated[
         bool,
         typer.Option(
             "--check",
-            help="Check the headset first, for a minute; in a study also where study.toml does not say so.",
+            help="Check the headset first, for a minute, even if study.toml does not require it.",
         ),
     ] = False,
     reach: Annotated[
         bool,
-        typer.Option("--reach", help="Measure the participant's arms too; in a study study.toml says it."),
+        typer.Option("--reach", help="Measure the participant's arms too; studies set it in study.toml."),
     ] = False,
     force_guard: Annotated[
         bool | None,
@@ -97,21 +93,21 @@ def serve(
         bool,
         typer.Option(
             "--send-streams",
-            help="Send events, poses and forces to Lab Streaming Layer; a study's study.toml says it.",
+            help="Send events, poses and forces to Lab Streaming Layer; studies set it in study.toml.",
         ),
     ] = False,
     receive: Annotated[
         list[str] | None,
         typer.Option(
-            help="A stream of Lab Streaming Layer to record, as in \"heart=type='ECG'\"; again for more.",
+            help="A stream of Lab Streaming Layer to record, such as \"heart=type='ECG'\"; repeatable.",
             metavar="NAME=QUERY",
         ),
     ] = None,
 ) -> None:
     """Serve one participant's session to a headset.
 
-    For each environment there is practice, then trials with questions. A study's folder is served with the
-    experimenter's dashboard, which begins its sessions; with --participant theirs begins at once.
+    For each environment there is practice, then trials with questions. For a study's folder the server also has the
+    experimenter's dashboard, which starts the sessions; --participant starts one immediately.
     """
     from concurrent.futures import ThreadPoolExecutor
 
@@ -179,7 +175,7 @@ def _serve_study(
     *,
     check: bool,
 ) -> None:
-    """Serve a study's dashboard, and one after another the sessions that it begins, a participant's at once."""
+    """Serve a study's dashboard and the sessions that it starts; starts that of a given participant immediately."""
     from avrgym.study.dashboard.application import dashboard_app
     from avrgym.study.dashboard.request_log import LiveLog
     from avrgym.study.dashboard.tokens import StudyTokens
@@ -236,7 +232,7 @@ def _record(log: "LiveLog", sessions: "StudySessions", caller: "Caller", message
 
 
 def _streams(choice: "StreamChoice") -> "AbstractContextManager[Streams | None]":
-    """The streams that are wanted, as long as the context lasts."""
+    """The requested streams, for the duration of the context."""
     if not choice.send and not choice.receive:
         return nullcontext()
     try:
@@ -264,7 +260,7 @@ def _free_session(
     check: bool,
     reach: bool,
 ) -> "Callable[[Send], Session]":
-    """What makes a session outside of any study."""
+    """A function that creates a session without a study."""
     from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, translate
     from avrgym.texts.interface_texts import read_texts
     from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, load_policies, practised_trials
@@ -299,7 +295,7 @@ def _free_session(
 
 
 def _tell_check(happened: "SessionEvent") -> None:
-    """Print what a check of the headset found."""
+    """Print the result of a headset check."""
     from avrgym.vr.headset_check import measurement_text, verdict_text
     from avrgym.vr.session.events import HeadsetChecked
 
@@ -309,7 +305,7 @@ def _tell_check(happened: "SessionEvent") -> None:
 
 
 def _explain(server: "LiveServer[Any]", experimenters_page: str, participants: list[str]) -> None:
-    """Say which addresses to open; ``participants`` are those of the participant's page."""
+    """Print the addresses to open; ``participants`` are those of the participant's page."""
     own, *in_network = participants
     say("No headset, or one connected to this computer (SteamVR, Rift S): open this in Chrome here")
     say(f"    {own}")
@@ -317,9 +313,9 @@ def _explain(server: "LiveServer[Any]", experimenters_page: str, participants: l
     say(f"    adb reverse tcp:{server.port} tcp:{server.port}")
     if in_network:
         _explain_network(in_network)
-    say("Experimenter: watch and command here; this address is not for the participant")
+    say("Experimenter (do not give this address to the participant)")
     say(f"    {server.urls(experimenters_page, server.tokens.experimenter)[0]}")
-    say("Spectators: watch here")
+    say("Spectators")
     say(f"    {server.urls('spectator', server.tokens.spectator)[0]}")
     say("Stop with Ctrl+C.")
 
@@ -343,10 +339,10 @@ def view(
     ] = PORT,
     seed: Seed = 0,
 ) -> None:
-    """Show an environment live in a browser, episode after episode.
+    """Simulate episodes of an environment and show them in a browser.
 
-    The page shows reward, success and force, pauses, and goes on to the next episode; with
-    `--policy operator` it drives the robot.
+    The page shows reward, success and force, and can pause or skip an episode. With `--policy operator` it
+    drives the robot.
     """
     from avrgym.vr.server.environment_viewer import EnvironmentViewer
     from avrgym.vr.server.live_server import LiveServer

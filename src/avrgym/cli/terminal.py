@@ -1,7 +1,7 @@
-"""What all commands share: errors, metrics and tables on the terminal.
+"""Output of all commands: errors, metrics and tables.
 
-Whatever is printed is text: a title, a path or a consent may hold brackets, which rich would take for markup, and
-characters that would command the terminal.
+Text is printed without interpretation: a title or path may contain brackets, which are markup in rich, or control
+characters of the terminal.
 """
 
 import json
@@ -38,7 +38,7 @@ Jobs = Annotated[
 
 @contextmanager
 def plain_errors() -> Generator[None]:
-    """Turn an error that the user can mend into one clear line and exit code 1."""
+    """Convert an error that the user can fix to one line and exit code 1."""
     try:
         yield
     except (ValueError, OSError, RuntimeError) as error:
@@ -48,7 +48,7 @@ def plain_errors() -> Generator[None]:
 
 
 def _words(error: Exception) -> str:
-    """An error as people say it: the system's own without its number, and the file first."""
+    """The message of an error; for errors of the system, the file and the reason without its number."""
     if not isinstance(error, OSError) or error.strerror is None:
         return str(error)
     reason = error.strerror[:1].lower() + error.strerror[1:]
@@ -56,43 +56,43 @@ def _words(error: Exception) -> str:
 
 
 def check_json(path: Path | None) -> None:
-    """Raise ``ValueError`` before long work whose metrics could not be written.
+    """Raise ``ValueError`` if metrics cannot be written to a path; called before long work.
 
-    They go into a new file, or replace a regular one: never a device, a pipe, a folder or a link.
+    The path must be a new or a regular file.
     """
     if path is None:
         return
     if not path.parent.is_dir():
-        raise ValueError(f"cannot write {path}: there is no folder {path.parent}")
+        raise ValueError(f"cannot write {path}: the folder {path.parent} does not exist")
     if not os.access(path.parent, os.W_OK):
-        raise ValueError(f"cannot write {path}: the folder {path.parent} is not to be written to")
+        raise ValueError(f"cannot write {path}: the folder {path.parent} is not writable")
     if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
-        raise ValueError(f"cannot write {path}: it is no regular file, and nothing else is replaced")
+        raise ValueError(f"cannot write {path}: it is not a regular file")
 
 
 def write_json(path: Path | None, metrics: list[dict[str, Any]] | dict[str, Any]) -> None:
-    """Write metrics to the file that was asked for, if one was."""
+    """Write metrics to a file, if a path is given."""
     check_json(path)
     if path is not None:
         write_atomically(path, (json.dumps(metrics, indent=2) + "\n").encode())
 
 
 def printable(text: str, encoding: str | None = None) -> str:
-    """A text as a terminal of this encoding can show it: line breaks and tabs stay, other control characters are named.
+    """A text with escaped control characters, except line breaks and tabs.
 
-    So are characters that the encoding lacks, such as the bytes of a file name that is no text.
+    Characters that the encoding of the terminal lacks are escaped too.
     """
     known = encoding or sys.stdout.encoding or "utf-8"
     return text.translate(_CONTROLS).encode(known, "backslashreplace").decode(known)
 
 
 def say(text: str) -> None:
-    """Print a line as it is, so that paths and addresses can be copied."""
+    """Print a line without wrapping, so that paths and addresses can be copied."""
     typer.echo(printable(text))
 
 
 def say_left_out(what: str, error: Exception) -> None:
-    """Name on the error stream what a command over all of a kind leaves out, and why, in one line."""
+    """Print on stderr what a command skips, and the reason, in one line."""
     reason = (
         str(error) if isinstance(error, ValueError | RuntimeError) else f"{type(error).__name__}: {error}"
     )
@@ -101,12 +101,12 @@ def say_left_out(what: str, error: Exception) -> None:
 
 
 def warn(text: str) -> None:
-    """Print a line about something that may be wrong, apart from all output."""
+    """Print a warning on stderr."""
     typer.echo(printable(f"avrgym: warning: {text}", sys.stderr.encoding), err=True)
 
 
 def console(width: int | None = None) -> "Console":
-    """What text is drawn on; in a file it has no control characters, whatever variables ask for colour."""
+    """A rich console. In a file it writes no control characters."""
     from rich.console import Console
 
     is_terminal = sys.stdout.isatty()
@@ -114,12 +114,12 @@ def console(width: int | None = None) -> "Console":
 
 
 def confirm(question: str) -> bool:
-    """Ask a question that is answered with yes or no."""
+    """Ask a yes-no question."""
     return typer.confirm(printable(question))
 
 
 def print_table(rows: list[dict[str, Any]]) -> None:
-    """Print rows of equal keys as a table that is never cut at the terminal's edge."""
+    """Print rows with equal keys as a table, without truncation at the width of the terminal."""
     from rich.box import SIMPLE
     from rich.table import Column, Table
 

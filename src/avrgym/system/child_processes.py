@@ -1,4 +1,4 @@
-"""Processes that work for this one: none outlives it, and what ends it is not theirs to answer."""
+"""Child processes: they exit with their parent and ignore the signals of the terminal."""
 
 import multiprocessing
 import os
@@ -8,12 +8,12 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 TERMINAL_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name))
-"""These come to parent and children alike."""
+"""A terminal sends these signals to parent and children."""
 
 
 @contextmanager
 def block_terminal_signals() -> Generator[None]:
-    """Processes that are started within this context never see what a terminal sends."""
+    """Processes that are started in this context ignore the signals of the terminal."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -25,7 +25,7 @@ def block_terminal_signals() -> Generator[None]:
 
 
 def exit_with_parent() -> None:
-    """Have this process end with the one that started it, however that ends."""
+    """Exit this process when its parent exits, for whatever reason."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 

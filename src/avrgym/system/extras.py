@@ -1,11 +1,11 @@
-"""The extras of AVR Gym: optional packages, by the names that ``pip install 'avrgym[NAME]'`` takes."""
+"""The extras of AVR Gym: groups of optional packages, installed by ``pip install 'avrgym[NAME]'``."""
 
 import re
 from functools import cache
 from importlib.metadata import PackageNotFoundError, requires
 
 DEVELOPER_EXTRAS = ("dev", "docs")
-"""Extras for work on AVR Gym itself."""
+"""Extras for developers of AVR Gym."""
 _EVERYTHING = "all"
 _DISTRIBUTIONS = {
     "google": "mcap_protobuf_support",
@@ -16,15 +16,15 @@ _DISTRIBUTIONS = {
     "starlette": "fastapi",
     "warp": "warp_lang",
 }
-"""Distributions by the modules that they install, where the names differ."""
+"""Distributions by module name, where the names differ."""
 
 
 def extra_of(module: str, preferred: str | None = None) -> str | None:
-    """The smallest extra that installs a module, such as ``mcap.reader``; ``None`` where no extra does.
+    """The smallest extra that installs a module such as ``mcap.reader``; ``None`` if no extra does.
 
     Args:
-        module: its name.
-        preferred: extras, separated by commas, to name instead where one of them installs the module.
+        module: the name of the module.
+        preferred: comma-separated extras to return instead, if one of them installs the module.
     """
     root = module.partition(".")[0]
     distribution = _DISTRIBUTIONS.get(root, root).lower()
@@ -39,7 +39,7 @@ def extra_of(module: str, preferred: str | None = None) -> str | None:
 
 @cache
 def _extras() -> dict[str, set[str]]:
-    """Distributions of each extra, those of extras that it includes too."""
+    """Distributions of each extra, including those of extras that it contains."""
     try:
         lines = requires("avrgym") or ()
     except PackageNotFoundError:

@@ -16,9 +16,9 @@ _UNFINISHED = re.compile(r"\..+\.([0-9]+)\.part")
 
 
 def write_atomically(path: Path, data: bytes, mode: int = 0o666) -> None:
-    """Write a file that a reader sees either whole or not at all; a failure leaves what was there before.
+    """Write a file atomically: on an error the previous file remains.
 
-    ``mode`` is who may read and write it, less what the process masks.
+    ``mode``: permissions, restricted by the umask.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -32,21 +32,21 @@ def write_atomically(path: Path, data: bytes, mode: int = 0o666) -> None:
 
 
 def unfinished(folder: Path) -> list[Path]:
-    """What ``write_atomically`` left anywhere in a folder where its process was killed."""
+    """Temporary files in a folder that killed processes left in ``write_atomically``."""
     found = ((path, _UNFINISHED.fullmatch(path.name)) for path in folder.rglob(".*.part"))
     return sorted(path for path, match in found if match and not is_running(int(match[1])))
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what ``write_atomically`` left anywhere in a folder where its process was killed."""
+    """Remove temporary files in a folder that killed processes left in ``write_atomically``."""
     for path in unfinished(folder):
         path.unlink(missing_ok=True)
 
 
 def write_folder_atomically(path: Path, write: Callable[[Path], None]) -> None:
-    """Write a new folder, or an empty one, that appears whole or not at all and is its owner's alone.
+    """Write a new or empty folder atomically, with permissions for its owner only.
 
-    ``write`` is given the folder in which it is made; what killed processes left of such folders is removed.
+    ``write`` writes the content into a temporary folder. Temporary folders of killed processes are removed.
     """
     make_private_folder(path.parent)
     for left in path.parent.glob(f".{path.name}.*.new"):
@@ -66,14 +66,15 @@ def write_folder_atomically(path: Path, write: Callable[[Path], None]) -> None:
 
 
 def private_opener(path: str, flags: int) -> int:
-    """For ``open``: a new file is its owner's alone, whatever the process masks."""
+    """An opener for ``open`` that gives permissions on a new file only to its owner."""
     return os.open(path, flags, PRIVATE_FILE)
 
 
 def write_new(path: Path, text: str) -> None:
-    """Write a new file that is its owner's alone, and on disk or not there afterwards.
+    """Write a new file with permissions for its owner only, and sync it to disk.
 
-    ``FileExistsError`` where there is one, which stays as it is.
+    Raises:
+        FileExistsError: if the file exists; it is not changed.
     """
     with open(path, "x", encoding="utf-8", opener=private_opener) as file:
         try:
@@ -86,20 +87,20 @@ def write_new(path: Path, text: str) -> None:
 
 
 def make_private_folder(path: Path) -> None:
-    """Make a folder with those above it; each that is new is its owner's alone, whatever the process masks."""
+    """Create a folder and its parents, with permissions for their owner only."""
     if not path.parent.exists():
         make_private_folder(path.parent)
     path.mkdir(mode=PRIVATE_FOLDER, exist_ok=True)
 
 
 def make_private(path: Path) -> None:
-    """Take a file, or a folder with all it holds, away from everybody but its owner."""
+    """Remove the permissions of other users on a file, or on a folder and its content."""
     for each in exposed(path):
         each.chmod(each.stat().st_mode & ~_OTHERS)
 
 
 def exposed(path: Path) -> Iterator[Path]:
-    """Of a file, or a folder and all it holds, what others than its owner may use; links are left alone."""
+    """The paths of a file, or of a folder and its content, on which other users have permissions. Skips links."""
     if os.name != "posix" or not os.path.lexists(path):
         return
     within = path.rglob("*") if path.is_dir() and not path.is_symlink() else ()
@@ -112,7 +113,7 @@ _USER_ENCODING = "utf-8-sig"
 
 
 def read_user_text(path: Path) -> str:
-    """The text of a file that people edit; editors such as Windows Notepad put a byte-order mark before it.
+    """The text of a file that users edit, in UTF-8 with or without a byte-order mark.
 
     Raises:
         UnicodeDecodeError: for a file in another encoding.
@@ -122,13 +123,13 @@ def read_user_text(path: Path) -> str:
 
 
 def with_and_without_bom(data: bytes) -> tuple[bytes, bytes]:
-    """The bytes of a text in UTF-8 without and with a byte-order mark, for comparisons that accept either."""
+    """The bytes of a UTF-8 text without and with a byte-order mark, for comparisons that accept both."""
     text = data.removeprefix(codecs.BOM_UTF8)
     return text, codecs.BOM_UTF8 + text
 
 
 def open_new_csv(path: Path) -> TextIO:
-    """Open a new file for comma-separated values with a byte-order mark, without which Excel garbles umlauts."""
+    """Open a new CSV file with a byte-order mark, which Excel needs for non-ASCII characters."""
     return open(path, "x", encoding=_USER_ENCODING, newline="")
 
 

@@ -8,11 +8,11 @@ from ctypes.util import find_library
 
 SCREEN_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")
 LIBRARIES = {"EGL": "egl", "OSMesa": "osmesa"}
-"""What can draw without a screen, and what MuJoCo calls it; the first that is installed is taken."""
+"""Libraries for rendering without a screen, and their names in MuJoCo. The first installed one is used."""
 PLATFORM_BACKENDS = {"linux": ("glx", "egl", "osmesa"), "win32": ("wgl",), "darwin": ("cgl",)}
 COMMON_BACKENDS = ("glfw", "off")
 OTHER_VALUES = ("", "enable", "enabled", "on", "true", "1", "disable", "disabled", "false", "0")
-"""What MuJoCo takes as well, and says the same with."""
+"""Further values that MuJoCo accepts."""
 RENDERING_HINT = (
     "set MUJOCO_GL=egl (graphics card or Mesa) or MUJOCO_GL=osmesa (software) in the environment "
     "before Python starts"
@@ -20,7 +20,7 @@ RENDERING_HINT = (
 
 
 def choose_rendering_backend() -> None:
-    """Set ``MUJOCO_GL``, unless it is set, this is not Linux, or there is a screen."""
+    """Set ``MUJOCO_GL`` on Linux without a screen, unless it is set."""
     if (
         sys.platform != "linux"
         or "MUJOCO_GL" in os.environ
@@ -33,7 +33,7 @@ def choose_rendering_backend() -> None:
 
 
 def check_rendering_backend() -> None:
-    """Raise ``ValueError`` where ``MUJOCO_GL`` keeps MuJoCo from being imported, naming what is allowed."""
+    """Raise ``ValueError`` if MuJoCo cannot be imported with ``MUJOCO_GL``, naming the allowed values."""
     asked = os.environ.get("MUJOCO_GL", "").lower().strip()
     allowed = (*PLATFORM_BACKENDS.get(sys.platform, ()), *COMMON_BACKENDS)
     if asked not in (*allowed, *OTHER_VALUES):
@@ -44,12 +44,12 @@ def check_rendering_backend() -> None:
     if sys.platform == "linux" and library is not None and not _can_load(library):
         raise ValueError(
             f"MUJOCO_GL={asked} in the environment, but the library {library} is not installed; "
-            "install it, or unset MUJOCO_GL: what is installed is then found"
+            "install it, or unset MUJOCO_GL to use an installed one"
         )
 
 
 def _can_load(library: str) -> bool:
-    """Whether a shared library is there, under the names by which PyOpenGL looks for it."""
+    """Whether a shared library can be loaded, with the names that PyOpenGL tries."""
     for name in (f"lib{library}.so", *(f"lib{library}.so.{version}" for version in reversed(range(10)))):
         try:
             ctypes.CDLL(name)

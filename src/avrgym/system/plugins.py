@@ -1,7 +1,7 @@
-"""What other installed packages register, by entry points (Python Packaging User Guide, "Entry points specification").
+"""Plug-ins: objects that other installed packages register by entry points.
 
-A package that is broken must not keep AVR Gym from working: whatever fails is named in a warning of the logger
-``avrgym.plugins``, kept in a list to show, and skipped.
+A broken package does not stop AVR Gym. Plug-ins that cannot be loaded are skipped, with a warning of the logger
+``avrgym.plugins``.
 """
 
 import logging
@@ -14,7 +14,7 @@ from typing import Protocol, TypeVar
 
 
 class Named(Protocol):
-    """What plug-ins give: something that has a name."""
+    """An object with a name, as plug-ins register it."""
 
     @property
     def name(self) -> str: ...
@@ -25,22 +25,22 @@ TASKS, ROBOTS, CONTROLLERS = "avrgym.tasks", "avrgym.robots", "avrgym.controller
 """The groups of entry points."""
 _LOG = logging.getLogger("avrgym.plugins")
 _loaded: dict[tuple[str, str], EntryPoint] = {}
-"""By group and name of what was loaded, the entry point that registers it."""
+"""Entry points of loaded objects, by group and name."""
 
 
 @dataclass(frozen=True)
 class SkippedPlugin:
-    """What was skipped, as ``NAME = MODULE:ATTRIBUTE (PACKAGE VERSION)``, and why."""
+    """A skipped entry point, as ``NAME = MODULE:ATTRIBUTE (PACKAGE VERSION)``, and the reason."""
 
     name: str
     reason: str
 
 
 def load(group: str, kind: type[T], add: Callable[[T], object]) -> list[SkippedPlugin]:
-    """Give ``add`` every object of a kind that installed packages register in a group, ordered by name.
+    """Call ``add`` with every object of a type that installed packages register in a group, sorted by name.
 
     Returns:
-        What cannot be loaded, is of another kind, or made ``add`` raise an exception.
+        The entry points that cannot be loaded, have another type, or for which ``add`` raises an exception.
     """
     broken: list[SkippedPlugin] = []
     for entry in entries(group):
@@ -48,19 +48,19 @@ def load(group: str, kind: type[T], add: Callable[[T], object]) -> list[SkippedP
             found = _object(entry, kind)
             add(found)
             _loaded[group, found.name] = entry
-        except (Exception, SystemExit) as error:  # other people's code may raise anything
+        except (Exception, SystemExit) as error:  # plug-ins may raise anything
             broken.append(skip(described(entry), error))
     return broken
 
 
 def entry_of(group: str, name: str) -> EntryPoint | None:
-    """The entry point that registers what was loaded under a name; ``None`` where no other package does."""
+    """The entry point of a loaded object; ``None`` if it is not a plug-in."""
     return _loaded.get((group, name))
 
 
 @cache
 def entries(group: str) -> tuple[EntryPoint, ...]:
-    """What installed packages register in a group, ordered by name, looked up once; nothing is imported."""
+    """The entry points of a group, sorted by name; cached, without imports."""
     return tuple(sorted(entry_points(group=group), key=described))
 
 
@@ -71,7 +71,7 @@ def described(entry: EntryPoint) -> str:
 
 
 def skip(name: str, error: BaseException) -> SkippedPlugin:
-    """Warn that something is left out because of an error."""
+    """Log a warning that a plug-in is skipped because of an error."""
     broken = SkippedPlugin(name, f"{type(error).__name__}: {error}")
     _LOG.warning("skipped %s: %s", broken.name, broken.reason)
     return broken

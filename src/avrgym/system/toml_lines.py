@@ -1,4 +1,4 @@
-"""Where in a TOML text a value stands, for errors that name the line."""
+"""Line numbers of values in a TOML text, for error messages."""
 
 import re
 from typing import Any
@@ -9,13 +9,13 @@ from tomlkit.exceptions import TOMLKitError
 from avrgym.system.type_guards import is_table
 
 Place = tuple[str | int, ...]
-"""The keys and indices that lead to a value."""
+"""The path of a value: keys and indices."""
 
 _MARK = "avrgym-marks-this-place"
 
 
 def line_of(text: str, place: Place) -> int:
-    """The line on which a value begins, from 1."""
+    """The line of a value, from 1."""
     match place:
         case (str(key), int(index), *rest):
             header, below = _header(text, rf"\[\[\s*{re.escape(key)}\s*\]\]", index), (key, 0, *rest)
@@ -27,7 +27,7 @@ def line_of(text: str, place: Place) -> int:
 
 
 def _marked_line(text: str, place: Place) -> int:
-    """The line of a value: where a mark stands that is put in its place."""
+    """The line of a value, found by replacing it with a mark."""
     document: Any = tomlkit.parse(text)
     parent: Any = document
     for key in place[:-1]:
@@ -43,10 +43,9 @@ def _marked_line(text: str, place: Place) -> int:
 
 
 def _header(text: str, pattern: str, index: int) -> int:
-    """The line, from 0, of the header of a table, the so many-th that looks like it; 0 where there is none.
+    """The line, from 0, of the header with this index that matches a pattern; 0 if there is none.
 
-    Tables of one array may stand far from each other, and tomlkit writes them side by side: what stands above a
-    table tells nothing of the lines below.
+    The tables of an array may be far apart in the text, but tomlkit writes them consecutively.
     """
     lines = text.split("\n")
     headers = [
@@ -58,7 +57,7 @@ def _header(text: str, pattern: str, index: int) -> int:
 
 
 def _is_whole(text: str) -> bool:
-    """Whether a text ends between two lines of TOML, and not within a text of several lines."""
+    """Whether a text is complete TOML and does not end within a multi-line string."""
     try:
         tomlkit.parse(text)
     except TOMLKitError:

@@ -1,6 +1,6 @@
-"""Which plug-ins something used, and what they were then: their package, its version and a hash of their files.
+"""Plug-ins that a recording, study or training used: package, version and a hash of their files.
 
-The robots and tasks of AVR Gym itself are no plug-ins: its version identifies them, see ``own_version``.
+Robots and tasks of AVR Gym itself are not plug-ins; its version identifies them, see ``own_version``.
 """
 
 import ast
@@ -22,11 +22,11 @@ SHOWN_DIGITS = 12
 
 
 class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A plug-in as it was when something used it.
+    """A plug-in at the time of its use.
 
-    ``name`` is that of the task, the robot or the controller. ``entry_point`` is ``NAME = MODULE:ATTRIBUTE``, or
-    ``MODULE:ATTRIBUTE`` where no package registers it; then ``package`` and ``version`` are empty. ``sha256`` is that
-    of its files, see ``content_sha256``.
+    ``name``: that of the task, robot or controller. ``entry_point``: ``NAME = MODULE:ATTRIBUTE``, or
+    ``MODULE:ATTRIBUTE`` without a package; then ``package`` and ``version`` are empty. ``sha256``: the hash of its
+    files, see ``content_sha256``.
     """
 
     kind: Kind
@@ -49,7 +49,7 @@ class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
 
 @cache
 def own_version() -> str:
-    """The version of AVR Gym; of an editable installation, whose files may change, with the hash of these."""
+    """The version of AVR Gym. For an editable installation it includes a hash of the files."""
     about = importlib.metadata.distribution("avrgym")
     origin = json.loads(about.read_text("direct_url.json") or "{}")
     if not origin.get("dir_info", {}).get("editable"):
@@ -58,7 +58,7 @@ def own_version() -> str:
 
 
 def used_entry(kind: Kind, name: str, entry: EntryPoint) -> UsedPlugin:
-    """The plug-in of an entry point, as it is installed now."""
+    """The installed plug-in of an entry point."""
     about = {} if entry.dist is None else {"package": entry.dist.name, "version": entry.dist.version}
     return UsedPlugin(
         kind, name, f"{entry.name} = {entry.value}", **about, sha256=content_sha256(entry.module)
@@ -66,12 +66,12 @@ def used_entry(kind: Kind, name: str, entry: EntryPoint) -> UsedPlugin:
 
 
 def used_python(name: str) -> UsedPlugin:
-    """The controller that ``module:attribute`` names, as it is now."""
+    """The controller ``module:attribute`` with its present content."""
     return UsedPlugin("controller", name, name, sha256=content_sha256(name.partition(":")[0]))
 
 
 def differences(before: Iterable[UsedPlugin], now: Iterable[UsedPlugin]) -> list[str]:
-    """Which plug-ins differ, in words; one that ``before`` lacks was not stored."""
+    """Descriptions of the plug-ins that differ; those missing in ``before`` were not stored."""
     old, new = ({each.label: each for each in plugins} for plugins in (before, now))
     return [
         f"{label} was {old.get(label, 'not stored')}, is {new.get(label, 'not a plug-in here')}"
@@ -86,10 +86,10 @@ def _content(plugin: UsedPlugin | None) -> tuple[str, ...]:
 
 @cache
 def content_sha256(module: str) -> str:
-    """The SHA-256 of the files that decide what a module does; empty where they cannot be read.
+    """The SHA-256 of the files of a module; empty if they cannot be read.
 
-    These are all files of its top-level package, or the file of a module that is in none. Modules and packages that
-    these import from the same folder count too, unless packages are installed there.
+    They are all files of its top-level package, or the file of a module outside of packages. Modules and packages in
+    the same folder that they import are included, unless the folder is a site-packages folder.
     """
     found = hashlib.sha256()
     try:
@@ -105,7 +105,7 @@ def content_sha256(module: str) -> str:
 
 
 def _root(module: str) -> Path | None:
-    """The folder of the first package on the way to a module, or the module's file; a namespace is no package."""
+    """The folder of the outermost package of a module, ignoring namespace packages, or the module's file."""
     parts = module.split(".")
     for count in range(1, len(parts) + 1):
         try:
@@ -119,7 +119,7 @@ def _root(module: str) -> Path | None:
 
 
 def _files(root: Path) -> list[tuple[str, Path]]:
-    """The files of a module or package and of its neighbours that it imports, with their names."""
+    """Names and paths of the files of a module or package, and of modules in the same folder that it imports."""
     found = dict[str, Path]()
     places, others = [root], _neighbours(root)
     while places:
@@ -131,7 +131,7 @@ def _files(root: Path) -> list[tuple[str, Path]]:
 
 
 def _files_in(root: Path) -> Iterator[Path]:
-    """All files but hidden ones and what Python compiles."""
+    """All files except hidden ones and compiled Python files."""
     for path in [root] if root.is_file() else root.rglob("*"):
         names = path.relative_to(root.parent).parts
         hidden = any(name == "__pycache__" or name.startswith(".") for name in names)
@@ -140,7 +140,7 @@ def _files_in(root: Path) -> Iterator[Path]:
 
 
 def _neighbours(root: Path) -> dict[str, Path]:
-    """Other modules and packages in the folder of a module, by name; none where packages are installed."""
+    """Other modules and packages in the folder of a module, by name; none in a site-packages folder."""
     if any(root.parent.glob("*.dist-info")):
         return {}
     found = {path.stem: path for path in root.parent.glob("*.py")}

@@ -1,7 +1,7 @@
-"""Simulated participants: they emit the tracking frames that a headset would, and answer the questionnaire.
+"""Simulated participants: they send the tracking frames of a headset and answer the questionnaire.
 
-They sit or lie, sway, and bring mouth or arm to the tool as ``people.behaviour`` has it, or as they were trained to.
-They serve dry runs, demonstrations and tests. Whatever they leave behind is marked as simulated.
+They sit or lie, sway, and move mouth or arm to the tool by a behaviour model of ``people`` or a trained policy. Dry
+runs, demonstrations and tests use them. All their data are marked as simulated.
 """
 
 from collections.abc import Callable, Mapping
@@ -31,13 +31,13 @@ from avrgym.vr.session.attempt import Experience
 
 PARTICIPANTS = DISTRIBUTIONS["participants"]
 SENSOR_NOISE_M = 1e-9
-"""By so much a pose differs at least from the one before: no tracker measures the same to the last bit."""
+"""Minimum difference between consecutive poses. Real trackers never measure identical poses."""
 TREMOR_HZ = 5.0
-"""As simulated people tremble elsewhere, whose joints' targets alternate every 0.1 s."""
+"""The frequency of tremor in the environments, where joint targets alternate every 0.1 s."""
 LOOKING_AT_ARM_RAD = human.joint_angles(head_x=35.0, head_z=-40.0) - human.joint_angles(
     head_x=0.0, head_z=0.0
 )
-"""How far the head turns to see the right arm, (20,), within a second."""
+"""Change of the joint angles (20,) to look at the right arm, within a second."""
 LENIENCY, NOISE = 0.08, 0.1
 """Standard deviations, between participants and from answer to answer, as shares of a scale."""
 
@@ -47,20 +47,19 @@ RATINGS: Mapping[str, Callable[[Experience], float]] = {
     "L3": lambda experience: 1.0 - experience.force_max_n / 60.0,
     "L4": lambda experience: 1.0 - abs(experience.speed_mean_m_s - 0.1) / 0.3,
 }
-"""What the paper's statements are rated by, as shares of a scale: help by success, comfort by the mean force and speed,
-safety by the strongest force, speed by how far it is from an unhurried 0.1 m/s. The numbers are our assumptions."""
+"""Ratings of the paper's statements as shares of a scale: help by success, comfort by mean force and speed, safety by
+the maximum force, speed by the difference to 0.1 m/s. The constants are assumptions."""
 
 
 @dataclass(frozen=True)
 class Traits:
-    """How a simulated participant is built and behaves.
+    """Body and behaviour of a simulated participant.
 
-    ``sway_m`` and ``sway_hz`` describe the slow movement of the head; ``lean_deg`` how far they bend forward at
-    rest, ``arm_deg`` how much farther back than most they hold their arms. ``cooperation`` (0 to 1) is how far they
-    bring mouth or arm to the tool, as they saw it ``reaction_s`` ago. ``leniency`` is by how much of the scale they
-    rate everything higher than most. A ``partner`` of the zoo, a row of its ``PARTNER_PARAMETERS``, moves as that one
-    does, and who was ``trained`` as the network has it. The rest are impairments, see ``People``; who has less strength
-    moves less far.
+    ``sway_deg`` and ``sway_hz``: slow movement of the head. ``lean_deg``: forward lean at rest. ``arm_deg``: offset of
+    the arms to the back. ``cooperation`` (0 to 1): share of the way to the tool that mouth or arm moves, with the delay
+    ``reaction_s``. ``leniency``: offset of all ratings, as a share of the scale. ``partner``: the index of a partner of
+    the zoo, which replaces the behaviour. ``trained``: a policy, which replaces the behaviour. The other fields are
+    impairments, see ``People``; ``strength_share`` scales the movement.
     """
 
     sex: Sex
@@ -109,7 +108,7 @@ def draw_traits(
 def _with_body(
     traits: Traits, random: np.random.Generator, whom: Distribution, impairment: Impairment
 ) -> Traits:
-    """The same with what a partner's body is like, and an impairment."""
+    """The traits with the body of a partner, if any, and an impairment."""
     body, partner = distributions.repeat_person(Person(traits.sex, traits.torso_height_m), 1), None
     if whom.partners is not None:
         drawn = whom.partners.draw(random.random((1, 2)))
@@ -135,13 +134,13 @@ class _Sight:
 
 
 class SimulatedParticipant:
-    """A participant in a room of their own, whose origin and direction differ from the simulation's.
+    """A participant in a room whose origin and direction differ from the simulation's.
 
-    They sit until they are told to ``take_place`` elsewhere.
+    They are seated until ``take_place`` is called.
     """
 
     def __init__(self, traits: Traits, seed: int, furniture: RealFurniture = REAL_AS_VIRTUAL) -> None:
-        """Sit on ``furniture`` of their room: how high the head is follows from it."""
+        """``furniture`` of the room determines the height of the head."""
         random = random_streams.participant_motion(seed)
         self.traits = traits
         self._random = random
@@ -161,7 +160,7 @@ class SimulatedParticipant:
         self._rest(SEATED, SEATED_RAD)
 
     def take_place(self, environment_id: str) -> None:
-        """Sit or lie as an environment has it; whoever is there already stays.
+        """Sit or lie as in an environment; does nothing if they already do.
 
         Raises:
             ValueError: for an unknown environment, naming what there is.
@@ -174,7 +173,7 @@ class SimulatedParticipant:
         self._rest(scene.posture, task.pose.rest_rad)
 
     def watch(self, message: messages.Message) -> None:
-        """See what a client is told: where the tool is, and that a trial begins."""
+        """Handle a message of the server: the pose of the tool, and the start of a trial."""
         if isinstance(message, messages.Scene):
             self._bodies = message.bodies
         elif isinstance(message, messages.Phase) and message.name == "free_before":
@@ -197,7 +196,7 @@ class SimulatedParticipant:
         self._open_mind()
 
     def _open_mind(self) -> None:
-        """Forget what was seen."""
+        """Reset the behaviour."""
         self._mind: cooperation.CooperationState | partner_behaviour.PartnerState
         if self.traits.partner is not None:
             self._mind = partner_behaviour.initial_state(
@@ -211,7 +210,7 @@ class SimulatedParticipant:
         self._next_look_s = -np.inf
 
     def _see(self, state: messages.State) -> None:
-        """Look at the tool ten times a second."""
+        """Observe the tool ten times a second."""
         if state.simulation_time_s < self._next_look_s:
             return
         self._next_look_s = state.simulation_time_s + CONTROL_STEP_S
@@ -230,7 +229,7 @@ class SimulatedParticipant:
     def _act(
         self, trained: Policy, sight: _Sight, bodies: Mapping[str, FloatArray], marks_w: FloatArray
     ) -> None:
-        """Do for a tenth of a second as the network says, which is told of no forces: nothing presses in VR."""
+        """Apply an action of the policy for 0.1 s. Its observed forces are 0, because VR has no force feedback."""
         hips, head, tool = bodies[human.PREFIX + "hips"], bodies[human.PREFIX + "head"], bodies[TOOL]
         goal_w = sight.mouth_pos_w if self._offered == "mouth" else marks_w[0]
         seen = Seen(
@@ -253,7 +252,7 @@ class SimulatedParticipant:
         self._mind = replace(self._mind, targets_rad=self._possible(targets))
 
     def _sight(self, bodies: Mapping[str, FloatArray]) -> _Sight:
-        """From the poses (7,) of bodies by name."""
+        """The observation, from the poses (7,) of bodies by name."""
         head = bodies[human.PREFIX + "head"]
         head_centre, mouth = (
             head[:3] + transforms.rotate(head[3:], self._sites[name]) for name in ("head_centre", "mouth")
@@ -262,9 +261,9 @@ class SimulatedParticipant:
         return _Sight(bodies[TOOL][None, :3], head_centre, mouth, arm[None])
 
     def frame(self, time_s: float, *, moving: bool, watching: bool = False) -> Tracking:
-        """The tracking frame at a time: at rest and still, or swaying and reacting when ``moving``.
+        """The tracking frame at a time: at rest, or swaying and reacting (``moving``).
 
-        Who is ``watching`` looks at their arm, if that is what they offer to the robot.
+        With ``watching`` they look at their arm, if the task is at the arm.
         """
         angles, way_s = self._joint_angles(time_s, moving), time_s - self._turned_s
         wanted = float(watching and self._offered == "arm")
@@ -291,7 +290,7 @@ class SimulatedParticipant:
         )
 
     def answer(self, item: str, points: int, experience: Experience) -> int:
-        """A rating from 1 to ``points`` of how a trial was, by the item's rule; without one about the middle."""
+        """A rating of a trial from 1 to ``points`` by the rule of the item; by default about the middle."""
         wanted = RATINGS[item](experience) if item in RATINGS else 0.5
         share = wanted + self.traits.leniency + self._random.normal(0.0, NOISE)
         return 1 + round(min(max(share, 0.0), 1.0) * (points - 1))
@@ -311,11 +310,11 @@ class SimulatedParticipant:
         return self._possible((angles + trembling)[None])[0]
 
     def _possible(self, joint_angles_rad: FloatArray) -> FloatArray:
-        """Joint angles (1, 20) brought to where the participant's joints can go."""
+        """Joint angles (1, 20) clipped to the participant's joint ranges."""
         return impairments.clip_to_ranges(self._people, joint_angles_rad)
 
     def _habits(self, time_s: float) -> FloatArray:
-        """What lean, sway and the way to hold the arms add to the joint angles (20,)."""
+        """The change of the joint angles (20,) by lean, sway and arm posture."""
         traits = self.traits
         wave = traits.sway_deg * np.sin(
             2.0 * np.pi * traits.sway_hz * time_s * np.array([1.0, 0.7, 0.5]) + self._phase
@@ -332,7 +331,7 @@ class SimulatedParticipant:
         return swaying - SEATED_RAD
 
     def _measure(self, part: str, pose: XRPose) -> XRPose:
-        """The pose as a tracker gives it, a little off where it would be the same as before."""
+        """The measured pose, which differs at least slightly from the previous one."""
         if pose == self._measured.get(part):
             x, y, z = pose.position
             pose = XRPose((x + SENSOR_NOISE_M, y, z), pose.orientation)
