@@ -179,7 +179,7 @@ def _colours(surface: BodySurface) -> Mapping[str, Any]:
 
 
 def _clouds(surfaces: Mapping[str, Sequence[BodySurface]]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
-    """Points (P, ``POINT_BYTES``) on the surfaces of each body, equally dense everywhere and the same every time."""
+    """Points (P, ``POINT_BYTES``) on the surfaces of each body, of uniform density, the same in every run."""
     areas = {body: [_areas(surface) for surface in own] for body, own in surfaces.items()}
     density = POINTS / sum(area.sum() for own in areas.values() for area in own)
     generator = random_streams.surface_points()
@@ -227,7 +227,7 @@ def _point_cloud(log: _Log, body: str, points: NDArray[np.uint8]) -> PointCloud:
 def _moves(
     times_s: Sequence[float], frames: FloatArray, bodies: Sequence[str]
 ) -> Iterator[tuple[float, list[tuple[str, FloatArray]]]]:
-    """For each time the bodies that are elsewhere than before with their poses (7,); at first all of them."""
+    """For each time, the bodies that have moved with their poses (7,); all of them at first."""
     before = np.full_like(frames[0], np.nan)
     for time_s, poses in zip(times_s, frames, strict=True):
         moved = np.flatnonzero((poses != before).any(axis=1)).tolist()
@@ -237,7 +237,7 @@ def _moves(
 
 
 def _transform(log: _Log, time_s: float, frame: str, pose: FloatArray) -> FrameTransform:
-    """Where a frame lies in the world: x, y, z, w, x, y, z."""
+    """The pose of a frame in the world: x, y, z, w, x, y, z."""
     x, y, z, qw, qx, qy, qz = pose.tolist()
     return FrameTransform(
         timestamp=log.timestamp(time_s),

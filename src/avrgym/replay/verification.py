@@ -48,13 +48,13 @@ class Difference:
 
 @dataclass(frozen=True)
 class Verification:
-    """What stepping a recording compared gave.
+    """The result of recomputing a recording.
 
-    ``states`` and ``steps`` count what was compared, ``identical_*`` what agreed in every bit; ``until_s`` is the time
-    of the last state. ``tick_error`` is the largest share by which a number differs where each tick begins with the
-    recorded state. ``complete``: the recording holds its whole trial. ``same_versions``: it was made with the versions
-    of AVR Gym and MuJoCo that run now, so that nothing but rounding may differ; ``same_rounding``: nor that, because
-    the C library rounded as it does here. ``plugin_differences``: which plug-ins are not what they were then.
+    ``states``, ``steps``: number of compared states and control steps; ``identical_*``: number of those with equal
+    bits. ``until_s``: time of the last state. ``tick_error``: largest relative difference if each tick starts at the
+    recorded state. ``complete``: the recording contains the whole trial. ``same_versions``: it was made with the
+    present versions of AVR Gym and MuJoCo. ``same_rounding``: its C library rounded as the present one.
+    ``plugin_differences``: plug-ins that have changed.
     """
 
     states: int

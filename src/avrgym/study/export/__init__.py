@@ -1,4 +1,4 @@
-"""Exports of a study in formats that other tools read: pseudonymised, not anonymous."""
+"""Export a study in formats of other tools. Exports are pseudonymised, not anonymous."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -19,17 +19,17 @@ FORMATS: Mapping[str, str] = {
     "lerobot": "lerobot",
     "minari": "minari",
 }
-"""Format to the module that writes it."""
+"""The module that writes each format."""
 WITH_RECORDS = ("csv", "bids")
-"""Formats that can contain events and texts of experimenters; the others contain only trials."""
+"""Formats with events and texts of experimenters. The others contain only trials."""
 LEFT_OUT = "left_out.csv"
-"""What of the study an export lacks, and why."""
+"""The table of recordings that the export lacks."""
 Write = Callable[..., None]
-"""Writes a study with the attempts whose recordings are whole into a folder; those ``WITH_RECORDS`` take extras."""
+"""Writes a study with its undamaged completed attempts into a folder; formats ``WITH_RECORDS`` take extras."""
 
 NOTICE = (
     "This export of an AVR Gym study is pseudonymised, not anonymous: movements of head and hands may identify a "
-    "person. Whatever a simulated participant left is marked as simulated."
+    "person. Data of simulated participants are marked as simulated."
 )
 
 
@@ -43,16 +43,16 @@ def export_study(
     progress: Callable[[int, int], None] = lambda done, all_: None,
     tell: Callable[[str], None] = lambda text: None,
 ) -> int:
-    """Export a study into a new or empty folder, which appears whole or not at all.
+    """Export a study into a new or empty folder. After an error there is no folder.
 
-    Before anything is written every completed trial's recording is read and compared with its checksum.
+    Every recording of a completed trial is first read and compared with its checksum.
 
     Args:
         store: the study.
         data_format: one of ``FORMATS``.
         out: the folder.
         extras: data that are exported only on request.
-        skip_damaged: leave damaged and missing recordings out, and list them in ``left_out.csv``.
+        skip_damaged: leave out damaged and missing recordings, and list them in ``left_out.csv``.
         progress: called after each recording with the number verified and the total.
         tell: called with each recording that is left out, and the reason.
 
@@ -60,8 +60,8 @@ def export_study(
         The number of files.
 
     Raises:
-        StudyError: for an unknown format, extras that the format cannot contain, a folder that holds something, a
-            damaged or missing recording, or when the extra ``export`` is missing.
+        StudyError: for an unknown format, extras that the format cannot contain, a folder that is not empty, a
+            damaged or missing recording, or a missing extra ``export``.
     """
     if data_format not in FORMATS:
         raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(FORMATS)}")

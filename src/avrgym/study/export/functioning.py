@@ -1,4 +1,4 @@
-"""Functioning and assistive devices of analysed people, as counts without small groups."""
+"""Functioning and assistive devices of the analysed people, as counts without small groups."""
 
 from collections.abc import Iterator, Sequence
 
@@ -10,13 +10,13 @@ from avrgym.study.storage.states import PARTICIPATING
 from avrgym.study.storage.store import Store
 
 LEAST = 5
-"""Smaller groups are not shown, nor counts from which they could be computed by a difference from the total."""
+"""Smallest group that is shown. Counts that would reveal a smaller group are suppressed too."""
 SUPPRESSED = "suppressed"
 NOT_ASKED = "not asked"
 
 
 def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
-    """A row for each answer that each question allows, with how many of the people analysed gave it."""
+    """The number of analysed people for each possible answer to each question."""
     given = [_answers(person) for person in store.participants() if _is_analysed(store, person)]
     for question in QUESTIONS:
         levels = [answers.levels[question] if answers else NOT_ASKED for answers in given]
@@ -30,7 +30,7 @@ def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
 
 
 def suppress(counts: Sequence[int], least: int = LEAST) -> list[int | None]:
-    """Counts of one total without small ones, and without others from which small ones could be computed."""
+    """Counts without small ones, and without others from which small ones could be computed."""
     hidden = {place for place, number in enumerate(counts) if 0 < number < least}
     while hidden and (sum(counts[place] for place in hidden) < least or len(hidden) < 2):
         shown = [place for place, number in enumerate(counts) if number and place not in hidden]
@@ -59,7 +59,7 @@ def _answers(person: Participant) -> Functioning | None:
 
 
 def _is_analysed(store: Store, person: Participant) -> bool:
-    """Whether a person has a trial that may enter the analysis."""
+    """Whether a person has a completed trial for the analysis."""
     return (
         not person.simulated
         and person.state in PARTICIPATING

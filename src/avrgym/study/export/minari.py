@@ -1,7 +1,7 @@
 """A study as Minari datasets (https://minari.farama.org), one for each environment, in its HDF5 format.
 
-Set ``MINARI_DATASETS_PATH`` to the folder; then ``minari.load_dataset("avrgym/FeedingJaco/study-v0")`` opens one. Of
-the last step's next observation nothing is known: it repeats the last one. Trials end by time, so all are truncated.
+Set ``MINARI_DATASETS_PATH`` to the folder; then ``minari.load_dataset("avrgym/FeedingJaco/study-v0")`` opens one. There
+is no observation after the last step: the last one is repeated. Trials end by time: all are truncated.
 """
 
 import json
@@ -18,7 +18,7 @@ from avrgym.study.export.trials import ExportedAttempt, scenes
 from avrgym.study.storage.store import Store
 
 WRITTEN_FOR = "0.5.0"
-"""The version of Minari whose format it is."""
+"""The version of Minari's format."""
 
 
 def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
@@ -37,7 +37,7 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> N
 
 
 def _write_episode(group: h5py.Group, number: int, exported: ExportedAttempt) -> tuple[int, int, int]:
-    """Write one trial; how many steps it has, and how many numbers observation and action have."""
+    """Write one trial; returns the number of steps and the sizes of observation and action."""
     steps = [control for _, control in exported.control_steps()]
     observations = np.array([control.observation for control in steps])
     actions = np.array([control.action for control in steps], np.float32)
@@ -74,6 +74,6 @@ def _metadata(
 
 
 def _box(size: int, bound: float, dtype: str) -> str:
-    """A space of so many numbers within ± a bound, as Minari writes it."""
+    """A box space as Minari writes it."""
     ends = {"low": [-bound] * size, "high": [bound] * size}
     return json.dumps({"type": "Box", "dtype": dtype, "shape": [size], **ends})

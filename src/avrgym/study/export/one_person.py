@@ -1,4 +1,4 @@
-"""All data of one participant in one archive with an index, for participants who request their data."""
+"""Archive of all data of one participant, for participants who request their data."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -26,7 +26,7 @@ from avrgym.system.files import private_opener
 
 INDEX = "README.md"
 NAMES_OTHERS = ("participant enrolled", "identity corrected")
-"""Events whose detail names other participants."""
+"""Events with a detail that names other participants."""
 FILE_CONTENTS: Mapping[str, str] = {
     "identity.json": "Name and contact, from the identity file.",
     "participants.csv": "The participant's record: body model, age, language, state, consent.",
@@ -40,13 +40,13 @@ FILE_CONTENTS: Mapping[str, str] = {
     "items.csv": "The questions in their words.",
     "scores.csv": "Scores of questionnaires, from the answers.",
     "scales.csv": "How these scores are computed, and where that was published.",
-    "events.csv": "What happened in sessions, and when.",
+    "events.csv": "Events of the sessions with their times.",
     "notes.csv": "The experimenters' notes about the person.",
     "adverse_events.csv": "Adverse events with every report.",
-    "log.csv": "When somebody viewed or changed these data; the people of the study have numbers.",
+    "log.csv": "Who viewed or changed these data, and when; experimenters have numbers.",
     "recordings/": "Movements of head and hands, robot, forces and answers, in MCAP (https://mcap.dev). Foxglove and "
     "the libraries of MCAP open these files.",
-    "codebook.csv": "What each column of each table means, with its unit and its allowed values.",
+    "codebook.csv": "The description of each column, with unit and allowed values.",
 }
 """Contents of each file of the archive, in the order of the index."""
 
@@ -58,8 +58,8 @@ def write_participant_data(store: Store, pseudonym: str, path: Path) -> int:
         The number of files.
 
     Raises:
-        StudyError: when there is no such participant, or the file exists.
-        OSError: when it cannot be written.
+        StudyError: for an unknown participant or an existing file.
+        OSError: if it cannot be written.
     """
     person = store.participant(pseudonym)
     if path.exists():
@@ -75,7 +75,7 @@ def write_participant_data(store: Store, pseudonym: str, path: Path) -> int:
 
 
 def _write(store: Store, person: Participant, folder: Path) -> None:
-    """Write all but recordings and index."""
+    """Write all files except recordings and index."""
     tables = _tables(store, person)
     for name, rows in tables.items():
         write_csv(folder / f"{name}.csv", rows, TABLES[name])
@@ -83,12 +83,12 @@ def _write(store: Store, person: Participant, folder: Path) -> None:
     write_consent_texts(store, folder)
     named = person.pseudonym in identity_file.named_pseudonyms(store.folder)
     identity = identity_file.read_identities(store.folder)[person.pseudonym] if named else None
-    said: dict[str, Any] = {
+    contents: dict[str, Any] = {
         "identity": identity and msgspec.to_builtins(identity),
         "inclusion": person.inclusion,
         "functioning": person.functioning,
     }
-    for name, values in said.items():
+    for name, values in contents.items():
         if values:
             text = json.dumps(values, indent=1, ensure_ascii=False)
             (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
@@ -126,7 +126,7 @@ def _without_others(row: EventRow) -> EventRow:
 
 
 def _pack(store: Store, person: Participant, folder: Path, archive: Path) -> list[str]:
-    """Pack the files of a folder and the recordings, the index first; the names of all."""
+    """Pack the index, the files of a folder and the recordings; returns all names."""
     recordings = store.folder / RECORDINGS / person.pseudonym
     files = {path.relative_to(folder).as_posix(): path for path in _files(folder)}
     files |= {f"{RECORDINGS}/{path.relative_to(recordings).as_posix()}": path for path in _files(recordings)}
@@ -148,7 +148,9 @@ def _index(store: Store, person: Participant, names: list[str]) -> str:
         for what, words in FILE_CONTENTS.items()
         if any(name == what or (what.endswith("/") and name.startswith(what)) for name in names)
     ]
-    simulated = ["The participant is simulated: a program made up all of it.", ""] if person.simulated else []
+    simulated = (
+        ["The participant is simulated: a program generated all data.", ""] if person.simulated else []
+    )
     return "\n".join(
         [
             f"# {store.design.title}: the data of {person.pseudonym}",

@@ -1,10 +1,10 @@
-"""A study as demonstrations in robomimic's HDF5 structure, one file for each environment.
+"""A study as demonstrations for robomimic, one HDF5 file for each environment.
 
-https://robomimic.github.io/docs/datasets/overview.html describes it. The last sample's next observation repeats
-its observation, since nothing was observed after the last step. robomimic calls the observation of such environments
-``flat``; it stands under that name and under ``observation``, once.
+https://robomimic.github.io/docs/datasets/overview.html describes the format. There is no observation after the last
+step: the last next observation repeats the last one. robomimic expects the name ``flat`` for such observations; it is
+a second name of ``observation``.
 
-``create_env_from_metadata`` makes the environments by way of ``examples/old_gym.py``, which must be on the Python path.
+``create_env_from_metadata`` makes the environments by the module ``old_gym``.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""The scores of instruments: what a participant's answers to one of them at one time add up to."""
+"""Scores of validated questionnaires, from a participant's answers at one time."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
 
 When = tuple[int, int, str]
-"""Attempt, or 0, visit and moment: when something was asked."""
+"""Attempt (or 0), visit and moment of the questions."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """A scale of an instrument, from the answers to it at one time; ``value`` is missing where too many of them are."""
+    """One score from the answers at one time; ``value`` is ``None`` if required answers are missing."""
 
     questionnaire: Questionnaire
     instrument: Instrument
@@ -50,9 +50,8 @@ def scores_of(
 ) -> list[Score]:
     """Every score of a participant, in the order of their answers.
 
-    After a crash the rest of a questionnaire is asked in the next session: what was asked in one visit is scored
-    together. Weights of a score are those in the design, else those that the participant gave at the same time, else
-    the latest that they gave.
+    After a crash, the next session asks the remaining items: all answers of one visit count together. Weights are those
+    of the design, else the participant's answers at the same time, else the participant's latest.
     """
     sessions = store.sessions(participant.pseudonym)
     asked: dict[tuple[str, When], list[ExportedAnswer]] = {}
@@ -99,12 +98,12 @@ def scale_rows(design: Design) -> Iterator[ScaleRow]:
 
 
 def uses_instruments(design: Design) -> bool:
-    """Whether any questionnaire of a design scores itself."""
+    """Whether the design uses a validated questionnaire."""
     return any(questionnaire.instrument is not None for questionnaire in design.questionnaires)
 
 
 def _is_of_instrument(answer: ExportedAnswer) -> bool:
-    """Whether an answer is to an item of an instrument."""
+    """Whether the answer is to an item of a validated questionnaire."""
     instrument = answer.questionnaire.instrument
     return instrument is not None and any(item.id == answer.given.item for item in instrument.items)
 
@@ -132,7 +131,7 @@ def _weights(
     when: When,
     given: Mapping[tuple[str, When], Mapping[str, int]],
 ) -> Mapping[str, int] | None:
-    """The weights of a questionnaire's weighted score at one time; ``None`` where there are none."""
+    """The weights of a questionnaire's weighted score at one time; ``None`` without weights."""
     if questionnaire.weights is not msgspec.UNSET:
         return questionnaire.weights
     weighting = questionnaire.instrument.weighting if questionnaire.instrument else None
@@ -151,7 +150,7 @@ def _weights(
 
 
 def _chosen(instrument: Instrument, answers: Mapping[str, int]) -> dict[str, int] | None:
-    """The weights that answers to an instrument give, if none is missing."""
+    """The weights from complete answers; ``None`` if one is missing."""
     scores = instrument.score(answers)
     weights = {scale: round(score) for scale, score in scores.items() if score is not None}
     return weights if len(weights) == len(scores) else None

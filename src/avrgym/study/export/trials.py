@@ -1,4 +1,4 @@
-"""What all exports go through: every completed trial with whom, where and what it was, and whether it is whole."""
+"""The attempts of a study with their participants, sessions and recordings, for all exports."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from avrgym.study.storage.store import Store
 
 @dataclass(frozen=True)
 class ExportedAttempt:
-    """One attempt with all it belongs to."""
+    """One attempt with its participant, session, trial and answers."""
 
     store: Store
     participant: Participant
@@ -33,18 +33,18 @@ class ExportedAttempt:
 
     @property
     def scene(self) -> str:
-        """Task and robot in one word."""
+        """Task and robot as one name."""
         return self.trial.task + self.trial.robot
 
     def read(self) -> Recording:
-        """Read the recording as far as it goes; it is large, and nothing keeps it."""
+        """Read the recording up to its end or damage. It is large and not cached."""
         return read_recording(self.store.path(self.attempt.recording))
 
     def read_whole(self) -> Recording:
-        """Read the recording as it was when its trial was completed.
+        """Read the complete, unchanged recording.
 
         Raises:
-            StudyError: when it is missing, damaged or another; the message begins with its name.
+            StudyError: if it is missing, damaged or changed; the message begins with its name.
         """
         name = self.attempt.recording
         if not self.store.path(name).is_file():
@@ -60,7 +60,7 @@ class ExportedAttempt:
         return recording
 
     def is_changed(self) -> bool:
-        """Whether the recording is here and another than when its trial was completed."""
+        """Whether the recording exists and has changed since its trial was completed."""
         return sha256_of(self.store, self.attempt.recording) not in (None, self.attempt.sha256)
 
     def torso_height_m(self) -> float:
@@ -75,7 +75,7 @@ class ExportedAttempt:
         return "is missing" if here else f"is not here; it was recorded at {self.session.station}"
 
     def control_steps(self) -> list[tuple[float, Control]]:
-        """The control steps with their times in seconds; raises what ``read_whole`` does."""
+        """The control steps with their times in seconds; raises the errors of ``read_whole``."""
         return [(time_ns / 1e9, control) for time_ns, control in self.read_whole().topics["/control"]]
 
     def labels(self) -> AttemptLabels:
@@ -95,37 +95,34 @@ class ExportedAttempt:
 
 
 def all_attempts(store: Store) -> Iterator[ExportedAttempt]:
-    """Every attempt of every participant, in the order they began."""
+    """Every attempt of every participant, in the order of their start."""
     for participant in store.participants():
         yield from attempts_of(store, participant)
 
 
 def attempts_of(store: Store, participant: Participant) -> Iterator[ExportedAttempt]:
-    """Every attempt of a participant, in the order they began."""
+    """Every attempt of a participant, in the order of their start."""
     sessions = {session.id: session for session in store.sessions(participant.pseudonym)}
     trials = {trial.id: trial for trial in store.trials(participant.pseudonym)}
     answers = store.answers(participant.pseudonym)
     for attempt in store.attempts(participant.pseudonym):
         own = tuple(answer for answer in answers if answer.attempt == attempt.id)
         if attempt.trial not in trials:
-            raise StudyError(
-                f"{attempt} belongs to no trial of {participant}; `avrgym study check` says more"
-            )
+            raise StudyError(f"{attempt} belongs to no trial of {participant}; run `avrgym study check`")
         session, trial = sessions[attempt.session], trials[attempt.trial]
         yield ExportedAttempt(store, participant, session, trial, attempt, own)
 
 
 def completed_attempts(store: Store) -> Iterator[ExportedAttempt]:
-    """The attempts that completed their trials."""
+    """The completed attempts."""
     return (exported for exported in all_attempts(store) if exported.attempt.state == "completed")
 
 
 @dataclass(frozen=True)
 class ExportedAnswer:
-    """One answer with all it belongs to; one about a whole session has no attempt.
+    """One answer with its participant, session and attempt; answers about a whole session have no attempt.
 
-    ``moment`` is before or after a session, or after a trial. ``item`` is the version that the participant read, and
-    ``questionnaire`` its questionnaire.
+    ``moment``: before or after a session, or after a trial. ``item``: the version that the participant read.
     """
 
     participant: Participant
@@ -172,7 +169,7 @@ class ExportedAnswer:
 def answers_of(
     store: Store, participant: Participant, attempts: Iterable[ExportedAttempt], asked: AnsweredItems
 ) -> list[ExportedAnswer]:
-    """All answers of a participant, in the order they were given; ``attempts`` are at least theirs."""
+    """All answers of a participant in order; ``attempts`` must include those of the participant."""
     by_id = {exported.attempt.id: exported for exported in attempts}
     sessions = {session.id: session for session in store.sessions(participant.pseudonym)}
     answers = store.answers(participant.pseudonym)
@@ -193,7 +190,7 @@ def answers_of(
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A completed attempt whose recording cannot be exported, and why: a clause that begins with its name."""
+    """A completed attempt with a recording that cannot be exported; ``why`` begins with its name."""
 
     exported: ExportedAttempt
     why: str
@@ -202,7 +199,7 @@ class LeftOut:
 def verified(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None] = lambda done, all_: None
 ) -> tuple[list[ExportedAttempt], list[LeftOut]]:
-    """Those whose recordings are whole and unchanged, and the others; ``progress`` is told how many were read."""
+    """Attempts with complete, unchanged recordings, and the others; ``progress`` takes number read and total."""
     sound: list[ExportedAttempt] = []
     left_out: list[LeftOut] = []
     for number, exported in enumerate(attempts, start=1):
@@ -216,7 +213,7 @@ def verified(
 
 
 def scenes(attempts: Iterable[ExportedAttempt]) -> dict[str, list[ExportedAttempt]]:
-    """Attempts by task and robot, for formats that need equal observations."""
+    """Attempts by task and robot, for formats that need observations of equal size."""
     found: dict[str, list[ExportedAttempt]] = {}
     for exported in attempts:
         found.setdefault(exported.scene, []).append(exported)
