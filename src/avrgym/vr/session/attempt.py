@@ -1,4 +1,4 @@
-"""One attempt at a trial: its recording, as it happens, and what it gave so far."""
+"""One attempt at a trial: its recording, and its results so far."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -30,10 +30,7 @@ Configure = Callable[[int], Configuration]
 
 @dataclass(frozen=True)
 class Experience:
-    """How an attempt has been for its participant so far.
-
-    Whether the robot succeeded; the force on the person and the speed of the robot's tool over its steps.
-    """
+    """Results of an attempt for its participant so far: success, and force and tool speed over its steps."""
 
     success: bool = False
     force_mean_n: float = 0.0
@@ -41,7 +38,7 @@ class Experience:
     speed_mean_m_s: float = 0.0
 
     def after(self, step: ControlStep, steps: int) -> "Experience":
-        """How it has been after another control step, with which there are so many ``steps``."""
+        """Returns the results after another control step, the one with the number ``steps``."""
         outcome = step.outcome
         force_n, speed_m_s = (
             float(outcome.force_on_person_n[0]),
@@ -56,26 +53,26 @@ class Experience:
 
 
 class Attempt:
-    """The attempt that is running; times are given on the session's clock and recorded from its beginning.
+    """The running attempt. Arguments are times of the session's clock; recorded times count from the attempt's start.
 
-    ``trial`` and ``number`` (of the attempt) count from 1; ``steps``, ``reward`` and ``experience`` sum up its
+    ``trial`` and ``number`` (of the attempt) count from 1; ``steps``, ``reward`` and ``experience`` are over its
     control steps, of which ``latest`` is the last one.
     """
 
     def __init__(
         self, folder: Path, trial: int, configure: Configure, began_s: float, *, first_number: int = 1
     ) -> None:
-        """Open the recording of the first attempt at this trial that ``folder`` does not hold yet.
+        """Open the recording of the first attempt at this trial that ``folder`` does not contain yet.
 
         Args:
-            folder: where recordings go; made when it is missing.
+            folder: the folder of recordings; made if it is missing.
             trial: the trial's number, from 1.
             configure: returns the configuration of the attempt with a number.
             began_s: now.
-            first_number: that of the first attempt that this folder is for; earlier ones are elsewhere.
+            first_number: number of the first attempt in this folder; earlier ones are elsewhere.
 
         Raises:
-            OSError: when no recording can be opened.
+            OSError: if no recording can be opened.
         """
         self.began_s = began_s
         self.steps, self.reward, self.experience = 0, 0.0, Experience()
@@ -99,12 +96,12 @@ class Attempt:
 
     @property
     def failure(self) -> Exception | None:
-        """What keeps the recording from being complete, if anything does. A disk that pauses loses nothing."""
+        """The error that makes the recording incomplete, if there is one. A slow disk loses nothing."""
         error = self._recording.error
         return None if isinstance(error, TimeoutError) else error
 
     def stall(self) -> TimeoutError | None:
-        """That the disk pauses, the first time it does."""
+        """Returns the error of a slow disk, the first time."""
         error = self._recording.error
         if not isinstance(error, TimeoutError) or self._told_of_stall:
             return None
@@ -112,18 +109,18 @@ class Attempt:
         return error
 
     def catch_up(self) -> None:
-        """Wait until little is left to be written, for sessions faster than real time."""
+        """Wait until most records are written, in sessions faster than real time."""
         self._recording.catch_up()
 
     def record(self, topic: str, record: schema.Record, now_s: float) -> None:
-        """Record anything that happened at ``now_s``; it goes to the disk with the next ``hand_over``."""
+        """Add a record of the time ``now_s``; the next ``hand_over`` writes it."""
         self._records.append((topic, round((now_s - self.began_s) * 1e9), record))
 
     def hand_over(self) -> None:
-        """Give what was recorded to the thread that writes it.
+        """Pass the records to the thread that writes them.
 
-        At the end of a tick this thread has the time before the next one. Woken in the middle, it would take turns
-        with the tick at holding the interpreter, and make it twice as long.
+        Call it at the end of a tick. Within a tick, both threads would compete for the interpreter and the tick would
+        take twice as long.
         """
         recorded, self._records = self._records, []
         for record in recorded:
@@ -133,7 +130,7 @@ class Attempt:
             self._finished = None
 
     def record_physics(self, world: LiveWorld, now_s: float) -> None:
-        """Record the simulator's whole state, and before it the action that this tick began with."""
+        """Record the simulator's state, after the action that this tick applied."""
         if world.applied_action is not None:
             action = world.applied_action.tolist()
             self.record("/commands", schema.Command(self.steps + 1, action, world.braked), now_s)
@@ -141,13 +138,13 @@ class Attempt:
         self.record("/physics", state, now_s)
 
     def record_targets(self, joint_targets_rad: FloatArray, now_s: float) -> None:
-        """Record where the person's joints are driven to, unless that was recorded last."""
+        """Record the person's joint targets if they have changed."""
         if self._targets_rad is None or not np.array_equal(joint_targets_rad, self._targets_rad):
             self._targets_rad = joint_targets_rad
             self.record("/body_targets", schema.BodyTargets(joint_targets_rad.tolist()), now_s)
 
     def record_step(self, step: ControlStep, driver: str, idle: bool, now_s: float) -> None:
-        """Count a finished control step and record it; see ``schema.Control``."""
+        """Count and record a finished control step; see ``schema.Control``."""
         outcome = step.outcome
         self.latest = step
         self.steps += 1
@@ -156,11 +153,13 @@ class Attempt:
         self.record("/control", control_record(self.steps, step, driver, idle), now_s)
 
     def robot_finished(self, now_s: float) -> None:
-        """Store with the next ``hand_over`` that the robot has finished: the attempt counts even after a kill."""
+        """Record with the next ``hand_over`` that the robot has finished; the attempt then counts after a crash."""
         self._finished = self._outcome("completed", now_s)
 
     def record_frames(self, followed: Followed) -> None:
-        """Record tracking frames in the order they came; the person moved to the newest, but for what is held."""
+        """Record tracking frames in the order of arrival; the newest one moved the person, except for parts that are
+        held.
+        """
         held = [part for part in PARTS if part in followed.held or part in followed.lost]
         for frame in followed.arrived:
             tracking, applied = frame.tracking, frame is followed.newest
@@ -181,7 +180,7 @@ class Attempt:
             self.record("/tracking", record, frame.received_s)
 
     def close(self, result: schema.AttemptEnd, now_s: float) -> RecordingError | None:
-        """End the recording; what keeps it from being complete, if anything does."""
+        """Close the recording; returns the error that makes it incomplete, if there is one."""
         self.hand_over()
         try:
             self._recording.close(self._outcome(result, now_s))
@@ -200,7 +199,7 @@ class Attempt:
 
 
 def control_record(number: int, step: ControlStep, driver: str, idle: bool) -> schema.Control:
-    """The record of the attempt's control step with this number, from 1."""
+    """Returns the record of the attempt's control step with this number, from 1."""
     outcome = step.outcome
     return schema.Control(
         step=number,
@@ -217,7 +216,7 @@ def control_record(number: int, step: ControlStep, driver: str, idle: bool) -> s
 
 
 def versions() -> Versions:
-    """The versions that run now."""
+    """Returns the versions of the running packages."""
     return Versions(own_version(), mujoco.__version__)
 
 
@@ -231,7 +230,7 @@ def configuration(
     plugins: Sequence[UsedPlugin],
     headset: HeadsetCheck | None = None,
 ) -> Configuration:
-    """The configuration of an attempt at the plan's trial ``index``."""
+    """Returns the configuration of an attempt at the plan's trial ``index``."""
     trial, person = plan.trials[index], world.person
     return Configuration(
         session=session,
@@ -269,7 +268,7 @@ def configuration(
 
 
 def _open(folder: Path, trial: int, configure: Configure, number: int) -> tuple[int, RecordingWriter]:
-    """The first attempt from ``number`` on that there is no file of, and its new recording."""
+    """The first attempt from ``number`` on without a file, and its new recording."""
     make_private_folder(folder)
     while True:
         path = folder / f"trial-{trial:02}_attempt-{number}.mcap"

@@ -1,4 +1,4 @@
-"""The attempts of a session: recorded, and told to its observer. What is not stored is no trial."""
+"""Records the attempts of a session and reports them to its observer. An attempt that is not stored does not count."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from avrgym.vr.tracking.tracking_state import Followed
 
 @dataclass(frozen=True)
 class Answering:
-    """The attempt whose questionnaire is open: its trial and its own number, both from 1, and its recording."""
+    """The attempt with the open questionnaire: trial and attempt number, both from 1, and recording."""
 
     trial: int
     attempt: int
@@ -24,15 +24,15 @@ class Answering:
 
 
 class AttemptStorage:
-    """Stores one attempt after another; what is told to ``sink`` is stored by its observer.
+    """Stores one attempt after another; the observer of ``sink`` stores the events.
 
-    ``attempt`` is the one that runs, ``recordings`` the files of all. ``completing`` is the index of a trial whose
-    completion is not stored yet; ``failing``: the last attempt could not be stored. ``answering`` is the latest
-    attempt, whose answers may be given after its end.
+    ``attempt`` is the running one, ``recordings`` the files of all. ``completing`` is the index of a trial with a
+    completion that is not stored yet; ``failing``: the last attempt could not be stored. ``answering`` is the latest
+    attempt; its answers may follow after its end.
     """
 
     def __init__(self, folder: Path, sink: EventSink) -> None:
-        """``folder`` is where recordings go; none is ever overwritten."""
+        """``folder`` is the folder of recordings; files are never overwritten."""
         self.attempt: Attempt | None = None
         self.recordings: list[Path] = []
         self.completing: int | None = None
@@ -43,11 +43,13 @@ class AttemptStorage:
 
     @property
     def experience(self) -> Experience:
-        """How the latest attempt has been so far."""
+        """The results of the latest attempt so far."""
         return Experience() if self._latest is None else self._latest.experience
 
     def begin(self, trial: int, configure: Configure, first_number: int, now_s: float) -> Attempt:
-        """Begin an attempt at a trial, both numbers from 1; see ``Attempt``. ``OSError`` when it cannot be recorded."""
+        """Start an attempt at a trial, both numbers from 1; see ``Attempt``. Raises ``OSError`` if it cannot be
+        recorded.
+        """
         attempt = Attempt(self._folder, trial, configure, now_s, first_number=first_number)
         if self.failing:
             self._sink.forget_failures()
@@ -59,15 +61,15 @@ class AttemptStorage:
         return attempt
 
     def record_event(self, name: str, detail: str, now_s: float) -> None:
-        """Record anything that happened at one instant of a running attempt."""
+        """Record an event in a running attempt."""
         if self.attempt is not None:
             self.attempt.record("/events", schema.Event(name, detail), now_s)
 
     def record_answer(self, answer: schema.Answer, now_s: float) -> None:
-        """Record an answer in the running attempt, or next to the recording of one that has ended.
+        """Record an answer in the running attempt, or in a file next to the recording of an attempt that has ended.
 
         Raises:
-            OSError: when it cannot be written next to a recording.
+            OSError: if that file cannot be written.
         """
         if self.attempt is not None:
             self.attempt.record("/answers", answer, now_s)
@@ -75,7 +77,7 @@ class AttemptStorage:
             answers_file.append_answer(self.answering.recording, answer)
 
     def end(self, result: AttemptEnd, arrived: Sequence[Frame], now_s: float) -> RecordingError | None:
-        """End a running attempt; what keeps its recording from being complete, if anything does.
+        """End a running attempt; returns the error that makes its recording incomplete, if there is one.
 
         ``arrived`` are the tracking frames that nothing has followed.
         """
@@ -91,12 +93,12 @@ class AttemptStorage:
         return failure
 
     def take_failure(self) -> Exception | None:
-        """What the observer could not store, unless nothing was at stake and the participant knows already."""
+        """Returns the observer's failure, unless no data is lost and the participant knows already."""
         failure = self._sink.take_failure()
         at_stake = self.attempt is not None or self.completing is not None
         return failure if at_stake or not self.failing else None
 
     def give_up(self) -> None:
-        """No trial is stored until another attempt begins: whoever could not store this either is asked again then."""
+        """Store nothing until the next attempt, which calls the observer again."""
         self.completing, self.failing = None, True
         self._sink.forget_failures()

@@ -1,4 +1,4 @@
-"""Which of a phase's methods takes which message; whose each message may be, the server sees to."""
+"""Calls a phase's method for each message; the server checks which client may send it."""
 
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import CommandName, Disconnected, Received
@@ -7,7 +7,7 @@ from avrgym.vr.session.phases import Phase
 
 
 def take_message(phase: Phase, message: Received) -> Phase:
-    """Give a message to a phase; the phase that follows."""
+    """Pass a message to a phase; returns the phase that follows."""
     match message:
         case messages.Tracking():
             phase.take_tracking(message)
@@ -58,7 +58,7 @@ def take_message(phase: Phase, message: Received) -> Phase:
 
 
 def obey(phase: Phase, command: CommandName) -> Phase:
-    """Give a command of the experimenter to a phase; the phase that follows."""
+    """Pass a command of the experimenter to a phase; returns the phase that follows."""
     match command:
         case "stop":
             return phase.stop("experimenter")

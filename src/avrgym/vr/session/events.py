@@ -1,7 +1,7 @@
-"""What happens to a session, one plain record for each event.
+"""Events of a session, one plain record each.
 
-A session tells its observer of each before it goes on, so that a database can keep them. ``time_s`` counts from the
-session's beginning; trials and attempts count from 1.
+A session reports each event to its observer before it continues, so that a database can store it. ``time_s`` counts
+from the session's start; trials and attempts count from 1.
 """
 
 from collections.abc import Callable
@@ -20,14 +20,14 @@ Who = Literal["participant", "experimenter"]
 
 @dataclass(frozen=True)
 class SessionEvent:
-    """Something that happened at one instant."""
+    """An event at one instant."""
 
     time_s: float
 
 
 @dataclass(frozen=True)
 class PhaseEntered(SessionEvent):
-    """The session entered a phase; ``trial`` is the one that runs or comes next."""
+    """The session entered a phase; ``trial`` is the running or next one."""
 
     phase: PhaseName
     trial: int
@@ -42,12 +42,12 @@ class HeadsetChecked(SessionEvent):
 
 @dataclass(frozen=True)
 class HeadsetCheckSkipped(SessionEvent):
-    """The experimenter went on without the headset's check."""
+    """The experimenter skipped the headset check."""
 
 
 @dataclass(frozen=True)
 class Calibrated(SessionEvent):
-    """The participant's place is known; ``measured``: so is now their torso height, by measuring it."""
+    """The participant's place is known; ``measured``: their torso height was measured too."""
 
     torso_height_m: float
     measured: bool
@@ -55,21 +55,21 @@ class Calibrated(SessionEvent):
 
 @dataclass(frozen=True)
 class ReachMeasured(SessionEvent):
-    """The participant's arms are so many times as long as those of most people of their torso height."""
+    """The participant's arms were measured, relative to the mean at their torso height."""
 
     arm_scale: float
 
 
 @dataclass(frozen=True)
 class SeatFollowed(SessionEvent):
-    """The participant has slid on their seat, and the virtual one follows by so much."""
+    """The participant has slid on the seat, and the virtual seat follows by this distance."""
 
     way_m: float
 
 
 @dataclass(frozen=True)
 class TorsoHeightCorrected(SessionEvent):
-    """The experimenter gave the participant's torso height."""
+    """The experimenter entered the participant's torso height."""
 
     torso_height_m: float
 
@@ -84,7 +84,7 @@ class BodyChosen(SessionEvent):
 
 @dataclass(frozen=True)
 class TrialBegun(SessionEvent):
-    """An attempt at a trial has begun and is recorded."""
+    """An attempt at a trial has started and is recorded."""
 
     trial: int
     attempt: int
@@ -93,7 +93,7 @@ class TrialBegun(SessionEvent):
 
 @dataclass(frozen=True)
 class TrialEnded(SessionEvent):
-    """An attempt has ended; ``complete``: its recording is closed and whole."""
+    """An attempt has ended; ``complete``: its recording is closed and complete."""
 
     trial: int
     attempt: int
@@ -107,7 +107,7 @@ class TrialEnded(SessionEvent):
 
 @dataclass(frozen=True)
 class TrialSkipped(SessionEvent):
-    """The experimenter went on without the trial."""
+    """The experimenter skipped the trial."""
 
     trial: int
 
@@ -123,12 +123,12 @@ class Answered(SessionEvent):
 
 @dataclass(frozen=True)
 class AnswerChanged(Answered):
-    """The participant went back to an item and answered it anew."""
+    """The participant went back to an item and changed the answer."""
 
 
 @dataclass(frozen=True)
 class QuestionsLeft(SessionEvent):
-    """The experimenter went on without the answers to these items; the trial counts."""
+    """The experimenter continued without the answers to these items; the trial counts."""
 
     trial: int
     attempt: int
@@ -137,7 +137,7 @@ class QuestionsLeft(SessionEvent):
 
 @dataclass(frozen=True)
 class Stopped(SessionEvent):
-    """Somebody stopped the robot; ``way`` is how the participant did."""
+    """The robot was stopped; ``way`` is the participant's way to stop it."""
 
     by: Who
     way: StopWay | None = None
@@ -145,12 +145,12 @@ class Stopped(SessionEvent):
 
 @dataclass(frozen=True)
 class Paused(SessionEvent):
-    """The experimenter lets no trial begin."""
+    """The experimenter paused the session: no trial starts."""
 
 
 @dataclass(frozen=True)
 class StopRuleMet(SessionEvent):
-    """An answer after which the session pauses or ends, as ``then`` says; ``why`` in words."""
+    """An answer pauses or ends the session, as in ``then``; ``why`` is a text."""
 
     then: str
     why: str
@@ -158,12 +158,12 @@ class StopRuleMet(SessionEvent):
 
 @dataclass(frozen=True)
 class Continued(SessionEvent):
-    """The experimenter lets trials begin again."""
+    """The experimenter continued the session: trials may start."""
 
 
 @dataclass(frozen=True)
 class TrackingLost(SessionEvent):
-    """A part of the body that the task needs has not been tracked for a while: it holds its last pose."""
+    """A part of the body that the task needs is untracked: it keeps its last pose."""
 
     part: Part
 
@@ -177,14 +177,14 @@ class TrackingFound(SessionEvent):
 
 @dataclass(frozen=True)
 class TrackingTimedOut(SessionEvent):
-    """A part of the body that the task needs has not been tracked for so long that the attempt ends."""
+    """A part of the body that the task needs was untracked for too long: the attempt ends."""
 
     part: Part
 
 
 @dataclass(frozen=True)
 class VisibilityLost(SessionEvent):
-    """The participant does not see the scene any more, and cannot act in it."""
+    """The participant no longer sees the scene and cannot act in it."""
 
     visibility: Visibility
 
@@ -196,21 +196,21 @@ class VisibilityFound(SessionEvent):
 
 @dataclass(frozen=True)
 class TimeLost(SessionEvent):
-    """The session stood still for so many seconds during an attempt: its process was frozen, or its machine slept."""
+    """The session did not run for this time during an attempt: its process or its machine was suspended."""
 
     seconds: float
 
 
 @dataclass(frozen=True)
 class ControllerFailed(SessionEvent):
-    """The robot holds still because its controller gives no action; see ``policies.controllers.ControllerError``."""
+    """The robot stands still because its controller returns no action; see ``policies.controllers.ControllerError``."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class ConnectionLost(SessionEvent):
-    """The participant's connection is gone."""
+    """The participant's connection is lost."""
 
 
 @dataclass(frozen=True)
@@ -220,14 +220,14 @@ class ConnectionFound(SessionEvent):
 
 @dataclass(frozen=True)
 class StreamLost(SessionEvent):
-    """The stream of another device has vanished; the session goes on without it."""
+    """The stream of another device is lost; the session continues without it."""
 
     stream: str
 
 
 @dataclass(frozen=True)
 class StreamFound(SessionEvent):
-    """The stream of another device has come, or come back."""
+    """The stream of another device is there, or is there again."""
 
     stream: str
 
@@ -236,22 +236,22 @@ Observer = Callable[[SessionEvent], None]
 
 
 class EventSink:
-    """Tells an observer of every event. ``failure`` is what last kept it from storing one."""
+    """Reports every event to an observer. ``failure`` is the latest reason why one is not stored."""
 
     def __init__(self, observe: Observer, stored: Callable[[], bool]) -> None:
-        """``stored``: whether all that the observer was told is stored. Either may raise what keeps it from that."""
+        """``stored`` returns whether the observer has stored all events. Both may raise an error that prevents it."""
         self.failure: Exception | None = None
         self._observe, self._stored = observe, stored
 
     def tell(self, event: SessionEvent) -> None:
-        """Tell the observer; should it fail, ``failure`` says why."""
+        """Report an event to the observer; ``failure`` is its error, if it raises one."""
         try:
             self._observe(event)
         except Exception as error:  # whatever keeps a database from storing it
             self.failure = error
 
     def all_stored(self) -> bool:
-        """Whether all that the observer was told is stored; should it have failed, ``failure`` says why."""
+        """Returns whether all events are stored; ``failure`` is the error, if there is one."""
         try:
             return self._stored()
         except Exception as error:  # whatever keeps a database from storing it
@@ -259,11 +259,11 @@ class EventSink:
             return False
 
     def take_failure(self) -> Exception | None:
-        """What kept an event from being stored, once."""
+        """Returns the failure, once."""
         failure, self.failure = self.failure, None
         return failure
 
     def forget_failures(self) -> None:
-        """Go on as if all had been stored."""
+        """Clear all failures."""
         self.all_stored()
         self.failure = None

@@ -1,4 +1,4 @@
-"""Measures a headset from what its client sends: frames drawn, latency, and tracked poses."""
+"""Measures a headset from its client's messages: rendered frames, latency, and tracked poses."""
 
 from collections.abc import Callable, Sequence
 from typing import Literal
@@ -16,14 +16,14 @@ Take = Callable[[Tracking], XRPose | None]
 WINDOW_S = 0.5
 LEAST_IN_WINDOW = 5
 LATE = 1.5
-"""A frame later than so many periods of the display was preceded by others that were dropped."""
+"""Frames were dropped before a frame that is later than this many display periods."""
 _HEAD: Take = lambda frame: frame.head  # noqa: E731
 _LEFT: Take = lambda frame: frame.left  # noqa: E731
 _RIGHT: Take = lambda frame: frame.right  # noqa: E731
 
 
 class HeadsetMeasurement:
-    """Takes what the client sends while the headset is checked; ``stretching``: the arms are being stretched out."""
+    """Collects the client's messages of a headset check; ``stretching``: the participant stretches the arms."""
 
     def __init__(self) -> None:
         self._seconds = 0.0
@@ -36,7 +36,7 @@ class HeadsetMeasurement:
         self._stop_after_s: float | None = None
 
     def take_tracking(self, tracking: Tracking, *, at_rest: bool, stretching: bool) -> None:
-        """Take a tracking frame."""
+        """Add a tracking frame."""
         self._tracked.append(tracking)
         if at_rest:
             self._at_rest.append(tracking)
@@ -44,25 +44,25 @@ class HeadsetMeasurement:
             self._stretched.append(tracking)
 
     def take_latency(self, latency: Latency) -> None:
-        """Take the latencies of some frames."""
+        """Add the latencies of some frames."""
         self._latencies.append(latency)
 
     def take_frames(self, drawn: HeadsetFrames) -> None:
-        """Take when frames were drawn."""
+        """Add the times at which frames were rendered."""
         self._drawn.append(drawn)
 
     def take_stop(self, way: StopWay | Literal["none"], after_s: float | None = None) -> None:
-        """Take how the participant tried the stop, and how long after the request; ``none``: not within the time."""
+        """Add the way of the test stop, and its time after the request; ``none``: not within the limit."""
         self._stop, self._stop_after_s = way, after_s
 
     @property
     def has_motors(self) -> bool:
-        """Whether a hand holds a controller, which can buzz."""
+        """Whether a hand holds a controller, which has a haptic motor."""
         newest = self._tracked[-1] if self._tracked else None
         return newest is not None and "controller" in (newest.left_modality, newest.right_modality)
 
     def result(self, *, haptics: bool | None, sound: bool | None) -> HeadsetCheck:
-        """All that was measured, with the participant's answers."""
+        """Returns all measurements, with the participant's answers."""
         newest = self._tracked[-1] if self._tracked else None
         told = self._drawn[-1] if self._drawn else None
         intervals_ms = np.array([ms for each in self._drawn for ms in each.intervals_ms])
@@ -97,9 +97,9 @@ class HeadsetMeasurement:
 
 
 def dropped_share(intervals_ms: FloatArray, display_hz: float | None) -> float:
-    """The share of a display's frames that were not drawn anew, from the times (N,) between those that were.
+    """Returns the share of a display's frames that were not rendered, from the times (N,) between those that were.
 
-    Of a headset that does not tell its rate the median interval counts as the display's.
+    If the headset does not report its rate, the median interval counts as the display's.
     """
     if not len(intervals_ms):
         return 0.0
@@ -109,9 +109,9 @@ def dropped_share(intervals_ms: FloatArray, display_hz: float | None) -> float:
 
 
 def jitter_mm(frames: Sequence[Tracking], take: Take) -> float | None:
-    """How far a part strays at rest, mm: root mean square about a parabola, the median of half seconds.
+    """Returns the jitter of a part at rest in mm: root mean square about a parabola, median over half seconds.
 
-    What sways slowly is no jitter: the parabola takes it out. ``None`` where no half second has enough frames.
+    The parabola removes slow sway. Returns ``None`` if no half second has enough frames.
     """
     poses = [(frame.client_time_ms / 1000.0, take(frame)) for frame in frames]
     seen = [(time_s, pose.position) for time_s, pose in poses if pose is not None]
@@ -129,14 +129,14 @@ def jitter_mm(frames: Sequence[Tracking], take: Take) -> float | None:
 
 
 def _stray_m(times_s: FloatArray, positions: FloatArray) -> float:
-    """Root mean square distance of positions (N, 3) from the parabola that they follow in time, metres."""
+    """Root mean square distance in metres of positions (N, 3) from their parabola over time."""
     design = np.vander(times_s - times_s.mean(), 3)
     left = positions - design @ np.linalg.lstsq(design, positions, rcond=None)[0]
     return float(np.sqrt((left * left).sum() / (len(times_s) - design.shape[1])))
 
 
 def _reach_m(frames: Sequence[Tracking], take: Take) -> float | None:
-    """How far from the head the part came, metres."""
+    """The maximum distance in metres of the part from the head."""
     distances = [
         float(np.linalg.norm(np.subtract(pose.position, frame.head.position)))
         for frame in frames

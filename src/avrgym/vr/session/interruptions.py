@@ -1,4 +1,4 @@
-"""Why an attempt no longer counts whose robot is still to help: its participant cannot act, or time was lost."""
+"""Reasons to interrupt an attempt before the robot has finished: the participant cannot act, or time was lost."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from avrgym.vr.protocol.messages import Visibility
 from avrgym.vr.session import events
 
 UNTRACKED_S = 1.0
-"""So long without a measured pose, a part of the body is not tracked any more."""
+"""A part of the body counts as untracked after this time without a measured pose."""
 UNSEEN: dict[Visibility, str] = {
     "visible-blurred": "a menu of the headset covers the scene",
     "hidden": "the headset was taken off, or the page is in the background",
@@ -25,12 +25,12 @@ TIMED_OUT: Mapping[Part, str] = {
     "left": "left_timed_out",
     "right": "right_timed_out",
 }
-"""What is said where a part of the body is not tracked: when a trial shall begin, and when it ends an attempt."""
+"""Texts for untracked parts of the body: before a trial, and at the end of an attempt."""
 
 
 @dataclass(frozen=True)
 class Interruption:
-    """``name`` and ``why`` are recorded, ``event`` is stored; who repeats the trial reads ``says``."""
+    """``name`` and ``why`` are recorded, ``event`` is stored; the participant reads ``says``."""
 
     name: str
     why: str
@@ -47,7 +47,7 @@ def lost_tracking(now_s: float, part: Part) -> Interruption:
 
 
 def lost_visibility(now_s: float, visibility: Visibility) -> Interruption:
-    """The participant does not see the scene any more."""
+    """The participant no longer sees the scene."""
     why = f"the participant does not see the scene: {UNSEEN[visibility]}"
     return Interruption(
         "visibility_lost", why, events.VisibilityLost(now_s, visibility), Text("visibility_lost")
@@ -55,7 +55,7 @@ def lost_visibility(now_s: float, visibility: Visibility) -> Interruption:
 
 
 def lost_time(now_s: float, seconds: float) -> Interruption:
-    """The process or its machine stood still."""
+    """The process or its machine was suspended."""
     why = f"the computer stood still for {seconds:.1f} s"
     says = Text("time_lost", {"seconds": f"{seconds:.1f}"})
     return Interruption("time_lost", why, events.TimeLost(now_s, seconds), says)

@@ -1,4 +1,4 @@
-"""What a session runs: its trials in order, and how they are run."""
+"""The plan of a session: its trials in order, and its settings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,10 +17,10 @@ from avrgym.texts.interface_texts import ENGLISH, Texts
 
 @dataclass(frozen=True)
 class TrialPlan:
-    """One trial to run: an environment, a policy by name or path, a seed; a practice trial has no questionnaire.
+    """One trial: environment, policy (name or path) and seed; a practice trial has no questionnaire.
 
-    ``goal`` tells the participant in one sentence what the task is, the task's own unless given. ``items`` are asked
-    after it, those of its session unless given. ``earlier_attempts`` were made at it in other sessions.
+    ``goal`` describes the task to the participant in one sentence, by default the task's own. ``items`` are its
+    questionnaire, by default that of the session. ``earlier_attempts`` counts attempts in other sessions.
     """
 
     environment: str
@@ -34,7 +34,7 @@ class TrialPlan:
 
 @dataclass(frozen=True)
 class OpenQuestionnaire:
-    """The questionnaire of a trial that was completed in an earlier session, before every item was answered.
+    """The questionnaire of a trial of an earlier session, in which some items were not answered.
 
     ``trial`` and ``attempt`` are numbers from 1; ``given`` are the answers so far, by item.
     """
@@ -47,9 +47,9 @@ class OpenQuestionnaire:
 
 @dataclass(frozen=True)
 class HeadsetCheckPlan:
-    """How long a headset is checked: at rest, with the arms being stretched, and while the participant moves.
+    """Durations of the headset check: at rest, with the arms stretched, and while the participant moves.
 
-    ``stop_s`` is how long the participant may take to try the stop.
+    ``stop_s`` is the time limit for the test stop.
     """
 
     at_rest_s: float = 10.0
@@ -60,17 +60,15 @@ class HeadsetCheckPlan:
 
 @dataclass(frozen=True)
 class SessionPlan:
-    """A session: its trials in order, the body model, and who takes part.
+    """The plan of a session.
 
-    ``free_movement_s`` is how long the person moves freely before and after each trial, ``countdown_s`` the wait before
-    the robot starts, ``trial_steps`` a trial's length in control steps of 0.1 s. ``first_trial`` counts from 1: a
-    session that goes on after a break begins there. ``haptics`` and ``sounds`` say whether touches are felt and
-    successes heard. ``furniture`` is what the participant really sits and lies on. ``force_guard``: arms that press too
-    hard draw back, see ``safety.force_guard``. ``withdraw_after_success``: once a task that ends with success is
-    complete the robot withdraws and waits, see ``safety.withdrawal``. ``stop_rules``: at which answers the session
-    pauses or ends. ``texts``: what the participant reads, in their language, in which goals and items stand already.
-    ``headset_check``: before all else the headset is checked so. ``measure_reach``: who is measured also stretches
-    their arms, which become as long as theirs. ``open_questionnaire`` comes before all else.
+    ``free_movement_s``: the person moves freely before and after each trial. ``countdown_s``: the wait before the robot
+    starts. ``trial_steps``: a trial's length in control steps of 0.1 s. ``first_trial`` counts from 1; a session that
+    continues after a break starts there. ``haptics`` and ``sounds``: feedback of touches and of successes.
+    ``furniture`` is the real seat or bed. ``force_guard``: see ``safety.force_guard``. ``withdraw_after_success``: see
+    ``safety.withdrawal``. ``stop_rules``: answers that pause or end the session. ``texts``: the participant's texts in
+    their language, with goals and items. ``headset_check``: checks the headset first. ``measure_reach``: participants
+    also stretch their arms, and the model gets arms of that length. ``open_questionnaire`` comes before all else.
     ``consent``: the participant's consent, for the recordings.
     """
 
@@ -100,18 +98,18 @@ class SessionPlan:
             raise ValueError(f"first_trial is {self.first_trial}; there are trials 1 to {len(self.trials)}")
 
     def goal_of(self, trial: TrialPlan) -> str:
-        """What the participant is told that the task is."""
+        """Returns the description of the task for the participant."""
         return trial.goal or self.texts.translate(TASKS[find_environment(trial.environment)[0]].goal)
 
     def items_after(self, trial: TrialPlan) -> Sequence[Item]:
-        """What is asked after a trial, in order."""
+        """Returns the items of the questionnaire after a trial, in order."""
         if trial.practice:
             return ()
         return self.items if trial.items is None else trial.items
 
 
 def practised_trials(environments: Sequence[str], policy: str, trials: int, seed: int) -> list[TrialPlan]:
-    """For each environment a practice trial and then so many trials; each trial takes the next seed."""
+    """Returns for each environment a practice trial and then this number of trials; each trial has the next seed."""
     order = [(environment, i == 0) for environment in environments for i in range(trials + 1)]
     return [
         TrialPlan(environment, policy, seed + i, practice) for i, (environment, practice) in enumerate(order)
@@ -119,11 +117,11 @@ def practised_trials(environments: Sequence[str], policy: str, trials: int, seed
 
 
 Policies = Mapping[tuple[str, str], AnyPolicy]
-"""By environment and the policy's name or path: the same name means another policy in each environment."""
+"""By environment and the policy's name or path; a name is another policy in each environment."""
 
 
 def load_policies(plan: SessionPlan) -> Policies:
-    """Every policy that a plan names.
+    """Returns every policy that a plan names.
 
     Raises:
         ValueError: for an unknown environment or a policy that cannot be loaded.

@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class BodyKey:
-    """What a person looks like, however they sit."""
+    """The appearance of a person, regardless of pose."""
 
     sex: Sex
     torso_height_m: float
@@ -23,20 +23,20 @@ class BodyKey:
 
     @classmethod
     def of(cls, person: Person) -> Self:
-        """That of a person."""
+        """Returns the key of a person."""
         return cls(person.sex, person.torso_height_m, person.skin_tone, person.arm_scale)
 
 
 @dataclass(frozen=True)
 class TrialKey:
-    """Which trial a world is for, and for which body."""
+    """The trial and the body of a world."""
 
     trial: int
     body: BodyKey
 
 
 class AtOnce(Executor):
-    """Runs what is submitted before it returns: for sessions in simulated time, which must not depend on threads."""
+    """Runs a task in ``submit`` itself: for sessions in simulated time, which must not depend on threads."""
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         future: Future[T] = Future()
@@ -48,7 +48,7 @@ class AtOnce(Executor):
 
 
 class Preparation:
-    """The world that is being made, if any. ``key`` is whose it is."""
+    """The world that is being made, if there is one, with its ``key``."""
 
     def __init__(self, workers: Executor) -> None:
         self.key: TrialKey | None = None
@@ -56,7 +56,7 @@ class Preparation:
         self._world: Future[LiveWorld] | None = None
 
     def ask(self, key: TrialKey, environment: str, person: Person, seed: int) -> None:
-        """Begin to make a world whose person sits or lies as given; what was asked before is forgotten."""
+        """Start to make a world with a person in this pose; an earlier request is cancelled."""
         if self._world is not None:
             self._world.cancel()
         self.key = key
@@ -64,11 +64,11 @@ class Preparation:
 
     @property
     def ready(self) -> bool:
-        """Whether ``take`` need not wait."""
+        """Whether the requested world is made."""
         return self._world is not None and self._world.done()
 
     def take(self) -> LiveWorld:
-        """The world that was asked for; raises what kept it from being made."""
+        """Returns the requested world, or raises its error."""
         assert self._world is not None
         world, self._world, self.key = self._world, None, None
         return world.result()

@@ -1,4 +1,4 @@
-"""The questionnaire of one trial: which item is asked, and what counts as its answer."""
+"""The questionnaire of one trial: the current item, and valid answers."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,10 +8,10 @@ from avrgym.vr.protocol import messages
 
 
 class Questions:
-    """Asks one item after another; the participant may go back to change what they gave."""
+    """Asks one item after another; the participant may go back to change answers."""
 
     def __init__(self, items: Sequence[Item], given: Mapping[str, int] | None = None) -> None:
-        """Begin with the first item that is not among those ``given`` before."""
+        """Start with the first item without an answer in ``given``."""
         self._items = items
         self._given = dict(given or {})
         self._asked = next((i for i, item in enumerate(items) if item.id not in self._given), len(items))
@@ -23,16 +23,16 @@ class Questions:
 
     @property
     def unanswered(self) -> list[str]:
-        """The items that are not answered yet."""
+        """The items without an answer."""
         return [item.id for item in self._items if item.id not in self._given]
 
     @property
     def earlier(self) -> int | None:
-        """The answer that was given before to the item that is asked now."""
+        """The earlier answer to the current item."""
         return self._given.get(self._items[self._asked].id)
 
     def question(self) -> messages.Question:
-        """The item that is asked now."""
+        """Returns the current item."""
         item = self._items[self._asked]
         return messages.Question(
             item=item.id,
@@ -47,10 +47,10 @@ class Questions:
         )
 
     def take(self, answer: messages.Answer) -> Answer:
-        """Go on to the next item; gives the answer to this one.
+        """Take the answer to the current item and move to the next one.
 
         Raises:
-            ValueError: when this does not answer the item that is asked, naming what is allowed.
+            ValueError: for an invalid answer, with what is allowed.
         """
         validate_answer([self._items[self._asked]], answer.item, answer.value)
         self._asked += 1
@@ -58,7 +58,7 @@ class Questions:
         return Answer(answer.item, answer.value, answer.response_time_s)
 
     def go_back(self) -> bool:
-        """Whether the item before this one is asked again; there is none before the first."""
+        """Move to the item before this one; returns whether there is one."""
         if self._asked == 0:
             return False
         self._asked -= 1

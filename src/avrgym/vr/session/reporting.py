@@ -1,4 +1,4 @@
-"""What a session tells all the time: the world's state, touches and successes, and how things stand."""
+"""Messages that a session sends continuously: states of the world, touches, successes, and its status."""
 
 from avrgym.models.body_names import PARTS
 from avrgym.models.scene import SUBSTEPS
@@ -19,10 +19,10 @@ NOTHING_FELT = messages.Feedback(left_touched=False, right_touched=False, events
 
 
 class Reporter:
-    """Sends states and feedback of the world that stands; call ``tick`` once a tick."""
+    """Sends states and feedback of the present world; call ``tick`` once a tick."""
 
     def __init__(self, send: Send, state_every_ticks: int = 1) -> None:
-        """With ``state_every_ticks`` above 1 a state that is due when a control step ends is that of the next tick."""
+        """With ``state_every_ticks`` above 1, a state due at the end of a control step is sent one tick later."""
         self._send, self._state_every_ticks = send, state_every_ticks
         self._ticks, self._state_due = 0, state_every_ticks
         self._felt = NOTHING_FELT
@@ -31,11 +31,11 @@ class Reporter:
 
     @property
     def status_is_due(self) -> bool:
-        """Whether those who watch should hear how things stand."""
+        """Whether a status is due."""
         return self._ticks % STATUS_EVERY_TICKS == 0
 
     def tick(self, world: LiveWorld, tracking: TrackingState, step: ControlStep | None) -> None:
-        """Tell of the world after a tick, in which the body followed the tracking."""
+        """Send the state after a tick, in which the body followed the tracking."""
         self._ticks += 1
         if world is not self._world:
             self._world, self._touch = world, ArmTouch(world.simulation)
@@ -59,7 +59,7 @@ class Reporter:
         )
 
     def _tell_feedback(self, step: ControlStep | None) -> None:
-        """Touches that begin or end, and what chimes."""
+        """Send touches that begin or end, and successes."""
         events = int(step.outcome.events[0]) if step is not None else 0
         felt = messages.Feedback(*self._touched, events)
         if felt != self._felt or events:
@@ -72,7 +72,7 @@ def status(
     *, steps: int, paused: bool, why: str, driver: Driver, latency: list[messages.StageLatency],
     streams: list[messages.StreamStatus], visibility: messages.Visibility,
 ) -> messages.Status:  # fmt: skip
-    """How a session stands that is in a phase; a trial has so many ``steps``, ``why`` is a stop rule's reason."""
+    """Returns the status of a session; a trial has this number of ``steps``."""
     left, right = tracking.modalities
     region, share = most_loaded_region(world.simulation)
     latest = attempt.latest.outcome if attempt is not None and attempt.latest is not None else None

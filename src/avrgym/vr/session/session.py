@@ -1,9 +1,9 @@
-"""A participant's session: its trials in explicit phases, from free movement to the questionnaire.
+"""A participant's session: a state machine of explicit phases, from free movement to the questionnaire.
 
-What each phase says and does stands in ``phases``, what they share in ``state``.
+``phases`` define texts and transitions, ``state`` holds what they share.
 
-The session knows no clock and no network. Whoever runs it gives it messages and ticks, each with the time in seconds
-since the session began, and sends what it hands out. So the same session runs live on a thread and, with a simulated
+The session has no clock and no network. Its owner passes messages and ticks, each with the time in seconds since the
+session's start, and sends its messages. The same session therefore runs live on a thread and, with a simulated
 participant, faster than real time.
 """
 
@@ -37,11 +37,11 @@ from avrgym.vr.session.trial_drivers import Drivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
 
 LOST_TIME_S = 0.5
-"""So long between two ticks, which are 10 ms apart, no attempt goes on."""
+"""A longer time between two ticks, which are 10 ms apart, ends an attempt."""
 
 
 class Session:
-    """One participant's session: hands messages and ticks to its phase, and goes on to the phase that follows."""
+    """One participant's session: passes messages and ticks to its phase, and enters the phase that follows."""
 
     def __init__(
         self,
@@ -62,20 +62,20 @@ class Session:
         """Start in phase ``waiting`` with a person of reference height.
 
         Args:
-            plan: what to run.
+            plan: the plan.
             policies: every policy that the plan names.
-            folder: where recordings go; none is ever overwritten.
-            send: takes every message for the clients.
-            identifier: the name of the session for clients and recordings.
-            observe: told of every event. When it raises, the session pauses.
-            kept: whether all that the observer was told is kept; before that no phase ends by itself, and no trial
-                follows a completed one. When it raises, the session pauses.
-            called_off: whether somebody elsewhere has ended the session; asked at every tick.
-            workers: makes the worlds of trials to come; without one they are made in the thread that ticks, and others'
-                controllers are waited for.
-            scenes: those of sessions before this one, which keep their addresses; the session adds its own.
-            streams: those of other devices, for sessions in real time.
-            state_every_ticks: how often the world's state is sent.
+            folder: the folder of recordings; files are never overwritten.
+            send: called with every message for the clients.
+            identifier: the session's name for clients and recordings.
+            observe: called with every event. If it raises, the session pauses.
+            kept: returns whether the observer has stored all events. Until then no phase ends by itself, and no trial
+                follows a completed one. If it raises, the session pauses.
+            called_off: returns whether the session was ended elsewhere; called at every tick.
+            workers: make the worlds of later trials. Without workers the ticking thread makes them, and waits for
+                external controllers.
+            scenes: those of earlier sessions, which keep their addresses; the session adds its own.
+            streams: the streams of other devices, for sessions in real time.
+            state_every_ticks: interval of the world's states, in ticks.
         """
         left = plan.open_questionnaire
         trial = (plan.first_trial if left is None else left.trial) - 1
@@ -99,27 +99,27 @@ class Session:
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves, so that some milliseconds more or less harm nobody."""
+        """Whether nothing moves, so that a delay of some milliseconds does no harm."""
         return not self._phase.moves
 
     @property
     def plan(self) -> SessionPlan:
-        """What is run."""
+        """The plan."""
         return self._state.plan
 
     @property
     def trial(self) -> int:
-        """The index of the plan's trial that runs or comes next; how many there are, when all are over."""
+        """The index of the running or next trial of the plan; the number of trials after the last."""
         return self._state.trial
 
     @property
     def person(self) -> Person:
-        """Whose body the participant has."""
+        """The participant's virtual body."""
         return self._state.person
 
     @property
     def attempt(self) -> Attempt | None:
-        """The attempt that runs."""
+        """The running attempt."""
         return self._state.storage.attempt
 
     @property
@@ -129,22 +129,22 @@ class Session:
 
     @property
     def experience(self) -> Experience:
-        """How the latest attempt has been so far."""
+        """The results of the latest attempt so far."""
         return self._state.storage.experience
 
     @property
     def scenes(self) -> list[tuple[str, Person]]:
-        """Environment and person of each scene that clients may be told of, by the number in its address."""
+        """Environment and person of each scene that clients may load, by the number in its address."""
         return self._state.worlds.scenes
 
     @property
     def registration(self) -> Registration | None:
-        """Where the participant's floor lies in the world, once that is known."""
+        """The place of the participant's floor in the world, once it is known."""
         return self._state.tracking.registration
 
     @property
     def world(self) -> LiveWorld:
-        """The world that stands."""
+        """The present world."""
         return self._state.world
 
     @property
@@ -153,7 +153,7 @@ class Session:
         return self.world.bodies
 
     def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
-        """Tell a client that has just connected where things stand."""
+        """Send the present situation to a client that has just connected."""
         state = self._state
         if role == "participant":
             state.worlds.forget_client()
@@ -210,7 +210,7 @@ class Session:
             self.attempt.catch_up()
 
     def close(self, now_s: float) -> None:
-        """End the session; a trial that is running is kept as interrupted, or completed if the robot has helped."""
+        """End the session. A running trial is stored as interrupted, or as completed if the robot has finished."""
         self._state.now_s = now_s
         if self._phase.helped:
             self._state.complete_attempt()
@@ -218,23 +218,23 @@ class Session:
         self._state.drivers.close()
 
     def hold_back(self, verdict: Verdict) -> None:
-        """Let no trial begin, because of an answer that was given before the session."""
+        """Let no trial start, because of an answer before the session."""
         self._state.hold_back(verdict)
 
     def _is_over(self) -> bool:
-        """Whether a stop rule ends the session, and the trial that it followed is stored."""
+        """Whether a stop rule ends the session, and the last trial is stored."""
         storage = self._state.storage
         idle = storage.attempt is None and storage.completing is None and not self._phase.helped
         return self._state.ending and idle
 
     def _reopened(self, left: OpenQuestionnaire) -> Questionnaire:
-        """The questionnaire that an earlier session left open."""
+        """The open questionnaire of an earlier session."""
         state = self._state
         state.storage.answering = Answering(left.trial, left.attempt, left.recording)
         return Questionnaire(state, Questions(state.plan.items_after(state.current), left.given))
 
     def _go_to(self, phase: Phase) -> bool:
-        """Whether this is another phase than before, which the session enters."""
+        """Enter a phase if it is another one; returns whether it is."""
         if phase is self._phase:
             return False
         self._enter(phase)
@@ -266,7 +266,7 @@ class Session:
             send(self._phase.question)
 
     def _follow(self) -> None:
-        """Move the person to the newest tracking frame, or hold them when it is stale."""
+        """Move the person to the newest tracking frame; without a fresh one the person keeps the pose."""
         state, attempt = self._state, self._state.storage.attempt
         followed = state.tracking.follow(self.world.task.tracked, state.now_s)
         if followed.pose is not None:
@@ -284,21 +284,21 @@ class Session:
         attempt.record_targets(self.world.joint_targets_rad, state.now_s)
 
     def _tell_tracking(self, part: Part, *, lost: bool) -> None:
-        """Say that a part that the task needs is no longer tracked, or is again."""
+        """Report that a part that the task needs is no longer tracked, or is tracked again."""
         state = self._state
         state.record_event("tracking_lost" if lost else "tracking_found", part)
         kind = events.TrackingLost if lost else events.TrackingFound
         state.sink.tell(kind(state.now_s, part))
 
     def _check_continuity(self, since_last_tick_s: float) -> None:
-        """An attempt counts only if its participant was tracked and no time was lost."""
+        """Interrupt an attempt in which the participant was untracked or time was lost."""
         if since_last_tick_s > LOST_TIME_S:
             self._go_to(self._phase.interrupt(lost_time(self._state.now_s, since_last_tick_s)))
         elif self._phase.can_be_stopped and self._state.untracked is not None:
             self._go_to(self._phase.interrupt(lost_tracking(self._state.now_s, self._state.untracked)))
 
     def _check_storage(self) -> None:
-        """Tell of a disk that pauses; go no further with a trial that recording or observer cannot store."""
+        """Report a slow disk; stop at a trial that recording or observer cannot store."""
         state, storage = self._state, self._state.storage
         stored, failure = state.sink.all_stored(), storage.take_failure()
         if failure is not None:

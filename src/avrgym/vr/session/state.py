@@ -1,4 +1,4 @@
-"""What all phases of a session share."""
+"""The state that all phases of a session share."""
 
 from collections import deque
 from dataclasses import dataclass, field, replace
@@ -34,22 +34,21 @@ from avrgym.vr.session.trial_worlds import TrialWorlds
 from avrgym.vr.tracking.tracking_state import TrackingState
 
 NOT_YET = Text("waiting")
-"""Why nobody is in VR at the beginning."""
+"""The reason before the participant has entered VR."""
 LATENCIES_KEPT = 5
-"""Of how many seconds those who watch see the latency."""
+"""Number of seconds in the latency statistics of the experimenter's page."""
 
 
 @dataclass
 class SessionState:
-    """Where a session stands, whatever its phase.
+    """The state of a session, in any phase.
 
-    ``trial`` counts the plan's trials from 0. ``person`` is whose body the participant has; ``height_known``: its
-    torso height is theirs, ``calibrated_for``: the posture that they have taken place in. ``on_hold`` is whether the
-    experimenter, or a stop rule, lets no trial begin; ``pause_reason`` is the rule's reason, ``ending``: the rule ends
-    the session. ``ready_for`` is the trial that the participant last said they are ready for. ``visibility``: whether
-    they see the scene, ``away``: why they are not in VR, in words for them, ``None`` while they are. ``headset`` is its
-    latest check; ``headset_checked``: it was found ready, or the check was skipped. ``now_s`` is the time since the
-    session began.
+    ``trial`` counts the plan's trials from 0. ``person`` is the participant's virtual body; ``height_known``: it has
+    their torso height; ``calibrated_for``: the posture of their calibration. ``on_hold``: no trial may start, because
+    of the experimenter or a stop rule; ``pause_reason`` is the rule's reason; ``ending``: the rule ends the session.
+    ``ready_for`` is the trial for which the participant has last confirmed to be ready. ``visibility``: whether they
+    see the scene. ``away``: the text that explains why they are not in VR, ``None`` while they are. ``headset`` is its
+    latest check; ``headset_checked``: it passed, or was skipped. ``now_s`` is the time since the session's start.
     """
 
     plan: SessionPlan
@@ -82,63 +81,63 @@ class SessionState:
 
     @property
     def current(self) -> TrialPlan:
-        """The trial that runs or comes next; the last one, when all are over."""
+        """The running or next trial; the last one when all are over."""
         return self.plan.trials[min(self.trial, len(self.plan.trials) - 1)]
 
     @property
     def driver(self) -> Driver:
-        """Who drives in the current trial."""
+        """The driver of the current trial."""
         return self.drivers.of(self.current)
 
     @property
     def world(self) -> LiveWorld:
-        """The world that stands."""
+        """The present world."""
         return self.worlds.world
 
     @property
     def untracked(self) -> Part | None:
-        """The first part that the world's task needs and that was not tracked within the last second."""
+        """The first part that the world's task needs and that was untracked for ``UNTRACKED_S``."""
         needed = self.world.task.tracked
         return next((p for p in needed if self.tracking.part_age_s(p, self.now_s) > UNTRACKED_S), None)
 
     @property
     def following(self) -> int:
-        """The trial that comes after this one; a questionnaire that was left open comes before the first trial."""
+        """The trial after this one; an open questionnaire comes before the first trial."""
         return max(self.trial + 1, self.plan.first_trial - 1)
 
     # What goes out -----------------------------------------------------------------------------------------------
 
     def explain(self, text: Text) -> None:
-        """Tell the participant, in their language, why something is not done; the experimenter reads it too."""
+        """Explain to the participant, in their language, why something is not done; the experimenter reads it too."""
         texts = self.plan.texts
         by_input = texts.render_by_input(text)
         self.send(messages.Problem(texts.render(text), "participant", texts.render_for_page(text), by_input))
 
     def report(self, problem: str) -> None:
-        """Tell the experimenter what is wrong."""
+        """Report a problem to the experimenter."""
         self.send(messages.Problem(problem, "experimenter"))
 
     def record_event(self, name: str, detail: str) -> None:
-        """Record anything that happens now in a running attempt."""
+        """Record an event in a running attempt."""
         self.storage.record_event(name, detail, self.now_s)
 
     def language_message(self) -> messages.Language:
-        """The participant's language, with the words of their page."""
+        """Returns the participant's language, with the texts of their page."""
         texts = self.plan.texts
         return messages.Language(texts.language, texts.direction, dict(texts.page))
 
     def scene_message(self) -> messages.Scene:
-        """The scene to draw, in the participant's room once that is known."""
+        """Returns the scene to draw, in the participant's room once that is known."""
         registration = self.tracking.registration or Registration(np.zeros(3), 0.0)
         return self.world.scene(self.worlds.number, registration)
 
     def body_message(self) -> messages.Body:
-        """The participant's body, and which others there are."""
+        """Returns the participant's body, and the available ones."""
         tones = list(SKIN_TONES), list(SKIN_TONES.values())
         return messages.Body(self.person.sex, self.person.skin_tone, *tones)
 
     def tell_scene(self) -> None:
-        """Send the scene, unless that is what was sent last."""
+        """Send the scene if it has changed."""
         scene = self.scene_message()
         if scene != self._told_scene:
             self._told_scene = scene
@@ -146,13 +145,13 @@ class SessionState:
             self.tell_placed(self.send)
 
     def tell_placed(self, send: Send) -> None:
-        """Say where the world goes, if it follows who has slid on their seat."""
+        """Send the world's new place, if it follows a participant who has slid."""
         placed = self.tracking.placed
         if placed is not None:
             send(placed)
 
     def follow_seat(self) -> None:
-        """Let the seat follow who has slid on it; recorded are the beginning, and every place on the way."""
+        """Move the seat after a participant who has slid; the start and each place on the way are recorded."""
         before = self.tracking.registration
         glide = self.tracking.follow_seat(self.world.joint_targets_rad)
         if glide is not None:
@@ -169,14 +168,14 @@ class SessionState:
                 self.storage.attempt.record("/placement", schema.Placement(pose), self.now_s)
 
     def obey(self, verdict: Verdict) -> None:
-        """Let no further trial begin, because of an answer; what is asked now is asked to its end."""
+        """Let no further trial start, because of an answer; the present questionnaire is completed first."""
         self.hold_back(verdict)
         self.record_event("stop_rule_met", verdict.why)
         self.sink.tell(events.StopRuleMet(self.now_s, verdict.then, verdict.why))
         self.report(f"the session {verdict.then}s: {verdict.why}")
 
     def hold_back(self, verdict: Verdict) -> None:
-        """Let no further trial begin, which everybody knows already."""
+        """Let no further trial start, without a report."""
         self.on_hold, self.pause_reason = True, verdict.why
         self.ending = self.ending or verdict.then == "end"
 
@@ -186,19 +185,19 @@ class SessionState:
         """Change the body's size, in its place.
 
         Raises:
-            ValueError: for a height that no adult has, naming what is allowed.
+            ValueError: for a height outside the range of adults, with the allowed range.
         """
         self.person = replace(self.person, torso_height_m=torso_height_m)
         self.height_known = True
         self.tracking.place_again(self.person)
 
     def give_arm_scale(self, arm_scale: float) -> None:
-        """Change the length of the body's arms; ``ValueError`` for arms that no adult has."""
+        """Change the length of the body's arms; raises ``ValueError`` outside the range of adults."""
         self.person = replace(self.person, arm_scale=arm_scale)
         self.sink.tell(events.ReachMeasured(self.now_s, arm_scale))
 
     def correct_torso_height(self, torso_height_m: float) -> bool:
-        """Whether the body has the torso height that the experimenter gave; if not, they are told why."""
+        """Set the torso height that the experimenter entered; returns whether it is valid, and reports if not."""
         try:
             self.give_torso_height(torso_height_m)
         except ValueError as error:
@@ -208,10 +207,10 @@ class SessionState:
         return True
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> bool:
-        """Whether the participant has the chosen body; if not, who chose is told why.
+        """Change the participant's body; returns whether the choice is valid, and reports if not.
 
-        A body of the other sex is to be measured: the height of the headset says how tall a torso is only above the
-        hips, which sit higher on men.
+        A body of the other sex must be calibrated again: the headset's height gives the torso height only above the
+        hips, which are higher on men.
         """
         try:
             chosen = Person(choice.sex, PROPORTIONS[choice.sex].torso_height, skin_tone=choice.skin_tone)
@@ -231,7 +230,7 @@ class SessionState:
         return True
 
     def take_visibility(self, visibility: messages.Visibility) -> bool:
-        """Whether the participant has just lost sight of the scene. They begin the next trial themselves."""
+        """Returns whether the participant has just lost sight of the scene. They start the next trial themselves."""
         before, self.visibility = self.visibility, visibility
         if visibility != "visible":
             self.ready_for = -1
@@ -242,13 +241,13 @@ class SessionState:
         return False
 
     def forget_place(self) -> None:
-        """Nobody knows any more where the participant is."""
+        """Forget the participant's place."""
         self.tracking, self.calibrated_for = TrackingState(), None
 
     # How late pictures are ---------------------------------------------------------------------------------------
 
     def take_latency(self, told: messages.Latency) -> schema.Latency | None:
-        """Record what the client tells of the last second, if it is whole; those who watch see percentiles."""
+        """Record the client's latencies of the last second, if they are complete, and update the percentiles."""
         latency = schema.Latency(*(getattr(told, name) for name in schema.Latency.__struct_fields__))
         if not is_whole(latency):
             self.report("a latency needs an entry of each stage for each frame")
@@ -265,7 +264,7 @@ class SessionState:
     # Attempts ----------------------------------------------------------------------------------------------------
 
     def begin_attempt(self) -> None:
-        """Begin to record an attempt at the current trial; ``OSError`` when it cannot be recorded."""
+        """Start and record an attempt at the current trial; raises ``OSError`` if it cannot be recorded."""
         assert self.tracking.registration is not None
         plan, trial, world, identifier = self.plan, self.trial, self.world, self.identifier
         place = self.tracking.registration.xr_from_world()
@@ -285,7 +284,7 @@ class SessionState:
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
 
     def watch_driver(self) -> None:
-        """Record whenever the driver fails or drives again; tell each kind of failure once an attempt."""
+        """Record when the driver fails or drives again; report each kind of failure once in an attempt."""
         if isinstance(self.driver, Operator):
             self.driver.check_timeout(self.now_s)
         failure = self.driver.failure
@@ -300,7 +299,7 @@ class SessionState:
             self.report(f"the robot holds still, its controller failed: {failure}")
 
     def watch_guard(self) -> None:
-        """Record each intervention of the force guard, with why, and when the robot is driven again."""
+        """Record each intervention of the force guard with its reason, and its end."""
         guard = self.world.guard
         if guard is None:
             return
@@ -317,25 +316,25 @@ class SessionState:
         return self.plan.withdraw_after_success and not isinstance(self.driver, Operator)
 
     def watch_withdrawal(self) -> None:
-        """Record when the robot begins to withdraw after success."""
+        """Record the start of a withdrawal after success."""
         withdraws = self.world.withdrawing
         if withdraws and not self._withdrew:
             self.record_event(WITHDRAWAL_EVENT, "")
         self._withdrew = withdraws
 
     def end_attempt(self, result: AttemptEnd) -> RecordingError | None:
-        """End a running attempt; what keeps its recording from being complete, if anything does."""
+        """End a running attempt; returns the error that makes its recording incomplete, if there is one."""
         if self.storage.attempt is None:
             return None
         return self.storage.end(result, self.tracking.take_arrived(), self.now_s)
 
     def complete_attempt(self) -> RecordingError | None:
-        """Hold the robot, which has helped, and complete a running attempt; what its recording lacks, if it does."""
+        """Stop the robot, which has finished, and complete a running attempt; returns what ``end_attempt`` returns."""
         self.world.hold()
         return self.end_attempt("completed")
 
     def abandon(self, result: AttemptEnd) -> None:
-        """Hold the robot, and end a running attempt without completing its trial."""
+        """Stop the robot, and end a running attempt without completing its trial."""
         self.world.hold()
         if self.storage.attempt is None:
             return

@@ -1,4 +1,4 @@
-"""What a session exchanges with other devices in the lab, and how their samples come into its recordings."""
+"""Exchange with other devices in the laboratory, and their samples in recordings."""
 
 from collections.abc import Mapping
 from typing import Protocol
@@ -12,32 +12,32 @@ from avrgym.vr.session.events import SessionEvent, StreamFound, StreamLost
 from avrgym.vr.session.state import SessionState
 
 SHOWN_EVERY_TICKS = 2
-"""Poses and forces go out 50 times a second."""
+"""Interval of poses and forces: 50 a second."""
 
 
 class Streams(Protocol):
-    """Other devices' streams. None of its methods waits for anything; times are on the session's clock."""
+    """The streams of other devices. No method waits; times are of the session's clock."""
 
     @property
     def present(self) -> Mapping[str, bool]:
-        """Whether each stream that was asked for is there, by its name."""
+        """Whether each requested stream is there, by its name."""
         ...
 
     def take(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
-        """The samples that have come since the last call, each chunk with its stream."""
+        """Returns the samples since the last call, each chunk with its stream."""
         ...
 
     def tell(self, event: SessionEvent) -> None:
-        """Send out that something happened."""
+        """Send an event."""
         ...
 
     def show(self, world: LiveWorld, now_s: float) -> None:
-        """Send out poses and forces."""
+        """Send poses and forces."""
         ...
 
 
 class StreamRecording:
-    """Records what other devices send while an attempt runs, tells of streams that vanish, and sends out the world."""
+    """Records samples of other devices during attempts, reports lost streams, and sends the world's state."""
 
     def __init__(self, streams: Streams, state: SessionState) -> None:
         self._streams, self._state = streams, state
@@ -48,11 +48,11 @@ class StreamRecording:
 
     @property
     def status(self) -> list[StreamStatus]:
-        """Which streams were asked for, and which of them are there."""
+        """The requested streams, and which of them are there."""
         return [StreamStatus(name, present) for name, present in self._present.items()]
 
     def tick(self) -> None:
-        """Do so after a tick."""
+        """Update after a tick."""
         state, now_s = self._state, self._state.now_s
         arrived = self._streams.take(now_s)
         self._ticks += 1
@@ -65,7 +65,7 @@ class StreamRecording:
             self._record(stream, samples)
 
     def _begin(self) -> None:
-        """Note in a new recording which streams are missing from its beginning."""
+        """Record in a new recording which streams are missing at its start."""
         self._attempt = self._state.storage.attempt
         self._described.clear()
         for name, present in self._present.items():

@@ -1,4 +1,4 @@
-"""The worlds of a session: the one that stands, the one that is being made, and the scene that a client shows."""
+"""The worlds of a session: the present one, the next one, and the scene that a client shows."""
 
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -12,10 +12,10 @@ from avrgym.vr.session.preparation import BodyKey, Preparation, TrialKey
 
 
 class TrialWorlds:
-    """Every attempt has a new world, made ahead of time; a scene, which clients load, serves all that look alike.
+    """Provides a new world for every attempt, made ahead of time. Worlds with the same appearance share a scene.
 
-    ``scenes`` holds environment and person of each scene, by the number in its address; ``number`` is that of
-    ``world``, which stands.
+    ``scenes`` holds environment and person of each scene, by the number in its address; ``number`` is that of the
+    present ``world``.
     """
 
     def __init__(
@@ -26,7 +26,7 @@ class TrialWorlds:
         workers: Executor,
         scenes: list[tuple[str, Person]],
     ) -> None:
-        """Make the first world, of the trial with this index; new scenes are added to ``scenes``."""
+        """Make the world of the trial with this index; new scenes are added to ``scenes``."""
         self.scenes = scenes
         self._plan = plan
         self._preparation = Preparation(workers)
@@ -38,21 +38,21 @@ class TrialWorlds:
 
     @property
     def url(self) -> str:
-        """The address of the scene of the world that stands."""
+        """The address of the present world's scene."""
         return scene_url(self.number)
 
     def is_fresh(self, trial: int, person: Person) -> bool:
-        """Whether the world that stands is made for this trial and body, and no robot has driven in it."""
+        """Returns whether the present world is made for this trial and body, and no robot has moved in it."""
         return self._fresh_for == _key(trial, person)
 
     def use_up(self) -> None:
-        """The robot drives: the world that stands serves no other attempt."""
+        """Mark the present world as used: the robot moves."""
         self._fresh_for = None
 
     def prepare(self, trial: int, person: Person) -> None:
-        """Have a trial's world made, unless it stands or is being made.
+        """Start to make a trial's world, unless it is there or being made.
 
-        Where the environment stays, its person begins as they sit or lie now, else in the task's pose.
+        In the same environment, its person starts in the present pose, else in the task's pose.
         """
         key = _key(trial, person)
         if key in (self._fresh_for, self._preparation.key):
@@ -65,37 +65,37 @@ class TrialWorlds:
         self._preparation.ask(key, plan.environment, begins, plan.seed)
 
     def upcoming(self, trial: int, person: Person) -> str | None:
-        """The address of a trial's scene, unless it is the one that stands."""
+        """Returns the address of a trial's scene, unless it is the present one."""
         number = self._number(self._plan.trials[trial].environment, person)
         return None if number == self.number else scene_url(number)
 
     @property
     def ready(self) -> bool:
-        """Whether the world that was asked for is made."""
+        """Whether the requested world is made."""
         return self._preparation.ready
 
     def change(self) -> None:
-        """Let the prepared world stand. Raises what kept it from being made."""
+        """Replace the present world by the prepared one, or raise its error."""
         key, world = self._preparation.key, self._preparation.take()
         self.number = self._number(world.environment, world.person)
         self.world, self._fresh_for = world, key
 
     def forget_client(self) -> None:
-        """A client that has just connected shows nothing yet."""
+        """Note that a client has just connected and shows nothing yet."""
         self._shown = None
 
     def show(self, url: str) -> None:
-        """The client shows the scene of this address."""
+        """Note that the client shows the scene with this address."""
         if url == self.url:
             self._shown = self.number
 
     @property
     def is_shown(self) -> bool:
-        """Whether the client shows the scene of the world that stands."""
+        """Whether the client shows the present world's scene."""
         return self._shown == self.number
 
     def _number(self, environment: str, person: Person) -> int:
-        """The number of an environment's scene with a person in it; a new one where there is none."""
+        """The number of an environment's scene with this person; a new one if there is none."""
         for number, (known, body) in enumerate(self.scenes):
             if known == environment and BodyKey.of(body) == BodyKey.of(person):
                 return number
@@ -104,7 +104,7 @@ class TrialWorlds:
 
 
 def resting(environment: str, person: Person) -> Person:
-    """The person in the pose in which an environment's task meets people."""
+    """Returns the person in the rest pose of an environment's task."""
     task, _ = find_environment(environment)
     return replace(person, joint_angles_rad=TASKS[task].pose.rest_rad)
 

@@ -1,8 +1,8 @@
-"""The phases of a session: what each says, what it does with messages and ticks, and which phases may follow it.
+"""The phases of a session: texts, reactions to messages and ticks, and transitions.
 
-Each method returns the phase that follows. Those of ``Phase`` itself stay in the phase; what leads elsewhere overrides
-them and says in its annotation where to. So whatever the annotations do not name, no message and no tick leads to.
-Phases follow each other in circles: their modules find each other here.
+Each method returns the phase that follows. Methods of ``Phase`` stay in the phase; a transition overrides a method, and
+its annotation lists the phases that may follow. Transitions that no annotation lists are impossible. The phases form
+cycles, so their modules import each other through this one.
 """
 
 from avrgym.vr.protocol.messages import PhaseName
@@ -40,19 +40,19 @@ from avrgym.vr.session.phases.running import (
 )
 
 Begins = LoadTrial | Calibration | Storing | Waiting | Paused | RecordingFailed | AskReady | FreeBefore
-"""What may follow when a trial shall begin."""
+"""Phases that may follow when a trial is to start."""
 Ended = Finished | RecordingFailed
-"""What may follow when nothing begins any more, and when an answered trial is completed before."""
+"""Phases that may follow after the last trial, when an answered trial is completed first."""
 Asks = Begins | Finished | Questionnaire
-"""What may follow when the robot has helped, wherever the participant is."""
+"""Phases that may follow when the robot has finished, in VR or not."""
 Enters = CheckBegins | Calibration | LoadCalibration | Ended
-"""What may follow when the participant enters VR."""
+"""Phases that may follow when the participant enters VR."""
 Gone = Waiting | Ended
-"""What may follow when the participant leaves."""
+"""Phases that may follow when the participant leaves."""
 Anew = Calibration | LoadCalibration | Ended
-"""What may follow when they are measured again."""
+"""Phases that may follow a request for a new calibration."""
 Loaded = Begins | Check
-"""What may follow when a world is shown."""
+"""Phases that may follow when a world is shown."""
 
 PHASES: tuple[type[Phase], ...] = (
     Waiting, CheckBegins, CheckAtRest, CheckStretched, CheckMoving, CheckStop, CheckSenses, CheckResult, Calibration,
@@ -63,5 +63,5 @@ PHASES: tuple[type[Phase], ...] = (
 
 
 def where(flag: str) -> list[PhaseName]:
-    """The names of the phases whose attribute of this name is true."""
+    """Returns the names of the phases in which this attribute is true."""
     return list(dict.fromkeys(phase.name for phase in PHASES if getattr(phase, flag)))

@@ -1,4 +1,4 @@
-"""The phases in which the headset is checked, before anybody is measured."""
+"""The phases of the headset check, before calibration."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from avrgym.vr.session.state import SessionState
 
 YES = 1
 FAULTS_SHOWN = 2
-"""More would be too small to read; events, database and terminal tell all."""
+"""More would be too small to read; events, database and terminal contain all."""
 BUZZ = Item(
     "haptics",
     "Do you feel a buzz in your hands, every second?",
@@ -35,7 +35,7 @@ SIGNAL_S = 0.5
 
 
 class Checking(InVR):
-    """The headset is checked; the experimenter may skip that."""
+    """Base of phases of the headset check; the experimenter may skip it."""
 
     moves = True
 
@@ -44,7 +44,7 @@ class Checking(InVR):
         self._measurement = measurement
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
-        """The first frame says where the participant is: what is drawn then is what a trial draws."""
+        """The first frame determines the participant's place: what is drawn then is what a trial draws."""
         frame = self.state.tracking.take(tracking, self.state.now_s)
         if frame.usable and self.state.tracking.registration is None:
             assert tracking.head is not None
@@ -62,7 +62,7 @@ class Checking(InVR):
         return self._calibrate_again()
 
     def _ask_senses(self) -> CheckSenses | CheckResult:
-        """Ask about buzz and chime, where the plan has them."""
+        """Ask about haptics and sound, if the plan has them."""
         plan = self.state.plan
         asked = [BUZZ] * (plan.haptics and self._measurement.has_motors) + [CHIME] * plan.sounds
         if asked:
@@ -71,7 +71,7 @@ class Checking(InVR):
 
 
 class CheckBegins(Checking):
-    """The participant gets ready; their trigger begins the check, and shows that it works."""
+    """The participant gets ready; the trigger starts the check and is tested by it."""
 
     name = "headset"
     says = Text("headset_check")
@@ -88,7 +88,7 @@ class CheckBegins(Checking):
 
 
 class Measuring(Checking, ABC):
-    """Something is measured for a while."""
+    """Base of phases that measure for some time."""
 
     name = "headset_check"
     at_rest = stretching = False
@@ -107,11 +107,11 @@ class Measuring(Checking, ABC):
 
     @abstractmethod
     def time_over(self) -> CheckStretched | CheckMoving | CheckStop:
-        """What is measured then."""
+        """The next measurement."""
 
 
 class CheckAtRest(Measuring):
-    """How much the tracking trembles."""
+    """Measures the jitter of tracking."""
 
     says = Text("headset_at_rest")
     at_rest = True
@@ -121,13 +121,13 @@ class CheckAtRest(Measuring):
         self.seconds = self._durations.at_rest_s
 
     def time_over(self) -> CheckStretched | CheckMoving:
-        """Somebody who plays with a mouse has no arms to stretch."""
+        """Without a headset there are no arms to stretch."""
         with_mouse = "mouse" in self.state.tracking.modalities
         return (CheckMoving if with_mouse else CheckStretched)(self.state, self._measurement)
 
 
 class CheckStretched(Measuring):
-    """How far hands are tracked."""
+    """Measures the range of hand tracking."""
 
     says = Text("headset_stretched")
     stretching = True
@@ -141,7 +141,7 @@ class CheckStretched(Measuring):
 
 
 class CheckMoving(Measuring):
-    """Whether pictures keep up with movement."""
+    """Measures dropped frames during motion."""
 
     says = Text("headset_moving")
 
@@ -154,7 +154,7 @@ class CheckMoving(Measuring):
 
 
 class CheckStop(Checking):
-    """The participant stops the robot once, with what they would stop it with in a trial."""
+    """The participant tests the emergency stop."""
 
     name = "headset_stop"
     says = Text("headset_stop")
@@ -166,7 +166,7 @@ class CheckStop(Checking):
         self._asked_s = state.now_s
 
     def stop(self, by: events.Who, way: messages.StopWay | None = None) -> CheckSenses | CheckResult | Self:
-        """Take note of the participant's stop, and go on; the experimenter cannot try it for them."""
+        """Take the participant's test stop and continue; the experimenter cannot test it for them."""
         if by == "experimenter":
             return self._report("the participant tries the stop; skip the check to go on without")
         self._measurement.take_stop(way or "page", self.state.now_s - self._asked_s)
@@ -178,7 +178,7 @@ class CheckStop(Checking):
 
 
 class CheckSenses(Checking):
-    """The participant says whether they feel and hear what they are meant to."""
+    """The participant answers whether haptics and sound work."""
 
     name = "headset_check"
     says = Text("questionnaire")
@@ -194,7 +194,7 @@ class CheckSenses(Checking):
         return self._questions.question()
 
     def wait(self) -> Self:
-        """Buzz or chime again and again, until that is answered."""
+        """Repeat haptics or sound until the answer."""
         now_s, buzzes = self.state.now_s, len(self._answers) < len(self._asked) and self._is_asked(BUZZ)
         if now_s >= self._next_s:
             self._next_s, self._ends_s = now_s + SIGNAL_EVERY_S, now_s + SIGNAL_S
@@ -222,7 +222,7 @@ class CheckSenses(Checking):
 
 
 class CheckResult(Checking):
-    """Everybody is told whether the headset is ready, and what to do if it is not."""
+    """Shows whether the headset passed, and what to do if not."""
 
     name = "headset"
     awaits_ready = True

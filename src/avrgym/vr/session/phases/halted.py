@@ -1,4 +1,4 @@
-"""The phases in which nothing goes on by itself."""
+"""The phases without a time limit or a moving robot."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from avrgym.vr.session.state import SessionState
 
 
 class Paused(Resting):
-    """The robot holds still until the participant presses the trigger, or the experimenter goes on."""
+    """The robot stands still until the participant presses the trigger, or the experimenter continues."""
 
     name = "paused"
 
@@ -43,7 +43,7 @@ class RecordingFailed(Paused):
 
 
 class Finished(Phase):
-    """The session is over; nothing leads out of here."""
+    """The session is over; no phase follows."""
 
     name = "finished"
 
@@ -59,9 +59,9 @@ class Finished(Phase):
         return self
 
     def pause(self) -> Self:
-        """Nothing begins any more; whoever asks is told, unless the session is paused already."""
+        """Nothing starts any more; this is explained unless the session is paused already."""
         return self if self.state.on_hold else self._report("the session is finished")
 
     def correct_torso_height(self, torso_height_m: float) -> Self:
-        """Nobody has a body any more."""
+        """There is no body any more."""
         return self._report("the session is finished")

@@ -1,4 +1,4 @@
-"""Kinds of phases: what leads out of several."""
+"""Base classes of phases that share transitions."""
 
 # After the robot has helped, the same messages lead to other phases than before.
 # pyright: reportIncompatibleMethodOverride=false
@@ -17,7 +17,7 @@ from avrgym.vr.session.questions import Questions
 
 
 class Ongoing(Phase):
-    """Any phase but the last."""
+    """Base of all phases but the last."""
 
     def enter_vr(self) -> phases.Enters:
         state = self.state
@@ -61,19 +61,19 @@ class Ongoing(Phase):
         return phases.Finished(self.state, Text(key))
 
     def _calibrate_again(self) -> phases.Calibration | phases.LoadCalibration:
-        """Let the participant be seated anew, in the current trial's seat or bed."""
+        """Calibrate the participant again, in the current trial's seat or bed."""
         self.state.forget_place()
         in_place = self.state.world.environment == self.state.current.environment
         return phases.Calibration(self.state) if in_place else phases.LoadCalibration(self.state)
 
     def _next_trial(self) -> phases.Begins | phases.Finished:
-        """Go on to the next trial, or finish after the last."""
+        """Continue with the next trial, or finish after the last."""
         self.state.trial = self.state.following
         more = self.state.trial < len(self.state.plan.trials)
         return self._begin_trial() if more else self._finish("finished")
 
     def _begin_trial(self) -> phases.Begins:
-        """Begin the next attempt once its world is made, the participant is ready and tracked, and nobody pauses."""
+        """Start the next attempt if its world is made and the participant is ready and tracked, without a pause."""
         state = self.state
         if state.storage.completing is not None:
             return phases.Storing(state)
@@ -98,7 +98,7 @@ class Ongoing(Phase):
         return phases.FreeBefore(state)
 
     def _complete_trial(self) -> phases.Begins | phases.Finished:
-        """End the attempt as completed, unless it cannot be stored, and go on."""
+        """End the attempt as completed, unless it cannot be stored, and continue."""
         state = self.state
         recording_failure = state.end_attempt("completed")
         stored = state.sink.all_stored()
@@ -119,7 +119,7 @@ class InVR(Ongoing):
 
 
 class InPlace(InVR):
-    """The participant is in place, so that a trial can begin."""
+    """The participant is in place, so a trial can start."""
 
     in_place = True
 
@@ -145,8 +145,7 @@ class InPlace(InVR):
 
 
 class Helped(InPlace):
-    """The robot has helped: whatever happens now, the trial counts. A returning participant answers the open
-    questions."""
+    """The robot has finished: the trial counts in any case. A returning participant answers the open questions."""
 
     helped = True
 
@@ -178,7 +177,7 @@ class Helped(InPlace):
         return super().repeat()
 
     def skip(self) -> phases.Begins | phases.Finished:
-        """The experimenter goes on without the answers that are not given."""
+        """Continue without the missing answers."""
         answering = self.state.storage.answering
         assert answering is not None
         self.state.world.hold()
@@ -202,7 +201,7 @@ class Helped(InPlace):
         return [item.id for item in self.state.plan.items_after(self.state.current)]
 
     def _go_on_without_them(self, why: Text) -> phases.Asks:
-        """Close the recording; they are measured again when they have come back and answered."""
+        """Close the recording. After a return, the participant answers first and is then calibrated again."""
         self.state.away = why
         failure = self.state.complete_attempt()
         if failure is not None:
@@ -211,13 +210,13 @@ class Helped(InPlace):
         return self._ask()
 
     def _ask(self) -> phases.Asks:
-        """Ask what is to be asked after the trial, or go on."""
+        """Start the questionnaire of the trial, or continue without one."""
         items = self.state.plan.items_after(self.state.current)
         return phases.Questionnaire(self.state, Questions(items)) if items else self._complete_trial()
 
 
 class Resting(InPlace):
-    """No trial runs, and the participant may begin one or change their body."""
+    """No trial runs; the participant may start one or change their body."""
 
     awaits_ready = can_recalibrate = can_choose_body = True
 
@@ -238,7 +237,7 @@ class Resting(InPlace):
 
 
 class Stoppable(InPlace):
-    """A trial runs whose robot moves or is about to."""
+    """A trial runs in which the robot moves or is about to move."""
 
     moves = can_be_stopped = True
 
@@ -258,7 +257,7 @@ class Stoppable(InPlace):
         return self._break_off("interrupted", interruption.event, interruption.says)
 
     def _break_off(self, result: AttemptEnd, event: events.SessionEvent, says: Text) -> phases.Paused:
-        """Hold the robot and end the attempt; the participant's trigger repeats the trial."""
+        """Stop the robot and end the attempt; the participant's trigger repeats the trial."""
         self.state.abandon(result)
         self.state.sink.tell(event)
         self.state.worlds.prepare(self.state.trial, self.state.person)

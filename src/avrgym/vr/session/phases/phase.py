@@ -1,4 +1,4 @@
-"""What a phase of a session is, and what it does with messages and ticks that lead nowhere."""
+"""The base class of phases, with the reactions that lead to no other phase."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from avrgym.vr.session.state import SessionState
 
 
 class Phase:
-    """A phase, or a kind of phases. ``says`` is what the participant reads; it lasts ``seconds`` where they are given.
+    """A phase. The participant reads ``says``; the phase ends after ``seconds``, if they are given.
 
     ``moves``: the participant or the robot moves. ``can_be_stopped``: the robot moves or is about to, and an emergency
-    stop holds it. ``helped``: the robot has helped, and the trial counts. ``in_place``: the participant is in place, so
-    that a trial can begin. ``awaits_ready``: a trigger goes on. ``can_recalibrate``: the participant may be measured
+    stop holds it. ``helped``: the robot has finished, and the trial counts. ``in_place``: the participant is in place,
+    so a trial can start. ``awaits_ready``: a trigger continues. ``can_recalibrate``: the participant may be calibrated
     again. ``can_choose_body``: no trial runs that another body would interrupt.
     """
 
@@ -38,11 +38,11 @@ class Phase:
         self.state = state
 
     def entered(self) -> None:
-        """Do what is done once, when all have been told of the phase."""
+        """Called once, after the phase is announced."""
 
     @property
     def question(self) -> messages.Question | None:
-        """What is asked now."""
+        """The current question."""
         return None
 
     # What the participant's client tells -------------------------------------------------------------------------
@@ -52,69 +52,71 @@ class Phase:
         self.state.tracking.take(tracking, self.state.now_s)
 
     def take_latency(self, latency: messages.Latency) -> None:
-        """Take how late the pictures of the last second were."""
+        """Take the latencies of the last second."""
         self.state.take_latency(latency)
 
     def take_frames(self, drawn: messages.HeadsetFrames) -> None:
-        """Take when the frames of the last second were drawn."""
+        """Take the render times of the last second's frames."""
 
     def enter_vr(self) -> Phase:
-        """They entered VR, or play without a headset."""
+        """The participant entered VR, or plays without a headset."""
         return self
 
     def leave_vr(self) -> Phase:
-        """They left VR."""
+        """The participant left VR."""
         return self
 
     def disconnect(self) -> Phase:
-        """Their connection is gone."""
+        """The participant's connection is lost."""
         self.state.sink.tell(events.ConnectionLost(self.state.now_s))
         return self
 
     def reset_origin(self) -> Phase:
-        """Where they were is no longer known."""
+        """The origin of tracking has changed; the participant's place is unknown."""
         return self
 
     def ready(self) -> Phase:
-        """They pressed the trigger to go on."""
+        """The participant pressed the trigger to continue."""
         return self._refuse("nothing_to_begin")
 
     def recalibrate(self) -> Phase:
-        """They saw that body or seat do not fit."""
+        """The participant reports that body or seat do not fit."""
         return self._refuse("measured_between_trials")
 
     def answer(self, answer: messages.Answer) -> Phase:
-        """They answered a question."""
+        """The participant answered a question."""
         return self._refuse("no_question")
 
     def go_back(self) -> Phase:
-        """They want to change an earlier answer."""
+        """The participant wants to change an earlier answer."""
         return self._refuse("no_way_back")
 
     # What participant or experimenter ask ------------------------------------------------------------------------
 
     def stop(self, by: events.Who, way: StopWay | None = None) -> Phase:
-        """The emergency stop: hold the robot immediately; the trial that runs may be repeated.
+        """The emergency stop: stop the robot immediately; the running trial may be repeated.
 
-        ``way`` is how the participant stopped it.
+        ``way`` is the participant's way to stop it.
         """
         return self._refuse("holds_already", by)
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> Phase:
-        """Give the participant a body of this sex and tone of skin."""
+        """Change the participant's body."""
         return self._refuse("body_between_trials", by)
 
     # What the experimenter asks ----------------------------------------------------------------------------------
 
     def pause(self) -> Phase:
-        """Let no trial begin before ``go_on``; one whose robot moves or is about to ends, and will be repeated."""
+        """Let no trial start before ``go_on``. A trial in which the robot moves or is about to move ends, and is
+        repeated later.
+        """
         if not self.state.on_hold:
             self.state.on_hold = True
             self.state.sink.tell(events.Paused(self.state.now_s))
         return self
 
     def go_on(self) -> Phase:
-        """Let trials begin again."""
+        """Let trials start again."""
         if not self.state.on_hold:
             return self._report("the session is not paused")
         self.state.on_hold, self.state.pause_reason = False, ""
@@ -122,24 +124,24 @@ class Phase:
         return self
 
     def repeat(self) -> Phase:
-        """Begin a new attempt at the current trial."""
+        """Start a new attempt at the current trial."""
         return self._refuse_out_of_place()
 
     def skip(self) -> Phase:
-        """Go on without the current trial."""
+        """Skip the current trial."""
         return self._refuse_out_of_place()
 
     def measure_again(self) -> Phase:
-        """Measure the participant again."""
+        """Calibrate the participant again."""
         return self._refuse_out_of_place()
 
     def correct_torso_height(self, torso_height_m: float) -> Phase:
-        """Give the participant a body of this torso height; a running trial is interrupted."""
+        """Set the torso height of the participant's body; a running trial is interrupted."""
         self.state.correct_torso_height(torso_height_m)
         return self
 
     def drive(self, wish: messages.Drive) -> None:
-        """Move the robot's hand; where no robot drives, none does."""
+        """Move the robot's hand, if an operator drives."""
 
     def end(self) -> Phase:
         """End the session."""
@@ -148,18 +150,18 @@ class Phase:
     # What happens in a tick, in this order -----------------------------------------------------------------------
 
     def call_off(self) -> Phase:
-        """Somebody elsewhere has ended the session."""
+        """The session was ended elsewhere."""
         return self
 
     def interrupt(self, interruption: Interruption) -> Phase:
-        """The participant cannot act, or time was lost. Where the robot has finished, its attempt goes on."""
+        """The participant cannot act, or time was lost. If the robot has finished, the attempt continues."""
         self.state.record_event(interruption.name, interruption.why)
         self.state.sink.tell(interruption.event)
         return self._report(interruption.why)
 
     @property
     def driver(self) -> Driver | None:
-        """Who drives the robot."""
+        """The driver of the robot."""
         return None
 
     def finish_step(self, step: ControlStep) -> Phase:
@@ -167,16 +169,16 @@ class Phase:
         return self
 
     def fail(self, error: Exception) -> Phase:
-        """What happened cannot be stored."""
+        """An event or attempt cannot be stored."""
         self.state.report(f"the session cannot be stored: {error}")
         return self
 
     def trial_stored(self) -> Phase:
-        """A trial's completion is stored, after somebody waited for that or did something else."""
+        """A trial's completion is stored."""
         return self
 
     def wait(self) -> Phase:
-        """Look whether what is waited for is there."""
+        """Check for the event that the phase waits for."""
         return self
 
     def time_over(self) -> Phase:
@@ -186,7 +188,7 @@ class Phase:
     # -------------------------------------------------------------------------------------------------------------
 
     def _refuse(self, key: str, by: events.Who = "participant") -> Self:
-        """Tell who asked why this is not done: the key of a text."""
+        """Explain why a request is not done; ``key`` names a text."""
         if by == "participant":
             self.state.explain(Text(key))
         else:
@@ -194,7 +196,7 @@ class Phase:
         return self
 
     def _report(self, why: str) -> Self:
-        """Tell the experimenter why this is not done."""
+        """Report to the experimenter why a request is not done."""
         self.state.report(why)
         return self
 

@@ -1,4 +1,4 @@
-"""The phases before a trial: the participant puts on the headset, is measured, and looks whether all fits."""
+"""The phases before a trial: entering VR, calibration, and a check of body and seat."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from avrgym.vr.tracking.frames import body_pose
 
 _PUT_ON = Text("waiting")
 REACH_S, REACH_FRAMES = 5.0, 60
-"""So long is each pose, of which the last frames count."""
+"""Duration of each pose, and the number of its last frames that count."""
 
 
 class Waiting(Ongoing):
@@ -38,7 +38,7 @@ class Waiting(Ongoing):
 
 
 class Calibration(InVR):
-    """The participant rests where they sit or lie, and presses the trigger: their torso height is measured there."""
+    """The participant rests in the seat or bed and presses the trigger: their torso height is measured."""
 
     name = "calibration"
     awaits_ready = can_choose_body = True
@@ -50,7 +50,7 @@ class Calibration(InVR):
         state.tracking.forget_place()
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
-        """The first frame says where they are."""
+        """The first frame determines the participant's place."""
         frame = self.state.tracking.take(tracking, self.state.now_s)
         if frame.usable and self.state.tracking.registration is None:
             assert tracking.head is not None
@@ -64,9 +64,9 @@ class Calibration(InVR):
         return self
 
     def ready(self) -> LoadCheck | ReachAhead | Self:
-        """Seat the participant: height, place and direction from the last half second of tracking.
+        """Calibrate height, place and direction from the last half second of tracking.
 
-        Somebody who plays with a mouse has no arms to stretch.
+        Without a headset there are no arms to stretch.
         """
         state = self.state
         measured, posture = not state.height_known, state.world.scene_config.posture
@@ -86,7 +86,7 @@ class Calibration(InVR):
 
 
 class Reaching(InVR, ABC):
-    """The participant stretches their arms, which says how long they are; the trigger leaves that out."""
+    """The participant stretches the arms to measure their length; the trigger skips that."""
 
     name = "reach"
     seconds = REACH_S
@@ -97,7 +97,7 @@ class Reaching(InVR, ABC):
         self._reached_m, self._seen_m = tuple(reached_m), list[float]()
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
-        """Take a frame; what is seen at the end counts."""
+        """Take a frame; the last ones count."""
         state = self.state
         frame = state.tracking.take(tracking, state.now_s)
         if not frame.usable or state.tracking.registration is None:
@@ -108,12 +108,12 @@ class Reaching(InVR, ABC):
             self._seen_m = [*self._seen_m[1 - REACH_FRAMES :], length_m]
 
     def ready(self) -> LoadCheck:
-        """Go on with arms as most people have them."""
+        """Continue with arms of mean length."""
         return LoadCheck(self.state)
 
     @property
     def _all_m(self) -> tuple[float, ...]:
-        """The distances of the poses so far, this one's included; nothing where it was not seen."""
+        """The distances of all poses so far; empty if this pose was not tracked."""
         return (*self._reached_m, median(self._seen_m)) if self._seen_m else ()
 
 
@@ -148,7 +148,7 @@ class ReachAside(Reaching):
 
 
 class Loading(InVR, ABC):
-    """The current trial's world is made and shown."""
+    """The current trial's world is being made and shown."""
 
     name = "loading"
     says = Text("loading")
@@ -157,7 +157,7 @@ class Loading(InVR, ABC):
         self.state.worlds.prepare(self.state.trial, self.state.person)
 
     def wait(self) -> phases.Loaded | Self:
-        """Put up the world that is waited for; go on when the client shows it."""
+        """Show the prepared world; continue when the client shows it."""
         state = self.state
         if not state.worlds.is_fresh(state.trial, state.person):
             state.worlds.prepare(state.trial, state.person)
@@ -176,25 +176,25 @@ class Loading(InVR, ABC):
 
     @abstractmethod
     def loaded(self) -> phases.Loaded:
-        """What follows when the client shows the scene."""
+        """The phase that follows when the client shows the scene."""
 
 
 class LoadTrial(Loading):
-    """The trial begins when its world is shown."""
+    """The trial starts when its world is shown."""
 
     def loaded(self) -> phases.Begins:
         return self._begin_trial()
 
 
 class LoadCalibration(Loading):
-    """The participant is measured when the seat or bed is shown."""
+    """Calibration starts when the seat or bed is shown."""
 
     def loaded(self) -> Calibration:
         return Calibration(self.state)
 
 
 class LoadCheck(Loading):
-    """The participant looks at their body when it is shown."""
+    """The check of the body starts when it is shown."""
 
     def loaded(self) -> Check:
         return Check(self.state)
@@ -211,14 +211,14 @@ class Storing(InVR):
 
 
 class Check(Resting):
-    """The participant looks whether body and seat fit."""
+    """The participant checks whether body and seat fit."""
 
     name = "check"
     says = Text("check")
 
 
 class AskReady(Resting):
-    """The trial is shown, and begins when the participant is ready for it."""
+    """The trial is shown, and starts when the participant is ready."""
 
     name = "ready"
 
@@ -228,7 +228,7 @@ class AskReady(Resting):
 
 
 def told_of_trial(key: str, state: SessionState) -> Text:
-    """What is said of the trial that comes next: which it is, and what its task is."""
+    """Returns the text about the next trial: its number and its task."""
     plan, trial = state.plan, state.current
     number = {"trial": str(state.trial + 1), "trials": str(len(plan.trials))}
     which = plan.texts.render(Text("practice") if trial.practice else Text("trial", number))

@@ -18,7 +18,7 @@ from avrgym.vr.session.state import SessionState
 
 
 class FreeBefore(Stoppable):
-    """The participant moves freely before the robot does."""
+    """The participant moves freely before the robot starts."""
 
     name = "free_before"
 
@@ -32,7 +32,7 @@ class FreeBefore(Stoppable):
 
 
 class Countdown(Stoppable):
-    """The robot is about to start; it waits for a participant whose tracking is lost."""
+    """The robot is about to start; it waits while the participant is untracked."""
 
     name = "countdown"
     says = Text("countdown")
@@ -49,7 +49,7 @@ class Countdown(Stoppable):
 
 
 class Trial(Stoppable):
-    """The robot drives."""
+    """The robot moves."""
 
     name = "trial"
     says = Text("helping")
@@ -77,7 +77,7 @@ class Trial(Stoppable):
 
 
 class Retreat(Helped):
-    """The robot takes its tool away from the person; what the trial gave is kept, whatever happens now."""
+    """The robot moves its tool away from the person; the trial's results are stored in any case."""
 
     name = "retreat"
     says = Text("retreat")
@@ -109,7 +109,7 @@ class Retreat(Helped):
 
 
 class FreeAfter(Helped):
-    """The participant moves freely after the robot has finished; what it gave is kept. The next world is made."""
+    """The participant moves freely after the robot has finished. The next world is made."""
 
     name = "free_after"
     says = Text("free_after")
@@ -147,7 +147,7 @@ class Questionnaire(Helped):
         return self._questions.question()
 
     def answer(self, answer: messages.Answer) -> Confirm | Self:
-        """Take the answer to the question that is asked; after the last one they confirm what they gave."""
+        """Take the answer to the current question; after the last one the participant confirms all answers."""
         storage, now_s = self.state.storage, self.state.now_s
         assert storage.answering is not None
         earlier = self._questions.earlier
@@ -190,7 +190,7 @@ class Questionnaire(Helped):
 
 
 class Confirm(Helped):
-    """Every question is answered; the participant confirms their answers, or goes back to change some."""
+    """Every question is answered; the participant confirms the answers, or goes back to change some."""
 
     name = "confirm"
     says = Text("confirm")
