@@ -10,7 +10,7 @@ from avrgym.texts.interface_texts import ENGLISH
 from avrgym.vr.headset_check import fault_text, verdict
 from avrgym.vr.latency import STAGES
 from avrgym.vr.session import events
-from avrgym.vr.session.phases.checking import FAULTS_SHOWN
+from avrgym.vr.session.phases.checking import MAX_FAULTS_SHOWN
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from helpers.browser.journey import Journey, await_that
 from helpers.vr.visit import driving, plan
@@ -38,7 +38,7 @@ def test_the_emulated_headset_is_measured_and_told_what_it_lacks(tmp_path: Path)
             headset.answer(value)
         journey.await_phase("headset")
         (check,) = [each.check for each in journey.observed if isinstance(each, events.HeadsetChecked)]
-        told = ENGLISH.render_for_page(verdict(check, FAULTS_SHOWN))
+        told = ENGLISH.render_for_page(verdict(check, MAX_FAULTS_SHOWN))
         headset.page.get_by_text(told).first.wait_for(state="attached")
         headset.screenshot(tmp_path / "result.png")
     assert "The buzz was not felt" in fault_text(check)

@@ -23,7 +23,7 @@ from avrgym.vr.server.real_time_loop import RealTimeLoop
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session import session
 from avrgym.vr.session.session import Session
-from avrgym.vr.tracking.frames import LONGEST_GAP_FRAMES, RESTART_FRAMES, Numbering
+from avrgym.vr.tracking.frames import MAX_GAP_FRAMES, RESTART_FRAMES, SequenceFilter
 from helpers.studies.small_studies import make_study, take_in
 from helpers.system.processes import Served, served
 from helpers.vr.visit import Visit, events, result
@@ -133,7 +133,7 @@ def test_what_the_robot_gave_is_kept_when_tracking_is_lost_after_it_has_finished
 def test_the_robot_holds_within_a_second_when_a_headset_falls_silent(
     tmp_path: Path, answers_pings: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(session, "LOST_TIME_S", float("inf"))  # busy machines stand still
+    monkeypatch.setattr(session, "MAX_TICK_GAP_S", float("inf"))  # busy machines stand still
     with make_server(tmp_path) as server, participant(server) as client:
         sit_down(client)
         client.await_message(StateChange)
@@ -187,19 +187,19 @@ def test_a_stream_in_order_is_followed_whatever_came_before() -> None:
     """2,000 random histories of frames that are repeated, late, far ahead, or of another stream."""
     chance = np.random.default_rng(1)
     for _ in range(2000):
-        numbering = Numbering()
+        numbering = SequenceFilter()
         wild = chance.integers(0, 3000, 30) * chance.choice([1, 1, 1, 2**40], 30)
         for number in wild.tolist():
             numbering.follows(number)
         begins = int(chance.choice([0, 1, 500, 10**6, LARGEST - 50, LARGEST]))
-        steps = chance.integers(1, LONGEST_GAP_FRAMES + 1, 40)
+        steps = chance.integers(1, MAX_GAP_FRAMES + 1, 40)
         stream = (begins + np.cumsum(steps)).tolist()
         assert all([numbering.follows(number) for number in stream][RESTART_FRAMES - 1 :])
 
 
 def test_no_frame_counts_twice_and_none_that_comes_late() -> None:
     chance = np.random.default_rng(2)
-    numbering, newest = Numbering(), -1
+    numbering, newest = SequenceFilter(), -1
     for number in range(0, 20_000, 3):
         late = int(chance.integers(max(0, number - 500), number + 1))
         assert numbering.follows(number)

@@ -13,7 +13,7 @@ from avrgym.recording.schema import TrackingFrame
 from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
 from avrgym.vr.protocol.webxr import is_valid
 from avrgym.vr.tracking.frames import TrackingFeed
-from avrgym.vr.tracking.jumps import PARTS, RETURN_SHARE, SETTLED_S, Limb, least_s
+from avrgym.vr.tracking.jumps import PARTS, RETURN_SHARE, SETTLED_S, Limb, min_duration_s
 from helpers.vr.teleporting_hands import ATTACKS, IMPACT_N, peak_force_n, somewhere
 from helpers.vr.visit import Visit, plan
 
@@ -24,14 +24,14 @@ FASTEST_FRAME_S = 1.0 / 120.0
 def towards(pose: XRPose, seconds: float, chance: np.random.Generator) -> XRPose:
     """A pose as far away as the fastest gets in so many seconds, or less far."""
     goal = somewhere(pose, chance, 1.0)
-    share = min(1.0, chance.uniform(0.0, 0.999) * seconds / least_s(pose, goal))
+    share = min(1.0, chance.uniform(0.0, 0.999) * seconds / min_duration_s(pose, goal))
     turn = np.array(pose.orientation) * (1 - share) + share * np.array(goal.orientation) * np.sign(
         np.dot(pose.orientation, goal.orientation)
     )
     position = np.array(pose.position) * (1 - share) + share * np.array(goal.position)
     x, y, z = np.clip(position, -9.0, 9.0).tolist()
     nearer = XRPose((x, y, z), tuple((turn / np.linalg.norm(turn)).tolist()))
-    return nearer if least_s(pose, nearer) < seconds else pose
+    return nearer if min_duration_s(pose, nearer) < seconds else pose
 
 
 def test_what_a_person_can_do_is_followed_exactly() -> None:
@@ -51,11 +51,11 @@ def test_a_jump_is_held_and_the_limb_comes_at_leisure() -> None:
         now_s = tick * TICK_S
         limb.see(REST if tick < 10 else away, now_s, now_s)
         followed.append(limb.follow(now_s))
-    steps_s = [least_s(one, other) for one, other in pairwise(followed)]
+    steps_s = [min_duration_s(one, other) for one, other in pairwise(followed)]
     moved = [tick for tick, step_s in enumerate(steps_s) if step_s > 0.0]
     assert moved[0] == pytest.approx(10 + SETTLED_S / TICK_S, abs=2)
     assert max(steps_s) == pytest.approx(RETURN_SHARE * TICK_S)
-    assert len(moved) == pytest.approx(least_s(REST, away) / (RETURN_SHARE * TICK_S), abs=2)
+    assert len(moved) == pytest.approx(min_duration_s(REST, away) / (RETURN_SHARE * TICK_S), abs=2)
     assert followed[-1] == away
     assert not limb.held
 
@@ -90,7 +90,7 @@ def test_no_sequence_of_poses_makes_a_limb_faster_than_the_fastest() -> None:
             here = limb.follow(now_s)
             assert is_valid(here)
             if here != followed:
-                assert least_s(followed, here) <= now_s - followed_s + 1e-6
+                assert min_duration_s(followed, here) <= now_s - followed_s + 1e-6
             if kind != "gap":
                 followed, followed_s = here, now_s
 

@@ -9,7 +9,7 @@ import pytest
 from avrgym.recording.reader import Recording
 from avrgym.replay.verification import verify
 from avrgym.safety.retreat import MAX_DURATION_S
-from avrgym.vr.live_world.world import BRAKED_TICKS
+from avrgym.vr.live_world.world import BRAKING_TICKS
 from avrgym.vr.protocol.messages import ClientMessage, Command, ExperimenterMessage, Question, Stop
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
@@ -77,7 +77,7 @@ def test_a_retreat_can_be_stopped_and_the_trial_counts(
     tmp_path: Path, told: ClientMessage | ExperimenterMessage
 ) -> None:
     visit = helping(tmp_path)
-    visit.tick(BRAKED_TICKS + 100)
+    visit.tick(BRAKING_TICKS + 100)
     assert speed_m_s(visit) > 0.05
     visit.tell(told)
     assert visit.phase == "free_after"
@@ -91,7 +91,7 @@ def test_a_retreat_can_be_stopped_and_the_trial_counts(
 
 def test_a_retreat_waits_for_tracking_and_goes_on(tmp_path: Path) -> None:
     visit = helping(tmp_path)
-    visit.tick(BRAKED_TICKS + 50)
+    visit.tick(BRAKING_TICKS + 50)
     visit.tracking = False
     visit.tick(40)
     assert speed_m_s(visit) < 0.01

@@ -12,7 +12,7 @@ from avrgym.replay.verification import verify
 from avrgym.vr.protocol.messages import TICK_S, Placed, Scene
 from avrgym.vr.protocol.webxr import Registration, head_pose
 from avrgym.vr.session import events
-from avrgym.vr.tracking.sliding import GLIDE_M_S, Sliding
+from avrgym.vr.tracking.sliding import GLIDE_SPEED_M_S, SlidingMonitor
 from helpers.vr.visit import Visit, plan
 
 SLIDES = ((0.3, 0.0), (-0.3, 0.0), (0.0, -0.3), (0.15, 0.2))
@@ -45,7 +45,9 @@ class Slider(Visit):
         assert frame is not None
         assert frame.tracking.head is not None
         posture = self.session.world.scene_config.posture
-        reached_w = Sliding(self.session.person, posture).head_centre_w(self.session.world.joint_targets_rad)
+        reached_w = SlidingMonitor(self.session.person, posture).head_centre_w(
+            self.session.world.joint_targets_rad
+        )
         return float(np.linalg.norm(head_pose(registration, frame.tracking.head).pos_w - reached_w))
 
     @property
@@ -80,7 +82,7 @@ def test_after_a_slide_the_head_is_where_it_is_tracked(tmp_path: Path, way_m: tu
     assert slid_m > 0.03
     assert visit.missed_m() < 0.02
     steps_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    assert steps_m.max() < 1.01 * GLIDE_M_S * TICK_S
+    assert steps_m.max() < 1.01 * GLIDE_SPEED_M_S * TICK_S
     assert not np.array_equal(visit.place.origin_w, before.origin_w)
     assert visit.place.origin_w[2] == before.origin_w[2]
     (placed,) = visit.said(Placed)

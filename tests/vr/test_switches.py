@@ -14,8 +14,8 @@ from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.vr.protocol.messages import Modality, State, Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_wrist, hand_pose, hand_pose_from_wrist
-from avrgym.vr.tracking.jumps import FASTEST_M_S, least_s
-from avrgym.vr.tracking.switches import FADES, GAP_S, SAME_M, STILL_M, Hand
+from avrgym.vr.tracking.jumps import MAX_SPEED_M_S, min_duration_s
+from avrgym.vr.tracking.switches import FADING_PER_METRE, MAX_SWITCH_GAP_S, REST_RADIUS_M, SAME_M, Hand
 from helpers.vr import device_switch_examples
 from helpers.vr.device_switch_examples import EXACT, SIDES, Error, Side, measured, misjudged, moved, somewhere
 from helpers.vr.visit import Visit, plan
@@ -105,12 +105,12 @@ def test_the_correction_fades_while_the_hand_moves_and_nobody_sees_it(
     assert lengths_m[0] > 0.05
     assert lengths_m[-1] == pytest.approx(0.0, abs=1e-9)
     assert np.diff(lengths_m).max() < 1e-9
-    assert max(steps_m) < 0.006 + FADES * (STILL_M + 0.006) + 0.002
+    assert max(steps_m) < 0.006 + FADING_PER_METRE * (REST_RADIUS_M + 0.006) + 0.002
 
 
 def test_who_is_elsewhere_has_moved(rng: np.random.Generator) -> None:
     """Farther than devices are apart, or after a long time: there the hand is."""
-    for way_m, gap_s in ((2.0 * SAME_M, 0.1), (0.05, 1.5 * GAP_S)):
+    for way_m, gap_s in ((2.0 * SAME_M, 0.1), (0.05, 1.5 * MAX_SWITCH_GAP_S)):
         hand, grip = Hand("right"), somewhere(rng)
         hand.grip(grip, "controller", 0.0)
         wrist = measured(grip, "right", "hand", misjudged(rng, way_m, 10.0))
@@ -139,9 +139,9 @@ def test_no_switch_makes_a_hand_faster_than_the_fastest(rng: np.random.Generator
                 modality = "hand" if modality == "controller" else "controller"
             pose = measured(grip, "right", modality, error if modality == "hand" else EXACT)
             followed = hand.grip(pose, modality, number * FRAME_S)
-            assert number == 0 or least_s(before, followed) < FRAME_S
+            assert number == 0 or min_duration_s(before, followed) < FRAME_S
             before = followed
-    assert FASTEST_M_S * FRAME_S > 0.1
+    assert MAX_SPEED_M_S * FRAME_S > 0.1
 
 
 def test_the_clients_examples_are_what_the_server_follows() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from avrgym.replay.verification import verify
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.vr.live_world.world import BRAKED_TICKS
+from avrgym.vr.live_world.world import BRAKING_TICKS
 from avrgym.vr.protocol.messages import (
     TICK_S,
     Command,
@@ -146,7 +146,7 @@ def test_a_new_connection_sees_the_scene_until_it_reports_otherwise(visit: Calla
 def test_a_retreat_is_held_and_what_the_robot_gave_is_kept(visit: Callable[..., Visit]) -> None:
     finished = visit()
     finished.go_to("retreat")
-    finished.tick(BRAKED_TICKS)
+    finished.tick(BRAKING_TICKS)
     finished.tell(VisibilityChanged("visible-blurred"))
     assert finished.phase == "free_after"
     finished.tick(10)

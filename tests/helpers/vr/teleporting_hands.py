@@ -8,13 +8,13 @@ import numpy as np
 
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
-from avrgym.vr.tracking.jumps import FASTEST_M_S, RETURN_SHARE
+from avrgym.vr.tracking.jumps import MAX_SPEED_M_S, RETURN_SHARE
 from helpers.vr.visit import Visit
 
 SPREAD_M = 0.6
 IMPACT_KG, CONTACT_S = 10.0, 0.02
 """More than arm and person together bring into an impact, and the time constant of contacts in the simulation."""
-IMPACT_N = 2.0 * IMPACT_KG * FASTEST_M_S * RETURN_SHARE / CONTACT_S
+IMPACT_N = 2.0 * IMPACT_KG * MAX_SPEED_M_S * RETURN_SHARE / CONTACT_S
 """What stops so much at the speed of a limb that returns: a critically damped contact begins with force 2 m v / t."""
 
 Frames = Callable[[int, Tracking, np.random.Generator], Tracking | None]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-UNHURRIED = ("avrgym.vr.session.session:LOST_TIME_S=inf", "avrgym.vr.session.state:UNTRACKED_S=60")
+UNHURRIED = ("avrgym.vr.session.session:MAX_TICK_GAP_S=inf", "avrgym.vr.session.state:UNTRACKED_LIMIT_S=60")
 """No trial ends because a busy machine stands still or tracks late."""
 
 

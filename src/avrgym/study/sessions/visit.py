@@ -48,7 +48,7 @@ from avrgym.vr.protocol.messages import Command, Language, Send
 from avrgym.vr.session import events
 from avrgym.vr.session.events import Observer, SessionEvent
 from avrgym.vr.session.plan import HeadsetCheckPlan, OpenQuestionnaire, Policies, SessionPlan, TrialPlan
-from avrgym.vr.session.preparation import AtOnce
+from avrgym.vr.session.preparation import ImmediateExecutor
 from avrgym.vr.session.session import Session
 from avrgym.vr.session.streams import Streams
 
@@ -83,7 +83,7 @@ class StudyVisit:
         self.texts = participant_texts(store, store.participant(pseudonym))
         self.stored = open_session(store, pseudonym, take_over=take_over)
         self.trials = trials_in_order(store, pseudonym)
-        self.storing = StorageQueue(storing or AtOnce())
+        self.storing = StorageQueue(storing or ImmediateExecutor())
         self._watch = SessionWatch(store, self.stored.id)
         self._store_policies()
 

@@ -25,7 +25,7 @@ from avrgym.tasks.drinking import expert
 from avrgym.tasks.drinking.expert import Way
 from avrgym.tasks.drinking.reward import in_cup
 from avrgym.tasks.experts.feedback import (
-    FASTEST_M_S,
+    MAX_SPEED_M_S,
     SPEED_PER_M,
     TURN_RAD_S,
     FeedbackPlanner,
@@ -109,7 +109,7 @@ class MemoryExpert:
         goal_w = goal_w + aside - back_m[:, None] * into
         too_far = ((goal_w - planner.pos_w) * into).sum(axis=-1) < -ROOM_M
         slowest = np.where(too_far, RETREAT_M_S, SLOWEST_M_S)
-        speed = np.clip(SPEED_PER_M * norm(offset), slowest, FASTEST_M_S)
+        speed = np.clip(SPEED_PER_M * norm(offset), slowest, MAX_SPEED_M_S)
         return planner.action_toward(goal_w, q_w, speed, TURN_RAD_S)
 
 

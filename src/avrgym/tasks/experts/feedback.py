@@ -13,7 +13,7 @@ from avrgym.tasks.task import RunningEpisodes, TaskState
 ToolTarget = tuple[FloatArray, FloatArray, FloatArray]
 """Target of a tool: position (N, 3), rotation (N, 4), world frame, and speed (N,) in m/s."""
 
-FASTEST_M_S, TURN_RAD_S = 0.35, 0.8
+MAX_SPEED_M_S, TURN_RAD_S = 0.35, 0.8
 SPEED_PER_M = 2.0
 """Approach speed for each metre of distance, 1/s."""
 FUNNEL = 2.0
@@ -74,4 +74,4 @@ def standoff_m(beside_m: FloatArray, free_m: float, most_m: float) -> FloatArray
 
 def speed_m_s(offset: FloatArray, slowest_m_s: float) -> FloatArray:
     """Tool speed (N,) at an offset (N, 3) from the goal."""
-    return np.clip(SPEED_PER_M * norm(offset), slowest_m_s, FASTEST_M_S)
+    return np.clip(SPEED_PER_M * norm(offset), slowest_m_s, MAX_SPEED_M_S)

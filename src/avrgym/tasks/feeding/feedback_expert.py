@@ -6,7 +6,7 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import angle_between, norm
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.feedback import FASTEST_M_S, ToolTarget, funnel_standoff_m, speed_m_s
+from avrgym.tasks.experts.feedback import MAX_SPEED_M_S, ToolTarget, funnel_standoff_m, speed_m_s
 from avrgym.tasks.experts.head_clearance import face_direction
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.feeding import expert
@@ -30,7 +30,7 @@ def feeding_target(
     goal_w, q_w = _within_reach(state, planner, elementary.arctan2(into[:, 1], into[:, 0]))
     back_m = np.maximum(funnel_standoff_m(goal_w - planner.pos_w, into, 0.005, expert.AWAY_M), kept_off_m)
     speed = np.where(
-        np.greater(kept_off_m, 0.0), FASTEST_M_S, speed_m_s(goal_w - planner.pos_w, expert.ENTER_M_S)
+        np.greater(kept_off_m, 0.0), MAX_SPEED_M_S, speed_m_s(goal_w - planner.pos_w, expert.ENTER_M_S)
     )
     return goal_w - back_m[:, None] * into, q_w, speed
 

@@ -21,7 +21,7 @@ from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 
-BRAKED_TICKS = 30
+BRAKING_TICKS = 30
 """The brakes hold the robot for this long before its retreat, until it is at rest."""
 
 
@@ -163,7 +163,7 @@ class LiveWorld:
         if hold:
             self._loop.move(self._zeros if self._loop.moving else None, hold=True)
             return
-        due = ticks >= BRAKED_TICKS and (ticks - BRAKED_TICKS) % SUBSTEPS == 0
+        due = ticks >= BRAKING_TICKS and (ticks - BRAKING_TICKS) % SUBSTEPS == 0
         action = self._retreat.action() if due else None
         self._retreated_ticks = None if due and action is None else ticks + 1
         self._loop.move(None if action is None else action[None])

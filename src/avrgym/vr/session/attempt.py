@@ -22,7 +22,7 @@ from avrgym.tasks.control_loop import ControlStep
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session.plan import SessionPlan
-from avrgym.vr.tracking.tracking_state import Followed
+from avrgym.vr.tracking.tracking_state import TrackingUpdate
 
 Configure = Callable[[int], Configuration]
 """Returns the configuration of the attempt with a number."""
@@ -156,7 +156,7 @@ class Attempt:
         """Record with the next ``hand_over`` that the robot has finished; the attempt then counts after a crash."""
         self._finished = self._outcome("completed", now_s)
 
-    def record_frames(self, followed: Followed) -> None:
+    def record_frames(self, followed: TrackingUpdate) -> None:
         """Record tracking frames in the order of arrival; the newest one moved the person, except for parts that are
         held.
         """

@@ -11,7 +11,7 @@ from avrgym.vr.session import events
 from avrgym.vr.session.attempt import Attempt, Configure, Experience
 from avrgym.vr.session.events import EventSink
 from avrgym.vr.tracking.frames import Frame
-from avrgym.vr.tracking.tracking_state import Followed
+from avrgym.vr.tracking.tracking_state import TrackingUpdate
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class AttemptStorage:
         attempt, self.attempt = self.attempt, None
         if attempt is None:
             return None
-        attempt.record_frames(Followed(arrived))
+        attempt.record_frames(TrackingUpdate(arrived))
         failure = attempt.close(result, now_s)
         sums = attempt.steps, attempt.reward, attempt.success
         whose = attempt.trial, attempt.number, attempt.path

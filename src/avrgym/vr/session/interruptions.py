@@ -8,7 +8,7 @@ from avrgym.texts.interface_texts import Text
 from avrgym.vr.protocol.messages import Visibility
 from avrgym.vr.session import events
 
-UNTRACKED_S = 1.0
+UNTRACKED_LIMIT_S = 1.0
 """A part of the body counts as untracked after this time without a measured pose."""
 UNSEEN: dict[Visibility, str] = {
     "visible-blurred": "a menu of the headset covers the scene",
@@ -39,8 +39,8 @@ class Interruption:
 
 
 def lost_tracking(now_s: float, part: Part) -> Interruption:
-    """A part of the body that the task needs has not been measured for ``UNTRACKED_S``."""
-    seconds = f"{UNTRACKED_S:g}"
+    """A part of the body that the task needs has not been measured for ``UNTRACKED_LIMIT_S``."""
+    seconds = f"{UNTRACKED_LIMIT_S:g}"
     says = Text(TIMED_OUT[part], {"seconds": seconds})
     why = f"tracking was lost for {seconds} s: {PART_LABELS[part]}"
     return Interruption("tracking_timed_out", why, events.TrackingTimedOut(now_s, part), says)

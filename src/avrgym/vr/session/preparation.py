@@ -35,7 +35,7 @@ class TrialKey:
     body: BodyKey
 
 
-class AtOnce(Executor):
+class ImmediateExecutor(Executor):
     """Runs a task in ``submit`` itself: for sessions in simulated time, which must not depend on threads."""
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:

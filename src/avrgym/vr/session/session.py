@@ -28,7 +28,7 @@ from avrgym.vr.session.events import EventSink, Observer
 from avrgym.vr.session.interruptions import lost_time, lost_tracking
 from avrgym.vr.session.phases import Phase, Questionnaire, Waiting
 from avrgym.vr.session.plan import OpenQuestionnaire, Policies, SessionPlan
-from avrgym.vr.session.preparation import AtOnce
+from avrgym.vr.session.preparation import ImmediateExecutor
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.reporting import Reporter, status
 from avrgym.vr.session.state import SessionState
@@ -36,7 +36,7 @@ from avrgym.vr.session.streams import StreamRecording, Streams
 from avrgym.vr.session.trial_drivers import Drivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
 
-LOST_TIME_S = 0.5
+MAX_TICK_GAP_S = 0.5
 """A longer time between two ticks, which are 10 ms apart, ends an attempt."""
 
 
@@ -80,7 +80,9 @@ class Session:
         left = plan.open_questionnaire
         trial = (plan.first_trial if left is None else left.trial) - 1
         person = Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height)
-        worlds = TrialWorlds(plan, trial, person, workers or AtOnce(), [] if scenes is None else scenes)
+        worlds = TrialWorlds(
+            plan, trial, person, workers or ImmediateExecutor(), [] if scenes is None else scenes
+        )
         sink = EventSink(observe if streams is None else _both(streams.tell, observe), kept)
         storage = AttemptStorage(folder, sink)
         drivers = Drivers(policies, background=workers is not None)
@@ -188,9 +190,9 @@ class Session:
         if storage.attempt is not None:
             storage.attempt.record_physics(self.world, now_s)
         if driver is not None:
-            state.watch_driver()
-            state.watch_guard()
-            state.watch_withdrawal()
+            state.record_driver_failures()
+            state.record_guard_interventions()
+            state.record_withdrawal()
         if step is not None:
             self._go_to(self._phase.finish_step(step))
         self._check_storage()
@@ -292,7 +294,7 @@ class Session:
 
     def _check_continuity(self, since_last_tick_s: float) -> None:
         """Interrupt an attempt in which the participant was untracked or time was lost."""
-        if since_last_tick_s > LOST_TIME_S:
+        if since_last_tick_s > MAX_TICK_GAP_S:
             self._go_to(self._phase.interrupt(lost_time(self._state.now_s, since_last_tick_s)))
         elif self._phase.can_be_stopped and self._state.untracked is not None:
             self._go_to(self._phase.interrupt(lost_tracking(self._state.now_s, self._state.untracked)))

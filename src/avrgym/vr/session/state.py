@@ -27,7 +27,7 @@ from avrgym.vr.session import events
 from avrgym.vr.session.attempt import configuration
 from avrgym.vr.session.attempt_storage import AttemptStorage
 from avrgym.vr.session.events import EventSink
-from avrgym.vr.session.interruptions import UNTRACKED_S
+from avrgym.vr.session.interruptions import UNTRACKED_LIMIT_S
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.trial_drivers import Drivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
@@ -35,7 +35,7 @@ from avrgym.vr.tracking.tracking_state import TrackingState
 
 NOT_YET = Text("waiting")
 """The reason before the participant has entered VR."""
-LATENCIES_KEPT = 5
+LATENCY_SECONDS = 5
 """Number of seconds in the latency statistics of the experimenter's page."""
 
 
@@ -76,7 +76,7 @@ class SessionState:
     def __post_init__(self) -> None:
         self._told_scene = self.scene_message()
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
-        self._latencies: deque[schema.Latency] = deque(maxlen=LATENCIES_KEPT)
+        self._latencies: deque[schema.Latency] = deque(maxlen=LATENCY_SECONDS)
         self.latency: list[messages.StageLatency] = []
 
     @property
@@ -96,9 +96,9 @@ class SessionState:
 
     @property
     def untracked(self) -> Part | None:
-        """The first part that the world's task needs and that was untracked for ``UNTRACKED_S``."""
+        """The first part that the world's task needs and that was untracked for ``UNTRACKED_LIMIT_S``."""
         needed = self.world.task.tracked
-        return next((p for p in needed if self.tracking.part_age_s(p, self.now_s) > UNTRACKED_S), None)
+        return next((p for p in needed if self.tracking.part_age_s(p, self.now_s) > UNTRACKED_LIMIT_S), None)
 
     @property
     def following(self) -> int:
@@ -283,7 +283,7 @@ class SessionState:
         world.prepare(self.driver, force_guard=plan.force_guard, withdraw_after_success=self.withdraws)
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
 
-    def watch_driver(self) -> None:
+    def record_driver_failures(self) -> None:
         """Record when the driver fails or drives again; report each kind of failure once in an attempt."""
         if isinstance(self.driver, Operator):
             self.driver.check_timeout(self.now_s)
@@ -298,7 +298,7 @@ class SessionState:
             self.sink.tell(events.ControllerFailed(self.now_s, failure))
             self.report(f"the robot holds still, its controller failed: {failure}")
 
-    def watch_guard(self) -> None:
+    def record_guard_interventions(self) -> None:
         """Record each intervention of the force guard with its reason, and its end."""
         guard = self.world.guard
         if guard is None:
@@ -315,7 +315,7 @@ class SessionState:
         """Whether the robot withdraws after success; an operator decides that alone."""
         return self.plan.withdraw_after_success and not isinstance(self.driver, Operator)
 
-    def watch_withdrawal(self) -> None:
+    def record_withdrawal(self) -> None:
         """Record the start of a withdrawal after success."""
         withdraws = self.world.withdrawing
         if withdraws and not self._withdrew:

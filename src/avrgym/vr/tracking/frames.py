@@ -17,17 +17,17 @@ CALIBRATION_S = 0.5
 CALIBRATION_FRAMES = 3
 """The smallest number with a meaningful median; a page that renders in software sends few frames."""
 STEADY_M = 0.03
-STEEPEST_GAZE = 0.85
+MAX_GAZE_PITCH_SINE = 0.85
 """Sine of the steepest pitch at which a headset's yaw is reliable."""
 
 
-LONGEST_GAP_FRAMES = 1000
+MAX_GAP_FRAMES = 1000
 """Maximum step of frame numbers: ten seconds of a headset's frames."""
 RESTART_FRAMES = 10
 """After this many frames in a row that continue only each other, the stream counts as restarted."""
 
 
-class Numbering:
+class SequenceFilter:
     """Accepts the frames that continue a stream, by their numbers.
 
     A repeated frame, a late one, or one from far ahead is rejected and does not affect the frames that continue the
@@ -56,7 +56,7 @@ class Numbering:
 
 
 def _continues(number: int, before: int) -> bool:
-    return 0 < number - before <= LONGEST_GAP_FRAMES
+    return 0 < number - before <= MAX_GAP_FRAMES
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class TrackingFeed:
     def __init__(self) -> None:
         self.newest: Frame | None = None
         self.freshness = Freshness()
-        self._numbering = Numbering()
+        self._numbering = SequenceFilter()
         self._arrived: list[Frame] = []
         self._recent: deque[Frame] = deque()
 
@@ -119,7 +119,7 @@ class TrackingFeed:
             raise TextError(Text("head_moved", {"moved_cm": moved_cm, "most_cm": most_cm}))
         head = sorted(heads, key=lambda head: head.position[1])[len(heads) // 2]
         q_w = head_pose(Registration(np.zeros(3), 0.0), head).q_w
-        if abs(transforms.rotate(q_w, [0.0, -1.0, 0.0])[2]) > STEEPEST_GAZE:
+        if abs(transforms.rotate(q_w, [0.0, -1.0, 0.0])[2]) > MAX_GAZE_PITCH_SINE:
             raise TextError(Text("head_steep"))
         return head
 

@@ -12,22 +12,22 @@ from avrgym.models.body_names import PARTS, Part
 from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
 from avrgym.vr.tracking.freshness import moves_by_mouse
 
-FASTEST_M_S, FASTEST_RAD_S = 10.0, 30.0
+MAX_SPEED_M_S, MAX_SPEED_RAD_S = 10.0, 30.0
 """Maximum speeds of heads and hands of people who receive assistance."""
 SETTLED_S = 0.1
 """A pose is valid again after this time without a jump."""
-ABSENT_S = 0.2
+ABSENT_AFTER_S = 0.2
 """After this time without tracking, a limb may be anywhere."""
 RETURN_SHARE = 0.025
 """The share of the maximum speeds at which the body returns to the tracked pose: 0.25 m/s, 0.75 rad/s."""
 
 
-def least_s(one: XRPose, other: XRPose) -> float:
+def min_duration_s(one: XRPose, other: XRPose) -> float:
     """Returns the time from one pose to another at the maximum speeds."""
     turned = abs(sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)))
     cosine = turned / (hypot(*one.orientation) * hypot(*other.orientation))
     angle_rad = 2.0 * acos(min(cosine, 1.0))
-    return max(dist(one.position, other.position) / FASTEST_M_S, angle_rad / FASTEST_RAD_S)
+    return max(dist(one.position, other.position) / MAX_SPEED_M_S, angle_rad / MAX_SPEED_RAD_S)
 
 
 def between(one: XRPose, other: XRPose, share: float) -> XRPose:
@@ -59,8 +59,8 @@ class Limb:
         measured = may_repeat or tracked != self._tracked
         if self._tracked is not None:
             passed_s = captured_s - self._captured_s
-            jumped = least_s(self._tracked, tracked) > passed_s + ROUNDING_S
-            absent = measured and captured_s - self._measured_s > ABSENT_S
+            jumped = min_duration_s(self._tracked, tracked) > passed_s + ROUNDING_S
+            absent = measured and captured_s - self._measured_s > ABSENT_AFTER_S
             self._believed_s = now_s + SETTLED_S if jumped else self._believed_s
             self.held = self.held or jumped or absent
         self._tracked, self._captured_s = tracked, captured_s
@@ -72,7 +72,7 @@ class Limb:
         if self._followed is None or not self.held:
             self._followed = self._tracked
         elif now_s >= self._believed_s:
-            share = RETURN_SHARE * TICK_S / max(least_s(self._followed, self._tracked), ROUNDING_S)
+            share = RETURN_SHARE * TICK_S / max(min_duration_s(self._followed, self._tracked), ROUNDING_S)
             self.held = share < 1.0
             self._followed = between(self._followed, self._tracked, share) if self.held else self._tracked
         return self._followed

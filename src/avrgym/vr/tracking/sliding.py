@@ -16,16 +16,16 @@ from avrgym.models.human import Person, Posture
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import HEAD, WAIST, resting_head_centre, skeleton
 
-LOOK_EVERY_TICKS = 10
-LOOKS_AT_REST = 11
+SAMPLE_EVERY_TICKS = 10
+SAMPLES_PER_SECOND = 11
 """Number of samples in one second."""
 STEADY_M = 0.03
-SLID_M = 0.02
+SLIDING_THRESHOLD_M = 0.02
 """A resting head farther than this from its solved position has slid."""
 FARTHEST_M = 0.6
-HIGHEST_M = 0.1
+MAX_SHIFT_M = 0.1
 """A participant farther away, or higher above the rest position, has left the seat."""
-GLIDE_M_S = 0.05
+GLIDE_SPEED_M_S = 0.05
 """Speed of the room, slow because everything visible moves."""
 
 
@@ -37,7 +37,7 @@ class Glide:
     seconds: float
 
 
-class Sliding:
+class SlidingMonitor:
     """Monitors the resting position of a person's head."""
 
     def __init__(self, person: Person, posture: Posture) -> None:
@@ -47,15 +47,15 @@ class Sliding:
         self._waist_w = np.array(measures.hips_pos_w) + self._hips_axes_w @ np.array(measures.waist)
         self._neck_t, self._head_centre_m = np.array(measures.neck), measures.head_centre_m
         self._rest_w = resting_head_centre(person, posture)
-        self._seen: deque[FloatArray] = deque(maxlen=LOOKS_AT_REST)
+        self._seen: deque[FloatArray] = deque(maxlen=SAMPLES_PER_SECOND)
 
     def look(self, head: Pose, joint_angles_rad: FloatArray) -> Glide | None:
         """Returns how the room follows a head with a tracked pose and solved angles (20,); ``None``: not at all."""
         self._seen.append(head.pos_w)
-        if len(self._seen) < LOOKS_AT_REST or np.ptp(np.array(self._seen), axis=0).max() > STEADY_M:
+        if len(self._seen) < SAMPLES_PER_SECOND or np.ptp(np.array(self._seen), axis=0).max() > STEADY_M:
             return None
         missed_m = float(np.linalg.norm(head.pos_w - self.head_centre_w(joint_angles_rad)))
-        if missed_m <= SLID_M or head.pos_w[2] - self._rest_w[2] > HIGHEST_M:
+        if missed_m <= SLIDING_THRESHOLD_M or head.pos_w[2] - self._rest_w[2] > MAX_SHIFT_M:
             return None
         return self._glide(head)
 
@@ -74,14 +74,14 @@ class Sliding:
         """The shortest shift straight back over the floor that brings the head joints within the torso's length."""
         away = (head.pos_w - self._rest_w) * [1.0, 1.0, 0.0]
         far_m = float(np.linalg.norm(away))
-        if far_m <= SLID_M:
+        if far_m <= SLIDING_THRESHOLD_M:
             return None
         direction = away / far_m
         neck_w = head.pos_w - self._head_centre_m * from_quaternion(head.q_w)[:, 2] - self._waist_w
         along_m = float(neck_w @ direction)
         too_far = float(neck_w @ neck_w - self._neck_t @ self._neck_t)
         way_m = along_m - sqrt(max(along_m * along_m - too_far, 0.0))
-        if not SLID_M < way_m <= FARTHEST_M:
+        if not SLIDING_THRESHOLD_M < way_m <= FARTHEST_M:
             return None
         self.forget()
-        return Glide(-way_m * direction, way_m / GLIDE_M_S)
+        return Glide(-way_m * direction, way_m / GLIDE_SPEED_M_S)

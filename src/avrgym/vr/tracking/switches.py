@@ -23,11 +23,11 @@ Side = Literal["left", "right"]
 
 SAME_M, SAME_RAD = 0.15, float(np.radians(75.0))
 """Larger differences between two devices are not of the same resting hand."""
-GAP_S = 2.0
+MAX_SWITCH_GAP_S = 2.0
 """Up to this time after the old device's last pose, the hand may still rest in its place."""
-STILL_M = 0.02
+REST_RADIUS_M = 0.02
 """A hand that moves less than this is at rest."""
-FADES = 0.1
+FADING_PER_METRE = 0.1
 """Metres of correction that fade for each metre of the hand's motion."""
 METRES_PER_RADIAN = 0.15
 """Weight of a rotation relative to a translation."""
@@ -57,7 +57,7 @@ class Correction:
 
     def after(self, way_m: float) -> "Correction | None":
         """Returns the residual correction after the hand has moved this far."""
-        left = 1.0 - FADES * way_m / self.size_m if self.size_m > 0.0 else 0.0
+        left = 1.0 - FADING_PER_METRE * way_m / self.size_m if self.size_m > 0.0 else 0.0
         return Correction(left * self.pos, left * self.turn_rad) if left > 0.0 else None
 
     def of(self, grip: XRPose) -> XRPose:
@@ -103,12 +103,12 @@ class Hand:
 
     def _switch(self, grip: XRPose, followed: XRPose, gap_s: float) -> None:
         found = between(grip, followed)
-        self._correction = found if found.is_plausible and gap_s <= GAP_S else None
+        self._correction = found if found.is_plausible and gap_s <= MAX_SWITCH_GAP_S else None
         self._rested = np.array(grip.position)
 
     def _fade(self, grip: XRPose, correction: Correction) -> None:
         way_m = float(np.linalg.norm(np.array(grip.position) - self._rested))
-        if way_m > STILL_M:
+        if way_m > REST_RADIUS_M:
             self._correction, self._rested = correction.after(way_m), np.array(grip.position)
 
 

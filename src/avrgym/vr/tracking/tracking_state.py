@@ -15,12 +15,12 @@ from avrgym.vr.protocol.webxr import Registration, head_pose, register
 from avrgym.vr.tracking.body import BodyPose, resting_head_centre
 from avrgym.vr.tracking.frames import Frame, TrackingFeed, body_pose
 from avrgym.vr.tracking.jumps import Limbs
-from avrgym.vr.tracking.sliding import LOOK_EVERY_TICKS, Glide, Sliding
+from avrgym.vr.tracking.sliding import SAMPLE_EVERY_TICKS, Glide, SlidingMonitor
 from avrgym.vr.tracking.switches import Hands
 
 
 @dataclass(frozen=True)
-class Followed:
+class TrackingUpdate:
     """One tick of tracking: frames that arrived, the newest frame, and changes.
 
     ``newest`` is ``None`` without a fresh usable frame, and ``silent`` is true then. ``held`` are the parts of the body
@@ -58,7 +58,7 @@ class TrackingState:
         self._pose: BodyPose | None = None
         self._resting: XRPose | None = None
         self._posture = SEATED
-        self._sliding: Sliding | None = None
+        self._sliding: SlidingMonitor | None = None
         self._ticks = 0
         self._glide: Glide | None = None
 
@@ -110,7 +110,7 @@ class TrackingState:
         """Keep the participant's place for a person with another torso height."""
         if self._resting is not None:
             self.registration = register(self._resting, resting_head_centre(person, self._posture))
-            self._sliding = Sliding(person, self._posture)
+            self._sliding = SlidingMonitor(person, self._posture)
             self._pose = self._glide = None
 
     def forget_place(self) -> None:
@@ -121,7 +121,7 @@ class TrackingState:
         """Returns the headset's pose at rest; see ``TrackingFeed.steady_head``."""
         return self._feed.steady_head(now_s)
 
-    def follow(self, needed: Collection[Part], now_s: float) -> Followed:
+    def follow(self, needed: Collection[Part], now_s: float) -> TrackingUpdate:
         """Follow the newest frame, unless it is stale; ``needed`` are the parts of the body that the task needs."""
         newest, silent = self._feed.newest, self._feed.is_stale(now_s)
         arrived, held_before, lost_before = self._feed.take_arrived(), self._limbs.held, self.lost
@@ -131,7 +131,7 @@ class TrackingState:
             pose = self._pose_from(self.registration, newest, now_s)
         else:
             pose = None
-        return Followed(
+        return TrackingUpdate(
             arrived,
             None if silent else newest,
             silent,
@@ -163,7 +163,7 @@ class TrackingState:
             return None
         self._ticks += 1
         if (
-            self._ticks % LOOK_EVERY_TICKS
+            self._ticks % SAMPLE_EVERY_TICKS
             or self._sliding is None
             or self._followed is None
             or self._resting is None

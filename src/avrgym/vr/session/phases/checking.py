@@ -17,7 +17,7 @@ from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
 
 YES = 1
-FAULTS_SHOWN = 2
+MAX_FAULTS_SHOWN = 2
 """More would be too small to read; events, database and terminal contain all."""
 BUZZ = Item(
     "haptics",
@@ -233,7 +233,7 @@ class CheckResult(Checking):
     ) -> None:
         super().__init__(state, measurement)
         self._check = measurement.result(haptics=answers.get(BUZZ.id), sound=answers.get(CHIME.id))
-        self.says = verdict(self._check, FAULTS_SHOWN)
+        self.says = verdict(self._check, MAX_FAULTS_SHOWN)
 
     def entered(self) -> None:
         self.state.headset = self._check

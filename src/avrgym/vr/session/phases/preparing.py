@@ -224,10 +224,10 @@ class AskReady(Resting):
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        self.says = told_of_trial("ready", state)
+        self.says = trial_text("ready", state)
 
 
-def told_of_trial(key: str, state: SessionState) -> Text:
+def trial_text(key: str, state: SessionState) -> Text:
     """Returns the text about the next trial: its number and its task."""
     plan, trial = state.plan, state.current
     number = {"trial": str(state.trial + 1), "trials": str(len(plan.trials))}

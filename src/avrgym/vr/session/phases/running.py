@@ -12,7 +12,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.phases.kinds import Helped, Stoppable
-from avrgym.vr.session.phases.preparing import told_of_trial
+from avrgym.vr.session.phases.preparing import trial_text
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
 
@@ -24,7 +24,7 @@ class FreeBefore(Stoppable):
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        self.says = told_of_trial("free_before", state)
+        self.says = trial_text("free_before", state)
         self.seconds = state.plan.free_movement_s
 
     def time_over(self) -> Countdown:
