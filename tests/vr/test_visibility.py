@@ -197,7 +197,7 @@ def test_the_robot_holds_within_a_tick_once_tracking_is_stale_and_goes_on_with_i
     away.tick(FRAME_EVERY_TICKS - away._ticks % FRAME_EVERY_TICKS + 1)
     away.tracking = False
     ticks = 0
-    while away.session.world._steps.moving:
+    while away.session.world._loop.moving:
         away.tick()
         ticks += 1
     print(f"\nthe robot holds {ticks * TICK_S:.2f} s after the last frame")
@@ -246,7 +246,7 @@ def test_stale_tracking_stops_the_robot_as_its_brakes_do(
         stopping.tell(Stop())
 
     def wait(stopping: Visit) -> None:
-        while stopping.session.world._steps.moving:
+        while stopping.session.world._loop.moving:
             stopping.tick()
 
     stopped, stale = (
