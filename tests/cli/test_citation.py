@@ -1,4 +1,4 @@
-"""What strangers meet beside the documents: how to cite, and the forms of issues."""
+"""The citation file and the issue forms."""
 
 import re
 import tomllib
@@ -12,13 +12,13 @@ from helpers.system.places import ROOT
 
 REQUIRED = ("cff-version", "message", "title", "authors")
 REQUIRED_OF_REFERENCES = ("type", "title", "authors")
-"""By the Citation File Format 1.2.0, https://github.com/citation-file-format/citation-file-format."""
+"""Required by the Citation File Format 1.2.0, https://github.com/citation-file-format/citation-file-format."""
 PERSON = {"family-names", "given-names"}
 FORMS = sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.md"))
 
 
 def read_yaml(text: str) -> Any:
-    """Mappings, lists and texts, indented by two, quoted or folded: as much of YAML as the file needs."""
+    """Read mappings, lists and strings: the subset of YAML that these files use."""
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     return _block(lines)
 
@@ -44,7 +44,7 @@ def _value(lines: list[str]) -> Any:
 CITATION = read_yaml((ROOT / "CITATION.cff").read_text())
 
 
-def test_the_citation_has_what_its_format_requires() -> None:
+def test_the_citation_has_all_required_fields() -> None:
     assert [name for name in REQUIRED if not CITATION.get(name)] == []
     assert CITATION["cff-version"] == "1.2.0"
     for each in (CITATION, *CITATION["references"]):
@@ -52,7 +52,7 @@ def test_the_citation_has_what_its_format_requires() -> None:
         assert all(author.keys() in (PERSON, {"name"}) for author in each["authors"])
 
 
-def test_the_citation_names_this_version_and_licence() -> None:
+def test_the_citation_has_this_version_and_licence() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert (CITATION["version"], CITATION["license"]) == (project["version"], project["license"])
 
@@ -66,7 +66,7 @@ def test_the_citation_refers_to_the_paper() -> None:
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: form.stem)
-def test_a_form_has_a_name_and_names_commands_that_exist(form) -> None:
+def test_issue_forms_have_a_header_and_valid_commands(form) -> None:
     begins, front, body = form.read_text().split("---\n", 2)
     assert begins == ""
     assert all(read_yaml(front)[key] for key in ("name", "about", "labels"))
@@ -74,5 +74,5 @@ def test_a_form_has_a_name_and_names_commands_that_exist(form) -> None:
     assert set(re.findall(r"avrgym ([a-z-]+)", body)) <= commands
 
 
-def test_there_is_a_form_for_a_bug_a_headset_and_a_benchmark() -> None:
+def test_issue_forms_exist() -> None:
     assert [form.stem for form in FORMS] == ["benchmark", "bug", "headset"]

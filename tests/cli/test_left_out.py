@@ -1,4 +1,4 @@
-"""Commands over all environments leave out what an extension lacks or breaks, and name it."""
+"""Commands over all environments skip environments of broken extensions, and name them."""
 
 import json
 import subprocess
@@ -37,7 +37,7 @@ def _short_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def extend(monkeypatch: pytest.MonkeyPatch) -> Callable[[Expert], None]:
-    """Have one environment of this package, and one of an extension with this expert."""
+    """Register one environment of this package, and one of an extension with the given expert."""
 
     def extended(expert: Expert) -> None:
         feeding = registry.TASKS["Feeding"]
@@ -56,13 +56,13 @@ def extend(monkeypatch: pytest.MonkeyPatch) -> Callable[[Expert], None]:
     ],
     ids=lambda value: value[0] if isinstance(value[0], str) else "",
 )
-def test_evaluate_leaves_out_what_cannot_run(
+def test_evaluate_skips_environments_that_fail(
     policies: list[str], expected: list[tuple[str, str]], extend: Callable[[Expert], None], tmp_path: Path
 ) -> None:
     extend(fail)
-    asked = [word for policy in policies for word in ("--policy", policy)]
+    options = [word for policy in policies for word in ("--policy", policy)]
     rows = tmp_path / "rows.json"
-    done = avrgym("evaluate", "--all", *asked, "--episodes", "1", "--jobs", "1", "--json", rows)
+    done = avrgym("evaluate", "--all", *options, "--episodes", "1", "--jobs", "1", "--json", rows)
     assert done.exit_code == 0, done.output
     assert [(row["env"], row["policy"]) for row in json.loads(rows.read_text())] == expected
     (named,) = done.stderr.splitlines()
@@ -70,16 +70,16 @@ def test_evaluate_leaves_out_what_cannot_run(
     assert ("KeyError: 'spoon'" if policies == ["oracle"] else "no policy 'adaptive'") in named
 
 
-def test_its_rows_are_those_of_each_alone(extend: Callable[[Expert], None], tmp_path: Path) -> None:
+def test_rows_equal_those_of_single_evaluations(extend: Callable[[Expert], None], tmp_path: Path) -> None:
     extend(registry.TASKS["Feeding"].expert)
-    asked = ["--policy", "zero", "--policy", "oracle", "--episodes", "1", "--jobs", "1", "--json"]
+    options = ["--policy", "zero", "--policy", "oracle", "--episodes", "1", "--jobs", "1", "--json"]
     together, alone = tmp_path / "all.json", tmp_path / "alone.json"
-    assert avrgym("evaluate", "--all", *asked, together).exit_code == 0
-    assert avrgym("evaluate", OURS, THEIRS, *asked, alone).exit_code == 0
+    assert avrgym("evaluate", "--all", *options, together).exit_code == 0
+    assert avrgym("evaluate", OURS, THEIRS, *options, alone).exit_code == 0
     assert json.loads(together.read_text()) == json.loads(alone.read_text())
 
 
-def test_a_matrix_has_no_line_of_it(extend: Callable[[Expert], None]) -> None:
+def test_a_matrix_has_no_row_of_a_skipped_environment(extend: Callable[[Expert], None]) -> None:
     extend(fail)
     done = avrgym("evaluate", "--all", "--cross-play", "--policy", "zero", "--policy", "adaptive",
                   "--people", "original", "--people", "revised", "--episodes", "1", "--jobs", "1")  # fmt: skip
@@ -87,7 +87,7 @@ def test_a_matrix_has_no_line_of_it(extend: Callable[[Expert], None]) -> None:
     assert [THEIRS in line for line in done.stdout.splitlines() if "adaptive" in line] == [False]
 
 
-def test_a_name_that_no_environment_knows_is_still_refused(extend: Callable[[Expert], None]) -> None:
+def test_an_unknown_name_is_an_error(extend: Callable[[Expert], None]) -> None:
     extend(fail)
     for option, name in (("--policy", "adaptvie"), ("--people", "orignal")):
         refused = avrgym("evaluate", "--all", option, name)
@@ -97,14 +97,14 @@ def test_a_name_that_no_environment_knows_is_still_refused(extend: Callable[[Exp
         assert "left out" not in line
 
 
-def test_where_one_is_named_it_is_refused(extend: Callable[[Expert], None]) -> None:
+def test_a_named_environment_that_fails_is_an_error(extend: Callable[[Expert], None]) -> None:
     extend(fail)
     refused = avrgym("evaluate", OURS, THEIRS, "--policy", "adaptive", "--episodes", "1")
     assert refused.exit_code == 1
     assert refused.stderr.startswith(f"avrgym: no policy 'adaptive' for {THEIRS}")
 
 
-def test_where_nothing_runs_that_is_an_error(
+def test_no_environment_left_is_an_error(
     extend: Callable[[Expert], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     extend(fail)
@@ -115,7 +115,7 @@ def test_where_nothing_runs_that_is_an_error(
 
 
 @pytest.mark.parametrize("what", ["sim", "vr"])
-def test_bench_leaves_out_what_cannot_be_measured(
+def test_bench_skips_environments_that_fail(
     what: str, extend: Callable[[Expert], None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     extend(fail)
@@ -137,7 +137,7 @@ def test_bench_leaves_out_what_cannot_be_measured(
 
 
 @pytest.mark.slow
-def test_a_plug_in_that_ends_the_program_is_skipped(tmp_path: Path) -> None:
+def test_a_plug_in_that_raises_system_exit_is_skipped(tmp_path: Path) -> None:
     about = tmp_path / "leaver-1.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: leaver\nVersion: 1.0\n")

@@ -1,4 +1,4 @@
-"""What the pages show of Gymnasium's wrappers, of particles and of people's heights, run as it is written."""
+"""Code of the pages about Gymnasium's wrappers, particles and torso heights."""
 
 import re
 from dataclasses import replace
@@ -28,14 +28,14 @@ def code(page: str, word: str) -> str:
     return found
 
 
-def test_a_spec_is_made_again_as_the_page_shows() -> None:
+def test_a_spec_is_rebuilt_from_json() -> None:
     known: dict[str, Any] = {}
     exec(code("how_to/gymnasium.md", "from_json"), known)
     assert known["same"].spec.max_episode_steps == 400
 
 
 @pytest.mark.slow
-def test_videos_and_pictures_are_as_the_page_shows(
+def test_videos_and_pictures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("moviepy")
@@ -61,7 +61,7 @@ def run(environment: str) -> Episodes:
     return world
 
 
-def test_a_task_carries_its_own_number_of_particles(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_task_may_have_its_own_number_of_particles(monkeypatch: pytest.MonkeyPatch) -> None:
     known: dict[str, Any] = {}
     exec(code("how_to/add_a_task.md", "FOOD"), known)
     world = run(add(known["TASTE"], monkeypatch))
@@ -69,7 +69,7 @@ def test_a_task_carries_its_own_number_of_particles(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize("count", [1, 64])
-def test_water_may_be_of_another_number(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_water_may_have_another_number_of_particles(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     cup = DRINKING.scene(ROBOTS["Jaco"]).tool
     assert cup.particles is not None
     less = replace(cup, particles=replace(cup.particles, start=cup.particles.start[:count]))
@@ -82,7 +82,9 @@ def test_water_may_be_of_another_number(count: int, monkeypatch: pytest.MonkeyPa
     assert run(add(task, monkeypatch)).task_state.drunk.shape == (2, count)
 
 
-def test_another_number_than_the_state_s_is_refused_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_number_of_particles_that_differs_from_the_state_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     feeding = registry.TASKS["Feeding"]
     three = replace(SPOON, particles=replace(FOOD, start=FOOD.start[:3]))
     wrong = replace(feeding, name="Wrong", scene=lambda robot: replace(feeding.scene(robot), tool=three))
@@ -93,7 +95,7 @@ def test_another_number_than_the_state_s_is_refused_in_words(monkeypatch: pytest
         run(add(wrong, monkeypatch))
 
 
-def test_torso_heights_follow_from_standing_heights_as_the_page_says() -> None:
+def test_torso_heights_follow_from_standing_heights() -> None:
     page = (DOCS / "how_to" / "people.md").read_text()
     medians = {"man": (1.755, MAN.torso_height), "woman": (1.625, WOMAN.torso_height)}
     for sex, (standing_m, torso_m) in medians.items():

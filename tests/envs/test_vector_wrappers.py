@@ -137,7 +137,7 @@ def test_stable_baselines3_refuses_what_it_cannot_learn_from(how: Any, message: 
         SB3VectorEnv(AssistiveVectorEnv(FEEDING, 2, num_threads=1, **how))
 
 
-def test_the_page_says_which_wrapper_takes_which_mode() -> None:
+def test_the_page_lists_the_modes_of_each_wrapper() -> None:
     page = (DOCS / "how_to" / "gymnasium.md").read_text()
     table = page.partition("| wrapper |")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| (`\w+`[^|]*) \| ([^|]+) \|", table, re.M)

@@ -310,7 +310,7 @@ waist_x = [-5.0, 5]
 """
 
 
-def test_the_example_of_the_documents_is_a_file_of_people() -> None:
+def test_the_page_s_example_is_a_population_file() -> None:
     text = (ROOT / "docs" / "how_to" / "fit_people.md").read_text()
     (example,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     found = parse_people(example, "example", TASKS)

@@ -375,7 +375,7 @@ def test_the_documented_controller_drives(tmp_path: Path, monkeypatch: pytest.Mo
     assert one == same
 
 
-def test_the_page_says_how_many_numbers_are_observed() -> None:
+def test_the_page_lists_sizes_of_observations() -> None:
     page = (ROOT / "docs" / "how_to" / "add_a_controller.md").read_text()
     rows = [
         [cell.strip() for cell in line.split("|")[2:4]]

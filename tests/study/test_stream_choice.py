@@ -19,7 +19,7 @@ def test_a_study_exchanges_nothing_unless_it_says_so(tmp_path: Path) -> None:
     assert parse_design(default_text().replace(DEFAULT, "")).streams == StreamChoice()
 
 
-def test_what_the_page_adds_to_a_study_is_a_design() -> None:
+def test_the_page_s_example_is_valid() -> None:
     (added,) = (text for language, text in blocks(DOCS / "how_to" / "other_devices.md") if language == "toml")
     streams = parse_design(default_text().replace(DEFAULT, added)).streams
     assert streams.send

@@ -185,7 +185,7 @@ def test_poses_in_furniture_or_person_are_told_from_those_with_room(monkeypatch:
     assert is_collision_free("Feeding", JACO, random[:0]).shape == (0,)
 
 
-def test_the_page_s_search_for_a_seed_pose_ends_with_one_that_has_room(
+def test_the_page_s_search_finds_a_collision_free_seed_pose(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """With Jaco where many poses are in the table, greatest isotropy alone chooses one of them."""

@@ -1,4 +1,4 @@
-"""The page's matrix of inputs is that of the tests in the browser."""
+"""The page's table of inputs agrees with the browser tests."""
 
 import re
 from pathlib import Path
@@ -13,10 +13,10 @@ STOPS = {
     "palm": "palm",
     "look": "gaze",
 }
-"""Words of the matrix, and the way to stop that they mean."""
+"""Words of the table, and the kind of stop that they name."""
 
 
-def test_the_matrix_has_each_headset_that_is_tested_once_with_its_stop() -> None:
+def test_the_table_lists_each_tested_headset_with_its_stop() -> None:
     section = PAGE.read_text("utf-8").split("## Inputs")[1].split("\n## ")[0]
     rows = [
         row.split("|")[1:-1] for row in section.splitlines() if row.startswith("| ") and row.count("|") == 7
