@@ -67,14 +67,14 @@ BAD = {
     "a test": ('tests = ["policies, by participant"]', 'tests = ["ANOVA"]', "unknown test 'ANOVA'; allowed: \"L1 aga"),
     "an exploratory test": ('    "policies, by trial",', '    "policies",', "unknown test 'policies'; allowed: "),
     "a measure": (ITEMS, 'measures = ["L1", "L5"]', "unknown measure 'L5'; allowed: \"L1\", \"L2\""),
-    "a measure of another test": (ITEMS, 'measures = ["torso_height_m"]', "takes 'torso_height_m'; those that"),
+    "a measure of another test": (ITEMS, 'measures = ["torso_height_m"]', "has the measure 'torso_height_m'; allowed tests"),
     "a test of another measure": (
         'tests = ["L1 against the middle, by participant"]',
         'tests = ["L1 against the middle, by participant", "torso heights, by trial"]',
-        "'torso heights, by trial' takes no measure of H1; it takes \"torso_height_m\"",
+        "'torso heights, by trial' has no measure of H1; allowed measures: \"torso_height_m\"",
     ),
-    "a number": ("participants = 8", "participants = 12", "participants is 12; allowed: 8, as study.toml says"),
-    "an exclusion rule": ("max_held_share = 0.05", "max_held_share = 0.2", "is 0.2; allowed: 0.05, as study.toml says"),
+    "a number": ("participants = 8", "participants = 12", "participants is 12; allowed: 8, as in study.toml"),
+    "an exclusion rule": ("max_held_share = 0.05", "max_held_share = 0.2", "is 0.2; allowed: 0.05, as in study.toml"),
     "an unknown rule": ("further = []", "outliers = []", "unknown name 'outliers'; allowed: max_held_share, further"),
     "an unknown field": ('measures = ["L1"]', 'measure = ["L1"]', "unknown name 'measure'; allowed: id, text, "),
     "two of a name": ('id = "H2"', 'id = "H1"', "'H1' is used twice; allowed: once"),
@@ -113,7 +113,7 @@ def test_differences_are_told_value_by_value() -> None:
         "b.c was [1, 2], is [1, 3]",
         'items 2.id was "y", is "z"',
         'items 3 was added: {"id": "w"}',
-        f'gone is gone; it was "{"?" * 78}…',
+        f'gone was removed; it was "{"?" * 78}…',
         "new was added: true",
     ]
 
@@ -128,7 +128,7 @@ def test_a_plan_is_written_then_frozen_once(tmp_path: Path) -> None:
     written = (folder / "plan.toml").read_bytes()
     assert not (folder / FROZEN).exists()
     again = study("freeze", folder, "--template")
-    assert (again.exit_code, "is there already and stays" in again.stderr) == (1, True)
+    assert (again.exit_code, "exists already and was not changed" in again.stderr) == (1, True)
 
     assert study("freeze", folder).exit_code == 0
     record = (folder / FROZEN).read_bytes()
@@ -212,7 +212,7 @@ def test_registries_get_the_facts_of_the_study(tmp_path: Path, form: str) -> Non
     ):
         assert fact in text, fact
     (folder / f"preregistration-{form}.md").write_text("mine")
-    assert "is there already, with other words" in study("freeze", folder, "--export", form).stderr
+    assert "exists already with another text" in study("freeze", folder, "--export", form).stderr
     assert "allowed: osf, aspredicted" in study("freeze", folder, "--export", "word").stderr
 
 
@@ -257,11 +257,11 @@ def test_every_deviation_is_listed(tmp_path: Path) -> None:
     expected = {
         "study.toml: free_movement_s was 5.0, is 4.0",
         'plan.toml: hypotheses 2.text was "Participants rate L1, L2, L3, L4 higher with mine than with',
-        "policy mine: of avrgym/FeedingJaco-v1 is another: the checksum of mine/FeedingJaco.safetensors is not",
-        "sub-002: withdrew and enters no test",
+        "policy mine: of avrgym/FeedingJaco-v1 was changed: the checksum of mine/FeedingJaco.safetensors",
+        "sub-002: withdrew and is in no test",
         "sub-003: was excluded by the inclusion questions",
         "participants: 1 has completed the study, 2 were planned",
-        "the report: has a test that the plan does not name: torso heights, by trial (torso_height_m)",
+        "the report: contains a test that is not in the plan: torso heights, by trial (torso_height_m)",
     }
     listed = [line for line in shown.splitlines() if line.startswith("deviation")]
     assert {words for words in expected if words not in shown} == set()
@@ -290,7 +290,7 @@ def test_a_comment_alone_is_told_as_such(tmp_path: Path) -> None:
     folder = _frozen(small_study(tmp_path / "study"))
     with open(folder / "study.toml", "a") as file:
         file.write("# later\n")
-    assert "study.toml: was changed in comments or layout alone" in study("status", folder).stdout
+    assert "study.toml: was changed only in comments or layout" in study("status", folder).stdout
 
 
 def test_other_words_for_participants_are_a_deviation(tmp_path: Path) -> None:
@@ -307,7 +307,7 @@ def test_other_words_for_participants_are_a_deviation(tmp_path: Path) -> None:
     german.unlink()
     english.write_text('name = "Plain English"\n')
     shown = study("status", folder).stdout
-    assert "deviation  texts/de.toml: is gone" in shown
+    assert "deviation  texts/de.toml: is missing" in shown
     assert "deviation  texts/en.toml: was added" in shown
     assert "deviations: 2" in shown
     with Store(folder) as store:

@@ -302,17 +302,17 @@ def _edited(sites: list[Path]) -> list[Path]:
 
 
 REFUSED: list[tuple[Callable[[list[Path]], list[Path]], str]] = [
-    (_twice, "are the same site; allowed: each once"),
-    (_copied, "are the same site; allowed: each once"),
+    (_twice, "are the same site; list each site once"),
+    (_copied, "are the same site; list each site once"),
     (_same_name, "have the site 'atlanta': give each another `site` in its study.toml"),
-    (_no_name, "'our site' is no name of a site; give it one as `site`"),
+    (_no_name, "'our site' is not a valid site; set `site`"),
     (_nothing, "empty contains no study.toml"),
     (
         _longer_trials,
         r"trial_steps is 200 at atlanta \(line 25\), 100 at berlin \(line 25\); --accept-differences merges",
     ),
-    (_other_policies, "studies with other tasks, robots or policies are never merged"),
-    (_edited, "was changed by another program: .*; `avrgym study check` says more"),
+    (_other_policies, "tasks, robots and policies of all sites must be equal"),
+    (_edited, "was changed by another program: .*; run `avrgym study check"),
 ]
 
 
@@ -338,14 +338,14 @@ def test_an_output_that_no_merge_made_is_refused_and_stays(sites: list[Path], tm
         "a file": sites[0] / "study.toml",
     }.items():
         before = tree(tmp_path)
-        with pytest.raises(StudyError, match=r"that no merge made|which is a site|is a file"):
+        with pytest.raises(StudyError, match=r"contains other files|in the folder of a site|is a file"):
             merge_studies(sites, out)
         assert tree(tmp_path) == before, name
 
 
 def test_a_merged_study_is_no_site(sites: list[Path], out: Path, tmp_path: Path) -> None:
     merge_studies(sites, out)
-    with pytest.raises(StudyError, match="was merged from sites itself: name these instead"):
+    with pytest.raises(StudyError, match="was merged from sites; merge these sites instead"):
         merge_studies([out], tmp_path / "more")
 
 
@@ -354,14 +354,14 @@ def test_a_site_that_was_set_back_or_renamed_is_refused(sites: list[Path], out: 
     add_participant(sites[1], 1)
     merge_studies(sites, out)
     before = tree(out)
-    with pytest.raises(StudyError, match="'berlin' is another study than was merged before, or was set back"):
-        merge_studies([older], out)
     with pytest.raises(
-        StudyError, match="its sub-001 is in the merged study already, of a site of another name"
+        StudyError, match="'berlin' is not the study that was merged before, or an older copy"
     ):
+        merge_studies([older], out)
+    with pytest.raises(StudyError, match="its sub-001 is in the merged study already, under another site"):
         merge_studies([sites[1].rename(tmp_path / "bonn")], out)
     other = make_site(tmp_path / "another" / "berlin")
-    with pytest.raises(StudyError, match="'berlin' is another study than was merged before"):
+    with pytest.raises(StudyError, match="'berlin' is not the study that was merged before"):
         merge_studies([other], out)
     assert tree(out) == before
 
@@ -370,7 +370,7 @@ def test_the_variable_of_the_database_is_refused(
     sites: list[Path], out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(database.URL_VARIABLE, "postgresql://user@host/name")
-    with pytest.raises(StudyError, match="would stand for the database of every site: unset it"):
+    with pytest.raises(StudyError, match="would replace the database of each site: unset it"):
         merge_studies(sites, out)
 
 

@@ -1,4 +1,4 @@
-"""Whether studies are the same: design, plan and policies, compared by value."""
+"""Comparison of studies before a merge: design, texts, policies and plan."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -19,34 +19,34 @@ from avrgym.system.toml_lines import Place, line_of
 from avrgym.texts.interface_texts import read_texts
 
 MUST_AGREE = ("tasks", "robots", "policies", "practice_policy")
-"""Without these there is nothing to be taken together."""
+"""Fields that must be equal in all studies of a merge."""
 NamedStudy = tuple[str, Store]
-"""A study with its site's name."""
+"""The name of a site and its study."""
 
 
 def find_differences(a: NamedStudy, b: NamedStudy, *, accepted: bool) -> list[str]:
-    """In what two studies differ, in words.
+    """The differences between two studies as text.
 
     Raises:
-        StudyError: where they differ in anything that was not ``accepted``, or that never can be.
+        StudyError: for differences that are not ``accepted``, or in a field of ``MUST_AGREE``.
     """
     designs = list(differences(_design(a[1]), _design(b[1])))
     never = [each for each in designs if each[0][0] in MUST_AGREE]
     if never:
         words = "; ".join(_of_designs(a, b, *each) for each in never)
         raise StudyError(
-            f"nothing was merged: {words}; studies with other tasks, robots or policies are never merged"
+            f"nothing was merged: {words}; tasks, robots and policies of all sites must be equal"
         )
     found = [_of_designs(a, b, *each) for each in designs]
-    found += [_told(*each, a[0], b[0]) for each in _beside_designs(a[1], b[1])]
+    found += [_difference_text(*each, a[0], b[0]) for each in _other_differences(a[1], b[1])]
     if found and not accepted:
         raise StudyError(
-            f"nothing was merged: {'; '.join(found)}; --accept-differences merges them all the same"
+            f"nothing was merged: {'; '.join(found)}; --accept-differences merges them nevertheless"
         )
     return found
 
 
-def _beside_designs(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
+def _other_differences(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
     for place, here, there in differences(_texts(a), _texts(b)):
         yield f"texts in {place_text(place)}", here, there
     for place, here, there in differences(_policies(a), _policies(b)):
@@ -56,17 +56,17 @@ def _beside_designs(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _of_designs(a: NamedStudy, b: NamedStudy, place: Place, here: Any, there: Any) -> str:
-    """A difference of designs, with the lines where their files say so."""
+    """A difference between designs, with the lines in their files."""
     at = [f"{name}{_line(store, place)}" for name, store in (a, b)]
-    return _told(f"{DESIGN}: {place_text(place)}", here, there, *at)
+    return _difference_text(f"{DESIGN}: {place_text(place)}", here, there, *at)
 
 
-def _told(where: str, here: Any, there: Any, a: str, b: str) -> str:
+def _difference_text(where: str, here: Any, there: Any, a: str, b: str) -> str:
     return f"{where} is {value_text(here)} at {a}, {value_text(there)} at {b}"
 
 
 def _line(store: Store, place: Place) -> str:
-    """The line of a value, or of what it belongs to; nothing where a design does not say it."""
+    """The line of a value or its table; empty if the file does not contain it."""
     text = read_text(store.folder / DESIGN)
     for length in range(len(place), 0, -1):
         try:
@@ -77,13 +77,13 @@ def _line(store: Store, place: Place) -> str:
 
 
 def _design(store: Store) -> dict[str, Any]:
-    """What a design says for all sites, with the words of instruments."""
+    """The fields of a design that apply to all sites."""
     values = msgspec.json.decode(msgspec.json.encode(store.design))
     return {name: value for name, value in values.items() if name not in SITE_FIELDS}
 
 
 def _texts(store: Store) -> dict[str, Any]:
-    """What participants read in each language."""
+    """The texts for participants in each language."""
     return {language: asdict(read_texts(language, store.folder)) for language in store.design.languages}
 
 
@@ -95,6 +95,4 @@ def _plan(store: Store) -> str:
     frozen = read_frozen_plan(store)
     if frozen is None:
         return "none"
-    return (
-        f"unknown, as it {'; '.join(frozen.faults)}" if frozen.record is None else frozen.record.sha256[PLAN]
-    )
+    return f"unknown ({'; '.join(frozen.faults)})" if frozen.record is None else frozen.record.sha256[PLAN]

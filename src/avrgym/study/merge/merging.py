@@ -1,8 +1,8 @@
-"""Merging the studies of several sites into one.
+"""Merges the studies of several sites into one.
 
-Whatever comes from a site has a place of its own in the merged study, which follows from the site's number and the
-row's key there. So a merge compares, and writes what is missing or older: after a kill the next one completes it, and
-one with nothing new changes nothing. A participant's recordings come first, then their rows in one transaction.
+Keys in the merged study follow from the site's number and the row's key at the site. A merge compares, and writes rows
+that are missing or older. It can be repeated: after a kill the next merge completes it, and without news nothing
+changes. A participant's recordings are copied first, then their rows are written in one transaction.
 """
 
 import os
@@ -45,7 +45,7 @@ from avrgym.system.files import make_private_folder, remove_unfinished, write_fo
 
 
 def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
-    """Make a study like one of its sites, in a new folder; ``names`` are those of its sites by number."""
+    """Create an empty study like one of its sites in a new folder; ``names``: sites by number."""
 
     def write(folder: Path) -> None:
         write_new(folder / DESIGN, _without_local(read_text(like.folder / DESIGN)))
@@ -60,7 +60,7 @@ def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
 
 
 def _without_local(design: str) -> str:
-    """The text of a design without what a site says for itself alone; all else stays as it is, byte by byte."""
+    """The text of a design without fields of a site; the rest is unchanged."""
     document: Any = tomlkit.parse(design)
     if not any(document.get(name) for name in SITE_FIELDS):
         return design
@@ -70,7 +70,7 @@ def _without_local(design: str) -> str:
 
 
 def _own_files(store: Store) -> Iterator[Path]:
-    """The files of a study, relative to its folder, that its design and plan need."""
+    """Files that design and plan need, relative to the study's folder."""
     own = [
         store.folder / name
         for name in (PLAN, FROZEN, TIME_STAMP, REGISTRATION, *text_files(store.design, store.folder))
@@ -83,7 +83,7 @@ def _own_files(store: Store) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class MergedSite:
-    """What a merge did with a site: how many participants and recordings are of it, and how much of that was new."""
+    """Counts of a merged site: participants, recordings, and the new ones of them."""
 
     site: str
     participants: int
@@ -96,7 +96,7 @@ class MergedSite:
 
 @dataclass
 class _Merging:
-    """A site on its way into the merged study."""
+    """A site during a merge."""
 
     number: int
     source: SiteStudy
@@ -117,20 +117,20 @@ def merge_studies(
     progress: Callable[[int, int], None] = lambda done, all_: None,
     tell: Callable[[str], None] = lambda text: None,
 ) -> list[MergedSite]:
-    """Merge studies into a new folder, or into one that an earlier merge made. The sites' studies stay as they are.
+    """Merge studies into a new folder, or update an earlier merge. The sites' studies are not changed.
 
     Args:
-        folders: those of the sites' studies.
-        out: the merged study's.
-        accept_differences: merge also studies whose designs or plans differ.
+        folders: the folders of the sites' studies.
+        out: the folder of the merged study.
+        accept_differences: merge studies with different designs or plans.
         skip_damaged: leave out recordings that are damaged or missing at their site.
-        progress: told after each recording how many were compared, and how many there are.
-        tell: told of each difference that was accepted, and of each recording that was left out.
+        progress: called with the numbers of compared recordings and all recordings.
+        tell: called with each accepted difference and each left out recording.
 
     Raises:
-        StudyError: when studies differ, are the same, were changed from outside or lack recordings, or ``out`` is
-            another study. Nothing is changed then.
-        DesignError: when a site's ``study.toml`` says what cannot be.
+        StudyError: when studies differ, are the same, were changed by another program or lack recordings, or ``out``
+            is another study. Nothing is changed then.
+        DesignError: when a site's ``study.toml`` is invalid.
     """
     _check_places(folders, out)
     with ExitStack() as stack:
@@ -153,12 +153,12 @@ def merge_studies(
 def _check_places(folders: Sequence[Path], out: Path) -> None:
     if os.environ.get(URL_VARIABLE):
         raise StudyError(
-            f"{URL_VARIABLE} is set and would stand for the database of every site: unset it, and give `url` under "
+            f"{URL_VARIABLE} is set and would replace the database of each site: unset it, and set `url` under "
             "[database] in the study.toml of a site that uses PostgreSQL (its password in ~/.pgpass)"
         )
     for folder in folders:
         if out.resolve().is_relative_to(folder.resolve()):
-            raise StudyError(f"{out} lies in {folder}, which is a site; choose another folder")
+            raise StudyError(f"{out} is in the folder of a site, {folder}; choose another folder")
     if out.exists() and not out.is_dir():
         raise StudyError(f"{out} is a file; choose a folder")
 
@@ -171,15 +171,13 @@ def _open_merged(out: Path, stack: ExitStack) -> Store | None:
         store = stack.enter_context(Store(out))
         if store.sites():
             return store
-    raise StudyError(
-        f"{out} holds something that no merge made; choose a new folder, or one that a merge made"
-    )
+    raise StudyError(f"{out} contains other files; choose a new folder, or one of an earlier merge")
 
 
 def _number(
     sources: Sequence[SiteStudy], merged: Store | None, out: Path, *, accepted: bool
 ) -> list[_Merging]:
-    """The sites with their numbers and all that is to be copied of them; ``StudyError`` where they do not fit."""
+    """The sites with their numbers and recordings; ``StudyError`` if they do not match the merged study."""
     known = merged.sites() if merged else []
     people = merged.participants() if merged else []
     gone = {each.number for each in merged.tombstones()} if merged else set[int]()
@@ -201,7 +199,7 @@ def _number(
 
 
 def _verify(sites: Sequence[_Merging], progress: Callable[[int, int], None]) -> None:
-    """Note the fault of each recording that cannot be copied."""
+    """Collect the faults of recordings that cannot be copied."""
     everything = [
         (site, each) for site in sites for recordings in site.recordings.values() for each in recordings
     ]
@@ -247,10 +245,10 @@ def _merge_site(merged: Store, site: _Merging) -> MergedSite:
 
 
 def _enter(connection: sa.Connection, site: _Merging) -> None:
-    """Store the site's number, unless it is stored; ``StudyError`` where another merge took it meanwhile."""
+    """Store the site's number, unless it is stored; ``StudyError`` if another merge has used it."""
     for known in find_all(connection, Site, number=site.number):
         if known.name != site.source.name:
-            raise StudyError(f"{known.name!r} was merged meanwhile; merge {site.source.name!r} again")
+            raise StudyError(f"{known.name!r} was merged at the same time; merge {site.source.name!r} again")
         return
     row = {"number": site.number, "name": site.source.name, "entries": 0, "digest": ""}
     hash_chain.insert(connection, schema.SITE, **row)
@@ -280,7 +278,7 @@ def _merge_participant(
 
 
 def _delete(merged: Store, site: _Merging) -> Iterator[int]:
-    """Delete whoever was deleted at the site since an earlier merge, also one that was killed; their numbers."""
+    """Delete participants that were deleted at the site since an earlier merge; yields their numbers."""
     present = {each.number for each in merged.participants()}
     for row in site.source.rows["tombstone"]:
         number = merged_number(site.number, row["number"])
@@ -291,7 +289,7 @@ def _delete(merged: Store, site: _Merging) -> Iterator[int]:
 
 
 def _merge_rest(connection: sa.Connection, site: _Merging) -> None:
-    """Who was deleted, in what the site differs, and up to where its ledger was merged."""
+    """Store deletions, accepted differences, and the head of the site's hash chain."""
     for row in site.source.rows["tombstone"]:
         number = merged_number(site.number, row["number"])
         if not find_all(connection, Tombstone, number=number):

@@ -1,4 +1,4 @@
-"""The studies that are merged: what each holds at one moment, and whether they can be told apart."""
+"""The studies of sites before a merge: their rows at one moment, and checks that they are distinct."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,12 +20,12 @@ MERGED_TABLES = tuple(
     for table in schema.METADATA.sorted_tables
     if table not in (schema.STUDY, schema.SITE, schema.EXPERIMENTER, schema.LEDGER)
 )
-"""In an order in which no row comes before one that it belongs to."""
+"""Tables in order of their foreign keys."""
 
 
 @dataclass(frozen=True)
 class SiteStudy:
-    """A site's study: its rows by table as of one moment, and the end of its ledger then."""
+    """A site's study: its rows by table at one moment, and the head of its hash chain."""
 
     name: str
     store: Store
@@ -34,12 +34,12 @@ class SiteStudy:
 
     @property
     def people(self) -> dict[int, str]:
-        """When each participant was enrolled, by number: nobody else was at that microsecond."""
+        """Enrolment times by number of the participant, which identify participants."""
         return {row["number"]: row["enrolled_at"] for row in self.rows["participant"]}
 
     @property
     def sites(self) -> set[str]:
-        """What its participants' sites are called."""
+        """The names of its participants' sites."""
         return {self.name, *(row["site"] for row in self.rows["participant"] if row["site"])}
 
 
@@ -47,19 +47,19 @@ def read_site_study(store: Store) -> SiteStudy:
     """A study as a site of a merged one.
 
     Raises:
-        StudyError: when it was merged itself, has no name as a site, or was changed from outside.
+        StudyError: when it was merged itself, has no valid name of a site, or was changed by another program.
     """
     name = store.design.site or store.folder.name
     if store.sites():
-        raise StudyError(f"{store.folder} was merged from sites itself: name these instead")
+        raise StudyError(f"{store.folder} was merged from sites; merge these sites instead")
     if not NAME.fullmatch(name):
         raise StudyError(
-            f"{store.folder}: {name!r} is no name of a site; give it one as `site` in study.toml, of at most 40 "
-            "letters, digits, - and _"
+            f"{store.folder}: {name!r} is not a valid site; set `site` in study.toml to at most 40 letters, digits, - "
+            "and _"
         )
     for where, what in store.database.faults():
         raise StudyError(
-            f"nothing was merged: {store.folder}: {where} {what}; `avrgym study check` says more"
+            f"nothing was merged: {store.folder}: {where} {what}; run `avrgym study check {store.folder}`"
         )
     with store.database.read() as connection:
         rows = {table.name: _rows(connection, table) for table in MERGED_TABLES}
@@ -73,7 +73,7 @@ def read_site_study(store: Store) -> SiteStudy:
 
 
 def _rows(connection: sa.Connection, table: sa.Table) -> list[dict[str, Any]]:
-    """A table's rows by the columns' keys, without salts: these are drawn anew."""
+    """A table's rows by column; the merged study has new salts."""
     names = [column.key for column in table.columns]
     found = connection.execute(sa.select(table).order_by(hash_chain.primary_key(table)))
     rows = [dict(zip(names, row, strict=True)) for row in found]
@@ -81,20 +81,20 @@ def _rows(connection: sa.Connection, table: sa.Table) -> list[dict[str, Any]]:
 
 
 def check_distinct(sources: Sequence[SiteStudy]) -> None:
-    """Raise ``StudyError`` where two studies are the same, or have sites of the same name."""
+    """Raise ``StudyError`` for equal studies and equal names of sites."""
     for a, b in combinations(sources, 2):
         both = f"{a.store.folder} and {b.store.folder}"
         twice = sorted(set(a.people.items()) & set(b.people.items()))
         if a.store.folder == b.store.folder or twice:
-            raise StudyError(f"{both} are the same site; allowed: each once")
+            raise StudyError(f"{both} are the same site; list each site once")
         if shared := sorted(a.sites & b.sites):
             raise StudyError(
-                f"{both} both are or have the site {shared[0]!r}: give each another `site` in its study.toml"
+                f"{both} have the same site {shared[0]!r}; set different values of `site` in their study.toml"
             )
 
 
 def check_continuation(source: SiteStudy, known: Sequence[Site], people: Sequence[Participant]) -> None:
-    """Raise ``StudyError`` unless a site is new to a merged study, or goes on where it was merged before.
+    """Raise ``StudyError`` unless a site is new, or continues the study that was merged before.
 
     Args:
         source: the site.
@@ -106,13 +106,13 @@ def check_continuation(source: SiteStudy, known: Sequence[Site], people: Sequenc
     for each in others:
         if (each.site_number, each.enrolled_at) in source.people.items():
             raise StudyError(
-                f"{source.store.folder}: its {each.site_pseudonym} is in the merged study already, of a site of "
-                f"another name: give it that as `site` in study.toml ({', '.join(site.name for site in known)})"
+                f"{source.store.folder}: its {each.site_pseudonym} is in the merged study already, under another "
+                f"site; set `site` in its study.toml to that name ({', '.join(site.name for site in known)})"
             )
     taken = {each.site for each in others} | {site.name for site in known if site is not before}
     if shared := sorted(source.sites & taken):
         raise StudyError(
-            f"{source.store.folder}: the merged study has another site {shared[0]!r}; give this one another `site` in "
+            f"{source.store.folder}: the merged study has another site {shared[0]!r}; set a different `site` in "
             "its study.toml"
         )
     if before is not None and before.entries:
@@ -123,6 +123,6 @@ def _check_not_set_back(source: SiteStudy, before: Site) -> None:
     with source.store.database.read() as connection:
         if hash_chain.missing_heads(connection, [hash_chain.Head(before.entries, before.digest)]):
             raise StudyError(
-                f"{source.store.folder}: the site {source.name!r} is another study than was merged before, or was set "
-                "back since: put back its latest copy, or merge into a new folder"
+                f"{source.store.folder}: the site {source.name!r} is not the study that was merged before, or "
+                "an older copy of it: restore its latest copy, or merge into a new folder"
             )

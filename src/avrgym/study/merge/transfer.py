@@ -23,7 +23,7 @@ _IN_RECORDINGS = re.compile(rf"{RECORDINGS}/(sub-[0-9]{{3,9}})/")
 
 
 def merged_name(text: str, site: int) -> str:
-    """A recording's name, or text that begins with one, as it is in the merged study."""
+    """A recording's path in the merged study; also in text that begins with it."""
     match = _IN_RECORDINGS.match(text)
     if match is None:
         return text
@@ -33,7 +33,7 @@ def merged_name(text: str, site: int) -> str:
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording of a site, and where it goes; without a checksum nobody vouches for it, and it may be missing."""
+    """A recording of a site and its target; a recording without a checksum may be missing."""
 
     attempt: int
     participant: int
@@ -43,13 +43,13 @@ class Recording:
     sha256: str | None
 
     def is_there(self) -> bool:
-        """Whether the merged study has it as it is vouched for."""
+        """Whether the merged study contains it with the right checksum."""
         return self.sha256 is not None and self.target.is_file() and _checksum(self.target) == self.sha256
 
     def fault(self) -> str | None:
-        """Why it cannot be copied: a clause that begins with its name."""
+        """The reason why it cannot be copied, beginning with its name."""
         if self.source is None:
-            return f"{self.name} lies outside the study's recordings"
+            return f"{self.name} is outside the study's recordings"
         if self.sha256 is None:
             return None
         if not self.source.is_file():
@@ -57,10 +57,10 @@ class Recording:
         return None if _checksum(self.source) == self.sha256 else f"{self.name} {CHECKSUM_DIFFERS}"
 
     def copy(self) -> bool:
-        """Copy it, so that it appears whole or not at all; whether that changed anything.
+        """Copy it atomically; returns whether anything changed.
 
         Raises:
-            StudyError: when it is not as it is vouched for.
+            StudyError: when its checksum is wrong.
         """
         if self.source is None or not self.source.is_file():
             return False
@@ -78,18 +78,23 @@ class Recording:
 
 
 def recordings_of(source: SiteStudy, site: int, folder: Path) -> Iterator[Recording]:
-    """Every recording of a site, on its way into the merged study in ``folder``."""
+    """All recordings of a site, with targets in the merged study in ``folder``."""
     participants = {row["id"]: row["participant"] for row in source.rows["session"]}
     for row in source.rows["attempt"]:
         name = row["recording"]
         target = folder / merged_name(name, site)
         yield Recording(
-            row["id"], participants[row["session"]], name, _path(source, name), target, _vouched(row)
+            row["id"],
+            participants[row["session"]],
+            name,
+            _path(source, name),
+            target,
+            _expected_checksum(row),
         )
 
 
-def _vouched(row: Row) -> str | None:
-    """The checksum of an attempt's recording; one that completed its trial has a recording, so another fits none."""
+def _expected_checksum(row: Row) -> str | None:
+    """The checksum of an attempt's recording; a completed attempt without one matches no file."""
     return row["sha256"] or ("none" if row["state"] == "completed" else None)
 
 
@@ -113,22 +118,22 @@ _NAMING_RECORDINGS = {"attempt": "recording", "event": "detail"}
 
 
 def rows_by_participant(source: SiteStudy, site: int) -> Mapping[int | None, Rows]:
-    """The rows of a site as they are in the merged study, by the number there of whom they are about, if anybody.
+    """The rows of a site as in the merged study, by the participant's number at the site.
 
-    Tombstones are not among them. The log is of the whole site: it outlasts its participants.
+    Tombstones are not included. The log has no participant: it is never deleted.
     """
     found: dict[int | None, dict[str, dict[int, Row]]] = defaultdict(lambda: defaultdict(dict))
     sessions = {row["id"]: row["participant"] for row in source.rows["session"]}
     for table in MERGED_TABLES:
         for row in source.rows[table.name] if table is not schema.TOMBSTONE else ():
             moved = _moved(table, row, source, site)
-            whose = None if table is schema.LOG else _whose(row, sessions)
-            found[whose][table.name][moved[hash_chain.primary_key(table).key]] = moved
+            participant = None if table is schema.LOG else _participant_of(row, sessions)
+            found[participant][table.name][moved[hash_chain.primary_key(table).key]] = moved
     return found
 
 
-def _whose(row: Row, sessions: Mapping[int, int]) -> int | None:
-    """The number of the participant whom a row is about, if it is about one."""
+def _participant_of(row: Row, sessions: Mapping[int, int]) -> int | None:
+    """The number of the participant of a row, if it has one."""
     if "enrolled_at" in row:
         return row["number"]
     if row.get("participant") is not None:
@@ -138,7 +143,7 @@ def _whose(row: Row, sessions: Mapping[int, int]) -> int | None:
 
 
 def _moved(table: sa.Table, row: Row, source: SiteStudy, site: int) -> Row:
-    """A row with the keys that it has in the merged study."""
+    """A row with its keys in the merged study."""
     moved = {column.key: _moved_key(column, row[column.key], site) for column in _columns(table)}
     if table is schema.PARTICIPANT:
         moved |= {"site": row["site"] or source.name, "site_number": row["number"]}
@@ -154,7 +159,7 @@ def _columns(table: sa.Table) -> Iterable[sa.Column[Any]]:
 
 
 def _moved_key(column: sa.Column[Any], value: Any, site: int) -> Any:
-    """A value, which moves with its site where it is the key of a row."""
+    """A value; keys of rows are replaced by keys of the merged study."""
     tables = [key.column.table for key in column.foreign_keys] or [column.table] * column.primary_key
     if not tables or value is None:
         return value
@@ -162,7 +167,7 @@ def _moved_key(column: sa.Column[Any], value: Any, site: int) -> Any:
 
 
 def store_rows(connection: sa.Connection, rows: Rows) -> int:
-    """Bring the merged study's rows up to these; how many were written."""
+    """Write new and changed rows into the merged study; returns their number."""
     written = 0
     for table in MERGED_TABLES:
         wanted = rows.get(table.name, {})

@@ -1,7 +1,7 @@
 """Templates for data protection: an impact assessment and a record of processing, filled in from the design.
 
-Articles are those of Regulation (EU) 2016/679 (GDPR). Data that the design does not contain are places to fill in. The
-files are drafts: the controller completes and judges them.
+Articles refer to Regulation (EU) 2016/679 (GDPR). Facts that the design does not contain are marked as gaps. The files
+are drafts, which the controller completes.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,26 +15,26 @@ from avrgym.study.storage.store import Store
 FOLDER = "data-protection"
 FILL_IN = "**[TO FILL IN: {}]**"
 DRAFT = (
-    "A draft from the study's design, by AVR Gym. Places in brackets are to fill in. The controller completes it, "
-    "asks the data protection officer (Article 35(2)) and answers for it."
+    "A draft from the study's design, by AVR Gym. Fill in the gaps in brackets. The controller completes it, consults "
+    "the data protection officer (Article 35(2)) and is responsible for it."
 )
 MEASURES = (
-    "Pseudonyms: names and contacts are in the folder `private` alone, apart from recordings and answers.",
-    "Files and folders of the study can be read by the account that owns them and by no other.",
-    "The server needs a token for each role; on a network it serves by TLS alone.",
-    "A ledger and checksums detect changes of the database and of recordings by anything else.",
-    "A log contains who viewed, exported and deleted what.",
+    "Pseudonyms: names and contacts are only in the folder `private`, separate from recordings and answers.",
+    "Only the account that owns the study can read its files and folders.",
+    "The server requires a token for each role; on a network it uses TLS only.",
+    "A hash chain and checksums reveal changes of database and recordings by other programs.",
+    "An audit log contains views, exports and deletions with the person.",
     "Deletion of one participant on request, with the database's backups, and deletion by schedule.",
     "Exports contain no names, and free text only on request.",
 )
-"""Measures of this program, which any study may state."""
+"""Security measures of this program."""
 
 
 def write_data_protection(store: Store) -> list[Path]:
     """Write both drafts into the study's folder; edited drafts are never overwritten.
 
     Raises:
-        StudyError: where a draft is there already with other words.
+        StudyError: when a draft exists with another text.
         OSError: when one cannot be written.
     """
     design, folder = store.design, store.folder / FOLDER
@@ -74,13 +74,13 @@ def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
             "Retention": _retention(design),
         },
         "Necessity and proportionality (Article 35(7)(b))": {
-            "Data minimisation (Article 5(1)(c))": "Nothing is asked beyond the questions of the design. "
+            "Data minimisation (Article 5(1)(c))": "Participants answer only the questions of the design. "
             + _fill_in("why the study needs each kind of data"),
             "Information and consent (Articles 7 and 13)": f"Consent text, version {design.consent.version}: "
             f"{' '.join(design.consent.text.split())} {_fill_in('where the full information is')}",
             "Rights (Articles 15 to 22)": "Access and portability: `avrgym study participant-data`. Erasure: "
             "`avrgym study delete-participant`. Withdrawal at any time: on the dashboard, or `avrgym study withdraw`. "
-            + _fill_in("whom participants contact, and limits of these rights in research, Article 89"),
+            + _fill_in("the contact for participants, and limits of these rights in research, Article 89"),
         },
         "Risks to participants (Article 35(7)(c))": {
             "Identification by movements": _risk(),
@@ -97,8 +97,12 @@ def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
         },
         "Advice and decision": {
             "Data protection officer (Article 35(2))": _fill_in("name, advice and date"),
-            "Views of participants (Article 35(9))": _fill_in("whose views were sought, or why not"),
-            "Residual risk, and prior consultation (Article 36)": _fill_in("the decision, and who made it"),
+            "Views of participants (Article 35(9))": _fill_in(
+                "the consulted participants or representatives, or why there are none"
+            ),
+            "Residual risk, and prior consultation (Article 36)": _fill_in(
+                "the decision and the responsible person"
+            ),
         },
     }
 
@@ -110,7 +114,7 @@ def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
             "(a) Controller, joint controllers, data protection officer": _fill_in("names and contacts"),
             "(b) Purposes": _fill_in("the research question") + f" The study: {design.title}.",
             "(c) Categories of people": f"{design.participants} participants of a study; experimenters, in its log. "
-            + _fill_in("how they are found, and whether any of them are vulnerable"),
+            + _fill_in("how they are recruited, and whether any of them are vulnerable"),
             "(c) Categories of data": _list(_data(design)),
             "(d) Recipients": _recipients(design),
             "(e) Transfers to third countries": _fill_in(
@@ -155,7 +159,7 @@ def _storage(design: Design) -> str:
 
 def _recipients(design: Design) -> str:
     about = design.reporting.data_availability
-    return f"Data availability: {about or _fill_in('who receives which data, and in which form')}"
+    return f"Data availability: {about or _fill_in('recipients, data and format')}"
 
 
 def _retention(design: Design) -> str:

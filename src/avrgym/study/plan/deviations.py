@@ -33,7 +33,7 @@ from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design, DesignError, parse_design
 from avrgym.study.design.languages import text_files
 from avrgym.study.plan.frozen_plan import FROZEN, FrozenPlan, PlanRecord, sha256, software_versions
-from avrgym.study.plan.plan import FILE, NOT_PLANNED, OfferedPart
+from avrgym.study.plan.plan import FILE, NOT_PLANNED, AvailableTests
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.session_designs import describe_trials, session_designs
 from avrgym.study.storage.states import UNKNOWN
@@ -44,13 +44,13 @@ from avrgym.system.used_plugins import differences as plugin_differences
 from avrgym.texts.interface_texts import TextsError
 
 Change = tuple[Place, Any, Any]
-"""A place, and the values there before and after, of which one may be ``MISSING``."""
+"""A place with the values before and after; one may be ``MISSING``."""
 
 
 def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
-    """Each difference of the design, and of the texts for participants, from the frozen plan.
+    """Each difference of the design and the participants' texts from the frozen plan.
 
-    Differences in sessions are listed even if the files are as planned again.
+    Differences in sessions are listed even if the present files match the plan.
     """
     frozen = frozen_design(record)
     had = _had(store, *frozen) if frozen else {}
@@ -71,7 +71,7 @@ def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
 def _had(
     store: Store, design: Design, wordings: Wordings | None
 ) -> dict[tuple[str, Place, str], tuple[str, str]]:
-    """The frozen value and the participants, by file, place and the other value that they had."""
+    """The frozen value and the participants, by file, place and their different value."""
     uses = session_designs(store)
     found = {
         (each.file, each.place, value_text(each.there)): (
@@ -88,7 +88,7 @@ def _had(
 
 
 def changed_file(store: Store, record: PlanRecord, name: str, before: str) -> Iterator[Finding]:
-    """Each difference of any other file from the frozen one."""
+    """Each difference of another file from the frozen one."""
     fault, changes = _compared(store, record, name, before, None)
     if fault:
         yield deviation(name, fault)
@@ -96,7 +96,7 @@ def changed_file(store: Store, record: PlanRecord, name: str, before: str) -> It
 
 
 def frozen_design(record: PlanRecord) -> tuple[Design, Wordings | None] | None:
-    """The design and the wordings of a frozen plan; ``None`` where this version cannot read them."""
+    """The design and the texts of a frozen plan; ``None`` if this version cannot read them."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)
         for name, text in (record.words or {}).items():
@@ -117,7 +117,7 @@ def _compared(
     """The fault of a file as a whole, and its differences from the frozen text."""
     path = store.folder / name
     if not path.is_file():
-        return "is gone", []
+        return "is missing", []
     data = path.read_bytes()
     if record.sha256[name] in map(sha256, with_and_without_bom(data)):
         return "", []
@@ -127,7 +127,7 @@ def _compared(
         return "was changed and can no longer be read", []
     values = tomlkit.parse(before).unwrap()
     if values == after:
-        return "was changed in comments or layout alone", []
+        return "was changed only in comments or layout", []
     if name == DESIGN and frozen is not None:
         return "", list(differences(comparable_values(frozen), comparable_values(store.design)))
     return "", list(differences(_shared(values), _shared(after)))
@@ -139,34 +139,34 @@ def _shared(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def changed(place: Place, before: Any, after: Any) -> str:
-    """A difference in words; either value may be ``MISSING``."""
+    """A difference as text; either value may be ``MISSING``."""
     if before is MISSING:
         return f"{place_text(place)} was added: {value_text(after)}"
     if after is MISSING:
-        return f"{place_text(place)} is gone; it was {value_text(before)}"
+        return f"{place_text(place)} was removed; it was {value_text(before)}"
     return f"{place_text(place)} was {value_text(before)}, is {value_text(after)}"
 
 
 def deviation(where: str, what: str) -> Finding:
-    """A difference from a plan; it is a note, not an error."""
+    """A finding about a deviation, which is a note and not an error."""
     return Finding(where, what, wrong=False)
 
 
 def deviations(
     store: Store,
     frozen: FrozenPlan,
-    offered: OfferedPart,
+    offered: AvailableTests,
     left_out: Sequence[ExcludedTrial] = (),
-    besides: OfferedPart = MappingProxyType({}),
+    besides: AvailableTests = MappingProxyType({}),
 ) -> list[Finding]:
     """Each difference between a study and its frozen plan.
 
     Args:
         store: the study.
-        frozen: its plan.
-        offered: the tests that its analysis does now.
-        left_out: the trials that the exclusion rule keeps out of it, as far as they are known.
-        besides: what a plan may name too, and what is exploratory where it does not.
+        frozen: its frozen plan.
+        offered: the present tests of its analysis.
+        left_out: excluded trials, as far as they are known.
+        besides: optional tests, which are exploratory if the plan does not name them.
     """
     found = [Finding(FROZEN, fault) for fault in frozen.faults]
     if frozen.record is None:
@@ -197,7 +197,7 @@ def _software(record: PlanRecord) -> Iterator[Finding]:
 
 
 def _plugins(store: Store, record: PlanRecord) -> Iterator[Finding]:
-    """Plug-ins that are not what they were, or that a record of an earlier version does not store."""
+    """Plug-ins that differ from the record."""
     for difference in plugin_differences(record.plugins or (), plugins_needed(store)):
         yield deviation("plug-ins", difference)
 
@@ -220,27 +220,25 @@ def _policies(store: Store, record: PlanRecord) -> Iterator[Finding]:
 def _replaced(before: PolicyFile, after: PolicyFile) -> str:
     if before.source != after.source:
         return f"was {before.source}, is {after.source}"
-    return f"is another: the checksum of {after.source} is not the one that was frozen"
+    return f"was changed: the checksum of {after.source} differs from the frozen one"
 
 
 # People and tests
 
 
 def _people(store: Store, record: PlanRecord) -> Iterator[Finding]:
-    """Who was excluded, withdrew or was deleted, and how many have completed the study.
+    """Excluded, withdrawn and deleted participants, and the number of completed ones.
 
-    These are people, or simulated participants where a study has no others.
+    Simulated participants count only in a study without people.
     """
     everyone, deleted = store.participants(), store.tombstones()
     simulated = all(each.simulated for each in [*everyone, *deleted])
     own = [each for each in everyone if each.simulated is simulated]
     for participant in own:
         if participant.state == "withdrawn":
-            yield deviation(participant.pseudonym, "withdrew and enters no test")
+            yield deviation(participant.pseudonym, "withdrew and is in no test")
         elif participant.state == UNKNOWN:
-            what = (
-                "enters no test: whether they consented or withdrew is unknown since the database was rebuilt"
-            )
+            what = "is in no test: consent or withdrawal is unknown since the database was rebuilt"
             yield deviation(participant.pseudonym, what)
         elif participant.state == "excluded":
             yield deviation(participant.pseudonym, "was excluded by the inclusion questions")
@@ -254,16 +252,16 @@ def _people(store: Store, record: PlanRecord) -> Iterator[Finding]:
         yield deviation("participants", f"{completed} {have} completed the study, {planned} were planned")
 
 
-def _tests(record: PlanRecord, offered: OfferedPart, besides: OfferedPart) -> Iterator[Finding]:
-    """Tests that the report has and the plan does not name, and the other way round."""
+def _tests(record: PlanRecord, offered: AvailableTests, besides: AvailableTests) -> Iterator[Finding]:
+    """Tests of the report that the plan does not name, and missing tests of the plan."""
     plan = record.parsed()
     for test, measures in offered.items():
         unplanned = [measure for measure in measures if plan.label(test, measure) == NOT_PLANNED]
         if unplanned:
-            what = f"has a test that the plan does not name: {test} ({'; '.join(unplanned)})"
+            what = f"contains a test that is not in the plan: {test} ({'; '.join(unplanned)})"
             yield deviation("the report", what)
     for hypothesis in plan.hypotheses:
         for test in hypothesis.tests:
             done = {*offered.get(test, ()), *besides.get(test, ())}
             if not done & set(hypothesis.measures):
-                yield deviation("the report", f"has no test any more for {hypothesis.id}: {test}")
+                yield deviation("the report", f"lacks a planned test of {hypothesis.id}: {test}")

@@ -20,7 +20,7 @@ from avrgym.study.checking.preflight import plugins_needed, policy_faults
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.languages import text_files
 from avrgym.study.design.validation import read_text
-from avrgym.study.plan.plan import FILE, OfferedPart, Plan, parse_frozen_plan, read_plan
+from avrgym.study.plan.plan import FILE, AvailableTests, Plan, parse_frozen_plan, read_plan
 from avrgym.study.plan.timestamps import (
     Registration,
     TimeStamp,
@@ -39,15 +39,15 @@ from avrgym.vr.session.attempt import versions
 FROZEN = "plan-frozen.json"
 PLAN_FROZEN = "plan frozen"
 PLAN_ADOPTED = "plan adopted"
-"""Their detail is the SHA-256 of the record; a plan is adopted that another station froze."""
+"""Events with the SHA-256 of the record as detail; an adopted plan was frozen at another station."""
 FORMAT = "avrgym frozen plan 1"
 
 
 class PlanRecord(msgspec.Struct, frozen=True):
-    """What a study was when its plan was frozen.
+    """A study at the time of freezing.
 
-    ``plan`` and ``design`` are the texts of the files, ``words`` those of the files in which the study has words of its
-    own, ``plugins`` those that its trials use; a record of an earlier version has neither.
+    ``plan`` and ``design`` are the texts of the files, ``words`` those of the study's text files, ``plugins`` the
+    plug-ins of its trials; records of earlier versions have neither.
     """
 
     format: str
@@ -61,20 +61,20 @@ class PlanRecord(msgspec.Struct, frozen=True):
     plugins: tuple[UsedPlugin, ...] | None = None
 
     def parsed(self) -> Plan:
-        """The plan as it was frozen."""
+        """The frozen plan."""
         return parse_frozen_plan(self.plan, FROZEN)
 
 
-def freeze_plan(store: Store, offered: OfferedPart) -> PlanRecord:
+def freeze_plan(store: Store, offered: AvailableTests) -> PlanRecord:
     """Freeze the plan in a study's folder.
 
     Args:
         store: the study.
-        offered: the tests that its analysis does.
+        offered: the tests of its analysis.
 
     Raises:
-        DesignError: when the plan says what cannot be.
-        StudyError: when somebody has taken part, a plan was frozen before, or a policy cannot be used.
+        DesignError: when the plan is invalid.
+        StudyError: after the first participant, when a plan is frozen already, or a policy cannot be loaded.
         OSError: when plan or record cannot be read or written. Nothing is stored then.
     """
     _, text = read_plan(store.folder, store.design, offered)
@@ -91,7 +91,7 @@ def freeze_plan(store: Store, offered: OfferedPart) -> PlanRecord:
 
 
 def may_adopt(store: Store) -> bool:
-    """Whether there is a frozen plan, copied from another station, that the database does not know."""
+    """Whether there is a frozen plan, copied from another station, without an event in the database."""
     return (store.folder / FROZEN).exists() and not _noted(store)
 
 
@@ -99,13 +99,13 @@ def adopt_plan(store: Store) -> PlanRecord:
     """Store the checksum of a frozen plan that was copied from another station.
 
     Raises:
-        StudyError: when it is no frozen plan, somebody has taken part, or the database was rebuilt.
+        StudyError: when it is not a frozen plan, after the first participant, or after a rebuild of the database.
     """
     data = (store.folder / FROZEN).read_bytes()
     try:
         record = msgspec.json.decode(data, type=PlanRecord)
     except ValueError as error:
-        raise StudyError(f"{store.folder / FROZEN} is damaged: {error}; put a copy back") from None
+        raise StudyError(f"{store.folder / FROZEN} is damaged: {error}; restore a copy") from None
     with store.write() as connection:
         _check_nobody_took_part(connection)
         record_event(connection, PLAN_ADOPTED, sha256(data), {})
@@ -118,7 +118,7 @@ def _noted(store: Store) -> bool:
 
 
 def check_can_freeze(store: Store) -> None:
-    """Raise ``StudyError`` unless a plan can still be frozen: none is, and nobody has taken part."""
+    """Raise ``StudyError`` if a plan is frozen, or after the first participant."""
     with store.database.read() as connection:
         _check_untouched(store, connection)
 
@@ -134,15 +134,15 @@ def _check_untouched(store: Store, connection: sa.Connection) -> None:
 def _check_nobody_took_part(connection: sa.Connection) -> None:
     for event in find_all(connection, StudyEvent, name=REBUILT):
         raise StudyError(
-            f"the database was rebuilt at {event.at}: earlier participants are unknown, so a plan frozen now would "
-            "confirm nothing; put back a copy of the database, or create a new study"
+            f"the database was rebuilt at {event.at} and earlier participants are unknown: a plan cannot be frozen; "
+            "restore a copy of the database, or create a new study"
         )
     taken = [each.participant for each in find_all(connection, StudySession)]
     taken += [each.number for each in find_all(connection, Tombstone)]
     if taken:
         raise StudyError(
-            f"{pseudonym_of(min(taken))} has taken part already: a plan is made before the first participant; "
-            "this study stays one without a plan (dry runs belong in a folder of their own)"
+            f"{pseudonym_of(min(taken))} has taken part already: a plan must be frozen before the first participant; "
+            "use a new study (dry runs need a separate folder)"
         )
 
 
@@ -162,29 +162,29 @@ def _record(store: Store, plan: str) -> PlanRecord:
 
 
 def sha256(data: bytes) -> str:
-    """A checksum, as ``sha256sum`` prints it."""
+    """The SHA-256 of data in hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()
 
 
 def software_versions() -> dict[str, str]:
-    """The versions of what simulates and of what computes the analysis."""
+    """Versions of the software of simulation and analysis."""
     return msgspec.structs.asdict(versions()) | {name: version(name) for name in ("numpy", "scipy")}
 
 
 UNKNOWN = "an unknown time"
 UNKNOWN_ORIGIN = (
-    "is of unknown origin and confirms nothing: its checksum is not in the database; put back a copy of the database, "
+    "is of unknown date and not confirmatory: its checksum is not in the database; restore a copy of the database, "
     "or add a time stamp from before the first participant with `avrgym study freeze DIR --timestamp FILE`"
 )
 
 
 @dataclass(frozen=True)
 class FrozenPlan:
-    """A frozen plan. Without a ``record`` nothing states what was planned; ``faults`` are what is wrong.
+    """A frozen plan; without a ``record`` its contents are unknown.
 
-    ``known_since`` is when the database stored its checksum, before the first participant; nothing where that is
-    unknown. ``is_adopted``: another station froze it. ``rebuilt_at`` is when the database was rebuilt, if it was.
-    ``is_proven``: a trusted time stamp is older than all recordings.
+    ``known_since``: when the database stored its checksum before the first participant, if that is known.
+    ``is_adopted``: another station froze it. ``rebuilt_at``: when the database was rebuilt. ``is_proven``: a trusted
+    time stamp is older than all recordings.
     """
 
     record: PlanRecord | None
@@ -199,12 +199,12 @@ class FrozenPlan:
 
     @property
     def confirms(self) -> bool:
-        """Whether it is known that the plan was made before the first participant."""
+        """Whether the plan is certainly older than the first participant."""
         return self.record is not None and (self.known_since is not None or self.is_proven)
 
     @property
     def at(self) -> str:
-        """When it was frozen, as far as that is known."""
+        """The time of freezing as text, as far as it is known."""
         if self.record is not None and self.known_since is not None:
             return self.known_since if self.is_adopted else self.record.frozen_at
         if self.stamp is not None and self.is_proven:
@@ -213,7 +213,7 @@ class FrozenPlan:
 
     @property
     def words(self) -> str:
-        """What is known of its date, and what is only claimed."""
+        """Sentences about its date and claims."""
         return " ".join(self._sentences())
 
     def _sentences(self) -> Iterator[str]:
@@ -226,7 +226,7 @@ class FrozenPlan:
             why = f", which was rebuilt at {self.rebuilt_at} (UTC)" if self.rebuilt_at else ""
             yield (
                 f"When the plan was made is unknown: its checksum is not in the database{why}. "
-                "It confirms nothing; all results are exploratory."
+                "It is not confirmatory; all results are exploratory."
             )
         if self.stamp is not None:
             known = "knows" if self.stamp.is_trusted else "does not know"
@@ -241,7 +241,7 @@ class FrozenPlan:
 
 
 def read_frozen_plan(store: Store) -> FrozenPlan | None:
-    """The study's frozen plan; ``None`` where none was frozen."""
+    """The study's frozen plan, if there is one."""
     path = store.folder / FROZEN
     with store.database.read() as connection:
         noted = [
@@ -251,12 +251,12 @@ def read_frozen_plan(store: Store) -> FrozenPlan | None:
         ]
         sites = len(find_all(connection, Site))
     if not path.exists():
-        fault = "is missing; put a copy back"
+        fault = "is missing; restore a copy"
         return FrozenPlan(None, (fault,)) if noted else None
     data = path.read_bytes()
     own = [each for each in noted if each.detail == sha256(data)]
     if noted and not own:
-        fault = "was modified after freezing; put a copy back"
+        fault = "was modified after freezing; restore a copy"
         return FrozenPlan(None, (fault,))
     try:
         record = msgspec.json.decode(data, type=PlanRecord)
@@ -278,13 +278,13 @@ def read_frozen_plan(store: Store) -> FrozenPlan | None:
 
 
 def _with_evidence(store: Store, data: bytes, frozen: FrozenPlan) -> FrozenPlan:
-    """A frozen plan with the evidence from outside, and with what is wrong."""
+    """A frozen plan with time stamp, registration and faults."""
     faults: list[str] = []
     stamp, registration = None, None
     try:
         stamp = read_time_stamp(store.folder, data)
     except StudyError as error:
-        faults.append(f"has a time stamp that proves nothing: {error}")
+        faults.append(f"has an invalid time stamp: {error}")
     try:
         registration = read_registration(store.folder)
     except StudyError as error:

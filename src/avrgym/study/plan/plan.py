@@ -1,4 +1,4 @@
-"""A study's plan: what ``plan.toml`` says, checked against the study's design and the tests of its analysis."""
+"""A study's plan: the contents of ``plan.toml``, checked against the design and the tests of the analysis."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -14,14 +14,14 @@ from avrgym.system.toml_lines import Place
 
 FILE = "plan.toml"
 CONFIRMATORY, EXPLORATORY, NOT_PLANNED = "confirmatory", "exploratory", "not in the plan"
-OfferedPart = Mapping[str, Sequence[str]]
-"""The tests that a study's analysis does, by name, each with its measures."""
+AvailableTests = Mapping[str, Sequence[str]]
+"""The tests of a study's analysis by name, each with its measures."""
 Words = Annotated[str, msgspec.Meta(min_length=1)]
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
 
 
 class Hypothesis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is expected, by which measures it is seen and by which tests it is judged."""
+    """A hypothesis with its primary measures and tests."""
 
     id: Words
     text: Words
@@ -30,17 +30,17 @@ class Hypothesis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is left out: trials by the share for which their person was held, all else by rules in words."""
+    """Exclusion rules: the maximum share of a trial without tracking, and further rules as text."""
 
     max_held_share: float
     further: tuple[Words, ...] = ()
 
 
 class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What shall be found out, and how, as it is settled before the first participant.
+    """The plan of a study before the first participant.
 
-    Tests of a hypothesis' measures are confirmatory; ``exploratory`` names further tests, all of whose other measures
-    are looked at without a hypothesis.
+    Tests of a hypothesis are confirmatory for its measures. ``exploratory`` names further tests; they are exploratory
+    for all other measures.
     """
 
     participants: int
@@ -52,11 +52,11 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     hypotheses: Annotated[tuple[Hypothesis, ...], msgspec.Meta(min_length=1)]
 
     def hypotheses_of(self, test: str, measure: str) -> tuple[Hypothesis, ...]:
-        """The hypotheses that a test of a measure judges."""
+        """The hypotheses with this test and measure."""
         return tuple(each for each in self.hypotheses if test in each.tests and measure in each.measures)
 
     def label(self, test: str, measure: str) -> str:
-        """What a test of a measure is: ``CONFIRMATORY``, ``EXPLORATORY`` or ``NOT_PLANNED``."""
+        """The kind of a test of a measure: ``CONFIRMATORY``, ``EXPLORATORY`` or ``NOT_PLANNED``."""
         if self.hypotheses_of(test, measure):
             return CONFIRMATORY
         return EXPLORATORY if test in self.exploratory else NOT_PLANNED
@@ -65,31 +65,31 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 _TABLES: Tables = {("hypotheses",): Hypothesis, ("exclusion",): Exclusion}
 
 
-def read_plan(folder: Path, design: Design, offered: OfferedPart) -> tuple[Plan, str]:
+def read_plan(folder: Path, design: Design, offered: AvailableTests) -> tuple[Plan, str]:
     """The plan in a study's folder, and its text.
 
     Raises:
-        DesignError: when it says what cannot be, or what does not fit the design or the tests of its analysis.
+        DesignError: when it is invalid or does not match the design or the tests of the analysis.
         StudyError: when there is none.
         OSError: when it cannot be read.
     """
     if not (folder / FILE).is_file():
-        raise StudyError(f"{folder} holds no {FILE}; `avrgym study freeze {folder}` writes one to fill in")
+        raise StudyError(f"{folder} contains no {FILE}; `avrgym study freeze {folder}` writes one to fill in")
     text = read_text(folder / FILE)
     return parse_plan(text, str(folder / FILE), design, offered), text
 
 
-def parse_plan(text: str, name: str, design: Design, offered: OfferedPart) -> Plan:
-    """The plan that a text holds, with ``read_plan``'s errors, in which ``name`` stands."""
+def parse_plan(text: str, name: str, design: Design, offered: AvailableTests) -> Plan:
+    """The plan in a text; ``name`` is the file's name in errors. Errors as in ``read_plan``."""
     return parse_toml(text, name, Plan, _TABLES, lambda plan: _check(plan, design, offered))
 
 
 def parse_frozen_plan(text: str, name: str) -> Plan:
-    """The same of a plan that was checked when it was frozen; design and tests may have changed since."""
+    """A frozen plan, without checks against the present design and tests."""
     return parse_toml(text, name, Plan, _TABLES, lambda plan: None)
 
 
-def _check(plan: Plan, design: Design, offered: OfferedPart) -> None:
+def _check(plan: Plan, design: Design, offered: AvailableTests) -> None:
     """Raise ``Wrong`` for the first value that no type forbids but that cannot be."""
     _check_equal(("participants",), plan.participants, design.participants)
     _check_equal(("exclusion", "max_held_share"), plan.exclusion.max_held_share, design.max_held_share)
@@ -107,10 +107,10 @@ def _check(plan: Plan, design: Design, offered: OfferedPart) -> None:
 
 def _check_equal(place: Place, planned: float, designed: float) -> None:
     if planned != designed:
-        raise ValidationError(place, f"{place[-1]} is {planned:g}; allowed: {designed:g}, as {DESIGN} says")
+        raise ValidationError(place, f"{place[-1]} is {planned:g}; allowed: {designed:g}, as in {DESIGN}")
 
 
-def _check_hypothesis(place: Place, hypothesis: Hypothesis, offered: OfferedPart) -> None:
+def _check_hypothesis(place: Place, hypothesis: Hypothesis, offered: AvailableTests) -> None:
     measures = dict.fromkeys(measure for taken in offered.values() for measure in taken)
     for index, test in enumerate(hypothesis.tests):
         _check_known((*place, "tests", index), "test", test, offered)
@@ -120,11 +120,13 @@ def _check_hypothesis(place: Place, hypothesis: Hypothesis, offered: OfferedPart
     for index, measure in enumerate(hypothesis.measures):
         if measure not in taken:
             fitting = [test for test, measures in offered.items() if measure in measures]
-            what = f"no test of {hypothesis.id} takes {measure!r}; those that do: {_listed(fitting)}"
+            what = (
+                f"no test of {hypothesis.id} has the measure {measure!r}; allowed tests: {_listed(fitting)}"
+            )
             raise ValidationError((*place, "measures", index), what)
     for index, test in enumerate(hypothesis.tests):
         if not set(offered[test]) & set(hypothesis.measures):
-            what = f"{test!r} takes no measure of {hypothesis.id}; it takes {_listed(offered[test])}"
+            what = f"{test!r} has no measure of {hypothesis.id}; allowed measures: {_listed(offered[test])}"
             raise ValidationError((*place, "tests", index), what)
 
 
@@ -134,5 +136,5 @@ def _check_known(place: Place, what: str, name: str, allowed: Iterable[str]) -> 
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Names that may hold commas."""
+    """Quoted names, which may contain commas."""
     return ", ".join(f'"{name}"' for name in names)

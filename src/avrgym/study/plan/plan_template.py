@@ -1,4 +1,4 @@
-"""A plan to begin with, filled from a study's design, with comments that say what goes where."""
+"""A template of a plan, filled in from the design, with comments."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,46 +8,44 @@ import tomlkit
 
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design
-from avrgym.study.plan.plan import FILE, Hypothesis, OfferedPart
+from avrgym.study.plan.plan import FILE, AvailableTests, Hypothesis
 from avrgym.study.storage.states import StudyError
 from avrgym.system.files import write_new
 
 _TEXT = """\
 # The plan of the study {title}.
-# Change whatever you like, then freeze it before the first participant: `avrgym study freeze DIR`. From then on
-# whatever differs from it is listed as a deviation, and the report tells planned tests from others.
+# Edit it, then freeze it before the first participant: `avrgym study freeze DIR`. Later differences are listed as
+# deviations, and the report marks tests as planned or not.
 
-# How many participants shall complete the study, as {design} says.
+# Number of participants who complete the study, as in {design}.
 participants = {participants}
 
-# Why so many; `avrgym study power DIR` simulates what they can show.
+# Reason for the sample size; `avrgym study power DIR` simulates the power.
 sample_size_rationale = ""
 
-# When you stop taking people in, and whether anybody looks at results before.
+# When enrolment stops, and whether there are interim analyses.
 stopping_rule = {stopping_rule}
 
-# Whatever else shall be settled beforehand.
+# Anything else that is decided in advance.
 other = ""
 
-# Tests that are looked at without a hypothesis, for all measures that no hypothesis names. The report does all of the
-# tests below; one that stands neither here nor in a hypothesis is listed as a deviation.
+# Exploratory tests: tests without a hypothesis, for all measures that no hypothesis names. The report contains all
+# below. A test that is neither listed here nor in a hypothesis is a deviation.
 # The tests, each with its measures:
 {offered}
 exploratory = {exploratory}
 
 [exclusion]
-# A trial is left out whose person was held still for a larger share of the time in which the robot helped, as
-# {design} says.
+# A trial is left out if tracking was lost for a larger share of the time in which the robot helped, as in {design}.
 max_held_share = {max_held_share:.12g}
 
-# Who withdraws, and who does not answer the inclusion questions as {design} requires, enters no test. Further rules in
-# words, such as ["Who feels sick is withdrawn by the experimenter."]: you follow them yourself.
+# Participants who withdraw or are excluded by the inclusion questions are in no test. Further rules as text, such as
+# ["The experimenter withdraws participants who feel sick."]; you apply them yourself.
 further = []
 
-# What you expect: one [[hypotheses]] each. `measures` are the primary measures, `tests` those that judge it. "By
-# participant" each participant is one value; "by trial", as in the paper, takes the trials of one participant for
-# independent of each other: such a test is judged by participant instead. p is two-sided, corrected over all tests of
-# the hypotheses.
+# Your hypotheses, one [[hypotheses]] each, with primary measures and tests. In tests "by participant" each participant
+# is one value. Tests "by trial", as in the paper, assume independent trials; their hypotheses are tested by participant
+# instead. p is two-sided and corrected over all tests of the hypotheses.
 {hypotheses}"""
 _HYPOTHESIS = """
 [[hypotheses]]
@@ -59,31 +57,31 @@ tests = {tests}
 
 
 def write_template(
-    folder: Path, design: Design, offered: OfferedPart, hypotheses: Sequence[Hypothesis]
+    folder: Path, design: Design, offered: AvailableTests, hypotheses: Sequence[Hypothesis]
 ) -> Path:
-    """Write ``plan.toml`` into a study's folder, with hypotheses to begin with.
+    """Write ``plan.toml`` with suggested hypotheses into a study's folder.
 
     Raises:
-        StudyError: when there is one already, which stays.
+        StudyError: when the file exists; it is not changed.
         OSError: when it cannot be written.
     """
     path = folder / FILE
     try:
         write_new(path, template(design, offered, hypotheses))
     except FileExistsError:
-        raise StudyError(f"{path} is there already and stays as it is") from None
+        raise StudyError(f"{path} exists already and was not changed; edit it, or remove it first") from None
     return path
 
 
-def template(design: Design, offered: OfferedPart, hypotheses: Sequence[Hypothesis]) -> str:
-    """The text of a plan that fits a design."""
+def template(design: Design, offered: AvailableTests, hypotheses: Sequence[Hypothesis]) -> str:
+    """The text of a plan for a design."""
     return _TEXT.format(
         title=_toml(design.title),
         design=DESIGN,
         participants=design.participants,
         stopping_rule=_toml(
-            f"Until {design.participants} participants have completed the study; whoever withdraws is replaced. "
-            "Nobody looks at results before."
+            f"Until {design.participants} participants have completed the study; withdrawn participants are replaced. "
+            "No interim analyses."
         ),
         offered="\n".join(
             f"#   {_toml(test)}: {_toml(list(measures))}" for test, measures in offered.items()
@@ -94,13 +92,15 @@ def template(design: Design, offered: OfferedPart, hypotheses: Sequence[Hypothes
     )
 
 
-def _not_confirmatory(offered: OfferedPart, hypotheses: Sequence[Hypothesis]) -> list[str]:
+def _not_confirmatory(offered: AvailableTests, hypotheses: Sequence[Hypothesis]) -> list[str]:
     """The tests of which at least one measure belongs to no hypothesis."""
-    judged = {(test, measure) for each in hypotheses for test in each.tests for measure in each.measures}
+    confirmatory = {
+        (test, measure) for each in hypotheses for test in each.tests for measure in each.measures
+    }
     return [
         test
         for test, measures in offered.items()
-        if any((test, measure) not in judged for measure in measures)
+        if any((test, measure) not in confirmatory for measure in measures)
     ]
 
 
@@ -119,5 +119,5 @@ def _lines(values: Sequence[str]) -> str:
 
 
 def _toml(value: Any) -> str:
-    toml: Any = tomlkit  # whose types are known only in part
+    toml: Any = tomlkit  # incomplete type hints
     return str(toml.item(value).as_string())

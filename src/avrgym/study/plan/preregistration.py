@@ -1,7 +1,7 @@
-"""A study's plan as the fields of public registries, to be pasted there.
+"""A study's plan as text for the fields of public registries.
 
 The fields are those of OSF's standard form (Bowman et al. 2016, doi 10.31222/osf.io/epgjd) and of AsPredicted
-(aspredicted.org), under short headings of our own.
+(aspredicted.org), under shortened headings.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -15,24 +15,24 @@ from avrgym.study.design.description import (
 )
 from avrgym.study.design.design import Design
 from avrgym.study.plan.frozen_plan import FROZEN, check_can_freeze, read_frozen_plan
-from avrgym.study.plan.plan import OfferedPart, Plan, read_plan
+from avrgym.study.plan.plan import AvailableTests, Plan, read_plan
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import read_user_text, write_new
 
 Fields = Mapping[str, Mapping[str, str]]
-"""By section and heading what to fill in."""
-NOT_SAID = "(Nothing is said of it.)"
-BEFOREHAND = "None: a plan is frozen only while nobody has taken part."
+"""Texts by section and heading."""
+NOT_SAID = "(not specified)"
+BEFOREHAND = "None: a plan can be frozen only before the first participant."
 
 
-def write_preregistration(store: Store, offered: OfferedPart, form: str) -> Path:
-    """Write a study's plan, the frozen one if there is one, as the fields of a form.
+def write_preregistration(store: Store, offered: AvailableTests, form: str) -> Path:
+    """Write a study's plan, frozen or not, as the fields of a form.
 
     Raises:
-        DesignError: when the plan says what cannot be.
-        StudyError: for an unknown form, where somebody took part without a plan, and where the file is there
-            already with other words, and where the frozen plan is damaged or of unknown origin.
+        DesignError: when the plan is invalid.
+        StudyError: for an unknown form, after the first participant without a plan, when the file exists with another
+            text, and when the frozen plan is damaged or of unknown date.
         OSError: when something cannot be read or written.
     """
     if form not in FORMS:
@@ -51,14 +51,12 @@ def write_preregistration(store: Store, offered: OfferedPart, form: str) -> Path
 
 
 def write_draft(path: Path, text: str) -> Path:
-    """Write a new file; ``StudyError`` where it is there with other words, which stay."""
+    """Write a new file; ``StudyError`` if it exists with another text, which is not changed."""
     try:
         write_new(path, text)
     except FileExistsError:
         if read_user_text(path) != text:
-            raise StudyError(
-                f"{path} is there already, with other words; remove it to write it anew"
-            ) from None
+            raise StudyError(f"{path} exists already with another text; remove it first") from None
     return path
 
 
@@ -72,7 +70,7 @@ def as_markdown(title: str, state: str, fields: Fields) -> str:
     return "\n\n".join(lines) + "\n"
 
 
-def _osf(design: Design, plan: Plan, offered: OfferedPart) -> Fields:
+def _osf(design: Design, plan: Plan, offered: AvailableTests) -> Fields:
     return {
         "Study information": {
             "Title": design.title,
@@ -110,7 +108,7 @@ def _osf(design: Design, plan: Plan, offered: OfferedPart) -> Fields:
     }
 
 
-def _aspredicted(design: Design, plan: Plan, offered: OfferedPart) -> Fields:
+def _aspredicted(design: Design, plan: Plan, offered: AvailableTests) -> Fields:
     questions = {
         "Data collected already": BEFOREHAND,
         "Question or hypothesis": _hypotheses(plan),
@@ -126,14 +124,14 @@ def _aspredicted(design: Design, plan: Plan, offered: OfferedPart) -> Fields:
     return {"": {f"{number}. {name}": text for number, (name, text) in enumerate(questions.items(), start=1)}}
 
 
-FORMS: Mapping[str, tuple[str, Callable[[Design, Plan, OfferedPart], Fields]]] = {
+FORMS: Mapping[str, tuple[str, Callable[[Design, Plan, AvailableTests], Fields]]] = {
     "osf": ("fields of the OSF preregistration", _osf),
     "aspredicted": ("answers for AsPredicted", _aspredicted),
 }
-"""By the name of a form its title and what fills it in."""
+"""Title and function by the name of a form."""
 
 
-# What a study says of itself
+# Facts about a study
 
 
 def _hypotheses(plan: Plan) -> str:
@@ -147,7 +145,7 @@ def _procedures(design: Design) -> str:
         f"Recruitment: {about.recruitment or NOT_SAID}",
         f"Compensation: {about.compensation or NOT_SAID}",
         f"Ethics approval: {about.ethics_approval or NOT_SAID}",
-        f"Whoever takes part has consented and answers as follows:\n\n{_list(asked)}" if asked else "",
+        f"Participants consent and answer as follows:\n\n{_list(asked)}" if asked else "",
     )
 
 
@@ -157,7 +155,7 @@ def _manipulated(design: Design) -> str:
 
 
 def _measures(design: Design, plan: Plan) -> str:
-    """The primary measures; those that are items in their own words."""
+    """The primary measures; items with their text."""
     names = dict.fromkeys(measure for each in plan.hypotheses for measure in each.measures)
     return _list(_measure(design, name) for name in names)
 
@@ -171,7 +169,7 @@ def _measure(design: Design, name: str) -> str:
     return f"{name}: {item.text} {scale[0].upper()}{scale[1:]}."
 
 
-def _tests(plan: Plan, offered: OfferedPart) -> str:
+def _tests(plan: Plan, offered: AvailableTests) -> str:
     return _list(
         f"{each.id}: {test} ({'; '.join(name for name in offered.get(test, ()) if name in each.measures)})"
         for each in plan.hypotheses
@@ -189,10 +187,14 @@ def _inference() -> str:
 
 def _exclusion(design: Design, plan: Plan) -> str:
     rules = [
-        "Trials whose person was held still, because tracking was lost or jumped, for more than "
+        "Trials in which tracking was lost or jumped for more than "
         f"{100 * plan.exclusion.max_held_share:g} % of the time in which the robot helped.",
-        "All of participants who withdraw; practice trials; trials that were not completed.",
-        *(["Who answers an inclusion question otherwise does not take part."] if design.inclusion else []),
+        "All trials of withdrawn participants; practice trials; trials that were not completed.",
+        *(
+            ["Participants with another answer to an inclusion question are excluded."]
+            if design.inclusion
+            else []
+        ),
     ]
     return _list([*rules, *plan.exclusion.further])
 

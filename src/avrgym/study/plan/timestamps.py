@@ -34,7 +34,7 @@ def sort_certificates(response: bytes) -> bytes:
     """A response of a time stamping authority with its certificates in the order of DER.
 
     Raises:
-        IndexError: when the bytes are no such response.
+        IndexError: when the bytes are not such a response.
     """
     start, end = 0, len(response)
     for place in _PATH:
@@ -47,7 +47,7 @@ def sort_certificates(response: bytes) -> bytes:
 
 
 def _elements(data: bytes, start: int, end: int) -> Iterator[tuple[int, int, int, int]]:
-    """The elements between two places: tag, and the places of the element, its content and its end."""
+    """The elements between two offsets: tag, and offsets of the element, its content and its end."""
     while start < end:
         length, content = data[start + 1], start + 2
         if length & 0x80:
@@ -62,7 +62,7 @@ REGISTRATION = "plan-registration.json"
 
 
 class Registration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where and on which day the researchers state that they registered the plan."""
+    """Address and day of a registration, as stated by the researchers."""
 
     url: str
     on: date
@@ -86,7 +86,7 @@ def store_time_stamp(folder: Path, data: bytes, record: bytes) -> TimeStamp:
         record: the bytes of ``plan-frozen.json``.
 
     Raises:
-        StudyError: when it is no valid time stamp of this record, or another is stored. Nothing is stored then.
+        StudyError: when it is not a valid time stamp of this record, or another one is stored. Nothing is stored then.
     """
     stamp = verify_time_stamp(data, record)
     _refuse_other(folder / TIME_STAMP, data)
@@ -95,9 +95,9 @@ def store_time_stamp(folder: Path, data: bytes, record: bytes) -> TimeStamp:
 
 
 def store_registration(folder: Path, url: str, on: date) -> None:
-    """Store a registration as a claim; ``StudyError`` for what is no address, or where another is stored."""
+    """Store a registration as a claim; ``StudyError`` for an invalid address, or if another one is stored."""
     if not url.startswith(("https://", "http://")) or not url.isprintable() or len(url) > 500:
-        raise StudyError(f"{url[:100]!r} is no address of a registration; allowed: https://…")
+        raise StudyError(f"{url[:100]!r} is not an address; allowed: https://…")
     data = msgspec.json.format(msgspec.json.encode(Registration(url, on))) + b"\n"
     _refuse_other(folder / REGISTRATION, data)
     write_atomically(folder / REGISTRATION, data, PRIVATE_FILE)
@@ -105,11 +105,11 @@ def store_registration(folder: Path, url: str, on: date) -> None:
 
 def _refuse_other(path: Path, data: bytes) -> None:
     if path.exists() and path.read_bytes() != data:
-        raise StudyError(f"{path} is there already and stays as it is; remove it to store another")
+        raise StudyError(f"{path} exists already and was not changed; remove it to store another")
 
 
 def read_time_stamp(folder: Path, record: bytes) -> TimeStamp | None:
-    """The stored time stamp, if there is one; ``StudyError`` where it is not one of this record."""
+    """The stored time stamp, if there is one; ``StudyError`` if it does not belong to this record."""
     path = folder / TIME_STAMP
     return verify_time_stamp(path.read_bytes(), record) if path.exists() else None
 
@@ -124,7 +124,7 @@ def read_registration(folder: Path) -> Registration | None:
 
 
 def verify_time_stamp(data: bytes, record: bytes) -> TimeStamp:
-    """The time stamp in an authority's response; ``StudyError`` unless it is a valid one of this record."""
+    """Verify the time stamp in an authority's response; ``StudyError`` unless it is valid for this record."""
     from rfc3161_client import VerificationError, VerifierBuilder, decode_timestamp_response
 
     try:
@@ -134,7 +134,7 @@ def verify_time_stamp(data: bytes, record: bytes) -> TimeStamp:
         raise StudyError(f"not a time stamp (RFC 3161, a .tsr file): {error}") from None
     known = [each for each in _system_roots() if _may_sign(each, embedded)]
     own = [each for each in embedded if each.issuer == each.subject]
-    fault = "its certificates end at no root, neither in the file nor on this computer"
+    fault = "no root certificate is in the file or on this computer"
     for roots, is_trusted in ((known, True), (own, False)):
         if roots:
             try:
@@ -159,7 +159,7 @@ def _signer(response: "TimeStampResponse", certificates: Sequence[x509.Certifica
 
 
 def _system_roots() -> list[x509.Certificate]:
-    """The root certificates that this computer trusts, without any that are not as the standard requires."""
+    """The root certificates that this computer trusts, without invalid ones."""
     found: list[x509.Certificate] = []
     with warnings.catch_warnings():
         warnings.simplefilter("error", CryptographyDeprecationWarning)
