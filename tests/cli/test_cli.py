@@ -88,7 +88,9 @@ def test_figures_replace_nothing_but_a_regular_file(tmp_path: Path) -> None:
         listener.bind("socket")
         before = sorted((path.name, path.lstat().st_mode) for path in tmp_path.iterdir())
         for name in ("link", "nowhere", "device", "folder", "pipe", "socket"):
-            assert f"cannot write {name}: it is not a regular file" in complaint(avrgym("envs", "--json", name))
+            assert f"cannot write {name}: it is not a regular file" in complaint(
+                avrgym("envs", "--json", name)
+            )
         assert sorted((path.name, path.lstat().st_mode) for path in tmp_path.iterdir()) == before
     assert (tmp_path / "target.json").read_text() == "kept"
     assert avrgym("envs", "--json", "target.json").exit_code == 0

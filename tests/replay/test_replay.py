@@ -130,7 +130,7 @@ def test_the_last_bit_of_a_state_is_found(whole: Recording, number: int) -> None
 
 @pytest.mark.parametrize("by", [1e-8, -1e-6, 0.01])
 def test_more_than_rounding_is_no_agreement(whole: Recording, by: float) -> None:
-    """Wherever it stands: in a state, or in what a control step gave."""
+    """In a state or in the result of a control step."""
     bent = changed(whole, "/physics", 30, with_number("state", 3, by))
     told = changed(whole, "/control", 2, with_number("observation", 2, by))
     for found in (verify(bent), verify(told)):
@@ -244,7 +244,7 @@ def test_the_command_tells_what_agreed_or_differs(
     assert bad.exit_code == 1
     assert "1 of" in bad.stdout
     assert "qpos" in bad.stdout
-    assert "recorded with the versions that run here" in bad.stderr
+    assert "recorded with the present versions" in bad.stderr
 
     other = Versions("0.1.0", "3.3.7")
     older = avrgym(written(bent, tmp_path / "older.mcap", versions=other), "--verify")

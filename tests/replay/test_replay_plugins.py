@@ -55,8 +55,8 @@ def test_a_recording_stores_its_plug_ins_and_verifies(recording: Recording) -> N
 
 def test_a_difference_without_a_reason_stays_an_error(recording: Recording) -> None:
     found = verify(with_other_states(recording))
-    with pytest.raises(ReplayError, match="although it was recorded with the versions that run here"):
-        command._tell_differences(found)
+    with pytest.raises(ReplayError, match="although it was recorded with the present versions"):
+        command._print_differences(found)
 
 
 def test_the_changed_plug_in_is_the_reason(
@@ -67,10 +67,8 @@ def test_the_changed_plug_in_is_the_reason(
     change(module)
     found = verify(with_other_states(recording))
     assert found.plugin_differences == [f"robot Jaco was {before}, is {plugins_of(ENVIRONMENT)[0]}"]
-    command._tell_differences(found)
-    assert (
-        f"A plug-in differs from the recorded one: {found.plugin_differences[0]}." in capsys.readouterr().out
-    )
+    command._print_differences(found)
+    assert f"A plug-in has changed: {found.plugin_differences[0]}." in capsys.readouterr().out
     other_scene = with_configuration(recording, bodies=("world",))
     with pytest.raises(ReplayError, match=r"have changed: .*; robot Jaco was lab-robots 1\.0"):
         Playback(other_scene)

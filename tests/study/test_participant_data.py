@@ -44,7 +44,7 @@ def change_an_answer(store: Store, pseudonym: str) -> None:
 
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[Store]:
-    """Two people with everything that a study may hold; the first was told apart from the second."""
+    """Two participants with all kinds of data, which differ between them."""
     with Store(small_study(tmp_path / "study")) as opened:
         for name in ("Ada", "Zora"):
             pseudonym = take_in(opened, simulated=False, name=name, contact=f"{name}@example.org")
@@ -150,4 +150,4 @@ def test_who_changed_an_answer_can_be_deleted_and_their_events_are_theirs(store:
     delete_participant(store, "sub-001")
     assert [each.pseudonym for each in store.participants()] == ["sub-002"]
     names = [(row.participant, row.name) for row in event_rows(store, store.participants(), WITHOUT)]
-    assert [who for who, name in names if name == "answer changed"] == ["sub-002"]
+    assert [pseudonym for pseudonym, name in names if name == "answer changed"] == ["sub-002"]

@@ -29,8 +29,8 @@ def test_the_page_s_example_is_valid() -> None:
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ('receive = { heart = "ECG" }', "'ECG' finds no stream; allowed: name='…'"),
-        ("receive = { heart = \"type='ECG' or true()\" }", "finds no stream"),
+        ('receive = { heart = "ECG" }', "'ECG' is no query for a stream; allowed: name='…'"),
+        ("receive = { heart = \"type='ECG' or true()\" }", "is no query for a stream"),
         ('receive = { "my heart" = "type=\'ECG\'" }', "'my heart' is no name of a stream; allowed: a letter"),
         ("recieve = {}", "unknown name 'recieve'; allowed: send, receive"),
     ],
@@ -47,5 +47,5 @@ def test_a_wrong_choice_is_told_with_its_line_and_what_is_allowed(line: str, wor
 
 def test_options_choose_the_same() -> None:
     assert stream_choice(True, ["heart=type='ECG'"]) == StreamChoice(True, {"heart": "type='ECG'"})
-    with pytest.raises(ValueError, match="--receive heart: '' finds no stream; allowed: name="):
+    with pytest.raises(ValueError, match="--receive heart: '' is no query for a stream; allowed: name="):
         stream_choice(False, ["heart"])

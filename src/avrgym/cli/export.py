@@ -1,4 +1,4 @@
-"""The commands ``avrgym export``."""
+"""The commands of ``avrgym export``."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -35,19 +35,22 @@ def export_policy(
         write_onnx(found, out)
         say(f"policy    {out}: {found.observation_size} numbers in, {found.action_size} out")
         if found.action_std:
-            say(f"It was trained to act with chance, ±{found.action_std:g}; the file holds its mean actions.")
+            say(
+                f"It was trained with exploration noise (standard deviation {found.action_std:g}); "
+                "the file returns mean actions."
+            )
 
 
 @app.command("scene")
 def export_scene(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.", metavar="ENV")],
     out: Annotated[Path, typer.Argument(help="A new folder.", metavar="OUT")],
-    people: Annotated[str, typer.Option(help=f"Whom to meet: {PEOPLE}.")] = "revised",
+    people: Annotated[str, typer.Option(help=f"Population of people: {PEOPLE}.")] = "revised",
     impairment: Impairment = "none",
     seed: Seed = 0,
-    usd: Annotated[bool, typer.Option("--usd", help="Write it as USD too.")] = False,
+    usd: Annotated[bool, typer.Option("--usd", help="Also write it as USD.")] = False,
 ) -> None:
-    """Write a scene with its person, as an episode begins, for MuJoCo and other programs.
+    """Write a scene at the start of an episode for MuJoCo and other programs.
 
     scene.mjb steps to the same bits as here, scene.xml (MJCF) can be read, changed and drawn, start.json is the start.
     """
@@ -64,9 +67,9 @@ def export_scene(
         episodes = Episodes(env, 1, people=people, impairment=impairment, num_threads=1)
         episodes.reset(np.array([0]), [random_streams.episode(seed)])
         write_scene(episodes, out)
-        say(f"MJB       {out / MJB}: all that is simulated, no looks")
-        say(f"MJCF      {out / MJCF}: with looks; its person gives way less where they are pressed")
+        say(f"MJB       {out / MJB}: the physics model, without appearance")
+        say(f"MJCF      {out / MJCF}: with appearance; the person's body is stiffer")
         say(f"start     {out / START}")
         if usd:
             write_usd(episodes, out / USD)
-            say(f"USD       {out / USD}: how it looks at the start")
+            say(f"USD       {out / USD}: appearance at the start")

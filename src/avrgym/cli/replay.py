@@ -30,55 +30,53 @@ WHERE_RECORDINGS_ARE = "give one of the .mcap files that `avrgym serve` writes i
 
 def replay(
     file: Annotated[Path, typer.Argument(help="The recording of an attempt, an .mcap file.", metavar="FILE")],
-    verify: Annotated[
-        bool, typer.Option("--verify", help="Step it again and compare whatever it holds, bit by bit.")
-    ] = False,
+    verify: Annotated[bool, typer.Option("--verify", help="Recompute it and compare every bit.")] = False,
     regions: Annotated[
-        bool, typer.Option("--regions", help="Step it again and show the forces by region of the body.")
+        bool, typer.Option("--regions", help="Recompute it and show the contact forces by body region.")
     ] = False,
     video: Annotated[
-        Path | None, typer.Option(help="Render it into a new .mp4 file.", metavar="OUT.mp4")
+        Path | None, typer.Option(help="Render it to a new .mp4 file.", metavar="OUT.mp4")
     ] = None,
     gif: Annotated[
-        Path | None, typer.Option(help="Render it into a new .gif file, for slides.", metavar="OUT.gif")
+        Path | None, typer.Option(help="Render it to a new .gif file, for slides.", metavar="OUT.gif")
     ] = None,
     frames: Annotated[
-        int | None, typer.Option(help="Draw so many pictures side by side into --out.", min=1, max=20)
+        int | None, typer.Option(help="Draw this number of pictures side by side into --out.", min=1, max=20)
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="A new .png or .jpg file for --frames.", metavar="OUT.png")
     ] = None,
     html: Annotated[
         Path | None,
-        typer.Option(help="Write it as a page that needs neither server nor network.", metavar="OUT.html"),
+        typer.Option(
+            help="Write it as one HTML file that needs neither server nor network.", metavar="OUT.html"
+        ),
     ] = None,
     compare: Annotated[
         Path | None,
-        typer.Option(help="On the page of --html, a second recording beside it.", metavar="OTHER"),
+        typer.Option(help="With --html: show this second recording next to it.", metavar="OTHER"),
     ] = None,
     mcap: Annotated[
         Path | None,
-        typer.Option(help="Write it in 3D for Foxglove and Rerun.", metavar="OUT.mcap"),
+        typer.Option(help="Export it for 3D display in Foxglove and Rerun.", metavar="OUT.mcap"),
     ] = None,
     first_person: Annotated[
-        bool, typer.Option("--first-person", help="Videos and pictures with the participant's eyes.")
+        bool, typer.Option("--first-person", help="Render videos and pictures from the participant's view.")
     ] = False,
     port: Annotated[
-        int, typer.Option(help="The port of the page; 0 takes a free one.", min=0, max=65535)
+        int, typer.Option(help="Port of the page; 0 chooses a free one.", min=0, max=65535)
     ] = PORT,
     json_file: JsonFile = None,
 ) -> None:
-    """Replay a recorded trial: in a browser, verified, or drawn.
+    """Replay a recorded trial.
 
-    Without options it is shown in a browser; others step it again, show forces, or write a page, a video or pictures.
+    Without options, a browser shows it. Options verify it, show forces, or write a page, a video or pictures.
     """
     with plain_errors():
         if (frames is None) != (out is None):
             raise ValueError("--frames and --out go together, as in --frames 4 --out strip.png")
         if json_file is not None and verify == regions:
-            raise ValueError(
-                "--json writes the metrics of --verify or of --regions; give one of these with it"
-            )
+            raise ValueError("--json needs --verify or --regions, not both")
         if first_person and video is None and gif is None and frames is None:
             raise ValueError(
                 "--first-person goes with --video, --gif or --frames; on the page V changes the view"
@@ -86,7 +84,7 @@ def replay(
         if compare is not None and html is None:
             raise ValueError("--compare goes with --html, as in --html both.html --compare OTHER")
         check_json(json_file)
-        with _naming(file):
+        with _with_file_name(file):
             recording = _read(file)
             if verify:
                 _verify(recording, json_file)
@@ -107,8 +105,8 @@ def replay(
 
 
 @contextmanager
-def _naming(file: Path) -> Generator[None]:
-    """Say which recording cannot be read or replayed."""
+def _with_file_name(file: Path) -> Generator[None]:
+    """Add the file name to errors of reading and replay."""
     from avrgym.recording.reader import RecordingError
     from avrgym.replay.playback import ReplayError
 
@@ -133,7 +131,7 @@ def _read(file: Path) -> "Recording":
 
 @contextmanager
 def _progress(recording: "Recording", words: str) -> Generator[Callable[[], None]]:
-    """A bar that each recorded state moves on."""
+    """A progress bar over the recorded states."""
     with progress_bar(words, len(recording.topics["/physics"]), "states") as bar:
         yield bar.advance
 
@@ -141,19 +139,19 @@ def _progress(recording: "Recording", words: str) -> Generator[Callable[[], None
 def _verify(recording: "Recording", json_file: Path | None) -> None:
     from avrgym.replay.verification import verify
 
-    with _progress(recording, "stepping again") as advance:
+    with _progress(recording, "recomputing") as advance:
         found = verify(recording, advance)
     write_json(json_file, msgspec.to_builtins(found))
     if not found.complete:
-        say(f"The recording is not complete: it is compared up to its end at {found.until_s:.2f} s.")
+        say(f"The recording is not complete: compared up to its end at {found.until_s:.2f} s.")
     if found.identical:
         say(f"{found.states} states bit-identical, {found.steps} control steps identical")
     else:
-        _tell_differences(found)
+        _print_differences(found)
 
 
-def _tell_differences(found: "Verification") -> None:
-    """Say what differs; where nothing but rounding may, more than that is an error."""
+def _print_differences(found: "Verification") -> None:
+    """Print the differences. A difference that neither rounding, plug-ins nor versions explain is an error."""
     from avrgym.replay.playback import ReplayError
     from avrgym.vr.session.attempt import versions
 
@@ -164,26 +162,26 @@ def _tell_differences(found: "Verification") -> None:
     print_table([asdict(difference) for difference in found.differences])
     if found.agrees and not found.same_rounding:
         say(
-            f"It agrees: from each recorded state a tick leads to the next within {found.tick_error:.1g}. "
-            "The C library rounds otherwise here than where it was recorded."
+            f"It agrees: each tick from a recorded state leads to the next one within {found.tick_error:.1g}. "
+            "The C library of this computer rounds differently."
         )
         return
     for difference in found.plugin_differences:
-        say(f"A plug-in differs from the recorded one: {difference}.")
+        say(f"A plug-in has changed: {difference}.")
     if found.plugin_differences:
         return
     if found.same_versions:
         raise ReplayError(
-            f"it differs although it was recorded with the versions that run here, {found.recorded_with}"
+            f"it differs although it was recorded with the present versions, {found.recorded_with}"
         )
-    say(f"It was recorded with {found.recorded_with}; here runs {versions()}.")
+    say(f"It was recorded with {found.recorded_with}; this is {versions()}.")
 
 
 def _show_regions(recording: "Recording", json_file: Path | None) -> None:
     from avrgym.replay.playback import region_loads
     from avrgym.safety.region_forces import region_statistics
 
-    with _progress(recording, "stepping again") as advance:
+    with _progress(recording, "recomputing") as advance:
         found = region_statistics(region_loads(recording, advance))
     figures = {region: asdict(each) for region, each in found.items()}
     print_regions({"this trial": figures})
@@ -209,7 +207,7 @@ def _write_gif(recording: "Recording", gif: Path, first_person: bool) -> None:
 def _write_mcap(recording: "Recording", mcap: Path) -> None:
     from avrgym.replay.foxglove import write_foxglove
 
-    with _progress(recording, "stepping again") as advance:
+    with _progress(recording, "recomputing") as advance:
         write_foxglove(recording, mcap, advance)
     when = f"{recording.began_at:%Y-%m-%d %H:%M:%S} UTC"
     say(f"3D        {mcap}, {mcap.stat().st_size / 1e6:.1f} MB, from {when}")
@@ -226,7 +224,7 @@ def _draw_strip(recording: "Recording", count: int, out: Path, first_person: boo
 def _named(file: Path | None) -> list[tuple[Path, "Recording"]]:
     if file is None:
         return []
-    with _naming(file):
+    with _with_file_name(file):
         return [(file, _read(file))]
 
 
@@ -237,7 +235,7 @@ def _write_page(recordings: list[tuple[Path, "Recording"]], html: Path) -> None:
     check_page_to_write(html)
     trials: list[ReplayedTrial] = []
     for file, recording in recordings:
-        with _naming(file), _progress(recording, "stepping again") as advance:
+        with _with_file_name(file), _progress(recording, "recomputing") as advance:
             trials.append(ReplayedTrial(recording, *timeline_of(recording, advance)))
     write_page(trials, html)
     say(f"page      {html}, {html.stat().st_size / 1e6:.1f} MB")
@@ -247,7 +245,7 @@ def _show(recording: "Recording", port: int) -> None:
     from avrgym.replay.server import ReplayServer
     from avrgym.replay.timeline import timeline_of
 
-    with _progress(recording, "stepping again") as advance:
+    with _progress(recording, "recomputing") as advance:
         timeline, poses = timeline_of(recording, advance)
     with ReplayServer(recording, timeline, poses, port) as server:
         say("Open this address in a browser; Space plays and pauses. Stop with Ctrl+C.")

@@ -1,7 +1,7 @@
 """A study in BIDS with its extension for motion (https://bids-specification.readthedocs.io, version 1.11).
 
-Each completed trial is a run: the tracked head and hands with a LATENCY channel, its events, what other devices sent,
-and a row in the session's scans. Answers go to ``phenotype``, a column for each condition and item.
+Each completed trial is a run: tracked head and hands with a LATENCY channel, events, samples of other devices, and a
+row in the session's scans. Answers go to ``phenotype``, with a column for each condition and item.
 """
 
 import gzip
@@ -14,6 +14,7 @@ from typing import Any
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.schema import Event, Pose, TrackingFrame
 from avrgym.study.export import LEFT_OUT, NOTICE
+from avrgym.study.export.codebook import TABLES
 from avrgym.study.export.physio import Series, corrected_marks, marks, recorded_series
 from avrgym.study.export.records import WITHOUT, Extras, record_tables, write_table
 from avrgym.study.export.table_files import tsv_cell, write_json, write_tsv
@@ -24,21 +25,16 @@ from avrgym.study.storage.store import Store
 
 VERSION = "1.11.1"
 TRACKED = {"head": "head", "left": "left_hand", "right": "right_hand"}
-"""Field of a tracking frame to the tracked point."""
+"""Tracked point for each field of a tracking frame."""
 RECORDS = "sourcedata"
-"""The folder of events, adverse events and notes; BIDS has no rules for what is in it."""
+"""The folder of events, adverse events and notes; BIDS does not define its contents."""
 AXES = ("x", "y", "z")
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
 FRAME = "local_floor"
 TRACKING_SYSTEM = "headset"
 CONDITION = {
-    "simulated": "Whether a simulated participant took the place of a person.",
-    "practice": "Whether this was a practice trial, which has no questionnaire.",
-    "task": "What the robot helped with.",
-    "robot": "Which robot helped.",
-    "policy": "Which trained policy controlled the robot.",
-    "reward": "The sum of the rewards of all control steps.",
-    "success": "Whether the robot succeeded.",
+    name: TABLES["attempts"][name].meaning
+    for name in ("simulated", "practice", "task", "robot", "policy", "reward", "success")
 }
 
 
@@ -84,11 +80,11 @@ def _write_participants(store: Store, attempts: Sequence[ExportedAttempt], folde
     write_json(
         folder / "participants.json",
         {
-            "age": {"Description": "Age when enrolled.", "Units": "year"},
-            "sex": {"Description": "Which body model stood for the participant."},
-            "language": {"Description": "The language that the participant read the study in."},
-            "site": {"Description": "Where the participant took part."},
-            "simulated": {"Description": CONDITION["simulated"]},
+            "age": {"Description": TABLES["participants"]["age_years"].meaning, "Units": "year"},
+            **{
+                name: {"Description": TABLES["participants"][name].meaning}
+                for name in ("sex", "language", "site", "simulated")
+            },
         },
     )
 
@@ -148,7 +144,7 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
 
 
 def _write_series(series: Series, exported: ExportedAttempt, path: Path) -> None:
-    """Write samples without a heading, packed without a date so that the same study gives the same bytes."""
+    """Write compressed samples without heading and date: the same study gives the same bytes."""
     lines = ("\t".join(tsv_cell(value) for value in row) + "\n" for row in series.rows())
     data = gzip.compress("".join(lines).encode(), mtime=0)
     path.with_suffix(".tsv.gz").write_bytes(data)
@@ -158,7 +154,7 @@ def _write_series(series: Series, exported: ExportedAttempt, path: Path) -> None
 def _write_events(
     events: Sequence[tuple[int, Event]], start_s: float, path: Path, corrected: Mapping[str, Any]
 ) -> None:
-    """Write what happened, with onsets from the first frame on; ``corrected`` are the onsets of a stream's marks."""
+    """Write events with onsets from the first frame; ``corrected`` describes corrected times of marks."""
     rows = [
         {"onset": time_ns / 1e9 - start_s, "duration": None, "trial_type": event.name, "detail": event.detail}
         for time_ns, event in sorted(events, key=lambda timed: timed[0])
@@ -239,7 +235,7 @@ def _row(frame: TrackingFrame, first: TrackingFrame) -> list[float | None]:
 
 
 def _is_followed(frame: TrackingFrame, field: str) -> bool:
-    """Whether the simulated person could follow a part's pose: it was neither lost nor repeated nor jumped."""
+    """Whether the simulated person followed the pose of a part: it was not lost, repeated or jumped."""
     return not (frame.held or field in frame.held_parts or field in frame.untracked_parts)
 
 
@@ -271,16 +267,16 @@ def _describe(questionnaire: Questionnaire, item: Item) -> dict[str, Any]:
 
 
 def _label(name: str) -> str:
-    """The name of an item or a questionnaire, without what names of files and columns do not have."""
+    """The name of an item or a questionnaire with only the characters of file names."""
     return re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")
 
 
 def _rows_of_answers(
     store: Store, attempts: Sequence[ExportedAttempt], questionnaire: Questionnaire, asked_of: AnsweredItems
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """A row for each participant with answers to a questionnaire, a column for each condition or session and item.
+    """One row for each participant with answers, one column for each condition or session and item.
 
-    With them comes what item each column holds.
+    The second value maps columns to items.
     """
     rows: list[dict[str, Any]] = []
     asked: dict[str, str] = {}

@@ -25,7 +25,7 @@ STEPS_PER_S = 10
 FILE = "chunk-000/file-000.parquet"
 PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
-"""By the format's names; policies with quantile normalisation need q01 and q99."""
+"""Quantiles by the format's names. Policies with quantile normalisation need q01 and q99."""
 Columns = Mapping[str, NumpyArray]
 
 
@@ -63,7 +63,7 @@ def _task(exported: ExportedAttempt) -> str:
 
 
 def _columns(exported: ExportedAttempt, episode: int, start: int, task: int) -> Columns:
-    """One trial's frames by feature, each (steps,) or (steps, size)."""
+    """The frames of one trial by feature, each (steps,) or (steps, size)."""
     steps = [control for _, control in exported.control_steps()]
     numbers = np.arange(len(steps))
     return {
@@ -130,7 +130,7 @@ def _arrow(values: NumpyArray) -> pa.Array:
 
 
 def _task_table(tasks: Sequence[str]) -> pa.Table:
-    """The tasks' numbers with their words as the index that pandas restores."""
+    """The numbers of the tasks, with their texts as the pandas index."""
     kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
     columns = [
         {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
@@ -172,7 +172,7 @@ def _feature(values: NumpyArray, names: Sequence[str] | None) -> dict[str, Any]:
 
 
 def _names(exported: ExportedAttempt) -> dict[str, list[str]]:
-    """What the numbers of a feature are; a recording of another version may have others, which stay without names."""
+    """Names of a feature's numbers; none for recordings of another version with another size."""
     task = TASKS[exported.trial.task]
     scene = task.scene(find_robot(exported.trial.robot))
     return {"observation.state": number_names(task.observation(scene)), "action": list(scene.arm.joints)}

@@ -1,4 +1,4 @@
-"""Streams of other devices as BIDS has them: physiological recordings, those of eye trackers, and marks."""
+"""Streams of other devices in BIDS: physiological recordings, eye tracking, and marks."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,10 +13,10 @@ from avrgym.recording.schema import Event, Stream
 from avrgym.recording.streams import Chunks, SampleTimes, Topics, chunks_of, sample_times, streams_by_name
 
 GAZE = "gaze"
-"""The kind of streams of eye trackers in Lab Streaming Layer's list of kinds."""
+"""The stream type of eye trackers in Lab Streaming Layer."""
 AXES = ("x", "y")
 COORDINATES = ("x_coordinate", "y_coordinate")
-"""What BIDS calls the gaze's coordinates along them."""
+"""BIDS names of the gaze coordinates along the axes."""
 OF_EYES = {
     "PhysioType": "eyetrack",
     "RecordedEye": "cyclopean",
@@ -34,10 +34,10 @@ CORRECTED = (
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """The samples of one stream: ``time_s`` (n,) from the first tracking frame on, ``values`` (n, columns).
+    """The samples of one stream: ``time_s`` (n,) from the first tracking frame, ``values`` (n, columns).
 
-    ``columns`` are the names of the columns, ``labels`` what the device calls its channels, ``units`` theirs.
-    ``corrections`` say what was corrected of the times; empty where nothing was.
+    ``columns``: column names. ``labels``: the device's channel names. ``units``: of the channels. ``corrections``:
+    description of time corrections, empty without any.
     """
 
     stream: Stream
@@ -49,12 +49,12 @@ class Series:
     corrections: Mapping[str, Any]
 
     def rows(self) -> Iterator[list[float | None]]:
-        """The time and the numbers of each sample; what the device does not know is missing."""
+        """The time and the values of each sample; ``None`` for values that are not finite."""
         for time_s, row in zip(self.time_s.tolist(), self.values.tolist(), strict=True):
             yield [time_s, *(value if isfinite(value) else None for value in row)]
 
     def sidecar(self) -> dict[str, Any]:
-        """What the file beside the samples says of them."""
+        """The contents of the JSON file that describes the samples."""
         stream, lasted_s = self.stream, float(np.ptp(self.time_s))
         came_hz = (len(self.time_s) - 1) / lasted_s if lasted_s > 0.0 else 0.0
         is_gaze = tuple(self.columns[:2]) == COORDINATES
@@ -75,7 +75,7 @@ class Series:
 
 
 def recorded_series(topics: Topics, start_s: float) -> Iterator[Series]:
-    """The streams of numbers in a recording, by its topics; ``start_s`` is when its first tracking frame came."""
+    """The numeric streams of a recording; ``start_s`` is the time of its first tracking frame."""
     for name, stream in streams_by_name(topics).items():
         chunks = [each for each in chunks_of(topics, name) if each[1].values]
         if chunks:
@@ -84,7 +84,7 @@ def recorded_series(topics: Topics, start_s: float) -> Iterator[Series]:
 
 
 def marks(topics: Topics) -> list[tuple[int, Event]]:
-    """What streams of texts said, each an event that bears the stream's name, with its time in nanoseconds."""
+    """The samples of text streams as events with the name of the stream, and their times in nanoseconds."""
     return [
         (round(time_s * 1e9), Event(name, ", ".join(texts)))
         for name, chunks in _text_chunks(topics)
@@ -95,7 +95,7 @@ def marks(topics: Topics) -> list[tuple[int, Event]]:
 
 
 def corrected_marks(topics: Topics, start_s: float) -> dict[str, Any]:
-    """The time corrections of each stream of texts, by its name."""
+    """The time corrections of each text stream, by name."""
     found = {name: corrections(sample_times(chunks, 0.0), start_s) for name, chunks in _text_chunks(topics)}
     return {name: each for name, each in found.items() if each}
 
@@ -106,7 +106,7 @@ def _text_chunks(topics: Topics) -> Iterator[tuple[str, Chunks]]:
 
 
 def corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
-    """The corrections of a stream's times as a sidecar describes them; empty without any."""
+    """The time corrections of a stream for the JSON file; empty without corrections."""
     if not times.resets and not times.raised:
         return {}
     return {
@@ -119,7 +119,7 @@ def corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
 
 
 def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArray) -> Series:
-    """The columns in the device's order, but for the coordinates of a gaze, which come first."""
+    """The columns in the device's order; gaze coordinates come first."""
     channels = range(values.shape[1])
     labels = [_at(stream.channels, channel, f"channel_{channel + 1}") for channel in channels]
     names = _column_names(labels)
@@ -141,7 +141,7 @@ def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArr
 
 
 def _column_names(labels: Sequence[str]) -> dict[int, str]:
-    """A name for each column that no other has: the label in letters and digits, numbered where that is taken."""
+    """A unique name for each column: its label in letters and digits, with a number if it is taken."""
     names: dict[int, str] = {}
     for number, label in enumerate(labels):
         name = re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_").lower() or f"channel_{number + 1}"
@@ -151,7 +151,7 @@ def _column_names(labels: Sequence[str]) -> dict[int, str]:
 
 
 def _ends_with(label: str, axis: str) -> bool:
-    """Whether the last word of a channel's name is an axis, units in brackets aside."""
+    """Whether the last word of a channel's name is an axis, without units in brackets."""
     words = re.findall(r"[a-z0-9]+", re.sub(r"[\[(].*", "", label.lower()))
     return bool(words) and words[-1] == axis
 

@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 import msgspec
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,39}")
-"""A stream's name also stands in the names of files."""
+"""Names of streams are also parts of file names."""
 QUERY = re.compile(r"{one}( and {one})*".format(one=r"(name|type|source_id|hostname)='[^'<>&\"]{1,80}'"))
 QUERIES = "name='…', type='…', source_id='…' or hostname='…', several of them joined by \"and\""
 
 
 class StreamChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a session exchanges with other devices by Lab Streaming Layer.
+    """The streams that a session exchanges by Lab Streaming Layer.
 
-    ``send``: events, poses and forces go out. ``receive``: a query for each stream that comes in, by its name.
+    ``send``: whether to send events, poses and forces. ``receive``: a query for each received stream, by name.
     """
 
     send: bool = False
@@ -22,14 +22,14 @@ class StreamChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def stream_fault(name: str, query: str) -> str:
-    """What is wrong with a stream to be received and what is allowed; empty where nothing is."""
+    """The error in a stream's name or query, with what is allowed; empty if both are valid."""
     if not NAME.fullmatch(name):
         return f"{name!r} is no name of a stream; allowed: a letter, then up to 39 letters and digits"
-    return "" if QUERY.fullmatch(query) else f"{query!r} finds no stream; allowed: {QUERIES}"
+    return "" if QUERY.fullmatch(query) else f"{query!r} is no query for a stream; allowed: {QUERIES}"
 
 
 def stream_choice(send: bool, received: Sequence[str]) -> StreamChoice:
-    """The choice that options of a command make; ``ValueError`` for one that is not ``NAME=QUERY``."""
+    """The choice from command-line options; ``ValueError`` for an option that is not ``NAME=QUERY``."""
     receive = dict(_named(each) for each in received)
     return StreamChoice(send, receive)
 
