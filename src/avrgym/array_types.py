@@ -1,4 +1,4 @@
-"""Types of arrays in annotations."""
+"""Array types for annotations."""
 
 from typing import Any
 
@@ -10,4 +10,6 @@ Float32Array = NDArray[np.float32]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 NumpyArray = NDArray[Any]
-"""An array of any type of numbers."""
+"""A NumPy array of any data type."""
+AnyArray = Any
+"""An array of NumPy or another array library such as PyTorch, or a number. ``array_api_compat`` has no types for it."""

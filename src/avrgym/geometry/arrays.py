@@ -1,8 +1,7 @@
-"""Arrays of NumPy, or of another library that follows the Python array API standard, such as tensors on a GPU.
+"""Functions for NumPy arrays and arrays of other libraries (Python array API), such as PyTorch tensors on a GPU.
 
-Functions of arrays compute with the library that their arguments are of, so that one source serves all. With NumPy's
-arrays they give what NumPy gives, to the bit. With others nothing is copied to the host: no function branches on a
-value, or asks how often something is true.
+Functions compute with the library of their arguments, so that one source serves all. With NumPy arrays the results are
+the same bits as NumPy's. With others nothing is copied to the host: no function branches on values or counts.
 """
 
 from dataclasses import is_dataclass, replace
@@ -13,26 +12,26 @@ import numpy as np
 from array_api_compat import array_namespace, to_device
 from numpy.typing import ArrayLike
 
-from avrgym.array_types import FloatArray, IntArray, NumpyArray
+from avrgym.array_types import AnyArray, FloatArray, IntArray, NumpyArray
 
 RAD_PER_DEGREE = float(np.radians(1.0))
 
 _NUMPYS = (np.ndarray, float, int, list, tuple, np.generic)
-"""What NumPy's functions take as it is."""
+"""Types that NumPy functions accept."""
 
 
-def namespace(*values: Any) -> Any:
-    """The library that values are of, as the standard has it; NumPy where all are NumPy's arrays or numbers."""
+def namespace(*values: AnyArray) -> Any:
+    """The array library of the values; NumPy if all are NumPy arrays or numbers."""
     for value in values:
         if not isinstance(value, _NUMPYS):
             return array_namespace(value)
     return np
 
 
-def as_floats(*values: Any) -> tuple[Any, ...]:
-    """The values' library, then each of them as an array of it, of floating numbers.
+def as_floats(*values: AnyArray) -> tuple[AnyArray, ...]:
+    """The array library of the values, then each value as a floating-point array of it.
 
-    NumPy's become float64; numbers of the host beside another library's arrays become like these.
+    NumPy values become float64. Host numbers next to arrays of another library become arrays of it.
     """
     for value in values:
         if not isinstance(value, _NUMPYS):
@@ -40,11 +39,9 @@ def as_floats(*values: Any) -> tuple[Any, ...]:
     return np, *[np.asarray(value, float) for value in values]
 
 
-def constant_like(values: Any, array: Any) -> Any:
-    """Constant numbers of the host, where an array is: beside NumPy's as they are, else once brought there.
-
-    Floating ones get the type of the array.
-    """
+def constant_like(values: AnyArray, array: AnyArray) -> AnyArray:
+    """Constants as arrays of the library, device and (if floating) data type of ``array``. With NumPy they do not
+    change."""
     if isinstance(array, _NUMPYS) or not isinstance(values, _NUMPYS):
         return values
     numbers = np.asarray(values)
@@ -57,43 +54,43 @@ def _there(numbers: bytes, shape: tuple[int, ...], kind: str, xp: Any, dtype: An
     return xp.asarray(np.frombuffer(numbers, kind).reshape(shape).copy(), dtype=dtype, device=device)
 
 
-def moved_to(values: Any, beside: Any) -> Any:
-    """An array of the host, or a dataclass of some, brought to where another array is; those not of the host stay.
+def moved_to(values: AnyArray, array: AnyArray) -> AnyArray:
+    """A host array, or a dataclass of arrays, moved to the library and device of another array.
 
-    Floating numbers get the type of that array.
+    Floating-point numbers get the data type of that array.
     """
-    if isinstance(beside, _NUMPYS):
+    if isinstance(array, _NUMPYS):
         return values
     if is_dataclass(values) and not isinstance(values, type):
-        return replace(values, **{name: moved_to(each, beside) for name, each in vars(values).items()})
+        return replace(values, **{name: moved_to(each, array) for name, each in vars(values).items()})
     if not isinstance(values, _NUMPYS):
         return values
     numbers = np.asarray(values)
-    dtype = beside.dtype if numbers.dtype.kind == "f" else None
-    return namespace(beside).asarray(numbers.copy(), dtype=dtype, device=beside.device)
+    dtype = array.dtype if numbers.dtype.kind == "f" else None
+    return namespace(array).asarray(numbers.copy(), dtype=dtype, device=array.device)
 
 
-def to_numpy(array: Any) -> NumpyArray:
-    """NumPy's array of the same numbers: the same one, or a copy that waits for the device."""
+def to_numpy(array: AnyArray) -> NumpyArray:
+    """A NumPy array with the same numbers; for other libraries a copy that waits for the device."""
     return np.asarray(array if isinstance(array, _NUMPYS) else to_device(array, "cpu"))
 
 
-def float_copy(array: ArrayLike) -> Any:
-    """A copy, of floating numbers, that may be changed."""
+def float_copy(array: ArrayLike) -> AnyArray:
+    """A floating-point copy that may be changed."""
     xp, numbers = as_floats(array)
     return xp.asarray(numbers, copy=True)
 
 
-def row_indices(array: Any) -> Any:
-    """0, 1, … for each of an array's rows (n, ...), where the array is."""
+def row_indices(array: AnyArray) -> AnyArray:
+    """0, 1, … for the rows (n, ...) of an array, on its device."""
     return namespace(array).arange(len(array), device=array.device)
 
 
-def active_indices(mask: Any) -> tuple[Any, ...]:
-    """The indices, an array for each axis, of what is worth computing: with NumPy that for which a mask is true.
+def active_indices(mask: AnyArray) -> tuple[AnyArray, ...]:
+    """Index arrays, one for each axis, of the elements to compute: with NumPy those where a mask is true.
 
-    With other libraries it is everything, since how much is true would have to be copied to the host, which would wait
-    for it. What is computed has to be masked, therefore.
+    With other libraries it is all elements, because the number of true ones would have to be copied to the host. The
+    caller must mask the results.
     """
     xp = namespace(mask)
     if xp is np:

@@ -1,9 +1,8 @@
-"""Distances of segments from segments, points and boxes, for any number of pairs at once.
+"""Distances of segments from segments, points and boxes, vectorised over pairs.
 
-A capsule is all that lies within a radius of a segment: the distance between two capsules is that between their
-segments less both radii. Every function broadcasts over the leading axes and works element by element, so that
-a pair's result does not depend on the others. Inside, vectors have their axis first, which is faster.
-Arrays may be NumPy's or another library's, see ``arrays``.
+A capsule is a segment with a radius. The distance of two capsules is that of their segments minus both radii. Functions
+broadcast over leading axes and work element by element, so that a pair's result does not depend on other pairs.
+Internally the vector axis is first, which is faster. Arrays may be of any library, see ``arrays``.
 """
 
 import numpy as np
@@ -14,11 +13,10 @@ from avrgym.geometry.arrays import as_floats, namespace
 
 
 def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:
-    """The distance (...) in metres between segments a and b, given by their ends (..., 3).
+    """Distance (...) in metres between segments a and b, given by their ends (..., 3).
 
-    The closest point of line a to line b, clamped to a; the point of b closest to it; the point of a closest to
-    that (Ericson, *Real-Time Collision Detection*, 2005, section 5.1.9). Where the lines are parallel any start
-    leads to a closest pair. Segments may be points. Exact to 1e-8 of their length.
+    The algorithm clamps the closest points of the lines (Ericson, *Real-Time Collision Detection*, 2005, section
+    5.1.9). For parallel lines any start leads to a closest pair. Segments may be points. Exact to 1e-8 of their length.
     """
     a0, a1, b0, b1 = _axis_first(a0, a1, b0, b1)
     along_a, along_b, offset = a1 - a0, b1 - b0, a0 - b0
@@ -31,7 +29,7 @@ def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatAr
 
 
 def point_distance(point: FloatArray, s0: FloatArray, s1: FloatArray) -> FloatArray:
-    """The distance (...) of points (..., 3) from segments that begin and end at (..., 3)."""
+    """Distance (...) of points (..., 3) from segments with ends (..., 3)."""
     point, s0, s1 = _axis_first(point, s0, s1)
     along, offset = s1 - s0, point - s0
     return _length(offset - _share(_dot(offset, along), _dot(along, along)) * along)
@@ -40,14 +38,14 @@ def point_distance(point: FloatArray, s0: FloatArray, s1: FloatArray) -> FloatAr
 def segment_box_distance(
     box_pos_w: FloatArray, box_q_w: FloatArray, half_size_m: FloatArray, s0_w: FloatArray, s1_w: FloatArray
 ) -> FloatArray:
-    """The distance (...) in metres of segments from oriented boxes; 0 where they intersect.
+    """Distance (...) in metres of segments from oriented boxes; 0 where they intersect.
 
     Args:
-        box_pos_w: the boxes' centres (..., 3).
-        box_q_w: their orientations (..., 4).
-        half_size_m: half their edges (..., 3).
-        s0_w: where the segments begin (..., 3).
-        s1_w: where they end (..., 3).
+        box_pos_w: box centres (..., 3).
+        box_q_w: box orientations (..., 4).
+        half_size_m: half edges (..., 3).
+        s0_w: segment starts (..., 3).
+        s1_w: segment ends (..., 3).
     """
     entries = transforms.to_matrix(box_q_w).reshape(*np.shape(box_q_w)[:-1], 9)
     centre_w, entries, half, s0_w, s1_w = _axis_first(box_pos_w, entries, half_size_m, s0_w, s1_w)
@@ -58,11 +56,11 @@ def segment_box_distance(
 
 
 def _closest_share(start: FloatArray, along: FloatArray, half: FloatArray) -> FloatArray:
-    """Where along segments, 0 to 1, boxes at the origin are closest: shape (...); arguments (3, ...).
+    """Position along segments, 0 to 1, that is closest to boxes at the origin: shape (...); arguments (3, ...).
 
-    The squared distance is convex in the share. Along each axis its slope is zero between the shares at which
-    the segment enters and leaves the box's slab, and linear outside. So the zero of the whole lies between two
-    of these shares that follow each other, and one step of Newton's method from between them finds it.
+    The squared distance is convex. Along each axis its slope is zero between the positions at which the segment enters
+    and leaves the box's slab, and linear outside. The zero of the sum lies between two neighbouring positions, and one
+    Newton step from between them finds it.
     """
     xp = namespace(start)
     least = _vanishing(along)
@@ -81,25 +79,25 @@ def _closest_share(start: FloatArray, along: FloatArray, half: FloatArray) -> Fl
 
 
 def _share(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
-    """Their ratio clamped to 0 … 1; 0 where the denominator vanishes."""
+    """Ratio clamped to 0 … 1; 0 where the denominator vanishes."""
     xp = namespace(numerator)
     usable = xp.abs(denominator) > _vanishing(denominator)
     return _clamp(numerator / xp.where(usable, denominator, np.inf), 0.0, 1.0)
 
 
 def _vanishing(x: FloatArray) -> float:
-    """What counts as zero: its inverse is still a number of that precision."""
+    """Numbers below this count as zero: the inverse must be finite in this precision."""
     return 1e-100 if x.dtype == namespace(x).float64 else 1e-30
 
 
 def _clamp(x: FloatArray, low: FloatArray | float, high: FloatArray | float) -> FloatArray:
-    """``numpy.clip``, which takes several times as long."""
+    """Faster than ``numpy.clip``."""
     xp = namespace(x)
     return xp.minimum(xp.maximum(x, low), high)
 
 
 def _axis_first(*vectors: FloatArray) -> list[FloatArray]:
-    """Vectors (..., n), as many leading axes as they have, as (n, ...) with equally many axes."""
+    """Vectors (..., n) as (n, ...) with equally many axes."""
     xp, *arrays = as_floats(*vectors)
     axes = max(v.ndim for v in arrays)
     order = (axes - 1, *range(axes - 1))
@@ -108,7 +106,7 @@ def _axis_first(*vectors: FloatArray) -> list[FloatArray]:
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The sum over the first axis of both, of vectors (3, ...) or of matrices (3, 3, ...) with vectors."""
+    """Sum over the first axis, of vectors (3, ...) or of matrices (3, 3, ...) with vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 

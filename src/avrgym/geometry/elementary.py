@@ -1,13 +1,13 @@
-"""Elementary functions of arrays whose results are the same bits on every processor.
+"""Elementary functions whose results are the same bits on every processor.
 
-NumPy and BLAS choose, by what a processor offers, among implementations that differ in the last bit, and contacts make
-centimetres of that. These functions take only sums, products, quotients and square roots, one after the other, which
-IEEE 754 defines to the bit. Arguments are brought into a small range with constants in several parts (Cody and Waite,
-"Software Manual for the Elementary Functions", 1980); Taylor series follow.
+NumPy and BLAS choose between implementations that differ in the last bit, depending on the processor, and contacts
+amplify that to centimetres. These functions use only sums, products, quotients and square roots in a fixed order, which
+IEEE 754 defines to the bit. Arguments are reduced with constants in several parts (Cody and Waite, "Software Manual for
+the Elementary Functions", 1980), followed by Taylor series.
 
-Arguments are of any shape, float64 or float32, and finite; results have the same type. The errors are a few units in
-the last place of 1, or of the result where that is larger; those of powers grow with the result's logarithm. Arrays of
-other libraries than NumPy get these libraries' own functions.
+Arguments are finite float64 or float32 of any shape; results have the same type. Errors are a few units in the last
+place of 1, or of the result if that is larger; those of powers grow with the result's logarithm. Arrays of other
+libraries than NumPy use the functions of their library.
 """
 
 import hashlib
@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 
 def _or_by_library(name: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Decorate a function that does what array libraries' function of that name does."""
+    """Decorate a function: for other libraries than NumPy, call the library's function ``name``."""
 
     def decorate(own: Callable[P, T]) -> Callable[P, T]:
         @wraps(own)
@@ -43,7 +43,7 @@ def _or_by_library(name: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
 
 
 def sine_and_cosine(x: ArrayLike) -> tuple[NumpyArray, NumpyArray]:
-    """sin x and cos x of radians; more precise than 10⁻¹⁵ (float32: 10⁻⁶) for up to 10⁵ turns (float32: 100).
+    """Sine and cosine of radians, to 10⁻¹⁵ (float32: 10⁻⁶) for up to 10⁵ turns (float32: 100).
 
     Series for a quarter of the angle, which is doubled twice.
     """
@@ -83,9 +83,10 @@ def tan(x: ArrayLike) -> NumpyArray:
 
 @_or_by_library("atan2")
 def arctan2(y: ArrayLike, x: ArrayLike) -> NumpyArray:
-    """The angle of the point (x, y), −π..π, 0 at the origin.
+    """Angle of the point (x, y), −π..π; 0 at the origin.
 
-    With t the smaller coordinate by the larger, arctan t = arctan c + arctan (t − c)/(1 + c t), c the nearest quarter.
+    With t the ratio of the smaller to the larger coordinate: arctan t = arctan c + arctan (t − c)/(1 + c t), with c the
+    nearest quarter.
     """
     y, x = np.broadcast_arrays(_floating(y), _floating(x))
     across, along = np.abs(y), np.abs(x)
@@ -102,14 +103,14 @@ def arctan2(y: ArrayLike, x: ArrayLike) -> NumpyArray:
 
 @_or_by_library("asin")
 def arcsin(x: ArrayLike) -> NumpyArray:
-    """The angle −π/2..π/2 whose sine is x, −1..1."""
+    """Angle −π/2..π/2 with sine x, −1..1."""
     x = _floating(x)
     return arctan2(x, np.sqrt((1.0 - x) * (1.0 + x)))
 
 
 @_or_by_library("acos")
 def arccos(x: ArrayLike) -> NumpyArray:
-    """The angle 0..π whose cosine is x, −1..1."""
+    """Angle 0..π with cosine x, −1..1."""
     x = _floating(x)
     return arctan2(np.sqrt((1.0 - x) * (1.0 + x)), x)
 
@@ -124,7 +125,7 @@ def tanh(x: ArrayLike) -> NumpyArray:
 
 
 def _exponential(x: NumpyArray) -> tuple[NumpyArray, NumpyArray]:
-    """2ᵏ and eʳ − 1, where x = k ln 2 + r and so eˣ = 2ᵏ eʳ."""
+    """2ᵏ and eʳ − 1 with x = k ln 2 + r, so that eˣ = 2ᵏ eʳ."""
     doublings = np.rint(x * (1.0 / math.log(2.0)))
     rest = (x - doublings * _LN_2[0]) - doublings * _LN_2[1]
     return np.ldexp(np.ones_like(x), doublings.astype(np.intp)), rest * _series(rest, _EXPONENTIAL)
@@ -132,7 +133,7 @@ def _exponential(x: NumpyArray) -> tuple[NumpyArray, NumpyArray]:
 
 @_or_by_library("pow")
 def power(base: ArrayLike, exponent: ArrayLike) -> NumpyArray:
-    """base^exponent for a base of 0 or above and an exponent such that the result is of ordinary size."""
+    """base^exponent for a base ≥ 0 and a result without overflow."""
     base, exponent = _floating(base), _floating(exponent)
     mantissa, doublings = np.frexp(np.where(base > 0.0, base, 1.0))
     low = mantissa < math.sqrt(0.5)
@@ -156,7 +157,7 @@ def _number(x: NumpyArray, value: float) -> Any:
 
 
 def _series(x: NumpyArray, coefficients: Sequence[float]) -> NumpyArray:
-    """The polynomial of these coefficients, the highest power's first, by Horner's rule."""
+    """Polynomial by Horner's rule, coefficients from the highest power down."""
     total = x * _number(x, coefficients[0])
     for coefficient in coefficients[1:-1]:
         total += _number(x, coefficient)
@@ -166,7 +167,7 @@ def _series(x: NumpyArray, coefficients: Sequence[float]) -> NumpyArray:
 
 
 def _alternating(powers: range) -> list[float]:
-    """1/p! of every second power, the signs alternating, the highest first."""
+    """±1/p! of every second power, with alternating signs, from the highest down."""
     return [(-1.0) ** (power // 2) / math.factorial(power) for power in reversed(powers)]
 
 
@@ -196,7 +197,7 @@ _LOGARITHM = [1.0 / (2.0 * n + 1.0) for n in reversed(range(11))]
 
 @cache
 def fingerprint_of_c_library() -> str:
-    """Eight hexadecimal digits that differ where the C library's functions, which MuJoCo takes, round otherwise."""
+    """Eight hexadecimal digits of the rounding of the C library's functions, which MuJoCo uses."""
     numbers = [0.001 * 1.0017**step for step in range(4096)]
     functions = (math.sin, math.cos, math.tan, math.atan, math.exp, math.log, math.sqrt)
     values = [function(number) for function in functions for number in numbers if number < 700.0]

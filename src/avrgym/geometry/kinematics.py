@@ -1,8 +1,8 @@
-"""Kinematics of a chain of hinges for many poses at once: forward, Jacobian, isotropy, damped least squares.
+"""Kinematics of chains of hinges for many poses: forward kinematics, Jacobian, isotropy, inverse kinematics.
 
-Public arrays have the row first, (N, ...). Inside, rows come last, so that every operation runs along
-contiguous memory, and a rotation is its three columns, (3, 3, N). Rows meet only element-wise operations: a
-row's result has the same bits alone and among others.
+Public arrays have the row first, (N, ...). Internally rows are last, so that operations run along contiguous memory,
+and a rotation is its three columns, (3, 3, N). All operations are element-wise over rows: a row's result has the same
+bits alone and among others.
 """
 
 from collections.abc import Sequence
@@ -35,9 +35,11 @@ from avrgym.geometry.small_matrices import (
 class Chain:
     """J hinges from a base frame to a tip frame.
 
-    ``pos`` (J, 3) and ``q`` (J, 4) place each hinge's body in the one before it at angle zero, the first in
-    the base; ``axis`` (J, 3) is in that body; ``tip_pos`` (3,), ``tip_q`` (4,) place the tip in the last
-    body. ``lower_rad``, ``upper_rad`` (J,) are the ranges, infinite for a hinge that turns freely.
+    Attributes:
+        pos, q: body of each hinge in the previous body at angle zero, (J, 3) and (J, 4).
+        axis: hinge axes in the body (J, 3).
+        tip_pos, tip_q: tip in the last body, (3,) and (4,).
+        lower_rad, upper_rad: joint ranges (J,), infinite for continuous joints.
     """
 
     pos: FloatArray
@@ -50,10 +52,8 @@ class Chain:
 
     @cached_property
     def links(self) -> tuple[tuple[list[float], list[list[float]]], ...]:
-        """The same chain with every hinge about its z: J + 1 fixed displacements and columns of rotations.
-
-        Each leads from one hinge's frame to the next one's; the last leads to the tip.
-        """
+        """The same chain with all hinges about z: J + 1 fixed displacements and rotation columns, the last to the
+        tip."""
         turned = [np.eye(3), *(_frame_with_z(axis) for axis in self.axis)]
         offsets, rotations = [*self.pos, self.tip_pos], transforms.to_matrix([*self.q, self.tip_q])
         ends = [*turned[1:], np.eye(3)]
@@ -64,30 +64,28 @@ class Chain:
 
 
 def _frame_with_z(axis: FloatArray) -> FloatArray:
-    """A rotation (3, 3) whose third column is the unit vector ``axis``; a permutation where that can be."""
+    """A rotation (3, 3) with third column ``axis``; a permutation if possible."""
     helper = np.eye(3)[np.argmin(np.abs(axis))]
     x = transforms.normalize(helper - axis * (axis * helper).sum())
     return np.stack([x, np.cross(axis, x), axis], axis=-1)
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The product of matrices (3, 3), or of a matrix and a vector (3,), summed in the order of the columns."""
+    """Product of matrices (3, 3), or of a matrix and a vector (3,), summed in column order."""
     return reduce(np.add, (np.multiply.outer(column, row) for column, row in zip(a.T, b, strict=True)))
 
 
 def _snapped(values: FloatArray) -> list[Any]:
-    """Numbers within rounding of 0 and ±1 become these, which cost nothing to multiply by."""
+    """Round numbers close to 0 and ±1, which makes products cheap."""
     whole = np.round(values)
     return np.where(np.abs(values - whole) < 1e-12, whole, values).tolist()
 
 
 def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) -> Chain:
-    """Read a chain from a model: ``base`` is the body whose frame is the base frame, ``tip`` the last body.
-
-    Between two hinges there may be any number of welded bodies.
+    """Read a chain from a model, from the frame of body ``base`` to body ``tip``. Bodies without joints are allowed.
 
     Raises:
-        ValueError: when the joints do not lie on the way from tip to base, one per body and in this order.
+        ValueError: if the joints are not on the path from base to tip, one per body and in this order.
     """
     hinge_of_body = {int(model.joint(name).bodyid[0]): name for name in joints}
     base_id, body = model.body(base).id, model.body(tip).id
@@ -124,16 +122,16 @@ def _range_rad(model: mujoco.MjModel, joint: str) -> FloatArray:
 
 
 def forward(chain: Chain, angles_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The tip's pose in the base frame for angles (N, J): positions (N, 3) and quaternions (N, 4), w ≥ 0."""
+    """Tip positions (N, 3) and quaternions (N, 4), w ≥ 0, in the base frame for angles (N, J)."""
     poses = _poses(chain, rows_last(angles_rad))
     return rows_first(poses.tip), transforms.from_matrix(rows_first(poses.columns))
 
 
 def jacobian(chain: Chain, angles_rad: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The tip's pose and its geometric Jacobian in the base frame.
+    """Tip pose and geometric Jacobian in the base frame.
 
     Returns:
-        positions (N, 3), quaternions (N, 4) and J (N, 6, J): rows 0–2 m/rad, rows 3–5 rad/rad.
+        Positions (N, 3), quaternions (N, 4) and J (N, 6, J): rows 0–2 m/rad, rows 3–5 rad/rad.
     """
     poses = _poses(chain, rows_last(angles_rad))
     q = transforms.from_matrix(rows_first(poses.columns))
@@ -141,12 +139,12 @@ def jacobian(chain: Chain, angles_rad: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def reach_m(chain: Chain) -> float:
-    """No pose has its tip farther than this from the first hinge."""
+    """Upper bound of the distance of the tip from the first hinge."""
     return float(sum(transforms.norm(offset) for offset, _ in chain.links[1:]))
 
 
 def wrapped(chain: Chain, angles_rad: FloatArray) -> FloatArray:
-    """Angles (..., J) with those of freely turning hinges put within ±π."""
+    """Angles (..., J) with continuous joints wrapped to ±π."""
     free = ~np.isfinite(chain.upper_rad)
     return np.where(free, np.mod(angles_rad + np.pi, 2.0 * np.pi) - np.pi, angles_rad)
 
@@ -156,12 +154,11 @@ WEIGHT_FLOOR = 0.001
 
 
 def limit_weights(chain: Chain, angles_rad: FloatArray) -> FloatArray:
-    """How free each joint is to turn, (N, J) for angles (N, J).
+    """Joint-limit weights (N, J) for angles (N, J): 0.5 at a limit, 1 far from both and for continuous joints.
 
-    Half at an end of its range, 1 away from both, 1 for a hinge that turns freely; at least 0.001, which is
-    met only outside the range. With half the range r and the lower end l (Kapusta and Kemp, "Task-centric
-    optimization of configurations for assistive robots", Autonomous Robots 43, 2019):
-    w = 1 − 0.5^((r − |r − q + l|) / (0.05 r) + 1).
+    The minimum of 0.001 applies outside the range. With half the range r and the lower limit l (Kapusta and Kemp,
+    "Task-centric optimization of configurations for assistive robots", Autonomous Robots 43, 2019): w = 1 − 0.5^((r −
+    |r − q + l|) / (0.05 r) + 1).
     """
     limited = np.isfinite(chain.upper_rad)
     lower, upper = np.where(limited, chain.lower_rad, -1.0), np.where(limited, chain.upper_rad, 1.0)
@@ -172,11 +169,11 @@ def limit_weights(chain: Chain, angles_rad: FloatArray) -> FloatArray:
 
 
 def isotropy(chain: Chain, angles_rad: FloatArray) -> FloatArray:
-    """Joint-limit-weighted kinematic isotropy (N,) of angles (N, J): 0 where singular, at most 1.
+    """Joint-limit-weighted kinematic isotropy (N,) of angles (N, J): 0 at singularities, at most 1.
 
-    The geometric mean over the arithmetic mean of the eigenvalues of J W Jᵀ, with metres and radians as they
-    are: det(J W Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W = diag(``limit_weights``). Kapusta and Kemp (Autonomous
-    Robots 43, 2019), after the kinematic isotropy of Kim and Khosla (IROS 1991).
+    Geometric mean divided by arithmetic mean of the eigenvalues of J W Jᵀ, in metres and radians: det(J W Jᵀ)^(1/6) /
+    (trace(J W Jᵀ) / 6), W = diag(``limit_weights``). Kapusta and Kemp (Autonomous Robots 43, 2019), after the kinematic
+    isotropy of Kim and Khosla (IROS 1991).
     """
     j = _jacobian(_poses(chain, rows_last(angles_rad)))
     square = weighted_square(j, rows_last(limit_weights(chain, angles_rad)))
@@ -188,7 +185,7 @@ def isotropy(chain: Chain, angles_rad: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Solution:
-    """Angles (N, J) and what is left of the error: metres (N,) and radians (N,), 0 where none was asked."""
+    """Angles (N, J) and residual errors: metres (N,) and radians (N,), 0 for an error without a target."""
 
     angles_rad: FloatArray
     position_error_m: FloatArray
@@ -198,9 +195,9 @@ class Solution:
 ENOUGH_STEPS = 50
 MAX_TURN_RAD = 0.5
 METRES_PER_RADIAN = 0.3
-"""An error of one radian weighs as much as 0.3 m."""
+"""Weight of a rotation error: one radian counts as 0.3 m."""
 ROWS_AT_ONCE = 4096
-"""Enough rows to make up for the cost of calling NumPy, few enough for the processor's cache."""
+"""Rows in a block: large against NumPy's call overhead, small enough for the processor's cache."""
 
 
 def solve(
@@ -255,18 +252,18 @@ ACCURACY_M, ACCURACY_RAD = 0.005, 0.05
 
 
 def restart_uniforms(joints: int) -> int:
-    """How many numbers draw the restarts of one row for an arm of so many joints."""
+    """Number of uniform numbers for the restarts of one row with ``joints`` joints."""
     return RESTARTS * joints
 
 
 def solve_with_restarts(
     chain: Chain, target_pos: FloatArray, target_q: FloatArray, seed_rad: FloatArray, uniforms: FloatArray
 ) -> FloatArray:
-    """Angles (N, J) for targets (N, 3), (N, 4): from one seed pose (J,), then from poses up to 1 rad around
+    """Angles (N, J) for targets (N, 3) and (N, 4), from one seed pose (J,), then from random poses up to 1 rad around
     it.
 
-    A row keeps the first solution within 5 mm and 0.05 rad, else the one that comes closest. ``uniforms``
-    (N, ``restart_uniforms(J)``) draw the restarts. Hinges that turn freely end within ±π.
+    A row keeps the first solution within 5 mm and 0.05 rad, or else the best one. ``uniforms`` (N,
+    ``restart_uniforms(J)``) draw the restarts. Continuous joints are wrapped to ±π.
     """
     best = solve(chain, target_pos, target_q, np.tile(seed_rad, (len(target_pos), 1)))
     for restart in range(RESTARTS):
@@ -285,7 +282,7 @@ def accurate(solution: Solution) -> BoolArray:
 
 
 def better(old: Solution, new: Solution, rows: IntArray) -> Solution:
-    """``old`` (N,), its ``rows`` replaced by ``new`` (rows,) where that leaves less of the error."""
+    """``old`` (N,) with its ``rows`` replaced by ``new`` (rows,) where the residual error is smaller."""
     cost = new.position_error_m + METRES_PER_RADIAN * new.rotation_error_rad
     old_cost = old.position_error_m[rows] + METRES_PER_RADIAN * old.rotation_error_rad[rows]
     improved = rows[cost < old_cost]
@@ -300,7 +297,7 @@ def better(old: Solution, new: Solution, rows: IntArray) -> Solution:
 
 @dataclass(frozen=True)
 class _Poses:
-    """In the base frame: the hinges' origins and axes (J, 3, N), the tip's place (3, N) and columns (3, 3, N)."""
+    """In the base frame: hinge origins and axes (J, 3, N), tip position (3, N) and rotation columns (3, 3, N)."""
 
     origins: FloatArray
     axes: FloatArray
@@ -325,7 +322,7 @@ def _poses(chain: Chain, angles: FloatArray) -> _Poses:
 
 
 def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
-    """J (J, 6, N), a column after the other, its rows 3–5 in so many metres per radian."""
+    """Jacobian (J, 6, N) by columns; rows 3–5 scaled by ``metres_per_radian``."""
     j = np.empty((len(poses.axes), 6, poses.tip.shape[-1]), poses.tip.dtype)
     j[:, :3] = cross(poses.axes, poses.tip - poses.origins)
     np.multiply(metres_per_radian, poses.axes, out=j[:, 3:])
@@ -333,7 +330,7 @@ def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
 
 
 def _target(pos: FloatArray, q: FloatArray | None) -> tuple[FloatArray, float]:
-    """A place and the columns of a rotation, (4, 3, N), and the weight of the rotation."""
+    """Position and rotation columns (4, 3, N), and the weight of the rotation."""
     place = rows_last(pos)[None]
     if q is None:
         return np.concatenate([place, np.repeat(np.eye(3)[..., None], len(pos), axis=-1)]), 0.0
@@ -350,7 +347,7 @@ LEAST_DAMPING_M2 = 1e-5
 
 
 def _moved(angles: FloatArray, limits: FloatArray, j: FloatArray, error: FloatArray) -> FloatArray:
-    """The angles (J, N) after the step W Jᵀ (J W Jᵀ + damping)⁻¹ error; W is 0 for joints that must stay."""
+    """Angles (J, N) after the step W Jᵀ (J W Jᵀ + damping)⁻¹ error; W is 0 for joints at a limit."""
     free = _free(angles, limits, _times_error(j, error))
     system = np.concatenate([weighted_square(j, free), error[:, None]], axis=1)
     diagonal(system)[...] += DAMPING_PER_SQUARED_ERROR * norm(error) ** 2 + LEAST_DAMPING_M2
@@ -360,7 +357,7 @@ def _moved(angles: FloatArray, limits: FloatArray, j: FloatArray, error: FloatAr
 
 
 def _free(angles: FloatArray, limits: FloatArray, pull: FloatArray) -> FloatArray:
-    """1 for joints (J, N) that may turn the way the error pulls them, 0 for others."""
+    """1 for joints (J, N) that can move in the direction of the error, 0 for those at a limit."""
     lower, upper = limits
     stuck = ((angles <= lower) & (pull < 0.0)) | ((angles >= upper) & (pull > 0.0))
     return (~stuck).astype(pull.dtype)

@@ -1,27 +1,21 @@
 """Rotations and poses as plain arrays.
 
-Quaternions are (..., 4) in the order w, x, y, z and of unit length; positions are (..., 3) in metres.
-``R_ab`` takes vectors of frame b to frame a. Every function broadcasts over the leading axes.
-Arrays may be NumPy's or another library's, see ``arrays``.
+Quaternions (..., 4) are in the order w, x, y, z and of unit length; positions (..., 3) are in metres. ``R_ab`` maps
+vectors of frame b to frame a. Functions broadcast over leading axes. Arrays may be of any library, see ``arrays``.
 """
-
-from typing import Any
 
 import numpy as np
 
-from avrgym.array_types import FloatArray
+from avrgym.array_types import AnyArray, FloatArray
 from avrgym.geometry import elementary
 from avrgym.geometry.arrays import as_floats, constant_like, namespace
-
-Numbers = Any
-"""An array of any library, or what NumPy makes one of."""
 
 IDENTITY_QUATERNION = np.array([1.0, 0.0, 0.0, 0.0])
 _CONJUGATED = np.array([1.0, -1.0, -1.0, -1.0])
 
 
-def multiply(a: Numbers, b: Numbers) -> FloatArray:
-    """The product a ⊗ b: the rotation b followed by a. Shapes (..., 4)."""
+def multiply(a: AnyArray, b: AnyArray) -> FloatArray:
+    """Product a ⊗ b: rotation b followed by a. Shapes (..., 4)."""
     _, a, b = as_floats(a, b)
     aw, ax, ay, az = _components(a)
     bw, bx, by, bz = _components(b)
@@ -33,25 +27,25 @@ def multiply(a: Numbers, b: Numbers) -> FloatArray:
     )
 
 
-def conjugate(q: Numbers) -> FloatArray:
-    """The inverse rotation of a unit quaternion (..., 4)."""
+def conjugate(q: AnyArray) -> FloatArray:
+    """Inverse rotation of a unit quaternion (..., 4)."""
     _, q = as_floats(q)
     return q * constant_like(_CONJUGATED, q)
 
 
-def normalize(q: Numbers) -> FloatArray:
+def normalize(q: AnyArray) -> FloatArray:
     """Scale quaternions or vectors (..., n) to unit length; zero length gives non-finite values."""
     xp, q = as_floats(q)
     return q / xp.sqrt((q * q).sum(axis=-1, keepdims=True))
 
 
-def norm(v: Numbers) -> FloatArray:
+def norm(v: AnyArray) -> FloatArray:
     """The length (...) of vectors (..., n)."""
     xp, v = as_floats(v)
     return xp.sqrt((v * v).sum(axis=-1))
 
 
-def rotate(q: Numbers, v: Numbers) -> FloatArray:
+def rotate(q: AnyArray, v: AnyArray) -> FloatArray:
     """Rotate vectors v (..., 3) by unit quaternions q (..., 4)."""
     _, q, v = as_floats(q, v)
     w, u = q[..., :1], q[..., 1:]
@@ -59,7 +53,7 @@ def rotate(q: Numbers, v: Numbers) -> FloatArray:
     return v + w * t + cross(u, t)
 
 
-def cross(a: Numbers, b: Numbers) -> FloatArray:
+def cross(a: AnyArray, b: AnyArray) -> FloatArray:
     """The cross product of vectors (..., 3); ``numpy.cross`` takes several times as long on a few vectors."""
     _, a, b = as_floats(a, b)
     ax, ay, az = _components(a)
@@ -67,13 +61,13 @@ def cross(a: Numbers, b: Numbers) -> FloatArray:
     return _joined(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
 
 
-def from_axis_angle(axis: Numbers, angle_rad: Numbers) -> FloatArray:
+def from_axis_angle(axis: AnyArray, angle_rad: AnyArray) -> FloatArray:
     """The rotation by ``angle_rad`` (...) about the unit vector ``axis`` (..., 3), as (..., 4)."""
     _, axis, angle_rad = as_floats(axis, angle_rad)
     return from_rotation_vector(axis * angle_rad[..., None])
 
 
-def from_rotation_vector(v: Numbers) -> FloatArray:
+def from_rotation_vector(v: AnyArray) -> FloatArray:
     """The exponential map: rotation vectors (..., 3) in radians to quaternions (..., 4)."""
     xp, v = as_floats(v)
     angle = xp.sqrt((v * v).sum(axis=-1, keepdims=True))
@@ -82,7 +76,7 @@ def from_rotation_vector(v: Numbers) -> FloatArray:
     return xp.concat([cosine, 0.5 * v * (sine / half)], axis=-1)
 
 
-def to_rotation_vector(q: Numbers) -> FloatArray:
+def to_rotation_vector(q: AnyArray) -> FloatArray:
     """The logarithm of unit quaternions (..., 4): rotation vectors (..., 3) of length at most π."""
     xp, q = as_floats(q)
     q = xp.where(q[..., :1] < 0.0, -q, q)
@@ -92,7 +86,7 @@ def to_rotation_vector(q: Numbers) -> FloatArray:
     return scale * q[..., 1:]
 
 
-def to_matrix(q: Numbers) -> FloatArray:
+def to_matrix(q: AnyArray) -> FloatArray:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     _, q = as_floats(q)
     w, x, y, z = _components(q)
@@ -108,7 +102,7 @@ def to_matrix(q: Numbers) -> FloatArray:
     return entries.reshape(*entries.shape[:-1], 3, 3)
 
 
-def from_matrix(matrix: Numbers) -> FloatArray:
+def from_matrix(matrix: AnyArray) -> FloatArray:
     """Unit quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
 
     Shepperd's choice: the largest of the four squared components is the pivot, so no division is
@@ -130,24 +124,26 @@ def from_matrix(matrix: Numbers) -> FloatArray:
     return xp.where(q[..., :1] < 0.0, -q, q)
 
 
-def angle_between(a: Numbers, b: Numbers) -> FloatArray:
-    """The angle in radians (...) of the rotation that takes a to b; both (..., 4)."""
+def angle_between(a: AnyArray, b: AnyArray) -> FloatArray:
+    """Angle (...) in radians of the rotation from a to b; both (..., 4)."""
     return norm(to_rotation_vector(multiply(conjugate(a), b)))
 
 
-def compose(pos_ab: Numbers, q_ab: Numbers, pos_bc: Numbers, q_bc: Numbers) -> tuple[FloatArray, FloatArray]:
-    """Chain two poses: T_ac = T_ab · T_bc, as (position, quaternion)."""
+def compose(
+    pos_ab: AnyArray, q_ab: AnyArray, pos_bc: AnyArray, q_bc: AnyArray
+) -> tuple[FloatArray, FloatArray]:
+    """Compose two poses: T_ac = T_ab · T_bc, as (position, quaternion)."""
     _, pos_ab, turned = as_floats(pos_ab, rotate(q_ab, pos_bc))
     return pos_ab + turned, multiply(q_ab, q_bc)
 
 
-def invert(pos_ab: Numbers, q_ab: Numbers) -> tuple[FloatArray, FloatArray]:
-    """The inverse pose T_ba of T_ab."""
+def invert(pos_ab: AnyArray, q_ab: AnyArray) -> tuple[FloatArray, FloatArray]:
+    """Inverse pose T_ba of T_ab."""
     q_ba = conjugate(q_ab)
     return -rotate(q_ba, pos_ab), q_ba
 
 
-def euler_xyz(q: Numbers) -> FloatArray:
+def euler_xyz(q: AnyArray) -> FloatArray:
     """Angles (..., 3) a, b, c with q = Rx(a) Ry(b) Rz(c): hinges about x, y, z, the first outermost.
 
     b lies in −π/2..π/2; at its ends only a ± c is determined and c is chosen as 0.
@@ -169,7 +165,7 @@ def _components(v: FloatArray) -> tuple[FloatArray, ...]:
 
 
 def _joined(*components: FloatArray) -> FloatArray:
-    """The inverse of ``_components``; ``numpy.stack`` takes several times as long on a few vectors."""
+    """Inverse of ``_components``; faster than ``numpy.stack`` for few vectors."""
     xp = namespace(*components)
     if xp is not np:
         return xp.stack(components, axis=-1)

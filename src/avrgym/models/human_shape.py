@@ -60,7 +60,7 @@ PLACE_M, OPENING_M, MOUTH_OPEN = 1.2, 0.06, 0.7
 """Ranges of stored positions and mouth openings, and the extent of an open mouth."""
 ARM = ("upper_arm", "forearm")
 CROWN_SHARE = 0.5
-"""Share of the torso's stretch by which the head above the mouth rises, like its collision sphere."""
+"""Share of the torso's stretch added to the height of the head above the mouth, like its collision sphere."""
 
 
 @dataclass(frozen=True)

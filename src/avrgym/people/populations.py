@@ -113,13 +113,13 @@ class TrainedHumans:
     """Runs trained human policies in N worlds."""
 
     def __init__(self, trained: Sequence[Policy], worlds: int) -> None:
-        """All worlds use the first policy until ``begin``."""
+        """All worlds use the first policy until ``reset``."""
         self._trained = trained
         self._human = np.zeros(worlds, dtype=np.intp)
         self._noise = [random_streams.trained_human_noise(0.0)] * worlds
 
     def reset(self, ids: IntArray, humans: IntArray, uniforms: FloatArray) -> None:
-        """Begin episodes in worlds ``ids`` (n,) of humans ``who`` (n,), with chance from uniform numbers (n,)."""
+        """Reset worlds ``ids`` (n,) to ``humans`` (n,). ``uniforms`` (n,) seed their action noise."""
         self._human[ids] = humans
         for world, uniform in zip(ids.tolist(), uniforms.tolist(), strict=True):
             self._noise[world] = random_streams.trained_human_noise(uniform)

@@ -1,1 +1,1 @@
-"""The robots: one folder and one record each; ``registry`` knows them and those of other packages."""
+"""Packaged robots, one folder each, and the registry."""

@@ -1,4 +1,4 @@
-"""All robots by name: ours, and those that other packages register as entry points of ``avrgym.robots``."""
+"""Registry of robots: packaged ones and plug-ins of the entry-point group ``avrgym.robots``."""
 
 from collections.abc import Mapping
 
@@ -16,7 +16,7 @@ def register(robot: Robot) -> None:
     """Add a robot.
 
     Raises:
-        ValueError: for a name that is taken, or a record that ``check_robot`` refuses; nothing is added then.
+        ValueError: for a name in use or an invalid record. Nothing is added.
     """
     if robot.name in _robots:
         raise ValueError(f"there is a robot {robot.name} already")
@@ -25,14 +25,14 @@ def register(robot: Robot) -> None:
 
 
 BROKEN = plugins.load(plugins.ROBOTS, Robot, register)
-"""The robots of other packages that were skipped."""
+"""Skipped plug-ins."""
 
 
 def find_robot(name: str) -> Robot:
-    """The robot of that name.
+    """The robot with this name.
 
     Raises:
-        ValueError: naming the robots there are.
+        ValueError: for an unknown name, listing the robots.
     """
     if name not in ROBOTS:
         raise ValueError(f"unknown robot {name!r}; the robots are {', '.join(ROBOTS)}")

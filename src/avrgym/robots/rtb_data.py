@@ -1,4 +1,4 @@
-"""The public robot descriptions that the installed ``rtb-data`` ships."""
+"""Robot descriptions of the installed package ``rtb-data``."""
 
 from pathlib import Path
 
@@ -6,5 +6,5 @@ import rtbdata
 
 
 def rtb_data_path(path: str) -> Path:
-    """A folder or file among them, such as ``kinova_description/meshes``."""
+    """Path of a folder or file of the package, such as ``kinova_description/meshes``."""
     return Path(next(iter(rtbdata.__path__))) / "xacro" / path

@@ -1,4 +1,4 @@
-"""Whether a robot's record is whole, told in words that say what to do."""
+"""Validation of robot records."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -11,16 +11,16 @@ from avrgym.models import robot as models
 from avrgym.models.robot import PLACES, SIDES, Arm, Robot
 
 MIN_JOINTS = 6
-"""Fewer do not bring a tool to any position and rotation."""
+"""Needed to reach any position and rotation."""
 MAX_REACH_M, MAX_JOINT_ANGLE_RAD = 1.5, 2.0 * np.pi
-"""Observations are bounded: no arm may reach farther, no joint turn farther from zero."""
+"""Limits of reach and joint angles, because observations are bounded."""
 
 
 def check_robot(robot: Robot) -> None:
-    """Refuse a record in which something is missing or does not fit its model.
+    """Check a robot record against its model.
 
     Raises:
-        ValueError: saying everything that is wrong, and what is allowed.
+        ValueError: listing all faults and what is allowed.
     """
     wrong = list(_check_names(robot)) or list(_check_model(robot))
     if wrong:
@@ -74,7 +74,7 @@ def _check_model(robot: Robot) -> Iterator[str]:
 
 
 def _missing_names(robot: Robot, spec: mujoco.MjSpec) -> Iterator[str]:
-    """What the record names and the model lacks."""
+    """Names in the record that the model lacks."""
     bodies, joints = ({thing.name for thing in things} for things in (spec.bodies, spec.joints))
     yield from _unknown("base", [robot.base], bodies)
     yield from _unknown("torso", [robot.torso], bodies)

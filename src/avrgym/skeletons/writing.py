@@ -1,4 +1,4 @@
-"""Packages to begin with: whole ones that work, written with another name."""
+"""Write template packages for ``avrgym new``."""
 
 import importlib.util
 import keyword
@@ -17,26 +17,26 @@ from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
 Kind = Literal["task", "robot", "controller"]
 TEMPLATES: Mapping[Kind, str] = {"task": "TouchElbow", "robot": "ExampleArm", "controller": "WaveArm"}
-"""The name that each template bears, which a package's own takes the place of."""
+"""Name in each template that the new name replaces."""
 TEMPLATE_FILES = (".md", ".py", ".toml", ".xml")
-"""Suffixes of the files in templates. Installers add others: pip compiles every Python file that it installs."""
+"""Suffixes of template files. Installers add others, such as compiled Python files."""
 NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
 
 
 def write_skeleton(kind: Kind, name: str, out: Path | None = None) -> list[Path]:
-    """Write a package that adds a task, a robot or a controller to AVR Gym once it is installed.
+    """Write a package with a task, a robot or a controller.
 
     Args:
-        kind: of what it adds.
-        name: capital letter, then letters and digits, such as ``LiftArm``.
-        out: a new folder; ``lift-arm`` here unless given.
+        kind: what the package adds.
+        name: a capital letter, then letters and digits, such as ``LiftArm``.
+        out: a new folder; ``lift-arm`` in the working directory by default.
 
     Returns:
-        Its files.
+        The files.
 
     Raises:
-        ValueError: for a name that cannot be used, saying which can, and for a folder that is there already.
-        OSError: where it cannot be written; what there is of it is removed.
+        ValueError: for an invalid name or an existing folder.
+        OSError: for a write error; partial output is removed.
     """
     check_name(kind, name)
     folder = out or Path(distribution(name))
@@ -52,7 +52,7 @@ def write_skeleton(kind: Kind, name: str, out: Path | None = None) -> list[Path]
 
 
 def check_name(kind: Kind, name: str) -> None:
-    """``ValueError`` for a name that a package of this kind cannot have."""
+    """Raise ``ValueError`` for a name that a package of this kind cannot have."""
     if not NAME.fullmatch(name) or not name.isascii():
         raise ValueError(
             f"{name!r} cannot be the name of a {kind}; allowed: a capital letter, then letters and digits, as LiftArm"
@@ -70,12 +70,12 @@ def _taken(kind: Kind) -> Collection[str]:
 
 
 def module(name: str) -> str:
-    """``lift_arm`` of ``LiftArm``."""
+    """``LiftArm`` to ``lift_arm``."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
 def distribution(name: str) -> str:
-    """``lift-arm`` of ``LiftArm``."""
+    """``LiftArm`` to ``lift-arm``."""
     return module(name).replace("_", "-")
 
 
@@ -89,7 +89,7 @@ def _written(kind: Kind, name: str, folder: Path) -> Iterator[Path]:
 
 
 def _texts(folder: Traversable, *parents: str) -> Iterator[tuple[tuple[str, ...], str]]:
-    """The template files of a folder and of those below it: the parts of each path, and its text."""
+    """Template files in a folder and its subfolders: path parts and text."""
     for each in sorted(folder.iterdir(), key=lambda each: each.name):
         if each.is_dir():
             yield from _texts(each, *parents, each.name)

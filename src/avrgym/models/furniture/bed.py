@@ -1,4 +1,4 @@
-"""The hospital bed with its backrest raised, and the nightstand beside it, in the world's frame.
+"""The hospital bed with raised backrest and the nightstand, in the world's frame.
 
 The person lies on their back, hips at (0, 0, 0.7), legs towards −y. Mattress 880 × 2000 × 150 mm, its top at
 0.55 m (makers' tables of adult hospital beds); backrest 60° above the horizontal (reference).
@@ -21,10 +21,10 @@ LEGS_LENGTH_M, BACK_LENGTH_M = 1.15, 0.85
 BACKREST_RAD = np.radians(60.0)
 NIGHTSTAND_BODY = "nightstand"
 NIGHTSTAND_TOP_M = (-0.75, 0.15, 0.60)
-"""Where a robot stands on the nightstand; it is the origin of its body, which may be moved with the robot."""
+"""Position of a robot on the nightstand: the origin of its body, which may move with the robot."""
 
 _CREASE = (0.0, 0.05, MATTRESS_TOP_M)
-"""Where the backrest's surface leaves the seat's: 0.118 m behind the axis of a torso that leans back by 30°."""
+"""Edge between seat and backrest: 0.118 m behind the axis of a torso reclined by 30°."""
 _LEGS_HALF = (MATTRESS_HALF_WIDTH_M, 0.5 * LEGS_LENGTH_M, 0.5 * MATTRESS_THICKNESS_M)
 _BACK_HALF = (MATTRESS_HALF_WIDTH_M, 0.5 * BACK_LENGTH_M, 0.5 * MATTRESS_THICKNESS_M)
 _LEGS_CENTRE = (0.0, _CREASE[1] - _LEGS_HALF[1], MATTRESS_TOP_M - _LEGS_HALF[2])
@@ -40,7 +40,7 @@ _NIGHTSTAND_HALF = (0.165, 0.20, 0.5 * NIGHTSTAND_TOP_M[2])
 
 
 def add_hospital_bed(spec: mujoco.MjSpec, appearance: bool) -> None:
-    """Add the bed: a mattress in two pieces, a frame on casters, boards at both ends, side rails lowered."""
+    """Add the bed: a mattress in two parts, a frame on casters, end boards, and lowered side rails."""
     body = spec.worldbody.add_body(name="hospital_bed")
     _add_bed_collision(body)
     if appearance:
@@ -52,7 +52,7 @@ def add_hospital_bed(spec: mujoco.MjSpec, appearance: bool) -> None:
 
 
 def _on_backrest(along: float, above: float) -> np.ndarray:
-    """A place ``along`` the backrest's middle from the crease and ``above`` its surface, world frame."""
+    """A point ``along`` the middle of the backrest from the crease, and ``above`` its surface; world frame."""
     return _CREASE + transforms.rotate(_BACK_Q, [0.0, along, above])
 
 
@@ -136,7 +136,7 @@ def _add_bed_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 def _add_side_rails(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    """One rail on each side, hanging below the mattress's top so that a robot can reach over it."""
+    """One rail on each side, below the mattress's top, so that a robot can reach over it."""
     steel = finish(spec, "steel")
     low, high, foot, head = 0.30, 0.50, -0.55, 0.30
     for side, sign in (("right", -1.0), ("left", 1.0)):
@@ -177,7 +177,7 @@ def _add_caster(
 
 
 def add_nightstand(spec: mujoco.MjSpec, appearance: bool) -> None:
-    """Add the nightstand; its body's origin is the middle of its top."""
+    """Add the nightstand. Its body's origin is the middle of its top."""
     body = spec.worldbody.add_body(name=NIGHTSTAND_BODY, pos=NIGHTSTAND_TOP_M)
     half_x, half_y, half_z = _NIGHTSTAND_HALF
     add_collision(

@@ -75,7 +75,7 @@ STYLES: Mapping[str, Style] = {
         tempo=SLOW | SWAY_RATE,
     ),
     "talking": Style(
-        "turn to somebody beside them again and again",
+        "turn to a neighbour again and again",
         "faces turned to each other for 2.2 s at a time and 60 % of a conversation: Rogers et al., Sci. Rep. 8:4324, "
         "2018; meals in company: Ondras et al., CoRL 2022; the angles are our assumption",
         delay={"reaction_s": (0.3, 0.5)},

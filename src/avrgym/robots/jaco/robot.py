@@ -1,4 +1,4 @@
-"""The Jaco's record. ``jaco.xml`` holds the kinematics, ``rtb-data`` the meshes (j2s7s300)."""
+"""The Jaco. ``jaco.xml`` contains the kinematics, ``rtb-data`` the meshes (j2s7s300)."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -14,7 +14,7 @@ from avrgym.robots.rtb_data import rtb_data_path
 
 MESHES = rtb_data_path("kinova_description/meshes")
 SHOULDER_M = 0.33
-"""Up to here the shoulder is above its mount, however the arm moves."""
+"""Largest height of the shoulder above its mount."""
 ON_WHEELCHAIR_M = (-0.35, -0.30, 0.36)
 
 
@@ -26,7 +26,7 @@ def build(appearance: bool) -> mujoco.MjSpec:
 
 
 def _three_fingers(*bends_rad: tuple[float, float]) -> dict[str, float]:
-    """How far each finger, the thumb first, and its tip are bent."""
+    """Joint angles of each finger (thumb first) and its tip."""
     return {
         f"finger_{part}{number}": bend
         for number, bends in enumerate(bends_rad, start=1)

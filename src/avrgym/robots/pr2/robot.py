@@ -1,4 +1,4 @@
-"""The PR2's record. ``pr2.xml`` holds the kinematics, ``rtb-data`` the meshes."""
+"""The PR2. ``pr2.xml`` contains the kinematics, ``rtb-data`` the meshes."""
 
 from collections.abc import Mapping
 from importlib.resources import files
@@ -14,19 +14,19 @@ from avrgym.robots.rtb_data import rtb_data_path
 
 MESHES = rtb_data_path("pr2_description/meshes")
 BASE_POS_M = (-0.85, -0.4, 0.0)
-"""Beside the person, facing their right side (reference)."""
+"""Next to the person, facing their right side (reference)."""
 YAW_RANGE_RAD = (-np.radians(30.0), np.radians(30.0))
 JOINTS = (
     "shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll",
 )  # fmt: skip
 FIXED_RAD = np.array([1.75, 1.25, 1.5, -0.5, 1.0, 0.0, 1.0])
 SEED_RAD = np.array([0.7, 0.2, 1.5, -1.85, -3.1, -1.45, 0.0])
-"""Of the left arm; the right arm's poses are their mirror images."""
+"""Poses of the left arm; those of the right arm are mirrored."""
 MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """The robot, its torso raised, its head looking down."""
+    """The robot with raised torso, looking down."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.pr2").joinpath("pr2.xml").read_text())
     spec.meshdir = str(MESHES)
     return spec
@@ -41,7 +41,7 @@ def _pose(side: Side, left_rad: FloatArray) -> FloatArray:
 
 
 def _arm(side: Side) -> Arm:
-    """Its speeds are the Jaco's: the PR2's own, 119 to 206 °/s, are too fast for comfort beside a person."""
+    """The speed limits are the Jaco's. The PR2's own, 119 to 206 °/s, are too fast next to a person."""
     return Arm(
         joints=_joints(side),
         end_effector=f"{side[0]}_gripper_tool_frame",
@@ -55,7 +55,7 @@ def _arm(side: Side) -> Arm:
 
 
 def _parallel_fingers(opening_rad: float) -> dict[str, float]:
-    """Two fingers that open alike, their tips parallel."""
+    """Both fingers opened equally, with parallel tips."""
     return {
         f"{side}_finger_{part}joint": sign * opening_rad
         for side, opened in (("l", 1.0), ("r", -1.0))

@@ -1,4 +1,4 @@
-"""Distance of the moving arm from person and furniture, for many arm poses at once."""
+"""Distance of the moving arm from person and furniture, for many arm poses."""
 
 from dataclasses import dataclass, replace
 from functools import cache

@@ -56,7 +56,7 @@ def scratching_target(state: State, task_state: ScratchItchState, planner: Motio
 def blended_target(
     state: State, task_state: ScratchItchState, planner: MotionPlanner, in_front: FloatArray
 ) -> ToolTarget:
-    """As ``scratching_target``, with a share (N,) by which the hand comes from the front."""
+    """As ``scratching_target``, blended with an approach from the front by a share (N,)."""
     limb_pos_w, limb_q_w = limb_frame(state, task_state)
     out_w, _ = expert.surface(task_state, limb_q_w)
     rod_w = transforms.rotate(planner.q_w, expert.ROD)
@@ -78,7 +78,7 @@ def blended_target(
 
 
 def faces_in(out_w: FloatArray, inwards: Range = INWARDS, not_down: Range = NOT_DOWN) -> FloatArray:
-    """Share (N,) by which skin with normals (N, 3) is reached from the front, mostly 0 or 1; world frame."""
+    """Share (N,) of the approach from the front for skin normals (N, 3), mostly 0 or 1; world frame."""
     return np.interp(out_w[:, 0], inwards, NONE_TO_ALL) * np.interp(out_w[:, 2], not_down, NONE_TO_ALL)
 
 

@@ -1,12 +1,12 @@
-"""The task is registered, and does in motion what its record says."""
+"""Tests of the task: it is registered, and it runs."""
 
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.tasks.task_check import check_task
 
 
-def test_it_has_an_environment() -> None:
+def test_environment_is_registered() -> None:
     assert "avrgym/TouchElbowJaco-v1" in ENVIRONMENTS
 
 
-def test_it_does_what_its_record_says() -> None:
+def test_episodes_run() -> None:
     check_task("TouchElbow")

@@ -1,4 +1,4 @@
-"""The robot ExampleArm: seven joints on a stand beside the person, a hand of two parallel fingers."""
+"""The robot ExampleArm: seven joints on a column next to the person, with a parallel gripper."""
 
 from importlib.resources import files
 
@@ -12,16 +12,16 @@ JOINTS = (
     "shoulder_turn", "shoulder_lift", "upper_arm_turn", "elbow", "forearm_turn", "wrist_lift", "wrist_turn",
 )  # fmt: skip
 SEED_DEG = (-46.0, 72.0, -18.0, -38.0, -38.0, -106.0, 146.0)
-"""Near the poses in which tasks begin; `docs/how_to/add_a_robot.md` of AVR Gym says how to find one."""
+"""Close to the initial poses of tasks; `docs/how_to/add_a_robot.md` of AVR Gym explains how to find one."""
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """The arm on its stand, with its hand; what is only seen is small enough to be always there."""
+    """The arm with column and gripper. Visual geoms are few enough to be always included."""
     return mujoco.MjSpec.from_string(files("example_arm").joinpath("arm.xml").read_text())
 
 
 def fingers(opening_m: float) -> dict[str, float]:
-    """Both fingers so far from the middle."""
+    """Both fingers at this distance from the middle."""
     return {"finger_left": opening_m, "finger_right": opening_m}
 
 

@@ -1,4 +1,4 @@
-"""Touching the elbow: bring the tip of a scratcher to the person's right elbow, gently."""
+"""Touching the elbow: move the tip of a scratcher gently to the person's right elbow."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -33,7 +33,7 @@ POINTING_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np
 
 @dataclass(frozen=True)
 class TouchState:
-    """In how many control steps the elbow was touched, (N,)."""
+    """Number of control steps with contact at the elbow (N,)."""
 
     touches: IntArray
 
@@ -46,7 +46,7 @@ def scene(robot: Robot) -> SceneConfig:
 
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
-    """The hand within ±5 cm of a point beside the elbow; the base from where the elbow is within reach."""
+    """Hand within ±5 cm of a point next to the elbow; the base reaches the elbow."""
     hand_w = np.array(HAND_W) + 0.05 * (2.0 * uniforms[:, :3] - 1.0)
     tool_w, tool_q_w = placement.tool_in_hand(scene, hand_w, POINTING_Q_W)
     elbow_w = placement.right_arm_joints_w(people, scene.posture)[:, ELBOW]
@@ -56,12 +56,12 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
 
 
 def init_state(people: People, uniforms: FloatArray) -> TouchState:
-    """Not touched yet."""
+    """No contact yet."""
     return TouchState(np.zeros(len(uniforms), dtype=np.intp))
 
 
 def elbow_w(arm: RightArm) -> FloatArray:
-    """The right elbow, (N, 3), world frame."""
+    """Position of the right elbow (N, 3); world frame."""
     return arm.right_arm_pos_w[:, ELBOW]
 
 
@@ -83,7 +83,7 @@ WEIGHTS = {"distance_m": -1.0, "action_squared": -0.01, "touched": 1.0, "strong_
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: TouchState) -> StepResult:
-    """A touch is a contact of the tool within 8 cm of the elbow's middle; five steps of it are a success."""
+    """A touch is a tool contact within 8 cm of the elbow's centre. Five control steps with a touch are a success."""
     near = norm(state.tool_contact_pos_w - elbow_w(state)[:, None]) < REACHED_M
     touched = (near & (state.tool_contact_force_n > 0.0)).any(axis=-1)
     after = TouchState(task_state.touches + touched)
@@ -105,7 +105,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: TouchState) -> S
 
 
 def tool_target(state: State, task_state: TouchState, planner: MotionPlanner) -> ToolTarget:
-    """Straight to the elbow, ever more slowly, and no farther once the tool touches."""
+    """Straight to the elbow with decreasing speed; stop at contact."""
     goal_w = np.where(state.tool_force_n[:, None] > 0.0, planner.pos_w, elbow_w(state))
     return goal_w, np.tile(POINTING_Q_W, (len(goal_w), 1)), speed_m_s(goal_w - planner.pos_w, 0.03)
 
