@@ -377,7 +377,7 @@ def test_unsuitable_people_are_refused_in_one_line(tmp_path):
         run("evaluate", FEEDING, "--people", human), f"a human trained for {SCRATCHING}, not for {FEEDING}"
     )
     assert_refused(run(*evaluation, robot), "a policy of a robot, not of a human; pass it to --policy")
-    assert_refused(run("evaluate", SCRATCHING, "--policy", human), "no robot's policy; --people takes it")
+    assert_refused(run("evaluate", SCRATCHING, "--policy", human), "a trained human, not a robot's policy")
     assert_refused(run(*evaluation, damaged), "not a readable .safetensors file")
     assert_refused(run(*evaluation, resized_path), "actions; avrgym/ScratchItchJaco-v1 has")
     assert_refused(run(*evaluation, tmp_path / "empty"), "contains no trained human; allowed: a folder of")
