@@ -35,11 +35,12 @@ def main() -> None:
 
 def train() -> None:
     """Train or continue every policy."""
-    from avrgym.learning import recurrent_recipe
+    from avrgym.learning import recurrent_recipe, training
+    from avrgym.learning.configuration import RecurrentConfiguration, holds_training
 
-    remembers = recurrent_recipe.RecurrentNetwork
+    recurrent = recurrent_recipe.RecurrentNetwork
 
-    class Forgetful(remembers):
+    class WithoutMemory(recurrent):
         """The same network with a recurrent unit that always returns zero."""
 
         def __init__(self, *sizes) -> None:
@@ -49,16 +50,16 @@ def train() -> None:
 
     for environment in ENVIRONMENTS:
         for kind, with_memory in KINDS.items():
-            recurrent_recipe.RecurrentNetwork = remembers if with_memory else Forgetful
+            recurrent_recipe.RecurrentNetwork = recurrent if with_memory else WithoutMemory
             out = _folder(environment, kind)
-            if (out / recurrent_recipe.FILE).exists():
+            if holds_training(out):
                 if not _has_ended(out):
-                    recurrent_recipe.resume(out)
+                    training.resume(out)
                 continue
-            settings = recurrent_recipe.RecurrentConfiguration(
+            configuration = RecurrentConfiguration(
                 environment=environment, steps=STEPS, imitation_share=IMITATION_SHARE, seed=TRAINING_SEED
             )
-            policy = recurrent_recipe.train(settings, out)
+            policy = training.train(configuration, out)
             print(environment, kind, policy.metadata.measured["success_rate"], flush=True)
 
 

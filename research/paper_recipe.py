@@ -76,7 +76,8 @@ def main() -> None:
 def train(arguments: Sequence[str]) -> None:
     """Train every policy with fewer steps, in all environments unless some are named."""
     from avrgym.learning import training
-    from avrgym.learning.configuration import PAPER
+    from avrgym.learning.configuration import holds_training
+    from avrgym.learning.hyperparameters import PAPER
 
     if not arguments or not arguments[0].isdigit():
         sys.exit(__doc__)
@@ -85,11 +86,13 @@ def train(arguments: Sequence[str]) -> None:
         if run.environment not in environments or run.steps >= steps:
             continue
         out = UNDER_WAY / run.name
-        if (out / training.CONFIGURATION_FILE).exists():
+        if holds_training(out):
             policy = training.resume(out, steps=steps)
         else:
-            settings = run.environment, run.people, steps, TRAINING_SEED
-            policy = training.train(training.configuration_for(*settings, settings=PAPER), out)
+            configuration = training.configuration_for(
+                run.environment, run.people, steps, TRAINING_SEED, hyperparameters=PAPER
+            )
+            policy = training.train(configuration, out)
         print(run.name, policy.metadata.measured["success_rate"], flush=True)
 
 

@@ -90,7 +90,7 @@ def test_a_pair_writes_two_networks_with_matching_metadata(trained):
     assert (human.observation_size, human.action_size) == (view.size, joints)
     assert (robot.observation_size, robot.action_size) == sizes(SCRATCHING)
     assert robot.metadata.human is None
-    assert robot.metadata.people == "zoo/train, trained beside it"
+    assert robot.metadata.people == "zoo/train, trained together"
     assert human.metadata.human == HumanRole(partner=robot.digest)
     for metadata in (robot.metadata, human.metadata):
         assert (metadata.environment, metadata.impairment) == (SCRATCHING, "weakness")

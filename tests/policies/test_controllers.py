@@ -1,4 +1,4 @@
-"""Laws of controllers: whoever drives, in whatever way they fail, the robot holds and the session goes on."""
+"""After any failure of a controller the robot stops and the session continues."""
 
 import time
 from collections.abc import Iterator
@@ -46,7 +46,7 @@ FAILURES = {
     "Raises": "exception",
     "LeavesAtOnce": "exception",
 }
-"""Those that fail at their second and third step, and how that is told."""
+"""Controllers that fail at their second or third step, and the kind of failure that is reported."""
 STEPS = 6
 
 
@@ -60,7 +60,7 @@ def driven_by(name: str, **changes) -> SessionPlan:
 
 
 def completed(visit: Visit) -> list[Recording]:
-    """Let a visit go on to its end, at the pace of a clock where a controller runs beside it."""
+    """Run a visit to its end, in real time if controllers run in threads."""
     visit.sit_down()
     while visit.phase != "finished":
         if visit.phase == "questionnaire":
@@ -88,7 +88,7 @@ def workers() -> Iterator[ThreadPoolExecutor]:
 
 
 def live(folder: Path, plan: SessionPlan, workers: ThreadPoolExecutor) -> LiveVisit:
-    """A visit whose controllers run beside it."""
+    """A visit with controllers in threads."""
     told: list[events.SessionEvent] = []
     visit = LiveVisit(
         folder,

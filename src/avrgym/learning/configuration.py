@@ -48,7 +48,7 @@ class Pairing:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingConfiguration:
-    """The part that every recipe shares; ``steps`` are environment steps, rounded up to whole updates.
+    """Settings that all recipes share; ``steps`` are environment steps, rounded up to whole updates.
 
     ``threads`` step the worlds, 0 for one on each core. With ``force_guard`` the policy is trained behind the force
     guard. ``withdraw_after_success`` is as in ``Episodes``.

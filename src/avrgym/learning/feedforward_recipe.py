@@ -151,7 +151,7 @@ class FeedforwardRecipe:
         human = msgspec.structs.replace(metadata, people=name, impairment=configuration.impairment)
         robot = human
         if configuration.pairing is not None:
-            robot = msgspec.structs.replace(human, people=f"{name}, trained beside it")
+            robot = msgspec.structs.replace(human, people=f"{name}, trained together")
         policies = [ppo.export_policy(self._agents[0], log_std, robot)]
         for agent in self._agents[1:]:
             text = "" if self._people in NAMED_DISTRIBUTIONS else read_user_text(Path(self._people))

@@ -163,7 +163,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
         for human in humans:
             worlds.command_people(np.clip(human.act(number), -1.0, 1.0).astype(float))
         action = xp.astype(xp.clip(action, -1.0, 1.0), first.dtype)
-        step, overload = _watched(worlds, action) if by_region else (worlds.step(action), 0.0)
+        step, overload = _step_with_overload(worlds, action) if by_region else (worlds.step(action), 0.0)
         robot.observe(step.observation)
         penalty = _penalty(worlds, request, step, last=number == EPISODE_STEPS - 1)
         penalty = penalty + request.overload_weight * overload
@@ -183,7 +183,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
     return rollouts
 
 
-def _watched(worlds: Episodes, action: FloatArray) -> tuple[Step, FloatArray]:
+def _step_with_overload(worlds: Episodes, action: FloatArray) -> tuple[Step, FloatArray]:
     """One control step, and the overload (n,) of the most loaded body region in its physics steps.
 
     The overload is 0 up to half the transient limit and 1 at the limit.

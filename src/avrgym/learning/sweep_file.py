@@ -82,7 +82,7 @@ def planned(sweep: Sweep, where: str) -> dict[str, list[Planned]]:
         environment_populations(people, environment)
         groups[f"{environment} with {people}"] = [
             Planned(
-                "-".join([environment.rpartition("/")[2], _plain(people), recipe, str(seed)]),
+                "-".join([environment.rpartition("/")[2], _people_label(people), recipe, str(seed)]),
                 recipe,
                 configuration_for(
                     environment,
@@ -98,5 +98,5 @@ def planned(sweep: Sweep, where: str) -> dict[str, list[Planned]]:
     return groups
 
 
-def _plain(people: str) -> str:
+def _people_label(people: str) -> str:
     return people.replace("/", "_") if people in NAMED_DISTRIBUTIONS else Path(people).stem

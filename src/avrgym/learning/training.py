@@ -193,7 +193,7 @@ def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | Non
     feedforward_recipe.check(configuration, people, cluster)
     if cluster is not None:
         worlds = -(-configuration.num_envs // feedforward_recipe.parts_of(configuration, cluster))
-        cluster.need(worlds * WORLD_BYTES)
+        cluster.reserve_memory(worlds * WORLD_BYTES)
 
 
 def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") -> None:
@@ -294,7 +294,7 @@ class _Trainer:
             force_guard=configuration.force_guard,
         )
         return [
-            with_metadata(policy, curve=thinned(policy.metadata.curve))
+            with_metadata(policy, curve=downsampled(policy.metadata.curve))
             for policy in self._recipe.policies(metadata)
         ]
 
@@ -350,8 +350,8 @@ def with_metadata(policy: Policy, **changes: Any) -> Policy:
     return replace(policy, metadata=msgspec.structs.replace(policy.metadata, **changes))
 
 
-def thinned(curve: list[CurvePoint]) -> list[CurvePoint]:
-    """At most ``CURVE_POINTS`` points of a curve, with the last one."""
+def downsampled(curve: list[CurvePoint]) -> list[CurvePoint]:
+    """At most ``CURVE_POINTS`` points of a curve, including the last one."""
     stride = -(-len(curve) // CURVE_POINTS) or 1
     return curve[::-stride][::-1]
 

@@ -82,7 +82,7 @@ class Cluster:
         names = {node["NodeManagerHostname"] for node in ray.nodes() if node["Alive"]}
         return names != {socket.gethostname()}
 
-    def need(self, memory_bytes: int) -> None:
+    def reserve_memory(self, memory_bytes: int) -> None:
         """Reserve memory for each worker that starts from now on, in addition to ``PROCESS_BYTES``.
 
         Raises:

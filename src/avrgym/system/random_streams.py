@@ -188,7 +188,7 @@ def simulated_study(seed: int, study: int, part: int) -> Generator:
 
 
 def permutations(seed: int) -> Generator:
-    """Permutations of a permutation test."""
+    """Permutations of the energy-distance test."""
     return default_rng(seed)
 
 
@@ -202,5 +202,5 @@ TRAINING_PEOPLE_SEED = 2020
 
 
 def training_people(population: int, task: int) -> Generator:
-    """People of a training population, as participants are compared with them."""
+    """Sampled people of a training population, for comparison with participants."""
     return default_rng([TRAINING_PEOPLE_SEED, population, task])

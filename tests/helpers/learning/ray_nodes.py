@@ -30,7 +30,7 @@ def add_node(nodes: Any, cores: int) -> Any:
 
 @contextmanager
 def ray_nodes(*cores: int) -> Iterator[Any]:
-    """A cluster whose head node has no cores, with a node of so many each beside it."""
+    """A cluster with a head node without cores, and one node for each number of cores."""
     from ray.cluster_utils import Cluster  # pyright: ignore[reportMissingImports]
 
     os.environ["PYTHONPATH"] = str(TESTS)  # where workers find what tests have them do
@@ -45,7 +45,7 @@ def ray_nodes(*cores: int) -> Iterator[Any]:
 
 
 def kill_node(node: Any) -> None:
-    """Kill a node's processes, workers and all, at once."""
+    """Kill all processes of a node, with its workers."""
     node.kill_raylet(check_alive=False)
 
 
