@@ -243,7 +243,7 @@ def complaint(result: Result) -> str:
             "original, revised, oracle, random, zero, FILE",
         ),
         (["evaluate", ENVIRONMENT, "--policy", "."], "original, revised, oracle, random, zero, FILE"),
-        (["evaluate", ENVIRONMENT, "--json", "no/such/folder.json"], "no folder no/such"),
+        (["evaluate", ENVIRONMENT, "--json", "no/such/folder.json"], "the folder no/such does not exist"),
         (["evaluate", ENVIRONMENT, "--policy", "zero", "--episodes", "1", "--json", "."], "."),
         (["evaluate", ENVIRONMENT, "--json", "/dev/null"], "/dev/null: it is not a regular file"),
         (["envs", "--json", "no/such/folder.json"], "no/such"),

@@ -65,7 +65,7 @@ def test_a_headset_on_a_cable(
     assert (found.state, found.message) == (state, words)
 
 
-def test_without_adb_it_says_how_to_get_it(program: Callable[[str, str], None]) -> None:
+def test_without_adb_the_fix_is_its_installation(program: Callable[[str, str], None]) -> None:
     assert "adb is not installed" in connections.headset().message
 
 

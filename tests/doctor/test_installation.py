@@ -25,7 +25,7 @@ def test_a_missing_and_an_old_package_are_named_with_the_line_that_brings_them()
     assert found.fix == "pip install 'mujoco>=1000' 'no-such-package>=1'"
 
 
-def test_what_the_package_asks_for_is_what_its_metadata_say() -> None:
+def test_requirements_are_read_from_the_metadata() -> None:
     by_itself = {each.name for each in installation.requirements_of()}
     assert {"mujoco", "numpy", "gymnasium"} <= by_itself
     assert {each.name for each in installation.requirements_of("browser")} == {"playwright"}
@@ -35,13 +35,13 @@ def test_what_the_package_asks_for_is_what_its_metadata_say() -> None:
     assert installation.packages(installation.requirements_of()).state == "ok"
 
 
-def test_every_extra_but_the_developers_is_told() -> None:
+def test_all_user_extras_are_listed() -> None:
     offered = set(installation.offered_extras())
     assert {"train", "lsl", "foxglove", "usd", "cluster"} <= offered
     assert not {"dev", "docs"} & offered
 
 
-def test_an_extra_that_is_missing_is_no_trouble_and_one_in_another_version_is() -> None:
+def test_a_missing_extra_is_ok_and_a_conflicting_version_a_warning() -> None:
     there, missing, other = ([Requirement(each)] for each in ("numpy", "no-such-package", "numpy>=1000"))
     found = installation.extras({"a": there, "b": missing})
     assert (found.state, "installed: a" in found.message, "avrgym[b]" in found.message) == ("ok", True, True)

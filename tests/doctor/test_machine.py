@@ -38,7 +38,7 @@ def test_one_processor_is_a_warning(one_processor: None) -> None:
     assert machine.processors().state == "warning"
 
 
-def test_on_one_processor_nobody_goes_first(one_processor: None) -> None:
+def test_one_processor_needs_no_priority(one_processor: None) -> None:
     assert machine.real_time_priority().state == "ok"
 
 
@@ -47,7 +47,7 @@ def test_two_processors_are_enough() -> None:
 
 
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) == 1, reason="on one processor nobody goes first")
-def test_who_may_not_go_first_is_told_how(ordinary_user: None) -> None:
+def test_without_real_time_priority_the_fix_is_printed(ordinary_user: None) -> None:
     _, most = resource.getrlimit(resource.RLIMIT_RTPRIO)
     resource.setrlimit(resource.RLIMIT_RTPRIO, (0, most))
     found = machine.real_time_priority()
@@ -55,7 +55,7 @@ def test_who_may_not_go_first_is_told_how(ordinary_user: None) -> None:
     assert "- rtprio 10" in found.fix
 
 
-def test_a_user_without_a_name_is_told_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_without_a_name_is_identified_by_id(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("LOGNAME", "USER", "LNAME", "USERNAME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(os, "getuid", lambda: 4321)
@@ -72,7 +72,7 @@ def test_sleeps_are_measured() -> None:
     assert 0.0 <= machine.oversleep_s() < 10.0
 
 
-def test_processors_of_a_virtual_machine_halt_where_nobody_may_keep_them_awake(
+def test_idle_states_of_virtual_machines_are_a_warning_without_permission(
     ordinary_user: None,
 ) -> None:
     with tempfile.TemporaryDirectory() as name:

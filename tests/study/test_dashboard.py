@@ -98,7 +98,7 @@ def post(server: LiveServer, path: str, body: Any, status: int = 204) -> Any:
 # Who may come in ---------------------------------------------------------------------------------------------
 
 
-def test_these_tests_know_every_route(store: Store) -> None:
+def test_all_routes_are_tested(store: Store) -> None:
     routes = dashboard_app(store, Tokens.new()).routes
     found = {
         (method, route.path)

@@ -61,20 +61,20 @@ def imported(program: str) -> set[str]:
 
 
 @pytest.mark.parametrize("program", ["import sys, avrgym", HELP], ids=["import avrgym", "avrgym --help"])
-def test_nothing_heavy_is_imported(program: str) -> None:
+def test_large_packages_are_not_imported(program: str) -> None:
     modules = imported(program)
     assert {"avrgym.tasks.constants", "gymnasium"} <= modules
     assert sorted(modules & (LIBRARIES | OURS)) == []
 
 
 @pytest.mark.slow
-def test_who_trains_imports_nothing_of_what_serves() -> None:
+def test_training_imports_no_server_packages() -> None:
     modules = imported(TRAINING)
     assert {"torch", "mujoco", "avrgym.tasks.episodes"} <= modules
     assert sorted(modules & SERVING) == []
 
 
-def test_what_is_known_before_tasks_are_imported_is_what_they_say() -> None:
+def test_constants_equal_those_of_the_tasks() -> None:
     ours = {task: TASKS[task].name for task in constants.TASKS} | {
         robot: ROBOTS[robot].name for robot in constants.ROBOTS
     }

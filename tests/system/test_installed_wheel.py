@@ -152,7 +152,7 @@ def test_every_command_has_help(lab: Path) -> None:
     assert "faults: 0" in called(lab, lab / "env" / "bin" / "avrgym", "doctor")
 
 
-def test_what_new_writes_is_installed_and_works(lab: Path) -> None:
+def test_skeletons_can_be_installed_and_used(lab: Path) -> None:
     run(lab, *NEW)
     install(lab, *(lab / name for name in PLUGINS))
     run(lab, *WITH_PLUGINS)
@@ -165,7 +165,7 @@ def test_commands_that_need_no_study_work(lab: Path) -> None:
     run(lab, *ALONE)
 
 
-def test_a_study_comes_to_its_report(lab: Path) -> None:
+def test_a_study_produces_a_report(lab: Path) -> None:
     run(lab, ["study", "new", "study"])
     design = lab / "study" / "study.toml"
     text = design.read_text()

@@ -44,7 +44,7 @@ def end(number: int) -> None:
 
 
 @pytest.mark.slow
-def test_results_come_in_order_and_what_was_reported_is_told() -> None:
+def test_results_are_in_order_and_progress_is_reported() -> None:
     told: list[int] = []
     assert run_all(twice, [(number,) for number in range(5)], 2, told.append) == [0, 2, 4, 6, 8]
     assert told[-1] == 10
@@ -94,7 +94,7 @@ def test_rows_are_the_same_from_any_number_of_processes() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("environment", [JACO, "avrgym/BedBathingPR2-v1"])
-def test_a_script_s_rows_do_not_depend_on_who_runs_beside(environment, monkeypatch) -> None:
+def test_results_of_a_script_do_not_depend_on_other_processes(environment, monkeypatch) -> None:
     whole = evaluate(environment, "oracle", "participants", 3, 2)
     monkeypatch.setattr(evaluation, "MAX_WORLDS", 2)
     assert evaluate(environment, "oracle", "participants", 3, 2) == whole
@@ -105,7 +105,7 @@ def test_few_episodes_need_no_other_process(monkeypatch) -> None:
     assert evaluate_all([JACO], "zero", "original", 2, 0)[0].episodes == 2
 
 
-def test_what_cannot_run_is_refused_before_any_process_begins(monkeypatch) -> None:
+def test_invalid_jobs_are_refused_before_processes_start(monkeypatch) -> None:
     monkeypatch.setattr(evaluation, "run_all", None)
     with pytest.raises(PolicyError, match="no policy 'nope'"):
         evaluate_all([JACO, PR2], "nope", "original", 40, 0, jobs=2)

@@ -23,7 +23,7 @@ print(filled, resident_bytes() - begun)
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other C libraries are left as they are")
-def test_large_blocks_that_are_freed_go_back_to_the_system_though_small_ones_between_them_stay() -> None:
+def test_freed_large_blocks_return_to_the_system() -> None:
     told = subprocess.run([sys.executable, "-c", HELD], capture_output=True, text=True, check=True).stdout
     filled, held = map(int, told.split())
     assert filled > 300 << 20

@@ -31,11 +31,11 @@ def test_the_first_library_that_is_installed_draws(chosen) -> None:
     assert chosen("OSMesa") == "osmesa"
 
 
-def test_a_graphics_card_comes_first(chosen) -> None:
+def test_egl_is_preferred(chosen) -> None:
     assert chosen("OSMesa", "EGL") == "egl"
 
 
-def test_nothing_is_chosen_without_a_library(chosen) -> None:
+def test_without_a_library_no_backend_is_chosen(chosen) -> None:
     assert chosen() is None
 
 
@@ -44,12 +44,12 @@ def test_a_screen_is_left_to_mujoco(chosen, screen: str) -> None:
     assert chosen("EGL", **{screen: ":0"}) is None
 
 
-def test_what_is_set_stays(chosen) -> None:
+def test_a_set_variable_is_not_changed(chosen) -> None:
     assert chosen("EGL", MUJOCO_GL="osmesa") == "osmesa"
 
 
 @pytest.mark.parametrize("value", ["", "off", "EGL ", "glfw"])
-def test_what_mujoco_understands_is_no_trouble(chosen, monkeypatch: pytest.MonkeyPatch, value: str) -> None:
+def test_values_of_mujoco_are_accepted(chosen, monkeypatch: pytest.MonkeyPatch, value: str) -> None:
     monkeypatch.setattr(mujoco_setup, "_can_load", lambda library: True)
     monkeypatch.setenv("MUJOCO_GL", value)
     mujoco_setup.check_rendering_backend()
@@ -63,7 +63,7 @@ def test_what_mujoco_understands_is_no_trouble(chosen, monkeypatch: pytest.Monke
         ("osmesa", False, "the library OSMesa is not installed; install it, or unset MUJOCO_GL"),
     ],
 )
-def test_what_would_keep_mujoco_from_being_imported_is_said(
+def test_invalid_values_raise_an_error(
     chosen, monkeypatch: pytest.MonkeyPatch, value: str, library: bool, said: str
 ) -> None:
     monkeypatch.setattr(mujoco_setup, "_can_load", lambda _: library)
@@ -72,7 +72,7 @@ def test_what_would_keep_mujoco_from_being_imported_is_said(
         mujoco_setup.check_rendering_backend()
 
 
-def test_every_command_says_so_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_command_reports_an_invalid_backend_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MUJOCO_GL", "elg")
     said = CliRunner().invoke(app, ["envs"])
     assert said.exit_code == 1

@@ -33,7 +33,7 @@ def test_the_conda_recipe_requires_the_core_and_the_extras_of_studies() -> None:
     assert f"  version: {project()['version']}\n" in recipe
 
 
-def test_pruned_robot_data_have_every_mesh_that_robots_show(tmp_path: Path) -> None:
+def test_pruned_robot_data_contain_all_meshes(tmp_path: Path) -> None:
     """The script is run on a copy made of links, which stands before the installed package on the path."""
     copy = Path(shutil.copytree(Path(rtbdata.__path__[0]), tmp_path / "rtbdata", copy_function=os.symlink))
     with_copy = os.environ | {"PYTHON": sys.executable, "PYTHONPATH": str(tmp_path)}
@@ -52,7 +52,7 @@ def test_pruned_robot_data_have_every_mesh_that_robots_show(tmp_path: Path) -> N
     subprocess.run([sys.executable, "-c", shown], env=with_copy, check=True)
 
 
-def test_the_container_s_server_is_no_root() -> None:
+def test_the_container_does_not_run_as_root() -> None:
     lines = (PACKAGING / "Containerfile").read_text().splitlines()
     user = lines.index("USER 1000")
     assert not any(line.startswith("USER") for line in lines[user + 1 :])

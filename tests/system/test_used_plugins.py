@@ -57,7 +57,7 @@ def content(module: str = "arm.robot") -> str:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_each_file_of_a_package_and_of_what_it_imports_from_beside_it_counts(folder: Path, name: str) -> None:
+def test_the_hash_includes_the_package_and_its_neighbours(folder: Path, name: str) -> None:
     before = content()
     (folder / name).write_text(FILES[name] + "\n")
     assert content() != before
@@ -68,13 +68,13 @@ def test_each_file_of_a_package_and_of_what_it_imports_from_beside_it_counts(fol
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_nothing_else_counts(folder: Path, name: str) -> None:
+def test_the_hash_includes_no_other_files(folder: Path, name: str) -> None:
     before = content()
     write(folder / name, "anything")
     assert content() == before
 
 
-def test_a_module_without_a_package_is_its_file_and_what_it_imports(folder: Path) -> None:
+def test_a_module_without_a_package_is_hashed_with_its_imports(folder: Path) -> None:
     write(folder / "mine.py", "import shared\n")
     before = content("mine")
     write(folder / "arm" / "joints.py", "COUNT = 6\n")
@@ -96,7 +96,7 @@ def test_the_place_of_the_files_does_not_count_and_neighbours_among_installed_pa
     assert content() == alone
 
 
-def test_what_cannot_be_read_has_no_hash() -> None:
+def test_unreadable_files_have_no_hash() -> None:
     assert content("sys") == content("none_such.robot") == ""
 
 
@@ -106,7 +106,7 @@ A, B = (
 )
 
 
-def test_differences_name_what_changed_and_what_was_not_stored() -> None:
+def test_differences_list_changed_and_missing_plugins() -> None:
     changed = msgspec.structs.replace(A, sha256="b" * 64)
     assert differences([A, B], [B, A]) == []
     assert differences([A], [changed]) == [
@@ -124,7 +124,7 @@ def test_differences_name_what_changed_and_what_was_not_stored() -> None:
         ('{"url": "file:///a", "dir_info": {"editable": true}}', "1.2+012345678901"),
     ],
 )
-def test_an_installed_avr_gym_is_told_by_its_version_and_an_editable_one_by_its_files_too(
+def test_the_version_of_an_editable_installation_contains_a_hash(
     origin: str | None, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     about = SimpleNamespace(version="1.2", read_text=lambda name: origin)
@@ -168,7 +168,7 @@ def test_files_of_built_in_robots_are_as_they_were(tmp_path: Path) -> None:
     assert registry.changed_since_training(Policy.load(path), ENVIRONMENT) == []
 
 
-def test_evaluation_names_what_differs_and_what_was_not_stored(
+def test_evaluation_lists_differing_plugins(
     robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("avrgym.learning.evaluation.EPISODE_STEPS", 1)

@@ -54,7 +54,7 @@ def files_of_the_package() -> set[str]:
     }
 
 
-def test_a_wheel_holds_the_whole_package(wheel: Path) -> None:
+def test_a_wheel_contains_the_whole_package(wheel: Path) -> None:
     with ZipFile(wheel) as archive:
         held = set(archive.namelist())
     assert files_of_the_package() <= held
@@ -79,7 +79,7 @@ def test_a_source_distribution_holds_the_client(source: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     "lost", ["vr/static", "assets/policies/DrinkingPR2-revised.safetensors", "assets/human/woman.npz"]
 )
-def test_without_pages_policies_or_bodies_nothing_is_built(
+def test_a_wheel_requires_pages_policies_and_bodies(
     source: Path, tmp_path: Path, kind: str, lost: str
 ) -> None:
     clone = Path(shutil.copytree(source, tmp_path / "clone"))
@@ -93,7 +93,7 @@ def test_without_pages_policies_or_bodies_nothing_is_built(
     assert not list(tmp_path.glob("out/*"))
 
 
-def test_what_a_build_needs_is_all_that_environments_and_bodies_need() -> None:
+def test_the_build_checks_all_required_files() -> None:
     needed = runpy.run_path(str(ROOT / "hatch_build.py"))["ASSETS"]
     folder = PACKAGE / "assets"
     assert sorted(needed) == sorted(
@@ -103,7 +103,7 @@ def test_what_a_build_needs_is_all_that_environments_and_bodies_need() -> None:
     )
 
 
-def test_an_installation_without_the_client_says_what_helps(wheel: Path, tmp_path: Path) -> None:
+def test_a_missing_client_is_reported_with_a_fix(wheel: Path, tmp_path: Path) -> None:
     with ZipFile(wheel) as archive:
         archive.extractall(tmp_path)
     shutil.rmtree(tmp_path / "avrgym" / "vr" / "static")

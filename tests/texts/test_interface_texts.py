@@ -50,7 +50,7 @@ def own(folder: Path, language: str, text: str) -> Path:
 
 
 @pytest.mark.parametrize("language", included_languages())
-def test_every_language_is_whole_and_its_own(language: str) -> None:
+def test_every_language_is_complete(language: str) -> None:
     texts = read_texts(language)
     assert set(SKIN_TONES) <= set(texts.page)
     for table in ("session", "page"):
@@ -65,7 +65,7 @@ def test_every_language_is_whole_and_its_own(language: str) -> None:
 
 
 @pytest.mark.parametrize("language", included_languages())
-def test_nobody_reads_of_an_input_that_they_do_not_have(language: str) -> None:
+def test_texts_mention_only_the_participants_input(language: str) -> None:
     """Each kind of input has its own words, in VR and in what is put into other words."""
     texts = read_texts(language)
     kinds = [key.removeprefix(SELECT_BY) for key in texts.session if key.startswith(SELECT_BY)]
@@ -154,7 +154,7 @@ def test_texts_that_cannot_be_are_refused_in_one_line(
     assert "\n" not in str(refused.value)
 
 
-def test_a_session_speaks_one_language(tmp_path: Path) -> None:
+def test_a_session_uses_one_language(tmp_path: Path) -> None:
     """Phases, problems and numbers; the experimenter reads English beside it."""
     visit = Visit(tmp_path, replace(plan(), texts=GERMAN))
     visit.go_to("trial")
@@ -173,7 +173,7 @@ def test_a_session_speaks_one_language(tmp_path: Path) -> None:
     visit.leave()
 
 
-def test_tokens_outlast_a_restart_and_are_their_owners_alone(tmp_path: Path) -> None:
+def test_tokens_persist_and_are_private(tmp_path: Path) -> None:
     path = tmp_path / "private" / "tokens.json"
     tokens = Tokens.load_or_create(path)
     assert Tokens.load_or_create(path) == tokens != Tokens.new()

@@ -109,7 +109,7 @@ def participant(server: LiveServer) -> Iterator[ClientConnection]:
     raise TimeoutError("not let in")
 
 
-def test_these_tests_know_every_route(server: LiveServer) -> None:
+def test_all_routes_are_tested(server: LiveServer) -> None:
     routes = server.app.routes
     assert {route.path for route in routes if isinstance(route, APIWebSocketRoute)} == set(SOCKETS)
     found = {route.path for route in routes if isinstance(route, APIRoute)}
@@ -143,7 +143,7 @@ def test_without_its_token_no_socket_opens(server: LiveServer, path: str, token:
 
 
 @pytest.mark.parametrize("path", GUARDED)
-def test_what_shows_data_needs_a_token(server: LiveServer, path: str) -> None:
+def test_data_requires_a_token(server: LiveServer, path: str) -> None:
     for wrong in ({}, {"authorization": "Bearer x"}, {"authorization": server.tokens.spectator}):
         assert request(server, "GET", path, **wrong) == 401
     for role in ("participant", "experimenter", "spectator"):
@@ -198,7 +198,7 @@ def test_tokens_differ_and_are_never_in_the_log(
 # Watching ----------------------------------------------------------------------------------------------------
 
 
-def test_any_number_watch_while_the_participant_takes_part(server: LiveServer) -> None:
+def test_any_number_of_watchers_may_connect(server: LiveServer) -> None:
     watchers = [opened(server, "/watch", server.tokens.spectator) for _ in range(5)]
     with participant(server) as taking_part:
         sockets = [watcher.__enter__() for watcher in watchers]
@@ -212,7 +212,7 @@ def test_any_number_watch_while_the_participant_takes_part(server: LiveServer) -
         assert isinstance(hear(taking_part, StateChange), StateChange)
 
 
-def test_the_participant_is_never_told_how_the_robot_is_judged(server: LiveServer) -> None:
+def test_participants_receive_no_status_messages(server: LiveServer) -> None:
     with (
         participant(server) as taking_part,
         opened(server, "/watch", server.tokens.experimenter) as experimenter,
@@ -225,7 +225,7 @@ def test_the_participant_is_never_told_how_the_robot_is_judged(server: LiveServe
         assert Status not in kinds
 
 
-def test_spectators_command_nothing(server: LiveServer) -> None:
+def test_spectators_cannot_send_commands(server: LiveServer) -> None:
     with opened(server, "/watch", server.tokens.spectator) as spectator:
         hear(spectator, Welcome)
         tell(spectator, Command(name="end"))
@@ -233,7 +233,7 @@ def test_spectators_command_nothing(server: LiveServer) -> None:
         assert server.session.phase != "finished"
 
 
-def test_the_participant_commands_nothing(server: LiveServer) -> None:
+def test_participants_cannot_send_commands(server: LiveServer) -> None:
     with participant(server) as taking_part:
         tell(taking_part, Command(name="end"))
         assert "invalid message" in cast(Problem, hear(taking_part, Problem)).message
@@ -271,9 +271,7 @@ def test_a_certificate_is_for_all_names_and_only_its_owner_reads_it(tmp_path: Pa
     assert stat.S_IMODE((tmp_path / "new").stat().st_mode) == 0o700
 
 
-def test_a_certificate_is_kept_until_it_no_longer_serves(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_certificate_is_reused_until_it_is_invalid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def number(names: tuple[str, ...] = NAMES) -> int:
         return loaded(certificate_for(names, tmp_path)).serial_number
 
@@ -301,7 +299,7 @@ def test_the_names_are_this_machines() -> None:
     assert "127.0.0.1" not in names
 
 
-def test_the_network_is_served_over_tls_and_needs_a_certificate(tmp_path: Path) -> None:
+def test_the_local_network_requires_tls(tmp_path: Path) -> None:
     with pytest.raises(ServerError, match="--lan"):
         LiveServer(lambda send: cast(Session, None), "0.0.0.0", 0)
     made = certificate_for(("lab",), tmp_path)

@@ -46,7 +46,7 @@ def journey(tmp_path: Path) -> Iterator[Journey]:
 
 
 @pytest.mark.slow
-def test_a_participant_is_seated_fed_and_asked(journey: Journey) -> None:
+def test_a_participant_completes_a_feeding_session(journey: Journey) -> None:
     headset, session = journey.headset, journey.session
     journey.enter()
     assert headset.call("presenting")
@@ -124,7 +124,7 @@ STEP_M = 0.03
 
 
 @pytest.mark.slow
-def test_own_hands_are_drawn_in_the_frame_of_their_pose_and_held_by_the_robot(tmp_path: Path) -> None:
+def test_hands_are_drawn_without_latency_and_blocked_by_the_robot(tmp_path: Path) -> None:
     """Even while the server stands still; but where the robot is in the way, a hand is drawn where it touches."""
     trial = TrialPlan("avrgym/FeedingJaco-v1", "revised", seed=3, practice=False)
     plan = SessionPlan([trial], "woman", 600.0, simulated=True, trial_steps=1)

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("unhurried")
 
 
 @pytest.mark.slow
-def test_the_emulated_headset_is_measured_and_told_what_it_lacks(tmp_path: Path) -> None:
+def test_the_headset_check_reports_problems(tmp_path: Path) -> None:
     """No frame rate is asserted: the emulated headset draws in software."""
     checked = replace(plan(), headset_check=HeadsetCheckPlan(at_rest_s=1.5, stretched_s=0.5, moving_s=1.5))
     with ExitStack() as opened:

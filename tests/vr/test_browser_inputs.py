@@ -82,7 +82,7 @@ def _at_the_right(head: XRPose) -> list[float]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", HEADSETS)
-def test_each_headset_calibrates_answers_and_goes_on(name: str, tmp_path: Path) -> None:
+def test_each_headset_completes_a_session(name: str, tmp_path: Path) -> None:
     with ExitStack() as opened:
         wearer = Wearer(name, tmp_path, opened)
         session = wearer.session

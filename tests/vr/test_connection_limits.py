@@ -51,7 +51,7 @@ def await_that(condition: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-def test_small_messages_are_sent_at_once(
+def test_small_messages_are_sent_without_delay(
     server: LiveServer[Session], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nagle's algorithm is off on what is accepted: else an answer may wait 40 ms for an acknowledgement."""
@@ -101,7 +101,7 @@ class Listener:
 
 
 @pytest.mark.slow
-def test_the_three_parties_stay_and_are_served_whatever_comes(
+def test_authenticated_connections_survive_floods(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Six times as many strangers as may be, while participant, experimenter and spectator are connected."""
@@ -185,7 +185,7 @@ def accepts(connection: socket.socket, data: bytes) -> bool:
     return True
 
 
-def test_handshakes_that_do_not_come_are_closed(
+def test_connections_without_handshake_time_out(
     make_server: Callable[..., LiveServer[Session]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gate_module, "TLS_TIMEOUT_S", 0.3)
@@ -198,7 +198,7 @@ def test_handshakes_that_do_not_come_are_closed(
         assert page.status_code == 200
 
 
-def test_where_file_handles_run_out_the_server_goes_on(server: LiveServer[Session]) -> None:
+def test_the_server_survives_without_free_file_handles(server: LiveServer[Session]) -> None:
     """All that the process may have are taken for a while: nobody can be accepted, then everybody again."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     with participant(server) as seated, socket.socket() as waiting, socket.socket() as later:
@@ -219,7 +219,7 @@ def test_where_file_handles_run_out_the_server_goes_on(server: LiveServer[Sessio
         assert isinstance(hear(seated, StateChange), StateChange)
 
 
-def test_who_may_have_one_connection_too_many_is_a_stranger_by_it(
+def test_connections_above_the_role_limit_count_as_unauthenticated(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A token opens many connections, but not so many that the server has none left."""

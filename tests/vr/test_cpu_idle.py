@@ -24,7 +24,7 @@ def holds(kept: CpuIdlePrevention) -> bool:
     return kept._file is not None and not kept._file.closed
 
 
-def test_no_waiting_is_asked_for_until_it_is_let_go(guest: Path) -> None:
+def test_idle_states_are_prevented_until_released(guest: Path) -> None:
     kept = CpuIdlePrevention()
     kept.set(False)
     assert not guest.exists()
@@ -41,7 +41,7 @@ def test_no_waiting_is_asked_for_until_it_is_let_go(guest: Path) -> None:
 
 
 @pytest.mark.parametrize("driver", ["intel_idle", "none", None])
-def test_a_machine_of_its_own_is_left_alone(guest: Path, driver: str | None) -> None:
+def test_physical_machines_are_not_changed(guest: Path, driver: str | None) -> None:
     cpu_idle.DRIVER_FILE.unlink()
     if driver:
         cpu_idle.DRIVER_FILE.write_text(f"{driver}\n")
@@ -49,7 +49,7 @@ def test_a_machine_of_its_own_is_left_alone(guest: Path, driver: str | None) -> 
     assert not guest.exists()
 
 
-def test_who_may_not_ask_goes_on_without(guest: Path) -> None:
+def test_without_permission_nothing_happens(guest: Path) -> None:
     guest.mkdir()
     kept = CpuIdlePrevention()
     kept.set(True)

@@ -57,7 +57,7 @@ def place(state: State) -> np.ndarray:
     return np.frombuffer(state.poses, "<f4").reshape(-1, 7)
 
 
-def test_whoever_connects_is_told_what_to_draw():
+def test_a_new_connection_receives_scene_and_status():
     watcher = Watcher(BATHING)
     watcher.said.clear()
     watcher.viewing.welcome(watcher.said.append, "experimenter", 0.0)
@@ -105,7 +105,7 @@ def test_episode_follows_episode_with_other_people():
     assert not np.array_equal(one.joint_angles_rad, other.joint_angles_rad)
 
 
-def test_watchers_are_told_reward_success_and_force():
+def test_the_status_contains_reward_success_and_force():
     watcher = Watcher("avrgym/ScratchItchJaco-v1", "oracle")
     watcher.load()
     watcher.run(EPISODE_STEPS * SUBSTEPS * TICK_S)
@@ -139,7 +139,7 @@ def test_a_pause_holds_the_world_until_it_is_continued():
 
 
 @pytest.mark.parametrize("paused", [False, True])
-def test_the_next_episode_comes_when_it_is_asked_for(paused: bool):
+def test_skip_starts_the_next_episode(paused: bool):
     watcher = Watcher("avrgym/FeedingJaco-v1")
     watcher.load()
     watcher.run(0.3)
@@ -173,7 +173,7 @@ def test_the_operator_drives_from_the_page_and_lets_go():
     assert watcher.heard(Status)[-1].idle
 
 
-def test_what_belongs_to_a_session_changes_nothing():
+def test_messages_for_sessions_are_ignored():
     watcher = Watcher("avrgym/FeedingJaco-v1")
     watcher.load()
     watcher.viewing.receive(Stop(), 0.0)
@@ -181,6 +181,6 @@ def test_what_belongs_to_a_session_changes_nothing():
     assert watcher.words.endswith("running")
 
 
-def test_an_unknown_name_is_told_before_anything_is_shown():
+def test_an_unknown_name_is_rejected_at_the_start():
     with pytest.raises(ValueError, match="unknown environment 'avrgym/Flying-v1'"):
         Watcher("avrgym/Flying-v1")

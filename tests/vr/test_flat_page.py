@@ -62,7 +62,7 @@ def opened_page(browser: Browser, url: str, width: int = 390, height: int = 844)
 
 
 @pytest.mark.slow
-def test_a_press_stops_the_robot_and_nobody_speaks_of_triggers(
+def test_the_stop_button_works_and_texts_mention_no_triggers(
     sessions: Callable[..., LiveServer], browser: Browser
 ) -> None:
     observed: list[events.SessionEvent] = []
@@ -78,7 +78,7 @@ def test_a_press_stops_the_robot_and_nobody_speaks_of_triggers(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", SIZES, ids=str)
-def test_axe_finds_nothing_while_the_robot_helps_and_while_others_watch(
+def test_axe_finds_no_violations_during_trials(
     size: tuple[int, int], sessions: Callable[..., LiveServer], browser: Browser
 ) -> None:
     server = sessions(trial_steps=ENDLESS)
@@ -103,7 +103,7 @@ def test_axe_finds_nothing_while_the_robot_helps_and_while_others_watch(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", SIZES, ids=str)
-def test_axe_finds_nothing_while_questions_are_answered(
+def test_axe_finds_no_violations_in_questionnaires(
     size: tuple[int, int], sessions: Callable[..., LiveServer], browser: Browser
 ) -> None:
     server = sessions(trial_steps=5, items=QUESTIONS)

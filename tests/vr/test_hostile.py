@@ -98,9 +98,7 @@ def assert_guarded(answer: bytes, path: str = "") -> None:
 # Every route, role, origin and host --------------------------------------------------------------------------
 
 
-def test_every_route_is_refused_to_hostile_origins_and_hosts_whatever_the_role(
-    server: LiveServer[Session], quiet: None
-) -> None:
+def test_other_origins_and_hosts_are_refused_on_every_route(server: LiveServer[Session], quiet: None) -> None:
     """Also with the right token; and each is answered where neither is hostile."""
     port = server.port
     for path, role in product(HTTP_ROUTES, ROLES):
@@ -133,7 +131,7 @@ def test_every_route_opens_to_its_roles_only(
 
 
 @pytest.mark.parametrize("path", POSTED)
-def test_nothing_is_posted_across_origins_hosts_or_roles(
+def test_other_origins_hosts_and_roles_cannot_post(
     server: LiveServer[Session], path: str, quiet: None
 ) -> None:
     port = server.port
@@ -198,7 +196,7 @@ NO_REQUESTS: dict[str, Callable[[int], bytes]] = {
 
 
 @pytest.mark.parametrize("data", NO_REQUESTS.values(), ids=NO_REQUESTS)
-def test_what_is_no_request_is_refused_at_once_with_every_header(
+def test_malformed_requests_are_refused_with_security_headers(
     server: LiveServer[Session], data: Callable[[int], bytes], quiet: None
 ) -> None:
     answer = ask(server.port, data(server.port))
@@ -236,7 +234,7 @@ TARGETS = st.one_of(
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
-def test_whatever_the_bytes_the_server_goes_on(
+def test_the_server_survives_random_bytes(
     server: LiveServer[Session], method: str, target: str, fields: list[tuple[str, bytes]]
 ) -> None:
     line = f"{method} {target} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n".encode("latin-1")
@@ -247,9 +245,7 @@ def test_whatever_the_bytes_the_server_goes_on(
         assert not any(secret in answer for secret in INSIDE)
 
 
-def test_after_all_that_nobody_is_left_and_nothing_was_logged(
-    server: LiveServer[Session], quiet: None
-) -> None:
+def test_attacks_leave_no_connections_and_no_log_entries(server: LiveServer[Session], quiet: None) -> None:
     with participant(server) as seated:
         tell(seated, messages.Entered())
         assert isinstance(hear(seated, messages.StateChange), messages.StateChange)

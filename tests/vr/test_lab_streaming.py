@@ -19,7 +19,7 @@ LOOPBACK_S = 0.002
 MARKERS = "AVR Gym events"
 
 
-def test_poses_and_forces_go_out(tmp_path: Path) -> None:
+def test_poses_and_forces_are_sent(tmp_path: Path) -> None:
     """Before all others, whose streams have the same names."""
     with lab_streams(StreamChoice(send=True)) as streams:
         visit = LiveVisit(tmp_path, streams)
@@ -68,7 +68,7 @@ def lived(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveVisit]:
 
 
 @pytest.mark.slow
-def test_samples_come_with_their_own_times_into_the_recording(lived: LiveVisit) -> None:
+def test_samples_are_recorded_with_their_time_stamps(lived: LiveVisit) -> None:
     (recording,) = lived.recordings()
     began_s = next(event.time_s for event in lived.observed if type(event).__name__ == "TrialBegun")
     chunks = [chunk for _, chunk in recording.topics["/samples"] if chunk.stream == "heart"]
@@ -82,7 +82,7 @@ def test_samples_come_with_their_own_times_into_the_recording(lived: LiveVisit) 
     )
 
 
-def test_figures_say_how_well_samples_lie_in_time(lived: LiveVisit) -> None:
+def test_the_quality_of_time_stamps_is_measured(lived: LiveVisit) -> None:
     heart, own = stream_quality(lived.recordings()[0].topics)
     assert (heart.stream, heart.kind, heart.rate_hz, heart.gaps) == ("heart", "ECG", RATE_HZ, 1)
     assert heart.jitter_ms is not None
@@ -99,7 +99,7 @@ def test_a_stream_is_described_before_its_samples(lived: LiveVisit) -> None:
     assert all(order.index(("/streams", name)) < order.index(("/samples", name)) for name in described)
 
 
-def test_a_stream_that_vanishes_is_an_event_and_said_to_the_experimenter(lived: LiveVisit) -> None:
+def test_a_lost_stream_is_an_event_and_a_problem_message(lived: LiveVisit) -> None:
     told = [
         (type(event), event.stream) for event in lived.observed if isinstance(event, StreamFound | StreamLost)
     ]
@@ -112,7 +112,7 @@ def test_a_stream_that_vanishes_is_an_event_and_said_to_the_experimenter(lived: 
     assert {(("heart", False), ("own", True)), (("heart", True), ("own", True))} <= seen
 
 
-def test_events_go_out_with_the_times_of_the_recording(lived: LiveVisit) -> None:
+def test_events_are_sent_with_the_times_of_the_recording(lived: LiveVisit) -> None:
     (recording,) = lived.recordings()
     chunks = [chunk for _, chunk in recording.topics["/samples"] if chunk.stream == "own"]
     sent = [json.loads(text) for chunk in chunks for (text,) in chunk.texts]

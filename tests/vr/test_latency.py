@@ -53,7 +53,7 @@ def test_the_total_is_the_sum_of_the_stages() -> None:
     assert percentiles_ms([]) == percentiles_ms([told(0)]) == {}
 
 
-def test_latency_is_shown_to_those_who_watch_and_recorded(tmp_path: Path) -> None:
+def test_latency_is_in_the_status_and_the_recording(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan(trial_steps=5))
     visit.go_to("trial")
     visit.tell(told(10, draw_ms=45.0))
@@ -79,12 +79,12 @@ def test_latency_with_gaps_is_refused_in_words_and_nothing_else_happens(tmp_path
 
 
 @pytest.mark.parametrize("wrong", [-1.0, math.nan, math.inf, LONGEST_MS + 1.0])
-def test_no_stage_takes_less_than_nothing_or_for_ever(wrong: float) -> None:
+def test_latencies_are_positive_and_limited(wrong: float) -> None:
     with pytest.raises(msgspec.DecodeError):
         messages.decode_client(messages.encode(told(1, up_ms=wrong)))
 
 
-def test_nobody_sends_more_than_a_message_holds() -> None:
+def test_too_many_frames_are_rejected() -> None:
     messages.decode_client(messages.encode(told(MOST_FRAMES)))
     with pytest.raises(msgspec.DecodeError):
         messages.decode_client(messages.encode(told(MOST_FRAMES + 1)))

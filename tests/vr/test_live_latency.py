@@ -80,7 +80,7 @@ def test_spans_of_several_processors_are_merged() -> None:
     assert within_s(spans, 2.6, 2.9) == 0.0
 
 
-def test_what_touches_no_span_is_outside() -> None:
+def test_spans_outside_are_found() -> None:
     spans = [(1.0, 2.0), (3.0, 4.0)]
     began_s, ended_s = np.array([[0.0, 0.9], [0.5, 1.5], [1.2, 1.3], [2.1, 2.9], [2.1, 4.5], [4.1, 5.0]]).T
     assert outside(spans, began_s, ended_s).tolist() == [True, False, False, True, False, True]

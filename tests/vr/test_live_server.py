@@ -251,7 +251,7 @@ HOSTILE_PATHS = (
 
 
 @pytest.mark.parametrize("path", HOSTILE_PATHS, ids=lambda path: path[:40])
-def test_nothing_outside_the_page_is_read(server: LiveServer, path: str) -> None:
+def test_files_outside_the_page_are_not_served(server: LiveServer, path: str) -> None:
     status, body = raw_get(server, path)
     assert 300 <= status < 500
     assert not any(secret in body for secret in SECRETS)
@@ -325,9 +325,7 @@ GOOD_HELLO = Hello(protocol=messages.PROTOCOL, token="?", device="test", emulate
     ],
     ids=str,
 )  # fmt: skip
-def test_whoever_does_not_begin_with_a_hello_is_refused(
-    server: LiveServer, first: Message | bytes | str
-) -> None:
+def test_a_connection_without_hello_is_refused(server: LiveServer, first: Message | bytes | str) -> None:
     with Client(server) as client:
         client.send(first)
         words, code, reason = client.refusal()
@@ -398,7 +396,7 @@ def test_one_participant_at_a_time(server: LiveServer) -> None:
         third.await_message(StateChange)
 
 
-def test_of_many_who_come_at_once_one_is_let_in(server: LiveServer) -> None:
+def test_only_one_of_many_participants_is_accepted(server: LiveServer) -> None:
     with participant(server):
         pass
     await_that(lambda: not connected(server))
@@ -421,7 +419,7 @@ def connected(server: LiveServer) -> bool:
 # What a client can do ----------------------------------------------------------------------------------------
 
 
-def test_a_connection_begins_with_welcome_language_body_scene_and_phase(server: LiveServer) -> None:
+def test_the_first_messages_are_welcome_language_body_scene_and_phase(server: LiveServer) -> None:
     for _ in range(3):
         with participant(server) as client:
             assert isinstance(client.receive(), Language)
@@ -450,7 +448,7 @@ def test_a_connection_begins_with_welcome_language_body_scene_and_phase(server: 
         (messages.encode(Answer(item="L1", value=4, response_time_s=1.0)).replace(b"\x04", b"\x00"), "value"),
     ],
 )
-def test_what_is_no_message_is_answered_and_the_connection_goes_on(
+def test_an_invalid_message_is_reported_and_the_connection_remains(
     server: LiveServer, data: bytes | str, words: str
 ) -> None:
     with participant(server) as client:
@@ -462,7 +460,7 @@ def test_what_is_no_message_is_answered_and_the_connection_goes_on(
         assert client.await_message(Phase, lambda phase: phase.name != "waiting").name == "calibration"
 
 
-def test_too_large_a_message_closes_the_connection_and_not_the_server(server: LiveServer) -> None:
+def test_a_too_large_message_closes_only_its_connection(server: LiveServer) -> None:
     with participant(server) as client:
         with suppress(ConnectionClosed):
             client.send(b"\xc0" * (1 << 16) + b"\xc0")
@@ -489,9 +487,7 @@ def test_damaged_messages_never_end_the_session(server: LiveServer) -> None:
 
 
 @pytest.mark.parametrize("kind", ["frames", "entered"])
-def test_who_floods_is_told_why_and_disconnected_and_the_next_is_served(
-    server: LiveServer, kind: str
-) -> None:
+def test_a_flooding_client_is_disconnected_with_the_reason(server: LiveServer, kind: str) -> None:
     person = SimulatedParticipant(draw_traits("woman", 2), 2)
     frame = person.frame(0.0, moving=False)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -539,7 +535,7 @@ def state_of(sequence: int) -> State:
 
 
 @pytest.mark.parametrize("takes", [1, 5, 100])
-def test_however_slowly_a_client_takes_states_the_next_is_the_newest(takes: int) -> None:
+def test_a_slow_client_receives_the_newest_state(takes: int) -> None:
     """Of a hundred states made, a client takes so many: what it takes is never older than what may be on the way."""
     most_behind = messages.MAX_UNACKNOWLEDGED_STATES * 100 // takes
 
@@ -566,9 +562,7 @@ def test_however_slowly_a_client_takes_states_the_next_is_the_newest(takes: int)
 
 
 @pytest.mark.parametrize("says", [10**12, 0, 7])
-def test_a_client_whose_receipts_make_no_sense_hears_all_but_states_as_ever(
-    server: LiveServer, says: int
-) -> None:
+def test_invalid_receipts_stop_only_states(server: LiveServer, says: int) -> None:
     with participant(server) as client:
         client.await_message(StateChange)
         client.send(Receipt(says))
@@ -605,7 +599,7 @@ def test_a_dropped_connection_halts_the_robot_and_the_next_is_greeted(
     assert event[0] == last[0]
 
 
-def test_a_headset_that_falls_silent_is_let_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_silent_headset_is_disconnected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(web_server, "PING_INTERVAL_S", 0.1)
     monkeypatch.setattr(web_server, "PING_TIMEOUT_S", 1.0)
     with make_server(tmp_path) as server, socket.create_connection(("127.0.0.1", server.port)) as raw:
@@ -793,7 +787,7 @@ def test_the_port_is_free_again_when_the_session_cannot_be_made() -> None:
         again.bind(("127.0.0.1", ports[0]))
 
 
-def test_nothing_is_left_when_it_ends(tmp_path: Path) -> None:
+def test_the_server_leaves_nothing_behind(tmp_path: Path) -> None:
     simulations = count_threads("simulation")
     children = len(multiprocessing.active_children())
     with make_server(tmp_path) as server:

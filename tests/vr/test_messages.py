@@ -60,7 +60,7 @@ def test_cut_and_extended_messages_are_refused(message):
             messages.decode_client(wrong)
 
 
-def test_whole_numbers_stand_for_floats_as_javascript_writes_them():
+def test_integers_are_accepted_as_floats():
     pose = [[0, 1, 2], [0, 0, 0, 1]]
     frame = {
         "type": "tracking",

@@ -80,7 +80,7 @@ STAGES: dict[str, tuple[Role, str]] = {
 
 
 @pytest.mark.parametrize("name", STAGES)
-def test_the_stop_is_in_sight_red_and_works_at_every_size(
+def test_the_stop_button_is_visible_and_works_at_every_size(
     name: str, browser: Browser, said: list[Message]
 ) -> None:
     """Also at the end of a page that scrolls."""
@@ -143,7 +143,7 @@ def test_an_experimenter_has_the_stop_before_the_robot_moves(browser: Browser, s
     staged.page.close()
 
 
-def test_who_only_watches_has_no_stop(browser: Browser, said: list[Message]) -> None:
+def test_spectators_have_no_stop_button(browser: Browser, said: list[Message]) -> None:
     page = browser.new_page()
     staged = StagedPage(page, [welcome("spectator"), *said])
     staged.open("spectator")
@@ -152,9 +152,7 @@ def test_who_only_watches_has_no_stop(browser: Browser, said: list[Message]) -> 
     page.close()
 
 
-def test_nothing_covers_another_while_playing_and_the_scene_has_room(
-    browser: Browser, said: list[Message]
-) -> None:
+def test_controls_do_not_overlap_while_playing(browser: Browser, said: list[Message]) -> None:
     staged = stage(browser, "participant", said, "index.html")
     faults = []
     for width, height in SIZES:
@@ -208,7 +206,7 @@ def test_the_hands_buttons_form_a_cross(browser: Browser, said: list[Message]) -
 
 
 @pytest.mark.parametrize("size", FEW, ids=str)
-def test_axe_finds_nothing(size: tuple[int, int], browser: Browser, said: list[Message]) -> None:
+def test_axe_finds_no_violations(size: tuple[int, int], browser: Browser, said: list[Message]) -> None:
     found = {}
     for name, (role, file) in STAGES.items():
         staged = stage(browser, role, said, file)

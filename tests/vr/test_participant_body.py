@@ -16,7 +16,7 @@ VITEST = CLIENT / "node_modules/vitest/vitest.mjs"
 COUNT = 10_000
 
 
-def test_the_clients_examples_are_what_the_server_solves() -> None:
+def test_the_clients_examples_equal_the_servers_solutions() -> None:
     kept = json.loads(body_examples.FILE.read_text("utf-8"))
     solved = list(body_examples.examples(np.random.default_rng(body_examples.SEED), body_examples.FEW))
     assert len(kept) == len(solved)

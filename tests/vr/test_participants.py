@@ -81,7 +81,7 @@ def test_torso_heights_are_those_of_the_papers_participants(sex: Sex) -> None:
 
 
 @pytest.mark.parametrize("sex", SEXES)
-def test_who_lies_is_measured_as_tall_as_who_sits(sex: Sex) -> None:
+def test_lying_and_sitting_participants_have_the_same_height(sex: Sex) -> None:
     someone = participant(4, sex)
     measured = []
     for environment, posture in ((FEEDING, SEATED), (BATHING, RECLINED)):
@@ -110,7 +110,7 @@ def arm_after_watching(cooperation: float, environment: str) -> FloatArray:
     return np.array(hand.position)
 
 
-def test_who_cooperates_brings_the_arm_to_the_tool() -> None:
+def test_a_cooperative_participant_moves_the_arm_to_the_tool() -> None:
     still, half, full = (arm_after_watching(share, BATHING) for share in (0.0, 0.5, 1.0))
     assert 0.01 < np.linalg.norm(half - still) < np.linalg.norm(full - still)
 
@@ -131,7 +131,7 @@ def test_people_of_other_kinds_move_smoothly_and_have_their_own_heights(people: 
 
 
 @pytest.mark.parametrize("sex", SEXES)
-def test_who_sits_still_looks_level_from_the_height_of_their_head(sex: Sex) -> None:
+def test_a_participant_at_rest_looks_horizontally(sex: Sex) -> None:
     someone = participant(4, sex)
     head = someone.frame(7.0, moving=False).head
     assert head is not None
@@ -142,7 +142,7 @@ def test_who_sits_still_looks_level_from_the_height_of_their_head(sex: Sex) -> N
     assert still[0] == pytest.approx(still[1], abs=1e-8)
 
 
-def test_who_moves_moves_like_a_person() -> None:
+def test_movements_are_smooth_and_limited() -> None:
     """Steadily, a little, and no faster than people sway."""
     for seed in range(3):
         someone = participant(seed)
@@ -154,7 +154,7 @@ def test_who_moves_moves_like_a_person() -> None:
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_who_watches_turns_to_the_arm_that_is_served_and_back(environment: str) -> None:
+def test_a_watching_participant_turns_to_the_arm_and_back(environment: str) -> None:
     someone = participant(2)
     someone.take_place(environment)
     turned = [
@@ -218,9 +218,7 @@ def mean_answer(item: str, experience: Experience, seed: int = 6) -> float:
         (["L2", "L4"], Experience(speed_mean_m_s=0.1), Experience(speed_mean_m_s=0.5)),
     ],
 )
-def test_each_statement_is_rated_by_what_it_is_about(
-    rated: list[str], better: Experience, worse: Experience
-) -> None:
+def test_ratings_depend_on_the_trial(rated: list[str], better: Experience, worse: Experience) -> None:
     for item in (*RATINGS, "own"):
         difference = mean_answer(item, better) - mean_answer(item, worse)
         assert difference > 20.0 if item in rated else difference == 0.0
@@ -273,7 +271,7 @@ def test_a_participant_sits_and_then_lies_through_a_session(tmp_path: Path) -> N
     assert all(read_recording(path).complete for path in session.recordings)
 
 
-def test_a_participant_who_cannot_begin_gives_up_in_words(tmp_path: Path) -> None:
+def test_a_participant_gives_up_after_failed_starts(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
     client = InProcessClient(participant(1), lambda text: None)
@@ -283,9 +281,7 @@ def test_a_participant_who_cannot_begin_gives_up_in_words(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_who_was_trained_sees_in_vr_what_they_saw_in_training_and_does_what_they_learned(
-    environment, monkeypatch
-):
+def test_a_trained_human_acts_in_vr_as_in_training(environment, monkeypatch):
     """But for the itch, whose mark is drawn above the skin, and for forces, of which a headset tells nothing."""
     told: list[np.ndarray] = []
     trained = network(environment, deviation=0.0)

@@ -71,7 +71,7 @@ def problems(parties: dict[str, ClientConnection]) -> dict[str, int]:
     return counts
 
 
-def test_the_participant_reads_nothing_of_the_experimenters_mistakes(
+def test_participants_do_not_receive_problems_of_the_experimenter(
     parties: dict[str, ClientConnection],
 ) -> None:
     experimenter = parties["experimenter"]
@@ -83,7 +83,7 @@ def test_the_participant_reads_nothing_of_the_experimenters_mistakes(
     assert problems(parties) == {"participant": 0, "experimenter": 0, "spectator": 0}
 
 
-def test_the_experimenter_reads_what_was_wrong_for_the_participant(
+def test_the_experimenter_receives_problems_of_the_participant(
     parties: dict[str, ClientConnection],
 ) -> None:
     for wrong in BY_PARTICIPANT:
@@ -97,7 +97,7 @@ def test_the_experimenter_reads_what_was_wrong_for_the_participant(
 
 
 @pytest.mark.parametrize("phase", ["waiting", "calibration", "check", "trial", "questionnaire", "finished"])
-def test_every_mistake_names_whose_it_is(tmp_path: Path, phase: str) -> None:
+def test_every_problem_has_a_role(tmp_path: Path, phase: str) -> None:
     visit = Visit(tmp_path, plan())
     visit.go_to(phase)
     before = len(visit.said(Problem))

@@ -86,7 +86,7 @@ def run(session: FakeSession, ticks: int) -> RealTimeLoop:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux says how a thread is scheduled")
-def test_the_loops_thread_takes_precedence_where_it_may_and_nobody_inherits_that() -> None:
+def test_only_the_loops_thread_has_real_time_priority() -> None:
     def scheduled() -> int:
         return os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
 
@@ -122,7 +122,7 @@ def await_that(condition: Callable[[], bool]) -> None:
         time.sleep(0.001)
 
 
-def test_it_ticks_every_10_ms_whatever_the_work_takes(clock: FakeClock) -> None:
+def test_it_ticks_every_10_ms_independent_of_the_work(clock: FakeClock) -> None:
     session = FakeSession(lambda ticks: clock.sleep(0.001 * (ticks % 9)))
     loop = run(session, 100)
     assert session.ticked_s[:100] == pytest.approx([i * TICK_S for i in range(100)])
@@ -144,7 +144,7 @@ def test_it_hurries_after_a_short_delay(clock: FakeClock) -> None:
     )
 
 
-def test_it_tells_once_a_second_what_ticks_took(clock: FakeClock) -> None:
+def test_it_sends_tick_durations_once_a_second(clock: FakeClock) -> None:
     session, told = FakeSession(lambda ticks: clock.sleep(0.004 if ticks == 50 else 0.001)), []
     loop = RealTimeLoop(cast(Session, session), told.append)
     loop.start()
@@ -155,7 +155,7 @@ def test_it_tells_once_a_second_what_ticks_took(clock: FakeClock) -> None:
     assert second.tick_ms_max == pytest.approx(1.0)
 
 
-def test_it_gives_up_and_counts_what_a_long_delay_lost(clock: FakeClock) -> None:
+def test_it_skips_and_counts_ticks_after_a_long_delay(clock: FakeClock) -> None:
     session = FakeSession(lambda ticks: clock.sleep(1.003 if ticks == 10 else 0.0))
     loop = run(session, 30)
     assert loop.missed_ticks == 99
@@ -163,9 +163,7 @@ def test_it_gives_up_and_counts_what_a_long_delay_lost(clock: FakeClock) -> None
     assert session.ticked_s[12:30] == pytest.approx([(i + 99) * TICK_S for i in range(12, 30)])
 
 
-def test_garbage_is_collected_only_where_nothing_moves(
-    clock: FakeClock, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_garbage_is_collected_only_at_rest(clock: FakeClock, monkeypatch: pytest.MonkeyPatch) -> None:
     def rest(ticks: int) -> None:
         session.at_rest = ticks > 2000
 
@@ -204,7 +202,7 @@ def test_messages_reach_the_session_in_order() -> None:
     assert session.received == [Ready(), "participant", *sent, Disconnected()]
 
 
-def test_a_flood_makes_its_sender_wait_and_loses_nothing() -> None:
+def test_a_flooding_sender_must_wait() -> None:
     session = FakeSession()
     loop = RealTimeLoop(cast(Session, session))
     assert not loop.full
@@ -217,7 +215,7 @@ def test_a_flood_makes_its_sender_wait_and_loses_nothing() -> None:
     loop.stop()
 
 
-def test_a_flood_costs_no_tick_more_than_its_share_and_a_stop_comes_first(clock: FakeClock) -> None:
+def test_messages_take_limited_time_of_a_tick_and_stops_come_first(clock: FakeClock) -> None:
     """Messages that take 0.4 ms each, as those do who enter again and again."""
     session, received_at = FakeSession(), []
 
@@ -263,7 +261,7 @@ def test_of_many_frames_the_newest_count(clock: FakeClock) -> None:
     assert received == list(range(2 * MAX_TRACKING_FRAMES, 3 * MAX_TRACKING_FRAMES))
 
 
-def test_who_is_gone_is_gone_at_once_whatever_they_still_had_to_say(clock: FakeClock) -> None:
+def test_a_disconnection_discards_waiting_messages(clock: FakeClock) -> None:
     session = FakeSession()
     loop = RealTimeLoop(cast(Session, session))
     for _ in range(MESSAGES_PER_TICK):
@@ -276,7 +274,7 @@ def test_who_is_gone_is_gone_at_once_whatever_they_still_had_to_say(clock: FakeC
     assert session.received == [Disconnected(), Command(name="end")]
 
 
-def test_what_an_end_cannot_store_is_kept_as_an_error() -> None:
+def test_an_error_at_the_end_is_stored() -> None:
     def fail(now_s: float) -> None:
         raise OSError("the disk is full")
 
@@ -288,7 +286,7 @@ def test_what_an_end_cannot_store_is_kept_as_an_error() -> None:
     assert str(loop.error) == "the disk is full"
 
 
-def test_a_failure_is_kept_and_ends_the_session() -> None:
+def test_an_error_is_stored_and_ends_the_session() -> None:
     def fail(ticks: int) -> None:
         if ticks == 3:
             raise ValueError("nonsense")

@@ -66,7 +66,7 @@ def gpu_bytes(glb: GlbFile) -> int:
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_every_mesh_is_sound(environment: str) -> None:
+def test_every_mesh_is_valid(environment: str) -> None:
     glb = exported(environment)
     for primitive in glb.primitives():
         places, normals = (glb.numbers(primitive["attributes"][a]) for a in ("POSITION", "NORMAL"))
@@ -76,7 +76,7 @@ def test_every_mesh_is_sound(environment: str) -> None:
         np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=0.02)
 
 
-def test_what_can_move_is_a_node_that_names_its_body() -> None:
+def test_every_movable_body_is_a_node() -> None:
     model, glb = model_of(FEEDING), exported(FEEDING)
     followers = set(glb.nodes("body"))
     assert {"person/head", "person/right_hand", "wheelchair", "table", "bowl"} <= followers
@@ -91,7 +91,7 @@ def has_picture(model: mujoco.MjModel, body: str) -> bool:
     return bool(((model.geom_bodyid == model.body(body).id) & (model.geom_group == 2)).any())
 
 
-def test_nodes_stand_where_the_model_has_their_bodies() -> None:
+def test_nodes_have_the_poses_of_their_bodies() -> None:
     data = at_rest(FEEDING)
     for body, node in exported(FEEDING).nodes("body").items():
         np.testing.assert_allclose(node["translation"], data.body(body).xpos, atol=1e-9)
@@ -177,7 +177,7 @@ def bind_matrices(model: mujoco.MjModel) -> dict[str, np.ndarray]:
     return found
 
 
-def test_only_limbs_have_swings_and_each_names_what_carries_it() -> None:
+def test_only_limbs_have_swing_bones() -> None:
     parents = {name: node["extras"]["parent"] for name, node in exported(FEEDING).nodes("swing").items()}
     assert parents == {
         f"person/{side}_{part}": parent

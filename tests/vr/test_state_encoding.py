@@ -69,7 +69,7 @@ def test_bytes_that_are_missing_are_missed(cut: int) -> None:
         unpack(packed[:-cut], 2)
 
 
-def test_nothing_that_stays_is_sent_and_nothing_drifts() -> None:
+def test_unchanged_rows_are_omitted_without_drift() -> None:
     random = np.random.default_rng(1)
     encoder, decoder = StateEncoder(), StateDecoder()
     poses = np.concatenate([random.uniform(-3.0, 3.0, (30, 3)), np.eye(4)[random.integers(0, 4, 30)]], axis=1)
@@ -83,7 +83,7 @@ def test_nothing_that_stays_is_sent_and_nothing_drifts() -> None:
     assert len(encoder.encode(state(poses, np.full(20, 1e-6 * sequence))).poses) == 8
 
 
-def test_what_is_no_number_or_far_away_hurts_nothing_else() -> None:
+def test_nan_and_large_values_do_not_affect_other_rows() -> None:
     encoder, decoder = StateEncoder(), StateDecoder()
     poses = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (3, 1))
     for wrong in (np.nan, np.inf, -np.inf, 1e30):
@@ -95,7 +95,7 @@ def test_what_is_no_number_or_far_away_hurts_nothing_else() -> None:
     check(state(poses), decoder.decode(encoder.encode(state(poses))))
 
 
-def test_angles_are_told_as_exactly_as_steps_promise() -> None:
+def test_angles_are_within_half_a_step() -> None:
     """The farthest that rounding four numbers turns a unit quaternion: twice the half diagonal of a step's cube."""
     assert 2.0 * 0.5 * QUATERNION_STEP * np.sqrt(4.0) <= ROTATION_RAD
     assert len(POSE_STEPS) == 7

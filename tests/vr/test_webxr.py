@@ -127,7 +127,7 @@ def test_poses_that_no_headset_has_are_not_valid(pose: XRPose) -> None:
     assert is_valid(XRPose((0.1, 1.2, -0.3), UPRIGHT))
 
 
-def test_each_hand_is_read_as_what_it_is_tracked_with(rng: np.random.Generator) -> None:
+def test_hand_poses_depend_on_their_modality(rng: np.random.Generator) -> None:
     """A controller in one hand while the other is bare."""
     registration, pose = random_registration(rng), XRPose((0.1, 1.0, -0.2), (0.5, -0.5, 0.5, 0.5))
     body = body_pose(registration, Tracking(0, 0.0, pose, pose, pose, "hand", "controller"))
