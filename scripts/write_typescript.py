@@ -188,9 +188,9 @@ ANATOMY: dict[str, dict[str, object]] = {
     "SWITCHES": {
         "same_m": switches.SAME_M,
         "same_rad": switches.SAME_RAD,
-        "gap_s": switches.GAP_S,
-        "still_m": switches.STILL_M,
-        "fades": switches.FADES,
+        "max_switch_gap_s": switches.MAX_SWITCH_GAP_S,
+        "rest_radius_m": switches.REST_RADIUS_M,
+        "fading_per_metre": switches.FADING_PER_METRE,
         "metres_per_radian": switches.METRES_PER_RADIAN,
     },
     "PERSON": {

@@ -36,9 +36,9 @@ export const DEVICES = {
 export const SWITCHES = {
   same_m: 0.15,
   same_rad: 1.3089969389957472,
-  gap_s: 2.0,
-  still_m: 0.02,
-  fades: 0.1,
+  max_switch_gap_s: 2.0,
+  rest_radius_m: 0.02,
+  fading_per_metre: 0.1,
   metres_per_radian: 0.15,
 } as const;
 

@@ -44,16 +44,16 @@ export class HandFollower {
   private switch(grip: Place, followed: Place, gapS: number): void {
     const found = moved(inverse(grip), followed);
     const same = found.at.length() <= SWITCHES.same_m && found.turn.angleTo(STRAIGHT) <= SWITCHES.same_rad;
-    this.correction = same && gapS <= SWITCHES.gap_s ? found : null;
+    this.correction = same && gapS <= SWITCHES.max_switch_gap_s ? found : null;
     this.rested.copy(grip.at);
   }
 
   private fade(grip: Place, { at, turn }: Place): void {
     const way = grip.at.distanceTo(this.rested);
-    if (way <= SWITCHES.still_m) return;
+    if (way <= SWITCHES.rest_radius_m) return;
     this.rested.copy(grip.at);
     const size = Math.max(at.length(), SWITCHES.metres_per_radian * turn.angleTo(STRAIGHT));
-    const left = size > 0 ? 1 - (SWITCHES.fades * way) / size : 0;
+    const left = size > 0 ? 1 - (SWITCHES.fading_per_metre * way) / size : 0;
     if (left > 0) this.correction = { at: at.multiplyScalar(left), turn: turn.slerp(STRAIGHT, 1 - left) };
     else this.correction = null;
   }
