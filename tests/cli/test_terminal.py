@@ -141,13 +141,13 @@ def test_consent_is_shown_with_what_stands_in_brackets(folder: Path) -> None:
 
 COMMANDS = [
     (("study", "status", "STUDY"), 0, "A [bold] title [/] :smile:"),
-    (("study", "check", "STUDY"), 0, "nothing is wrong"),
+    (("study", "check", "STUDY"), 0, "no errors"),
     (("study", "export", "STUDY", "--format", "csv", "--out", "ta[/]bles"), 0, "ta[/]bles"),
     (("study", "export", "STUDY", "--format", "[/]", "--out", "tables"), 1, "unknown format '[/]'"),
     (("study", "new", "[bold]new[/]"), 0, "[bold]new[/]/study.toml"),
     (("study", "enrol", "STUDY", "--body", "[/]"), 1, "unknown body model '[/]'"),
     (("study", "consent", "STUDY", "[/]"), 1, "'[/]' is not a pseudonym"),
-    (("study", "withdraw", "STUDY", "sub-001", "--reason", "[/]"), 0, "sub-001 takes part no longer"),
+    (("study", "withdraw", "STUDY", "sub-001", "--reason", "[/]"), 0, "sub-001 has withdrawn"),
     (("study", "delete-participant", "STUDY", "[/]"), 1, "'[/]' is not a pseudonym"),
     (("analyze", "STUDY", "--out", "o[/]ut"), 0, "o[/]ut/report/index.html"),
     (("fit-people", "[/]"), 1, "[/] contains no study.toml"),

@@ -191,7 +191,7 @@ def test_a_participant_is_led_from_enrolment_to_withdrawal(server: LiveServer, s
     shown = ask(server, "GET", path).json()
     assert [note["text"] for note in shown["notes"]] == [HOSTILE]
     assert len(shown["trials"]) == 5
-    assert "no sessions are run here" in post(server, f"{path}/sessions", {}, 409)["detail"]
+    assert "this server runs no sessions" in post(server, f"{path}/sessions", {}, 409)["detail"]
     post(server, f"{path}/withdrawal", {"reason": "tired"})
     assert store.participant(pseudonym).state == "withdrawn"
     assert "final" in post(server, f"{path}/withdrawal", {"reason": ""}, 409)["detail"]

@@ -67,7 +67,7 @@ BAD = {
     "a test": ('tests = ["policies, by participant"]', 'tests = ["ANOVA"]', "unknown test 'ANOVA'; allowed: \"L1 aga"),
     "an exploratory test": ('    "policies, by trial",', '    "policies",', "unknown test 'policies'; allowed: "),
     "a measure": (ITEMS, 'measures = ["L1", "L5"]', "unknown measure 'L5'; allowed: \"L1\", \"L2\""),
-    "a measure of another test": (ITEMS, 'measures = ["torso_height_m"]', "has the measure 'torso_height_m'; allowed tests"),
+    "a measure of another test": (ITEMS, 'measures = ["torso_height_m"]', "the measure 'torso_height_m'; allowed"),
     "a test of another measure": (
         'tests = ["L1 against the middle, by participant"]',
         'tests = ["L1 against the middle, by participant", "torso heights, by trial"]',
@@ -170,7 +170,7 @@ def test_the_record_is_vouched_for_by_the_database(tmp_path: Path) -> None:
     record = (folder / FROZEN).read_bytes()
     (folder / FROZEN).write_bytes(record.replace(b"higher", b"lower"))
     shown = study("check", folder)
-    assert (shown.exit_code, f"wrong  {FROZEN}: deviates from the plan: was modified" in shown.stdout) == (
+    assert (shown.exit_code, f"error  {FROZEN}: deviates from the plan: was modified" in shown.stdout) == (
         1,
         True,
     )
@@ -188,7 +188,7 @@ def test_a_record_outlives_the_database(tmp_path: Path) -> None:
     with open(folder / "study.toml", "a") as file:
         file.write("# later\n")
     shown = study("check", folder)
-    assert (shown.exit_code, f"wrong  {FROZEN}: deviates" in shown.stdout) == (1, True)
+    assert (shown.exit_code, f"error  {FROZEN}: deviates" in shown.stdout) == (1, True)
     assert "study.toml: was changed" in study("status", folder).stdout
     assert "adopted" in study("freeze", folder).stdout
     assert "is frozen already" in study("freeze", folder).stderr
@@ -269,9 +269,7 @@ def test_every_deviation_is_listed(tmp_path: Path) -> None:
     assert len(listed) == len(expected)
     checked = study("check", folder)
     assert checked.stdout.count("deviates from the plan") == len(expected)
-    assert (
-        "wrong  study.toml: free_movement_s is 4.0; it was 5.0 for everyone who took part" in checked.stdout
-    )
+    assert "error  study.toml: free_movement_s is 4.0; it was 5.0 for all participants" in checked.stdout
     assert (checked.exit_code, (folder / FROZEN).read_text()) == (1, record)
 
 

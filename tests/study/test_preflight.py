@@ -52,7 +52,7 @@ def test_every_policy_is_loaded_in_every_environment(tmp_path: Path) -> None:
         assert len(needed) == len(set(needed)) == 4 * 2 * 2
         assert list(policy_faults(store)) == []
     code, lines = check(tmp_path / "study")
-    assert (code, lines[-1]) == (0, "nothing is wrong")
+    assert (code, lines[-1]) == (0, "no errors")
 
 
 def test_own_policies_that_fit_are_fine(tmp_path: Path) -> None:

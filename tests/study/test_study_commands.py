@@ -66,7 +66,7 @@ def test_the_life_of_a_study_on_the_command_line(folder: Path, tmp_path: Path) -
     checked = study("check", folder, "--json", tmp_path / "check.json")
     assert checked.exit_code == 0
     assert not any(finding["wrong"] for finding in json.loads((tmp_path / "check.json").read_text()))
-    assert "nothing is wrong" in checked.stdout
+    assert "no errors" in checked.stdout
 
     exported = study("export", folder, "--format", "csv", "--out", tmp_path / "tables")
     assert exported.exit_code == 0
@@ -179,7 +179,7 @@ def test_the_check_finds_and_names(folder: Path, store: Store, damage: str) -> N
     assert any(finding.wrong and finding.where == where and what in finding.what for finding in findings)
     checked = study("check", folder)
     assert checked.exit_code == 1
-    assert re.search(rf"wrong  {re.escape(where)}: .*{re.escape(what)}", checked.stdout)
+    assert re.search(rf"error  {re.escape(where)}: .*{re.escape(what)}", checked.stdout)
 
 
 def test_a_policy_that_is_still_missing_is_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

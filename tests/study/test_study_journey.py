@@ -82,7 +82,7 @@ def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
     assert states(folder) == ["completed", "interrupted", "completed"]
     assert kept.items() <= digests(folder).items()
     checked = CliRunner().invoke(app, ["study", "check", str(folder)])
-    assert (checked.exit_code, checked.stdout.splitlines()[-1]) == (0, "nothing is wrong")
+    assert (checked.exit_code, checked.stdout.splitlines()[-1]) == (0, "no errors")
     with Store(folder) as store:
         given = [(answer.item, answer.value) for answer in store.answers("sub-001")]
     assert given == [("nausea", 2), *ANSWERS.items(), *ANSWERS.items()]

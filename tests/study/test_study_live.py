@@ -239,7 +239,7 @@ def test_withdrawal_elsewhere_stops_robot_and_recording_in_mid_trial(store: Stor
         go_to_trial(attended)
         attended.tick(12)
         withdrawn = CliRunner().invoke(app, ["study", "withdraw", str(store.folder), pseudonym])
-        assert (withdrawn.exit_code, withdrawn.stdout) == (0, "sub-001 takes part no longer\n")
+        assert (withdrawn.exit_code, withdrawn.stdout) == (0, "sub-001 has withdrawn\n")
         await_word(visit)
         attended.tick()
         assert attended.phase == "finished"

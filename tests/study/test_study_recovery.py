@@ -149,8 +149,8 @@ def test_a_study_that_cannot_be_written_is_read(
     assert "1 of" in status.stdout
     assert avrgym("study", "export", folder, "--format", "csv", "--out", tmp_path / "csv").exit_code == 0
     checked = avrgym("study", "check", folder).stdout
-    assert "ledger" in checked
-    assert not any(line.startswith("wrong  study.") for line in checked.splitlines())
+    assert "hash chain" in checked
+    assert not any(line.startswith("error  study.") for line in checked.splitlines())
     refused = avrgym("study", "enrol", folder, "--body", "man")
     assert refused.exit_code == 1
     (line,) = refused.stderr.splitlines()

@@ -199,7 +199,7 @@ def test_someone_is_enrolled_and_asked_on_the_command_line(folder: Path) -> None
     assert enrolled.stdout.startswith("enrolled  sub-001\n")
     refused = study("consent", folder, "sub-001", answers="n\n")
     assert refused.exit_code == 1
-    assert "does not agree; nothing was stored" in refused.stderr
+    assert "does not agree. Nothing was stored" in refused.stderr
     asked = study("consent", folder, "sub-001", answers=f"y\n{FITS}")
     assert asked.exit_code == 0
     assert "You take part in a study of virtual robots" in asked.stdout

@@ -1,4 +1,4 @@
-"""The commands of ``avrgym study`` that give experimenters tokens of their own."""
+"""Commands of ``avrgym study`` for personal tokens of experimenters."""
 
 from typing import Annotated, Any
 
@@ -9,15 +9,13 @@ from avrgym.cli.plan import Folder
 from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, say, write_json
 from avrgym.vr.server.addresses import PORT
 
-Name = Annotated[str, typer.Argument(help="The experimenter, in at most 40 letters, digits, - and _.")]
+Name = Annotated[str, typer.Argument(help="Name of the experimenter: at most 40 letters, digits, - and _.")]
 
 
 def add_experimenter(folder: Folder, name: Name) -> None:
-    """Give an experimenter a token of their own.
+    """Create a personal token for an experimenter.
 
-    The log then contains their name.
-
-    The token is printed once; the study stores only its checksum.
+    The audit log then contains their name. The token is printed once; the study stores only its checksum.
     """
     from avrgym.study.people.experimenters import add_experimenter as add
     from avrgym.study.storage.audit_log import ADD_EXPERIMENTER
@@ -26,14 +24,14 @@ def add_experimenter(folder: Folder, name: Name) -> None:
     with plain_errors(), Store(folder) as store:
         token = add(store, name)
         log(store, ADD_EXPERIMENTER, detail=name)
-    say(f"token     {token}: it is shown only once")
+    say(f"token     {token} (shown only once)")
     say(
         f"dashboard http://localhost:{PORT}/dashboard#token={token} while `avrgym serve --study {folder}` runs"
     )
 
 
 def experimenters(folder: Folder, json_file: JsonFile = None) -> None:
-    """List experimenters with a token of their own."""
+    """List experimenters with a personal token."""
     from avrgym.study.people.experimenters import list_experimenters
     from avrgym.study.storage.store import Store
 
@@ -48,13 +46,13 @@ def experimenters(folder: Folder, json_file: JsonFile = None) -> None:
     if rows:
         print_table(rows)
     else:
-        say(f"nobody has a token; `avrgym study add-experimenter {folder} NAME` makes one")
+        say(f"no experimenter has a token; `avrgym study add-experimenter {folder} NAME` creates one")
 
 
 def revoke_experimenter(folder: Folder, name: Name) -> None:
     """Revoke the token of an experimenter.
 
-    Pages that use it are closed within seconds.
+    Open pages with this token are closed within seconds.
     """
     from avrgym.study.people.experimenters import revoke_experimenter as revoke
     from avrgym.study.storage.audit_log import REVOKE_EXPERIMENTER

@@ -1,4 +1,4 @@
-"""The commands of ``avrgym study`` that are about its plan, and what others tell of it."""
+"""Commands of ``avrgym study`` about the plan, and its deviations."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 Folder = Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")]
 EFFECTS = (0.5, 1.0, 1.5)
-"""What `power` assumes if nothing is said, in points of a seven-point scale."""
+"""Default effects of ``power``, in points of a seven-point scale."""
 
 
 def freeze(
     folder: Folder,
     template: Annotated[
-        bool, typer.Option("--template", help="Write plan.toml to fill in, and freeze nothing.")
+        bool, typer.Option("--template", help="Write a template of plan.toml, and do not freeze.")
     ] = False,
     form: Annotated[
         str | None,
@@ -48,16 +48,20 @@ def freeze(
     ] = None,
     registered: Annotated[
         str | None,
-        typer.Option("--registered", help="Store where you registered the frozen plan.", metavar="URL"),
+        typer.Option(
+            "--registered", help="Store the address of a registration of the frozen plan.", metavar="URL"
+        ),
     ] = None,
     registered_on: Annotated[
         datetime | None,
-        typer.Option("--registered-on", help="On which day; without it today.", formats=["%Y-%m-%d"]),
+        typer.Option(
+            "--registered-on", help="The day of the registration; default: today.", formats=["%Y-%m-%d"]
+        ),
     ] = None,
 ) -> None:
     """Freeze the plan before the first participant.
 
-    Without a plan, write one to fill in. A plan that another station froze is adopted.
+    Without a plan.toml it writes a template. A frozen plan of another station is adopted.
     """
     from avrgym.analysis.plan import available_tests
     from avrgym.study.plan.frozen_plan import FROZEN, adopt_plan, may_adopt
@@ -76,7 +80,7 @@ def freeze(
             say(f"adopted   {store.folder / FROZEN}, frozen at {adopt_plan(store).frozen_at} elsewhere")
             log(store, "adopt plan")
         elif template or not (store.folder / FILE).exists():
-            say(f"plan      {_write_template(store)}: change what you like, then freeze it")
+            say(f"plan      {_write_template(store)}: edit it, then freeze it")
         else:
             record = freeze_plan(store, available_tests(store.design))
             log(store, "freeze plan")
@@ -85,7 +89,7 @@ def freeze(
 
 
 def _say_deposit(record: Path) -> None:
-    """How others can see later that the plan is not newer than it claims."""
+    """Print how to prove the date of the plan."""
     from avrgym.study.plan.frozen_plan import sha256
 
     say(f"SHA-256   {sha256(record.read_bytes())}")
@@ -106,7 +110,7 @@ def _store_evidence(
     record = store.folder / FROZEN
     if not record.exists():
         raise StudyError(
-            f"{store.folder} has no frozen plan; `avrgym study freeze {store.folder}` freezes one"
+            f"{store.folder} has no frozen plan; `avrgym study freeze {store.folder}` freezes it"
         )
     if timestamp is not None:
         stamp = store_time_stamp(store.folder, timestamp.read_bytes(), record.read_bytes())
@@ -134,26 +138,34 @@ def power(
     study: Annotated[Path, typer.Argument(help="The study's folder, or a study.toml.", metavar="DIR|FILE")],
     effects: Annotated[
         list[float] | None,
-        typer.Option("--effect", help="Points of a seven-point scale; several times for several effects."),
+        typer.Option("--effect", help="Effect in points of a seven-point scale; can be repeated."),
     ] = None,
     sizes: Annotated[
         list[int] | None,
-        typer.Option("--participants", help="How many complete the study; several times.", min=1),
+        typer.Option("--participants", help="Number of completed participants; can be repeated.", min=1),
     ] = None,
-    participant_sd: Annotated[float, typer.Option(help="How leniently somebody rates everything.")] = 0.8,
-    policy_sd: Annotated[float, typer.Option(help="How differently participants like a policy.")] = 0.5,
-    task_sd: Annotated[float, typer.Option(help="How differently all rate the tasks.")] = 0.5,
-    noise_sd: Annotated[float, typer.Option(help="What is left from answer to answer.")] = 1.0,
-    drift: Annotated[float, typer.Option(help="By how many points ratings rise in a session.")] = 0.5,
-    dropout: Annotated[float, typer.Option(help="The share who withdraw and are replaced.")] = 0.1,
-    simulations: Annotated[int, typer.Option(help="Studies for each effect and number.", min=1)] = 500,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same figures.", min=0)] = 0,
+    participant_sd: Annotated[
+        float, typer.Option(help="Standard deviation between participants, in points.")
+    ] = 0.8,
+    policy_sd: Annotated[
+        float, typer.Option(help="Standard deviation of policy by participant, in points.")
+    ] = 0.5,
+    task_sd: Annotated[float, typer.Option(help="Standard deviation between tasks, in points.")] = 0.5,
+    noise_sd: Annotated[float, typer.Option(help="Residual standard deviation, in points.")] = 1.0,
+    drift: Annotated[float, typer.Option(help="Rise of ratings during a session, in points.")] = 0.5,
+    dropout: Annotated[
+        float, typer.Option(help="Share of participants who withdraw and are replaced.")
+    ] = 0.1,
+    simulations: Annotated[
+        int, typer.Option(help="Simulated studies for each effect and number of participants.", min=1)
+    ] = 500,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same results.", min=0)] = 0,
     jobs: Jobs = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Simulate how many participants the study needs.
+    """Simulate the power of the study's tests.
 
-    That is, for the paper's tests to find the effects that are assumed.
+    It varies the number of participants and the effect.
     """
     from avrgym.analysis.power.power import default_sizes, simulate_power
     from avrgym.analysis.power.simulated_studies import Assumptions
@@ -185,7 +197,7 @@ def power(
 
 
 def plan_of(store: "Store", left_out: "Sequence[ExcludedTrial]" = ()) -> "tuple[str | None, list[Finding]]":
-    """When a study's plan was frozen, if it was, and in what the study deviates from it."""
+    """The time when the plan was frozen, if it was, and the deviations from it."""
     from avrgym.study.plan.frozen_plan import read_frozen_plan
 
     frozen = read_frozen_plan(store)
@@ -200,7 +212,7 @@ def plan_of(store: "Store", left_out: "Sequence[ExcludedTrial]" = ()) -> "tuple[
 
 
 def checked(store: "Store") -> "list[Finding]":
-    """All that a check of a study finds, and in what it deviates from its plan, each once."""
+    """All findings of a check and all deviations from the plan, each once."""
     from avrgym.study.checking.checks import check_study
     from avrgym.study.checking.finding import ExcludedTrial
 

@@ -1,4 +1,4 @@
-"""The command ``avrgym study merge``, and what others tell of sites."""
+"""The command ``avrgym study merge``, and the filled orders of sites."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -25,12 +25,12 @@ def merge(
     folders: Annotated[
         list[Path], typer.Argument(help="The folders of the sites' studies.", metavar="SITE...")
     ],
-    out: Annotated[Path, typer.Option(help="A new folder for the merged study, or one that a merge made.")],
+    out: Annotated[
+        Path, typer.Option(help="A new folder for the merged study, or the folder of an earlier merge.")
+    ],
     accept_differences: Annotated[
         bool,
-        typer.Option(
-            "--accept-differences", help="Merge studies whose designs or plans differ all the same."
-        ),
+        typer.Option("--accept-differences", help="Merge studies although their designs or plans differ."),
     ] = False,
     skip_damaged: Annotated[
         bool,
@@ -42,7 +42,7 @@ def merge(
 ) -> None:
     """Merge the studies of several sites into one.
 
-    Again at any time: what is new at a site comes along, nothing comes twice. Names stay at the sites.
+    A repeated merge adds new data of the sites. Names stay at the sites.
     """
     from avrgym.study.merge.merging import merge_studies
     from avrgym.study.storage.store import Store
@@ -70,6 +70,6 @@ def merge(
 
 
 def say_sites(summary: "StudySummary") -> None:
-    """How orders are filled at each site, where there are any."""
+    """Print the filled orders of each site."""
     for site, filled in summary.filled_by_site.items():
         say(f"at {site}  {', '.join(map(str, filled))}")

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from avrgym.study.storage.rows import Participant
     from avrgym.study.storage.store import Store
 
-app = typer.Typer(no_args_is_help=True, help="Lead a study from its design to the export of its data.")
-IN_IDENTITY_FILE = "Kept encrypted in private/identities.json, and nowhere else."
+app = typer.Typer(no_args_is_help=True, help="Run a study, from its design to the export of its data.")
+IN_IDENTITY_FILE = "Stored only in private/identities.json, encrypted."
 Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
 
 
@@ -47,7 +47,7 @@ Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
 def new(folder: Folder) -> None:
     """Write the paper's protocol to study.toml.
 
-    It has comments, and is to be changed as you like.
+    Edit the file before the first participant; its comments explain each field.
     """
     from avrgym.study.storage.store import create_study
 
@@ -74,9 +74,9 @@ app.command()(revoke_experimenter)
 
 @app.command()
 def status(folder: Folder, json_file: JsonFile = None) -> None:
-    """Show how a study stands.
+    """Show the progress of a study.
 
-    Its participants, their trials and how the orders are filled.
+    Lists participants, their trials, the filled orders, and deviations from the plan.
     """
     from avrgym.study.checking.summary import summarise_study
     from avrgym.study.storage.store import Store
@@ -92,11 +92,7 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
     say(
         f"{summary.completed} of {summary.planned} participants completed, {summary.withdrawn} withdrew, "
         f"{summary.excluded} excluded, {summary.deleted} deleted; {summary.simulated} are simulated"
-        + (
-            f"; of {summary.unknown} it is unknown whether they consented or withdrew"
-            if summary.unknown
-            else ""
-        )
+        + (f"; consent or withdrawal of {summary.unknown} is unknown" if summary.unknown else "")
     )
     say(f"participants per order  {', '.join(map(str, summary.filled))}")
     say_sites(summary)
@@ -109,7 +105,7 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
 
 
 def _row(participant: "ParticipantSummary") -> dict[str, Any]:
-    """A participant as people are told of: which of the orders is theirs, from 1, not which cell of the design."""
+    """A row of the table: the number of the order, from 1, replaces the index of the cell."""
     row = {{"cell": "order"}.get(name, name): value for name, value in asdict(participant).items()}
     return row | {"order": None if participant.cell is None else participant.cell + 1}
 
@@ -119,20 +115,20 @@ def enrol(
     folder: Folder,
     body: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")],
     age: Annotated[int | None, typer.Option(help="In years.")] = None,
-    language: Annotated[str, typer.Option(help="One of study.toml's; without it the first of them.")] = "",
+    language: Annotated[str, typer.Option(help="A language of study.toml; default: the first.")] = "",
     name: Annotated[str, typer.Option(help=IN_IDENTITY_FILE)] = "",
     contact: Annotated[str, typer.Option(help=IN_IDENTITY_FILE)] = "",
-    site: Annotated[str, typer.Option(help="Where; without it the site of study.toml.")] = "",
+    site: Annotated[str, typer.Option(help="The site; default: that of study.toml.")] = "",
     confirm_duplicate: Annotated[
         bool,
         typer.Option(
-            "--confirm-duplicate", help="Enrol another person with the same name and contact as somebody."
+            "--confirm-duplicate", help="Enrol although another participant has the same name or contact."
         ),
     ] = False,
 ) -> None:
     """Enrol a participant under a new pseudonym.
 
-    A person with the same name and contact is refused, because each person takes part once.
+    A person with the name or contact of another participant is refused, because each person takes part once.
     """
     from avrgym.study.people.participants import enrol as take_in
     from avrgym.study.storage import identity_file
@@ -164,8 +160,8 @@ def enrol(
 def consent(folder: Folder, participant: Pseudonym) -> None:
     """Ask a participant for consent.
 
-    Then come the inclusion questions; who can take part is given an order. After a new version of the text
-    participants re-consent.
+    Inclusion questions follow. A participant who can take part is allocated to an order. After a new version of the
+    text, participants re-consent.
     """
     from avrgym.study.storage.store import Store
 
@@ -186,13 +182,13 @@ def _ask_for_consent(store: "Store", person: "Participant") -> None:
 
     check_transition("participant", person.pseudonym, person.state, "consented")
     if not _agrees(store, person):
-        raise RuntimeError(f"{person} does not agree; nothing was stored")
+        raise RuntimeError(f"{person} does not agree. Nothing was stored")
     record_consent(store, person.pseudonym)
     log(store, "consent", person.pseudonym)
 
 
 def _ask_again(store: "Store", person: "Participant") -> bool:
-    """Ask for re-consent to another version of the text; whether the participant still takes part."""
+    """Ask for re-consent to a new version of the text; returns whether the participant still takes part."""
     from avrgym.study.people.participants import decline_consent, record_consent
 
     say(f"{person} agreed to version {person.consent_version} at {person.consented_at}")
@@ -201,11 +197,11 @@ def _ask_again(store: "Store", person: "Participant") -> bool:
         log(store, "consent", person.pseudonym)
         say(f"{person} agrees to version {store.design.consent.version}")
         return True
-    if not confirm(f"Store that {person} does not agree and takes part no longer? This is final."):
-        raise RuntimeError(f"{person} has not decided; nothing was stored")
+    if not confirm(f"Store that {person} does not agree and withdraws? This is final."):
+        raise RuntimeError(f"{person} has not decided. Nothing was stored")
     decline_consent(store, person.pseudonym)
     log(store, "declined-consent", person.pseudonym)
-    say(f"{person} takes part no longer; `avrgym study delete-participant` deletes their data")
+    say(f"{person} has withdrawn; `avrgym study delete-participant` deletes their data")
     return False
 
 
@@ -233,9 +229,9 @@ def withdraw(
     participant: Pseudonym,
     reason: Annotated[str, typer.Option(help="Without names.")] = "",
 ) -> None:
-    """Store that somebody takes part no longer.
+    """Withdraw a participant.
 
-    This is final; a session that runs anywhere ends within a second.
+    This is final. A running session ends within a second.
     """
     from avrgym.study.people.participants import withdraw as end_participation
     from avrgym.study.storage.store import Store
@@ -243,7 +239,7 @@ def withdraw(
     with plain_errors(), Store(folder) as store:
         end_participation(store, participant, reason)
         log(store, "withdraw", participant)
-    say(f"{participant} takes part no longer")
+    say(f"{participant} has withdrawn")
 
 
 @app.command("confirm-participation")
@@ -251,29 +247,29 @@ def confirm_participation(
     folder: Folder,
     participant: Pseudonym,
     evidence: Annotated[
-        str, typer.Option(help="Evidence without names, such as a signed form and its location.")
+        str, typer.Option(help="Evidence without names, such as a signed form and its place.")
     ],
 ) -> None:
-    """Confirm a participant whose consent is unknown.
+    """Confirm the consent of a participant after a rebuild.
 
-    After `rebuild`: they consented and did not withdraw.
+    It is for participants with an unknown state: they consented and did not withdraw.
     """
     from avrgym.study.people.participants import confirm_participation as confirm_by
     from avrgym.study.storage.store import Store
 
     with plain_errors(), Store(folder) as store:
         state = confirm_by(store, participant, evidence)
-    say(f"{participant} is {state}; check and the report state that the experimenter confirmed it")
+    say(f"{participant} is {state}; `check` and the report state that the experimenter confirmed it")
 
 
 @app.command()
 def simulate(
     folder: Folder,
     participants: Annotated[
-        int, typer.Option(help="How many simulated participants the study shall have.", min=1)
+        int, typer.Option(help="Number of simulated participants of the study.", min=1)
     ] = 8,
     seed: Annotated[int, typer.Option(help="The same seed gives the same study.", min=0)] = 0,
-    people: Annotated[str, typer.Option(help=f"What participants are like: {PEOPLE}.")] = "participants",
+    people: Annotated[str, typer.Option(help=f"The population: {PEOPLE}.")] = "participants",
     impairment: Impairment = "none",
     jobs: Jobs = None,
     cluster: Cluster = None,
@@ -281,7 +277,7 @@ def simulate(
 ) -> None:
     """Let simulated participants complete the study.
 
-    Their time is simulated; what an earlier run left is finished.
+    It runs in simulated time, and continues an earlier run.
     """
     from avrgym.study.checking.summary import summarise_study
     from avrgym.study.sessions.simulation import simulate_study
@@ -307,13 +303,13 @@ def simulate(
 def check(
     folder: Folder,
     fix_permissions: Annotated[
-        bool, typer.Option("--fix-permissions", help="Take the study's data away from all but their owner.")
+        bool, typer.Option("--fix-permissions", help="Restrict the study's files to their owner.")
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Check that a study can run and its data are sound.
+    """Check that a study can run and its data are complete.
 
-    Its policies are loaded, and whatever it stored is to be there, whole and unchanged.
+    Loads all policies, and checks that stored data are complete and unchanged.
     """
     from avrgym.study.checking.database_checks import fix_permissions as fix
     from avrgym.study.storage.store import Store
@@ -328,21 +324,20 @@ def check(
             head = store.database.head()
         write_json(json_file, [asdict(finding) for finding in findings])
     for finding in findings:
-        say(f"{'wrong' if finding.wrong else 'note '}  {finding.where}: {finding.what}")
-    say(f"ledger {head.number} entries, ending with {head.digest or 'nothing'}")
+        say(f"{'error' if finding.wrong else 'note '}  {finding.where}: {finding.what}")
+    say(f"hash chain {head.number} entries, last digest {head.digest or 'none'}")
     wrong = sum(finding.wrong for finding in findings)
-    say(f"{wrong} things are wrong" if wrong else "nothing is wrong")
+    say(f"{wrong} errors" if wrong else "no errors")
     if wrong:
         raise typer.Exit(1)
 
 
 @app.command()
 def rebuild(folder: Folder) -> None:
-    """Rebuild a lost database.
+    """Rebuild a lost database from the recordings.
 
-    From the recordings and the participation list.
-
-    The command lists data that they do not contain. Names and recordings stay.
+    It also uses the participation list. The command lists data that cannot be rebuilt. Names and recordings are not
+    changed.
     """
     from avrgym.study.checking.rebuilding import rebuild_study
     from avrgym.study.storage.store import Store
@@ -355,11 +350,11 @@ def rebuild(folder: Folder) -> None:
     say(f"lost      {rebuilt.lost}")
     if rebuilt.unknown:
         say(
-            f"unknown   whether {rebuilt.unknown} participants consented or withdrew: they are in no analysis until "
-            "`avrgym study confirm-participation` names evidence for each"
+            f"unknown   consent or withdrawal of {rebuilt.unknown} participants: they are in no analysis until you "
+            "confirm each with `avrgym study confirm-participation`"
         )
     say(
-        "marked    check and the report say from now on that the database was rebuilt; no plan is confirmatory by it"
+        "marked    `check` and the report state that the database was rebuilt; it proves the date of no plan any more"
     )
     for each in rebuilt.left_out:
         say(f"left out  {each}")
@@ -368,7 +363,7 @@ def rebuild(folder: Folder) -> None:
 @app.command()
 def export(
     folder: Folder,
-    out: Annotated[Path, typer.Option(help="A folder for the export; it must not hold anything yet.")],
+    out: Annotated[Path, typer.Option(help="An empty or new folder for the export.")],
     data_format: Annotated[str, typer.Option("--format", help="csv, bids, hdf5, lerobot or minari.")],
     skip_damaged: Annotated[
         bool,
@@ -380,14 +375,12 @@ def export(
         bool,
         typer.Option(
             "--free-text",
-            help="Also export free text and names of experimenters: read the text before you share it.",
+            help="Also export free text and names of experimenters. Read the text before you share it.",
         ),
     ] = False,
     health: Annotated[
         bool,
-        typer.Option(
-            "--health-data", help="Also export each person's answers about functioning and devices."
-        ),
+        typer.Option("--health-data", help="Also export answers about functioning and assistive devices."),
     ] = False,
 ) -> None:
     """Export a study's data, pseudonymised.
@@ -418,7 +411,7 @@ def export(
         say(f"left out  {why}")
     say(f"{files} files in {out}. They are pseudonymised, not anonymous.")
     if free_text:
-        say("They contain free text, which may name people: read it before you share them.")
+        say("They contain free text, which may contain names: read it before you share them.")
 
 
 @app.command("delete-participant")
@@ -426,9 +419,9 @@ def delete_participant(
     folder: Folder,
     participant: Pseudonym,
 ) -> None:
-    """Delete all that a participant left.
+    """Delete all data of a participant.
 
-    Recordings, rows, key entry, and the database's backups.
+    Deletes recordings, rows, name, backups of the database, and the study's analysis.
     """
     from avrgym.study.people.deletion import delete_participant as delete
     from avrgym.study.storage.store import Store
@@ -436,6 +429,4 @@ def delete_participant(
     with plain_errors(), Store(folder) as store:
         delete(store, participant)
         log(store, "delete participant", participant)
-    say(
-        f"{participant} is deleted. Exports and copies made earlier lie outside the study: delete them yourself."
-    )
+    say(f"{participant} is deleted. Delete earlier exports and copies outside the study yourself.")

@@ -1,6 +1,7 @@
-"""The experimenter's dashboard: what it reads of a study and does to it, as a web application of JSON.
+"""The experimenter's dashboard as a web application with JSON.
 
-Every route needs the experimenter's token as ``Authorization: Bearer``. Names and contacts go in and never come out.
+Each route needs the experimenter's token as ``Authorization: Bearer``. Names and contacts are accepted and never
+returned.
 """
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -42,39 +43,39 @@ Text = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NOTE_LENGTH)]
 
 
 class LiveSessions(Protocol):
-    """The sessions that this server runs, one at a time."""
+    """The sessions of this server, one at a time."""
 
     @property
     def participant(self) -> str | None:
-        """The pseudonym of the participant whose session runs."""
+        """The participant of the running session."""
         ...
 
     @property
     def furniture(self) -> RealFurniture:
-        """What participants of the next session really sit and lie on."""
+        """The real seat and bed of the next session."""
         ...
 
     def begin(self, pseudonym: str, furniture: RealFurniture | None = None) -> None:
-        """Begin or continue a participant's session; ``StudyError`` or ``PolicyError`` when that cannot be."""
+        """Begin a participant's session; ``StudyError`` or ``PolicyError`` if that is not possible."""
         ...
 
     def withdraw(self, pseudonym: str, reason: str) -> None:
-        """Stop robot and recording of the participant whose session runs, then store that they withdrew."""
+        """Stop robot and recording of the running session, then store the withdrawal."""
         ...
 
     @property
     def links(self) -> SessionLinks:
-        """The link of the session that runs."""
+        """The link of the running session."""
         ...
 
     def renew_link(self, pseudonym: str) -> None:
-        """Make a new link for the session of this participant, which runs; the link before has ended."""
+        """Create a new link for the participant's running session; the earlier link ends."""
         ...
 
 
 @dataclass(frozen=True)
 class Dashboard:
-    """A study, the sessions that this server runs, if it runs any, and the experimenter who acts, if they are named."""
+    """A study, the sessions of this server if it runs any, and the name of the experimenter."""
 
     store: Store
     live: LiveSessions | None
@@ -82,17 +83,17 @@ class Dashboard:
 
     @property
     def participant(self) -> str | None:
-        """Whose session runs."""
+        """The participant of the running session."""
         return self.live.participant if self.live else None
 
     @property
     def furniture(self) -> RealFurniture:
-        """What participants of the next session really sit and lie on."""
+        """The real seat and bed of the next session."""
         return self.live.furniture if self.live else self.store.design.furniture
 
 
 class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Somebody new."""
+    """A new participant."""
 
     sex: Sex
     age_years: int | None = None
@@ -103,7 +104,7 @@ class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Who a participant is."""
+    """Name and contact of a participant."""
 
     name: Line
     contact: Line
@@ -111,7 +112,7 @@ class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Agreement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The version of the consent text that was read, and agreed to or declined."""
+    """The version of the consent text that the participant read."""
 
     version: str
 
@@ -123,19 +124,19 @@ class InclusionAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Withdrawal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """That somebody takes part no longer; the reason may be empty."""
+    """A withdrawal; the reason may be empty."""
 
     reason: Line = ""
 
 
 class NewNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the experimenter writes down."""
+    """A note of the experimenter."""
 
     text: Text
 
 
 class EditedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a note of this id shall say from now on."""
+    """A new text for the note with this id."""
 
     id: int
     text: Text
@@ -149,11 +150,11 @@ class NewReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class NewLink(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Request of a new link for the session that runs."""
+    """Request for a new link to the running session."""
 
 
 class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """That a session shall begin or go on, with other furniture than the one before if it is given."""
+    """The start of a session; ``furniture`` replaces that of the session before."""
 
     furniture: RealFurniture | None = None
 
@@ -189,7 +190,7 @@ def _check_version(board: Dashboard, agreement: Agreement) -> None:
     present = board.store.design.consent.version
     if agreement.version != present:
         raise StudyError(
-            f"version {agreement.version!r} of the consent text was shown; the study's is {present!r}"
+            f"the shown consent text has version {agreement.version!r}; the study's has {present!r}: reload the page"
         )
 
 
@@ -222,13 +223,13 @@ def _report(board: Dashboard, pseudonym: str, new: NewReport) -> None:
 
 def _begin(board: Dashboard, pseudonym: str, start: SessionStart) -> None:
     if board.live is None:
-        raise StudyError("no sessions are run here; `avrgym serve --study DIR` runs them")
+        raise StudyError("this server runs no sessions; `avrgym serve --study DIR` runs them")
     board.live.begin(pseudonym, start.furniture)
 
 
 def _renew_link(board: Dashboard, pseudonym: str, _: NewLink) -> None:
     if board.live is None:
-        raise StudyError("no sessions are run here; `avrgym serve --study DIR` runs them")
+        raise StudyError("this server runs no sessions; `avrgym serve --study DIR` runs them")
     board.live.renew_link(pseudonym)
 
 
@@ -244,7 +245,7 @@ ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any]
     "sessions": (SessionStart, _begin),
     "links": (NewLink, _renew_link),
 }
-"""What is done to a participant, by the last part of the route: what is posted, and what it does."""
+"""Actions on participants by the last part of the route: type of the body, and function."""
 LOGGED_AS = {
     "identity": "change identity",
     "withdrawal": "withdraw",
@@ -254,7 +255,7 @@ LOGGED_AS = {
     "sessions": "begin session",
     "links": "make link",
 }
-"""The name of an action in the log, where it is not that of the route."""
+"""The name of an action in the log, if it differs from the route."""
 
 
 def dashboard_app(
@@ -266,16 +267,16 @@ def dashboard_app(
     """The web application of a study, to be mounted at ``/study``.
 
     Args:
-        store: the study. Its log contains who views what, and each action.
-        tokens: those of experimenters open all routes.
-        live: the sessions that this server runs; without them only the study itself is led.
-        addresses: those of the participant's page with a link, as other devices reach it.
+        store: the study. Views and actions are added to its audit log.
+        tokens: tokens of the server; those of experimenters are valid.
+        live: the sessions of this server; without them no session can be started.
+        addresses: returns the addresses of the participant's page for a link.
     """
 
     def experimenter_only(request: Request) -> None:
         caller = tokens.bearer(request.headers)
         if caller is None or caller.role != "experimenter":
-            raise HTTPException(401, "this needs the experimenter's address that the server printed")
+            raise HTTPException(401, "open the experimenter's address that the server printed")
         request.state.caller = caller
 
     board, log = Dashboard(store, live), DashboardLog(store)
@@ -344,7 +345,7 @@ B = TypeVar("B", bound=msgspec.Struct)
 
 
 async def _body(request: Request, kind: type[B]) -> B:
-    """What was posted; refusals name fields and never repeat values, which may be names."""
+    """The decoded body. Errors contain names of fields and no values, which may be names of people."""
     data = await posted_json(request, MAX_BODY_BYTES)
     try:
         return msgspec.json.decode(data, type=kind)

@@ -1,4 +1,4 @@
-"""Log entries about people who watch and lead a study's sessions, and use its dashboard."""
+"""Audit log entries of the dashboard and of the live page."""
 
 import time
 from collections.abc import Callable, Generator
@@ -23,7 +23,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.server.authentication import Caller
 
 VIEW_ENDS_S = 600.0
-"""Pages send requests repeatedly: a view ends after this time without a request."""
+"""A view ends after this time without a request, in seconds; pages send requests repeatedly."""
 VIEW_RESULTS = "view results"
 
 
@@ -36,20 +36,20 @@ def actor_of(caller: Caller) -> Actor:
 
 @dataclass
 class CommandEntry:
-    """The entry of a command, with the pseudonym of its participant, which an enrolment makes."""
+    """The entry of a command; an enrolment sets its participant later."""
 
     participant: str | None
 
 
 class DashboardLog:
-    """The log as the dashboard and the live page write it. Methods may be called from any thread."""
+    """Adds entries of the dashboard to the audit log. Methods may be called from any thread."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
         self._seen_s: dict[tuple[Caller, str, str | None], float] = {}
 
     def view(self, caller: Caller, name: str, pseudonym: str | None = None) -> None:
-        """Add an entry for a view, unless the same view continues; ``StudyError`` if it cannot be stored."""
+        """Add an entry for a view, unless it continues an earlier one; ``StudyError`` if it cannot be stored."""
         if self._store.database.read_only or not self._begins(caller, name, pseudonym):
             return
         try:
@@ -61,12 +61,12 @@ class DashboardLog:
 
     @contextmanager
     def command(self, caller: Caller, name: str, pseudonym: str | None) -> Generator["CommandEntry"]:
-        """Add an entry for the command in this context, also if it is refused."""
+        """Add an entry for the command in this context, also for a refused one."""
         at, entry = now(), CommandEntry(pseudonym)
         try:
             yield entry
         except Exception:
-            with suppress(StudyError):  # why it was refused counts
+            with suppress(StudyError):  # the first error is raised
                 add_entry(self._store, actor_of(caller), name, pseudonym, REFUSED, at=at)
             raise
         add_entry(self._store, actor_of(caller), name, entry.participant, at=at)
@@ -78,18 +78,18 @@ class DashboardLog:
 
 
 class LiveLog(DashboardLog):
-    """The log of people who watch sessions and command them; nothing waits for it.
+    """Adds entries of the live page to the audit log, in the storage thread of the session.
 
-    ``storing`` stores one fact after another, those of the session too: a command is stored before its effects.
+    A command is therefore stored before its effects.
     """
 
     def __init__(self, store: Store, storing: Executor, report: Callable[[str], None]) -> None:
-        """``report`` is called with each error of storing."""
+        """``report`` is called with each error."""
         super().__init__(store)
         self._storing, self._report = storing, report
 
     def record(self, caller: Caller, message: Any, pseudonym: str | None) -> None:
-        """Add an entry for a message of somebody who watches, during the session of a participant if one runs."""
+        """Add an entry for a message of an experimenter or spectator, with the participant of the running session."""
         match message:
             case messages.Hello() if self._begins(caller, "watch", pseudonym):
                 self._submit(caller, "watch", pseudonym, "")
@@ -115,4 +115,4 @@ class LiveLog(DashboardLog):
     def _tell(self, stored: Future[None]) -> None:
         error = None if stored.cancelled() else stored.exception()
         if error is not None:
-            self._report(f"an entry of the log cannot be stored: {error}")
+            self._report(f"an entry of the audit log cannot be stored: {error}")

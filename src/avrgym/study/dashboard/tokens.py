@@ -1,4 +1,4 @@
-"""The tokens of a study: of experimenters and spectators, and of a participant the link of their session alone."""
+"""Tokens of experimenters and spectators, and links of participants."""
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -11,9 +11,9 @@ from avrgym.vr.server.session_links import SessionLinks
 
 @dataclass(frozen=True)
 class StudyTokens(Tokens):
-    """Tokens of the roles, and personal tokens of experimenters. The token of the role ``experimenter`` has no name.
+    """Shared tokens of roles, personal tokens of experimenters, and links of participants.
 
-    The token of ``participant`` opens nothing: participants use the link of their session.
+    The shared token of ``participant`` is invalid: participants use the link of their session.
     """
 
     experimenters: Experimenters

@@ -1,4 +1,4 @@
-"""What the experimenter's dashboard shows of a study: plain values, without names and without what must stay blind."""
+"""Contents of the experimenter's dashboard, without names, and without policies for blinded experimenters."""
 
 import shutil
 from collections import defaultdict
@@ -32,29 +32,30 @@ from avrgym.texts.interface_texts import read_texts
 from avrgym.vr.server.session_links import SessionLinks
 
 SHORT_BYTES = 2_000_000_000
-"""Of free disk; a recorded trial of 20 s takes a few MB."""
+"""Minimum free disk space in bytes; a recorded trial of 20 s has a few MB."""
 
 
 @dataclass(frozen=True)
 class SessionLink:
-    """The way into the session that runs: ``addresses`` with its link, and the ``code`` that leads to it."""
+    """The access to the running session: addresses with its link, and a code."""
 
     addresses: tuple[str, ...]
     code: str
 
 
 def link_view(links: SessionLinks, addresses: Callable[[str], Sequence[str]]) -> SessionLink | None:
-    """The link of the session that runs, if one does; ``addresses`` makes those of a link."""
+    """The access to the running session, if there is one; ``addresses`` returns the addresses of a link."""
     link, code = links.link, links.code()
     return None if link is None or code is None else SessionLink(tuple(addresses(link)), code)
 
 
 @dataclass(frozen=True)
 class Overview:
-    """The whole study. ``live`` is whose session runs, ``furniture`` what the next participant really sits and lies
-    on. ``languages`` hold names by tag; ``warnings`` what is short or due, in words. ``experimenter`` is the name of
-    the token of this page, if it has one. ``scales`` are those of adverse events, ``scales_words`` their sources.
-    ``link`` leads into the session.
+    """The whole study.
+
+    ``live``: the participant of the running session. ``furniture``: the real seat and bed of the next session.
+    ``languages``: names by tag. ``experimenter``: the name of this page's token. ``scales``: the scales of adverse
+    events, with their sources in ``scales_words``.
     """
 
     summary: StudySummary
@@ -71,7 +72,7 @@ class Overview:
 
 @dataclass(frozen=True)
 class Results:
-    """The results so far, which are read only on request. ``items`` are the texts by id."""
+    """The results so far, which are sent only on request. ``items`` are the texts by id."""
 
     blinded: bool
     items: dict[str, str]
@@ -80,9 +81,9 @@ class Results:
 
 @dataclass(frozen=True)
 class TrialView:
-    """A trial as the experimenter may see it, with how each of its attempts ended.
+    """A trial as the experimenter may see it, with the states of its attempts.
 
-    ``questionnaire_open``: it is complete, and not every item is answered.
+    ``questionnaire_open``: it is completed and has unanswered items.
     """
 
     position: int
@@ -99,7 +100,7 @@ class TrialView:
 
 @dataclass(frozen=True)
 class ScoreView:
-    """A score of an instrument: what its answers at one moment, after a trial with its position, add up to."""
+    """A score of an instrument at a moment; after a trial with its position."""
 
     moment: str
     position: int | None
@@ -112,7 +113,7 @@ class ScoreView:
 
 @dataclass(frozen=True)
 class AdverseEventView:
-    """An adverse event by its number: the latest report, with the trial by position, and how many there are."""
+    """An adverse event: its number, the number of reports, and the latest report."""
 
     number: int
     reports: int
@@ -122,10 +123,10 @@ class AdverseEventView:
 
 @dataclass(frozen=True)
 class ParticipantView:
-    """One participant. ``identified``: the identity file has an entry; ``may_become``: what may follow.
+    """One participant. ``identified``: the identity file has an entry. ``may_become``: allowed next states.
 
-    ``consent`` and ``inclusion``, texts by id, are in their ``language``. ``must_reconsent``: they agreed to another
-    version of the consent text than the design's.
+    ``consent`` and ``inclusion`` (texts by id) are in their ``language``. ``must_reconsent``: they agreed to another
+    version of the consent text.
     """
 
     participant: str
@@ -156,7 +157,7 @@ def overview(
     experimenter: str = "",
     link: SessionLink | None = None,
 ) -> Overview:
-    """How the study stands, while the session of ``live`` runs; the next one is on this ``furniture``."""
+    """The overview of a study while the session of ``live`` runs."""
     design = store.design
     return Overview(
         summary=summarise_study(store),
@@ -173,7 +174,7 @@ def overview(
 
 
 def results_view(store: Store) -> Results:
-    """The results of the trials completed so far."""
+    """The results of the completed trials."""
     asked = AnsweredItems(store)
     return Results(
         blinded=store.design.blind_experimenter,
@@ -183,7 +184,7 @@ def results_view(store: Store) -> Results:
 
 
 def participant_view(store: Store, pseudonym: str) -> ParticipantView:
-    """One participant; ``StudyError`` when there is none of this pseudonym."""
+    """One participant; ``StudyError`` for an unknown pseudonym."""
     participant, design = store.participant(pseudonym), store.design
     texts = participant_texts(store, participant)
     attempts = defaultdict[int, list[TrialAttempt]](list)
@@ -214,17 +215,17 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
 
 
 def _short(store: Store) -> Iterator[str]:
-    """What will soon be short where sessions are recorded."""
+    """A warning about low disk space."""
     free = shutil.disk_usage(store.folder).free
     if free < SHORT_BYTES:
         yield (
             f"The disk of {store.folder} has {free / 1e9:.1f} GB left; recordings stop when it is full. "
-            "Make room before the next session."
+            "Free disk space before the next session."
         )
 
 
 def _due(store: Store) -> Iterator[str]:
-    """Data whose retention period is over, as sentences."""
+    """Sentences about data with an expired retention period."""
     return (f"Retention: {words}." for words in describe_due(store, today()))
 
 
