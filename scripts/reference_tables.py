@@ -19,7 +19,7 @@ from avrgym.safety.approach_speed import effective_mass_kg
 from avrgym.safety.force_guard import GUARD_SHARE
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, max_impact_speed_m_s
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import ENVIRONMENTS, ROBOTS, TASKS
+from avrgym.tasks.registry import ENVIRONMENTS, ROBOTS, TASKS, sizes
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "avrgym"
@@ -55,6 +55,16 @@ def _parsed(file: Path) -> ast.Module:
 def _sentence(docstring: str | None) -> str:
     first = " ".join((docstring or "").replace("``", "`").split("\n\n")[0].split())
     return re.split(r"(?<=[.:]) (?=[A-Z])", first)[0]
+
+
+def environments() -> Lines:
+    """The environments with their sizes and packaged policies."""
+    rows = []
+    for name in ENVIRONMENTS:
+        observation_size, action_size = sizes(name)
+        kinds = ", ".join(kind for kind in KINDS if kind in packaged_policies(name))
+        rows.append((f"`{name}`", str(action_size), str(observation_size), kinds))
+    return table(("environment", "action", "observation", "packaged policies"), rows)
 
 
 def observations() -> Lines:
@@ -247,7 +257,7 @@ def _text(node: ast.expr) -> str:
 TABLES = {
     each.__name__: each
     for each in (
-        observations, body_regions, policies, policy_training, training_settings, zoo_styles, zoo_partners,
+        environments, observations, body_regions, policies, policy_training, training_settings, zoo_styles, zoo_partners,
         instruments, evaluation, analysis_tables, errors,
     )
 }  # fmt: skip
