@@ -257,8 +257,8 @@ def _text(node: ast.expr) -> str:
 TABLES = {
     each.__name__: each
     for each in (
-        environments, observations, body_regions, policies, policy_training, training_settings, zoo_styles, zoo_partners,
-        instruments, evaluation, analysis_tables, errors,
+        environments, observations, body_regions, policies, policy_training, training_settings, zoo_styles,
+        zoo_partners, instruments, evaluation, analysis_tables, errors,
     )
 }  # fmt: skip
 """By the name of the file that they are written to."""
