@@ -1,4 +1,4 @@
-"""Choose your own people: ``python 05_own_person.py``
+"""Define your own population: ``python 05_own_person.py``
 
 A fixed person, an impairment, and a population file as ``avrgym fit-people`` writes. Writes ``people.png``.
 """

@@ -133,7 +133,7 @@ def test_a_chain_needs_a_tip_that_the_base_carries():
 # Inverse
 
 
-def test_the_inverse_finds_back(rng, arm):
+def test_inverse_kinematics_inverts_forward_kinematics(rng, arm):
     """From up to 0.2 rad away in every joint, near singular poses and ends of ranges as well."""
     angles = within_ranges(rng, arm)
     pos, q = kinematics.forward(arm, angles)
@@ -142,7 +142,7 @@ def test_the_inverse_finds_back(rng, arm):
     assert kinematics.accurate(solution).all()
 
 
-def test_the_inverse_finds_places_without_rotation(rng, arm):
+def test_inverse_kinematics_without_target_rotation(rng, arm):
     pos, _ = kinematics.forward(arm, within_ranges(rng, arm))
     solution = kinematics.solve(arm, pos, None, np.tile(seed_pose(), (COUNT, 1)))
     found_pos, _ = kinematics.forward(arm, solution.angles_rad)
@@ -187,7 +187,7 @@ def test_the_inverse_stays_where_it_already_is(rng, arm):
     assert_array_equal(solution.angles_rad, angles)
 
 
-def test_the_errors_it_tells_are_those_of_its_angles(rng, arm):
+def test_reported_errors_match_the_angles(rng, arm):
     pos, q = kinematics.forward(arm, within_ranges(rng, arm, 100))
     solution = kinematics.solve(arm, pos, q, within_ranges(rng, arm, 100), iterations=10)
     found_pos, found_q = kinematics.forward(arm, solution.angles_rad)
@@ -196,7 +196,7 @@ def test_the_errors_it_tells_are_those_of_its_angles(rng, arm):
 
 
 def test_angles_stay_within_the_ranges(rng, arm):
-    """Whatever is asked for, and wherever the search begins."""
+    """For any target and any start."""
     pos, q = rng.uniform(-2, 2, (200, 3)), transforms.normalize(rng.standard_normal((200, 4)))
     start = rng.uniform(-10, 10, (200, 7))
     uniforms = rng.random((200, kinematics.restart_uniforms(7)))
@@ -221,7 +221,7 @@ def test_a_row_has_the_same_bits_alone_and_among_others(rng, arm):
 
 @pytest.mark.parametrize("precision", [np.float64, np.float32])
 def test_rows_that_wait_for_others_have_the_same_bits_alone(rng, arm, precision):
-    """More rows than are solved at once; some never arrive."""
+    """More rows than a block; some do not converge."""
     count = kinematics.ROWS_AT_ONCE + 500
     pos, q = kinematics.forward(arm, within_ranges(rng, arm, count))
     pos[::7] += 1.0

@@ -89,7 +89,7 @@ def distance(model: mujoco.MjModel, data: mujoco.MjData, one: str, other: str) -
 
 
 @pytest.mark.parametrize("name", TO_BUILD)
-def test_furniture_touches_the_same_whether_it_is_seen_or_not(name):
+def test_visual_geoms_do_not_change_furniture_collision(name):
     plain, seen = (compiled(name, appearance=shown) for shown in (False, True))
     touching = [seen.geom(i).name for i in np.nonzero(seen.geom_group == collision_bits.COLLISION_GROUP)[0]]
     assert touching == [plain.geom(i).name for i in range(plain.ngeom)]
@@ -102,7 +102,7 @@ def test_furniture_touches_the_same_whether_it_is_seen_or_not(name):
 
 
 @pytest.mark.parametrize("name", TO_BUILD)
-def test_furniture_stands_still_and_touches_as_furniture(name):
+def test_furniture_is_static_with_furniture_bits(name):
     model = compiled(name)
     assert model.nv == 0
     assert (model.body_weldid == 0).all()
@@ -234,7 +234,7 @@ def extent(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     return everything.min(axis=0), everything.max(axis=0)
 
 
-def test_the_wheelchair_is_as_large_as_it_says():
+def test_the_wheelchair_has_its_documented_size():
     """Near the tables' 660 mm, 1065 mm, 485 mm and 760 mm; the grips of the push handles are 32 mm thick."""
     model = compiled("wheelchair", appearance=True)
     data = placed(model)

@@ -37,7 +37,7 @@ def outside_capsule(places: np.ndarray, sex: Sex, torso_height_m: float, geom: s
 
 @everybody
 @pytest.mark.parametrize("limb", ["right_upper_arm", "right_forearm", "left_upper_arm", "left_forearm"])
-def test_arms_look_as_thick_as_they_feel(sex: Sex, torso_height_m: float, limb: str) -> None:
+def test_visual_arms_match_their_capsules(sex: Sex, torso_height_m: float, limb: str) -> None:
     bare = in_body(drawn(sex, torso_height_m)["body"], sex, torso_height_m, limb)
     gap = outside_capsule(bare, sex, torso_height_m, limb)
     assert np.abs(gap).max() < NEAR_M
@@ -53,7 +53,7 @@ def test_lips_are_where_the_mouth_is(sex: Sex, torso_height_m: float) -> None:
 
 
 @everybody
-def test_the_head_looks_as_large_as_it_feels(sex: Sex, torso_height_m: float) -> None:
+def test_the_visual_head_matches_its_spheres(sex: Sex, torso_height_m: float) -> None:
     """Above the mouth; the nose stands before the spheres."""
     face = in_body(drawn(sex, torso_height_m)["face"], sex, torso_height_m, "head")
     above = face[(face[:, 2] > 0.09) & (face[:, 1] > -0.09)]

@@ -145,7 +145,7 @@ def test_furniture_is_found_where_it_stands():
     assert_allclose(boxes.q_w, np.tile(transforms.IDENTITY_QUATERNION, (len(tops), 1)))
 
 
-def test_leaning_furniture_leans():
+def test_tilted_furniture_boxes_are_tilted():
     up_the_backrest = transforms.rotate(furniture_boxes([add_hospital_bed]).q_w, human.Y)
     slope = np.degrees(np.arctan2(up_the_backrest[:, 2], up_the_backrest[:, 1]))
     assert np.isclose(slope, 60.0).sum() == 1

@@ -52,7 +52,7 @@ def test_clipping_twice_is_clipping_once(poses):
     assert_array_equal(clip(once), once)
 
 
-def test_possible_poses_are_left_alone_and_others_are_not(poses):
+def test_only_impossible_poses_change(poses):
     poses = np.concatenate([poses, clip(poses)])
     unchanged = (clip(poses) == poses).all(axis=-1)
     assert_array_equal(unchanged, within_limits(poses))
@@ -70,13 +70,13 @@ def test_the_mirror_image_has_the_same_limits(poses):
     assert_array_equal(clip(mirror(poses)), mirror(clip(poses)))
 
 
-def test_a_pose_does_not_depend_on_others(poses):
+def test_each_pose_is_clipped_independently(poses):
     assert_array_equal(clip(poses)[7], clip(poses[7]))
     assert_array_equal(clip(poses[:50].reshape(5, 10, -1)).reshape(50, -1), clip(poses)[:50])
     assert within_limits(poses[7]) == within_limits(poses)[7]
 
 
-def test_the_pose_that_is_given_stays_as_it_is(poses):
+def test_the_input_pose_does_not_change(poses):
     before = poses.copy()
     clip(poses)
     assert_array_equal(poses, before)
@@ -95,7 +95,7 @@ def test_every_abduction_and_flexion_leaves_room_to_turn():
 # Meaning
 
 
-def test_the_angles_mean_what_anatomy_calls_them():
+def test_angles_follow_anatomical_conventions():
     """Abduction, flexion and external rotation move the hand out, forward and out, on both sides."""
     right, left = hands()
     out_right, out_left = hands(right_shoulder_y=40.0, left_shoulder_y=-40.0)
@@ -122,12 +122,12 @@ def test_the_angles_mean_what_anatomy_calls_them():
         ({"right_shoulder_x": -90.0, "right_shoulder_z": -90.0}, (0.0, -90.0, -10.0)),
     ],
 )
-def test_the_limits_at_places_computed_by_hand(degrees, expected):
+def test_limits_match_values_computed_by_hand(degrees, expected):
     assert_allclose(shoulder_deg(clip(joint_angles(**degrees)))[:3], expected, atol=1e-3)
 
 
 @pytest.mark.parametrize("rotation", [-90.0, 90.0])
-def test_where_two_axes_coincide_the_limit_is_one_and_the_same(rotation):
+def test_limits_are_constant_where_two_axes_coincide(rotation):
     """At a flexion of 90° abduction and axial rotation turn the arm about the same line."""
     abductions = [15.0, 30.0, 45.0, 60.0, 75.0]
     poses = np.stack(

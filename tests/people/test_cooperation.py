@@ -47,7 +47,7 @@ def after(
     return now
 
 
-def test_nobody_reacts_before_the_reaction_time(upright):
+def test_no_reaction_before_the_reaction_time(upright):
     aside = with_tool(upright, [0.5, -0.5, 0.0])
     for quickness in (0.0, 0.5, 0.99):
         person = mind(quickness)
@@ -109,7 +109,7 @@ def test_sway_begins_at_rest_and_stays_small():
     assert np.radians(0.2) < most <= 2.0 * np.radians(1.0)
 
 
-def test_participants_move_and_everybody_else_does_not():
+def test_only_participants_move():
     def head_path(distribution: str) -> float:
         episodes = Episodes("avrgym/FeedingJaco-v1", 2, people=distribution, num_threads=1)
         episodes.reset(np.arange(2), [np.random.default_rng(i) for i in range(2)])
@@ -122,7 +122,7 @@ def test_participants_move_and_everybody_else_does_not():
     assert head_path("revised") == 0.0
 
 
-def test_minds_do_not_depend_on_company(upright, rng):
+def test_behaviour_does_not_depend_on_other_worlds(upright, rng):
     uniforms = rng.random((5, cooperation.NUM_UNIFORMS))
     who = distributions.repeat_person(Person("man", 0.6), 5)
     together = cooperation.initial_state(who, uniforms)

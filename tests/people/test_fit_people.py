@@ -130,9 +130,7 @@ def avrgym(*arguments: str | Path) -> Result:
 
 
 @pytest.mark.parametrize("count", [2, 5, 20])
-def test_ranges_cover_everybody_and_end_on_average_where_people_do(
-    rng: np.random.Generator, count: int
-) -> None:
+def test_fitted_ranges_cover_all_participants(rng: np.random.Generator, count: int) -> None:
     drawn = rng.uniform(-1.0, 3.0, (4000, count))
     ranges = np.array([covering_range(values, (-np.inf, np.inf)) for values in drawn])
     assert (ranges[:, 0] <= drawn.min(axis=1)).all()
@@ -148,7 +146,7 @@ def test_ranges_stay_within_what_the_model_allows() -> None:
 # From a study ------------------------------------------------------------------------------------------------
 
 
-def test_who_sits_still_is_found_where_they_were_all_the_while(fitted: Path) -> None:
+def test_still_participants_are_fitted_at_their_pose(fitted: Path) -> None:
     """The head was turned for the last of two seconds: half of it counts. What lies around the trial does not."""
     found = read_people(fitted, TASKS)
     assert not found.cooperating
@@ -161,15 +159,13 @@ def test_who_sits_still_is_found_where_they_were_all_the_while(fitted: Path) -> 
     assert found.torso_height_m.woman == pytest.approx((0.51 - 0.015, 0.54 + 0.015))
 
 
-def test_who_moves_is_found_where_the_robot_found_them(tmp_path: Path) -> None:
+def test_moving_participants_are_fitted_at_their_initial_pose(tmp_path: Path) -> None:
     found = fit_people(study(tmp_path / "moving", moved_deg=20.0)).people
     assert found.cooperating
     assert found.poses[TASK]["head_z"] == (0.0, 0.0)
 
 
-def test_the_file_says_where_it_comes_from_and_is_the_same_every_time(
-    folder: Path, fitted: Path, tmp_path: Path
-) -> None:
+def test_the_file_contains_its_source_and_is_reproducible(folder: Path, fitted: Path, tmp_path: Path) -> None:
     source = read_people(fitted, TASKS).source
     assert source is not None
     assert (source.men, source.women, source.trials, source.simulated) == (2, 3, 10, True)
@@ -184,7 +180,7 @@ def test_the_file_says_where_it_comes_from_and_is_the_same_every_time(
     assert avrgym("fit-people", folder, "--out", again).exit_code == 1
 
 
-def test_simulated_participants_do_not_count_beside_people(tmp_path: Path) -> None:
+def test_simulated_participants_are_ignored_among_real_ones(tmp_path: Path) -> None:
     folder = study(tmp_path / "mixed", simulated=False, count=3)
     with Store(folder) as store:
         take_part(store, "man", 0.70, 70.0, 1.0, simulated=True)
@@ -195,7 +191,7 @@ def test_simulated_participants_do_not_count_beside_people(tmp_path: Path) -> No
     assert "Fewer than two of sex 'woman' took part" in fit.remarks
 
 
-def test_a_trial_whose_person_was_held_is_left_out_and_named(tmp_path: Path) -> None:
+def test_trials_with_stale_tracking_are_skipped_and_listed(tmp_path: Path) -> None:
     folder = study(tmp_path / "held", count=3)
     with Store(folder) as store:
         take_part(store, "woman", 0.60, 50.0, 1.0, True, held=True)
@@ -211,7 +207,7 @@ def _recordings(pseudonym: str) -> list[str]:
     return [f"recordings/{pseudonym}/ses-01/trial-0{number}_attempt-1.mcap" for number in (1, 2)]
 
 
-def test_a_recording_that_was_changed_or_breaks_off_is_left_out_and_named(tmp_path: Path) -> None:
+def test_changed_or_truncated_recordings_are_skipped_and_listed(tmp_path: Path) -> None:
     folder = study(tmp_path / "broken", count=3)
     for path in (folder / "recordings" / "sub-002").rglob("*.mcap"):
         path.write_bytes(path.read_bytes()[:-400])
@@ -236,7 +232,7 @@ def test_too_few_participants_are_refused(tmp_path: Path, count: int) -> None:
 # The people of a file ----------------------------------------------------------------------------------------
 
 
-def test_drawn_people_fill_the_ranges_of_the_file(fitted: Path, rng: np.random.Generator) -> None:
+def test_sampled_people_fill_the_ranges_of_the_file(fitted: Path, rng: np.random.Generator) -> None:
     file, distribution = read_people(fitted, TASKS), distributions.find_distribution(str(fitted), TASKS)
     pose = distribution.pose_for_task(TASK, TASKS[TASK].pose)
     group = distributions.sample_people(
@@ -252,14 +248,14 @@ def test_drawn_people_fill_the_ranges_of_the_file(fitted: Path, rng: np.random.G
         assert (column.min(), column.max()) == pytest.approx((low, high), abs=0.01 * (high - low) + 1e-9)
 
 
-def test_elsewhere_they_are_found_in_the_tasks_own_pose(fitted: Path) -> None:
+def test_tasks_without_ranges_keep_their_pose(fitted: Path) -> None:
     distribution, usual = distributions.find_distribution(str(fitted), TASKS), TASKS["ScratchItch"].pose
     pose = distribution.pose_for_task("ScratchItch", usual)
     np.testing.assert_array_equal(pose.rest_rad, usual.rest_rad)
     np.testing.assert_array_equal(pose.spread_rad, usual.spread_rad)
 
 
-def test_environments_and_evaluation_meet_them(fitted: Path) -> None:
+def test_environments_and_evaluation_use_a_people_file(fitted: Path) -> None:
     env = gym.make(f"avrgym/{TASK}Jaco-v1", people=str(fitted))
     lows, highs = zip(
         *(read_people(fitted, TASKS).poses[TASK][joint] for joint in FITTED_JOINTS), strict=True
@@ -273,7 +269,7 @@ def test_environments_and_evaluation_meet_them(fitted: Path) -> None:
     assert evaluate(f"avrgym/{TASK}Jaco-v1", "zero", str(fitted), 1, 0).people == str(fitted)
 
 
-def test_a_training_keeps_its_people(fitted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_training_stores_its_people(fitted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also when their file has gone, and the policy says that they were fitted."""
     training = pytest.importorskip("avrgym.learning.training", reason="training is an extra")
     from avrgym.learning.configuration import FeedforwardConfiguration
@@ -318,7 +314,7 @@ def test_the_page_s_example_is_a_population_file() -> None:
     assert found.source is not None
 
 
-def test_a_file_by_hand_needs_no_source() -> None:
+def test_a_handwritten_file_needs_no_source() -> None:
     assert parse_people(GOOD, "p.toml", TASKS).poses == {"Feeding": {"waist_x": (-5.0, 5.0)}}
 
 
@@ -341,12 +337,12 @@ def test_a_file_by_hand_needs_no_source() -> None:
         ("cooperating = false", "cooperating = ", "p.toml: invalid TOML"),
     ],
 )
-def test_mistakes_in_a_file_are_named_with_their_key(old: str, new: str, words: str) -> None:
+def test_invalid_values_are_reported_with_their_key(old: str, new: str, words: str) -> None:
     with pytest.raises(PeopleFileError, match=words):
         parse_people(GOOD.replace(old, new), "p.toml", TASKS)
 
 
-def test_the_commands_name_what_people_there_are(tmp_path: Path) -> None:
+def test_commands_list_the_populations(tmp_path: Path) -> None:
     for command in ("evaluate", "train"):
         result = avrgym(command, f"avrgym/{TASK}Jaco-v1", "--people", "nobody.toml")
         assert result.exit_code == 1

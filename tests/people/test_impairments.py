@@ -34,7 +34,7 @@ def test_without_an_impairment_nothing_changes(group, rng):
     assert impaired(group, "none", rng) is group
 
 
-def test_limits_shrink_ranges_and_pose_to_a_share_from_half_to_all(group, rng):
+def test_limits_shrink_ranges_and_pose(group, rng):
     limited = impaired(group, "limits", rng)
     assert 0.5 <= limited.range_share.min() < 0.51
     assert 0.99 < limited.range_share.max() <= 1.0
@@ -45,15 +45,13 @@ def test_limits_shrink_ranges_and_pose_to_a_share_from_half_to_all(group, rng):
     assert_array_equal(limited.joint_angles_rad[kept], group.joint_angles_rad[kept])
 
 
-def test_weakness_takes_up_to_three_quarters_of_the_strength(group, rng):
+def test_weakness_reduces_strength_to_a_quarter_at_most(group, rng):
     weak = impaired(group, "weakness", rng)
     assert 0.25 <= weak.strength_share.min() < 0.26
     assert 0.98 < weak.strength_share.max() <= 1.0
 
 
-def test_tremor_is_as_far_as_the_reference_s_joints_follow_20_degrees_of_the_head_and_10_of_the_arms(
-    group, rng
-):
+def test_tremor_amplitudes_match_the_reference(group, rng):
     tremor = np.degrees(impaired(group, "tremor", rng).tremor_rad)
     for name, joint in JOINTS.items():
         most = followed_of_the_reference({"torso": 0.0, "head": 20.0}.get(joint.body, 10.0))
@@ -69,7 +67,7 @@ def followed_of_the_reference(target: float) -> float:
     return abs(angle)
 
 
-def test_joints_tremble_as_far_as_they_are_said_to():
+def test_joints_tremble_with_their_amplitude():
     episodes, angles = begun("tremor"), []
     for _ in range(12):
         episodes.command(STILL)
@@ -107,13 +105,13 @@ def test_weak_people_have_less_torque_and_hold_their_pose():
 
 
 @pytest.mark.parametrize("name", IMPAIRMENTS)
-def test_the_same_seed_makes_the_same_impaired_people(name):
+def test_the_same_seed_gives_the_same_impaired_people(name):
     first, second = begun(name, "revised"), begun(name, "revised")
     for _ in range(3):
         assert_array_equal(first.step(STILL).observation, second.step(STILL).observation)
 
 
-def test_an_unknown_impairment_names_what_there_is():
+def test_an_unknown_impairment_lists_the_impairments():
     expected = "unknown impairment 'gout'; the impairments are none, limits, weakness, tremor"
     with pytest.raises(ValueError, match=expected):
         Episodes(ENVIRONMENT, 1, impairment="gout")

@@ -32,7 +32,7 @@ def test_static_and_moving_people_have_head_and_arm_in_the_same_place(environmen
 
 
 @pytest.mark.parametrize("environment", ["avrgym/FeedingJaco-v1", "avrgym/BedBathingJaco-v1"])
-def test_a_moving_person_in_a_world_is_the_one_that_would_be_compiled(environment):
+def test_per_world_fields_equal_the_compiled_person(environment):
     episodes = begun(environment, moving=True)
     for world in range(WORLDS):
         person = episodes.person_in(world)
@@ -71,7 +71,7 @@ def test_the_whole_body_weighs_what_the_table_says(moving):
         assert mass == pytest.approx(human.PROPORTIONS[sex].mass, rel=1e-9)
 
 
-def test_robot_and_arm_push_each_other():
+def test_robot_and_arm_move_each_other():
     """A person's hand that wants to go through the robot's arm moves it, and is held off."""
     episodes = begun("avrgym/FeedingJaco-v1", moving=True)
     simulation = episodes.simulation

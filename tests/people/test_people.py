@@ -51,7 +51,7 @@ def assert_fills(values: np.ndarray, low: float, high: float) -> None:
     assert values.max() >= high - slack
 
 
-def test_men_and_women_come_equally_often(rng, name):
+def test_men_and_women_are_equally_likely(rng, name):
     assert sampled(name, rng).is_woman.mean() == pytest.approx(0.5, abs=0.03)
 
 
@@ -70,7 +70,7 @@ def test_waist_and_head_fill_the_range_of_the_paper(rng, name):
     assert_array_equal(offset[:, REST], 0.0)
 
 
-def test_everybody_can_sit_like_that(rng, name):
+def test_sampled_poses_are_within_joint_ranges(rng, name):
     angles = sampled(name, rng).joint_angles_rad
     assert (angles >= LOWER_RAD).all()
     assert (angles <= UPPER_RAD).all()
@@ -83,7 +83,7 @@ def test_joints_and_torso_height_are_drawn_independently(rng):
     assert np.abs(correlation).max() < 0.06
 
 
-def test_the_same_numbers_make_the_same_person_in_any_company(rng, name):
+def test_a_person_does_not_depend_on_other_worlds(rng, name):
     uniforms = rng.random((50, distributions.NUM_UNIFORMS))
     distribution = distributions.find_distribution(name, TASKS)
     together = distributions.sample_people(distribution, TURNED_HEAD, SEATED, None, uniforms)
@@ -97,7 +97,7 @@ def test_the_same_numbers_make_the_same_person_in_any_company(rng, name):
 @pytest.mark.parametrize(
     "task", [task for task in TASKS.values() if task.pose.spreads_arm], ids=lambda t: t.name
 )
-def test_a_random_arm_has_room_and_a_shoulder_that_can_turn_like_that(rng, name, task):
+def test_random_arms_have_clearance_and_possible_shoulders(rng, name, task):
     scene = task.scene(JACO)
     furniture = furniture_boxes(scene.furniture)
     uniforms = rng.random((1000, distributions.NUM_UNIFORMS))
@@ -111,7 +111,7 @@ def test_a_random_arm_has_room_and_a_shoulder_that_can_turn_like_that(rng, name,
     assert (np.abs(offset).max(axis=0) > 9.0).all()
 
 
-def test_crowded_poses_are_drawn_again(rng):
+def test_poses_without_clearance_are_sampled_again(rng):
     """An arm that hangs close to the body, ±10°, often has no room; the few that never find any stay."""
     spread = np.where(distributions.RIGHT_ARM, np.radians(10.0), 0.0)
     close = distributions.Pose(joint_angles(right_shoulder_y=10.0, right_elbow_x=-20.0), spread)
@@ -146,7 +146,7 @@ def test_a_person_repeats():
     assert group.joint_angles_rad.shape == (3, 20)
 
 
-def test_an_unknown_distribution_names_what_there_is():
+def test_an_unknown_distribution_lists_the_distributions():
     with pytest.raises(
         ValueError, match="unknown people 'martians'; the distributions are original, revised"
     ):

@@ -1,4 +1,4 @@
-"""The partners of the zoo: who they are, and that they move as their style says, as people can."""
+"""Zoo partners: their parameters, and motion according to their style within human limits."""
 
 from dataclasses import replace
 
@@ -37,15 +37,15 @@ def rows(zoo: str, style: str) -> np.ndarray:
     return np.array([i for i, one in enumerate(PARTNERS) if (one.zoo, one.style) == (zoo, style)])
 
 
-def begun(partners: np.ndarray, chance: float | np.ndarray = 0.3) -> tuple[People, PartnerState]:
+def begun(partners: np.ndarray, uniforms: float | np.ndarray = 0.3) -> tuple[People, PartnerState]:
     people = apply_partner_bodies(distributions.repeat_person(Person("man", 0.6), len(partners)), partners)
     return people, partner_behaviour.initial_state(
-        people, partners, np.broadcast_to(chance, (len(partners), 4))
+        people, partners, np.broadcast_to(uniforms, (len(partners), 4))
     )
 
 
 def seeing(offset: tuple[float, ...] | np.ndarray) -> State:
-    """Whoever sits upright, and sees the tool at an offset (3,) or (N, 3) from mouth and elbow."""
+    """Observation of an upright person, with the tool at an offset (3,) or (N, 3) from mouth and elbow."""
     mouth, arm = (
         np.array([[0.0, -0.1, 1.2]]),
         np.array([[[-0.2, 0.0, 1.1], [-0.2, 0.0, 0.85], [-0.2, -0.3, 0.85]]]),
@@ -59,7 +59,7 @@ def seeing(offset: tuple[float, ...] | np.ndarray) -> State:
     )
 
 
-def lived(
+def stepped(
     mind: PartnerState,
     people: People,
     offset: tuple[float, ...] | np.ndarray,
@@ -89,7 +89,7 @@ def possible_for(people: People):
 # Who there is ------------------------------------------------------------------------------------------------
 
 
-def test_there_are_at_least_625_partners_whom_training_never_meets():
+def test_the_held_out_zoo_has_at_least_625_partners():
     traits = np.stack([getattr(PARTNER_PARAMETERS, trait) for trait in PARAMETER_NAMES], axis=-1)
     zoo = np.array([partner.zoo for partner in PARTNERS])
     unseen = np.unique(traits[zoo == "zoo/unseen"], axis=0)
@@ -98,7 +98,7 @@ def test_there_are_at_least_625_partners_whom_training_never_meets():
 
 
 @pytest.mark.parametrize("trait", PARAMETER_NAMES)
-def test_no_value_of_a_trait_that_a_style_moves_is_in_both_zoos(trait):
+def test_training_and_held_out_parameters_differ(trait):
     values = {zoo: set[float]() for zoo in ZOOS}
     for row, partner in enumerate(PARTNERS):
         if any(trait in axis for axis in STYLES[partner.style].axes):
@@ -107,7 +107,7 @@ def test_no_value_of_a_trait_that_a_style_moves_is_in_both_zoos(trait):
     assert not values["zoo/train"] & values["zoo/unseen"]
 
 
-def test_every_style_moves_traits_that_there_are_within_what_its_ranges_say():
+def test_style_parameters_stay_within_their_ranges():
     for style in STYLES.values():
         moved = [trait for axis in style.axes for trait in axis]
         assert set(moved) <= set(PARAMETER_NAMES)
@@ -118,7 +118,7 @@ def test_every_style_moves_traits_that_there_are_within_what_its_ranges_say():
                 assert first - 1e-9 <= getattr(PARTNER_PARAMETERS, trait)[row] <= last + 1e-9
 
 
-def test_styles_are_met_equally_often_and_partners_of_one_too(rng):
+def test_styles_and_their_partners_are_equally_likely(rng):
     partners = ZOOS["zoo/unseen"].draw(rng.random((60_000, 2)))
     styles = [PARTNERS[row].style for row in partners]
     assert {PARTNERS[row].zoo for row in partners} == {"zoo/unseen"}
@@ -128,7 +128,7 @@ def test_styles_are_met_equally_often_and_partners_of_one_too(rng):
 
 
 @pytest.mark.parametrize("name", [*ZOOS, "zoo/train/startled"])
-def test_a_zoo_and_a_style_of_it_have_names(name):
+def test_zoos_and_single_styles_have_names(name):
     found = distributions.find_distribution(name, TASKS)
     assert found.moving
     assert found.partners is not None
@@ -136,7 +136,7 @@ def test_a_zoo_and_a_style_of_it_have_names(name):
 
 
 @pytest.mark.parametrize("name", ["zoo", "zoo/test", "zoo/train/", "zoo/train/nope", "zoo/unseen/train"])
-def test_unknown_zoos_and_styles_name_what_there_is(name):
+def test_unknown_zoos_and_styles_list_the_names(name):
     with pytest.raises(ValueError, match=r"zoo/train, zoo/unseen, a style of the zoo such as .*hesitant"):
         distributions.find_distribution(name, TASKS)
 
@@ -145,9 +145,7 @@ def test_unknown_zoos_and_styles_name_what_there_is(name):
 
 
 @pytest.mark.parametrize("offered", ["mouth", "arm", "nothing"])
-def test_nobody_moves_faster_or_more_suddenly_than_the_speeds_and_accelerations_say(
-    offered: OfferedPart, rng
-):
+def test_speeds_and_accelerations_stay_within_limits(offered: OfferedPart, rng):
     people, mind = begun(ALL, rng.random((len(ALL), 4)))
     possible = possible_for(people)
     tool = np.array(FAR) + np.zeros((len(ALL), 3))
@@ -173,40 +171,40 @@ def test_nobody_moves_faster_or_more_suddenly_than_the_speeds_and_accelerations_
         mind = later
 
 
-def test_all_begin_at_rest_where_they_were_found():
+def test_all_partners_start_at_rest_in_their_pose():
     _, mind = begun(ALL)
     assert_array_equal(mind.targets_rad, mind.rest_rad)
     assert_allclose(partner_behaviour.oscillation_rad(mind), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("style", ["cooperating", "startled", "talking", "weak"])
-def test_nobody_sees_the_tool_before_the_reaction_time(style):
+def test_no_partner_reacts_before_the_reaction_time(style):
     partners = rows("zoo/unseen", style)
     people, mind = begun(partners, 0.0)
     steps = np.floor(PARTNER_PARAMETERS.of(partners).reaction_s / CONTROL_STEP_S)
-    before = lived(mind, people, NEAR, int(steps.min()) + 1)
+    before = stepped(mind, people, NEAR, int(steps.min()) + 1)
     assert_array_equal(before.targets_rad[:, WAIST_X], mind.rest_rad[:, WAIST_X])
-    later = lived(mind, people, NEAR, int(steps.max()) + 6)
+    later = stepped(mind, people, NEAR, int(steps.max()) + 6)
     assert (np.abs(later.targets_rad - mind.rest_rad).max(axis=-1) > 0.01).all()
 
 
-def test_the_still_stay_as_they_are():
+def test_still_partners_keep_their_pose():
     partners = rows("zoo/train", "still")
     people, mind = begun(partners)
-    assert_array_equal(lived(mind, people, NEAR, 60).targets_rad, mind.rest_rad)
+    assert_array_equal(stepped(mind, people, NEAR, 60).targets_rad, mind.rest_rad)
 
 
-def test_the_cooperating_lean_to_the_tool_and_the_averse_from_it():
+def test_cooperating_partners_lean_to_the_tool_and_averse_ones_away():
     for style, sign in (("cooperating", 1.0), ("averse", -1.0)):
         people, mind = begun(rows("zoo/unseen", style))
-        moved = lived(mind, people, NEAR, 40).targets_rad - mind.rest_rad
+        moved = stepped(mind, people, NEAR, 40).targets_rad - mind.rest_rad
         assert (moved[:, WAIST_X] > np.radians(4.0)).all() == (sign > 0.0)
         assert (moved[:, WAIST_Y] > np.radians(1.5)).all() == (sign < 0.0)
-        back = lived(lived(mind, people, NEAR, 40), people, FAR, 60).targets_rad
+        back = stepped(stepped(mind, people, NEAR, 40), people, FAR, 60).targets_rad
         assert_allclose(back[:, [WAIST_X, WAIST_Y]], mind.rest_rad[:, [WAIST_X, WAIST_Y]], atol=1e-6)
 
 
-def test_the_hesitant_wait_and_stop_half_way():
+def test_hesitant_partners_wait_and_stop_half_way():
     partners = rows("zoo/unseen", "hesitant")
     people, mind = begun(partners)
     goal = PARTNER_PARAMETERS.of(partners).approach_share * np.radians(10.0)
@@ -216,7 +214,7 @@ def test_the_hesitant_wait_and_stop_half_way():
         PARTNER_PARAMETERS.of(partners).reaction_s,
     )
     for _ in range(80):
-        mind = lived(mind, people, NEAR, 1)
+        mind = stepped(mind, people, NEAR, 1)
         leans.append(mind.targets_rad[:, WAIST_X] - mind.rest_rad[:, WAIST_X])
     leaned = np.array(leans)
     waited = (leaned < 1e-9).sum(axis=0) * CONTROL_STEP_S
@@ -227,27 +225,27 @@ def test_the_hesitant_wait_and_stop_half_way():
     assert_allclose(leaned[-1], goal, atol=1e-6)
 
 
-def test_the_startled_withdraw_at_once_come_back_and_get_used_to_it():
+def test_startled_partners_withdraw_return_and_habituate():
     partners = rows("zoo/unseen", "startled")
     people, mind = begun(partners)
     peaks = []
     for _ in range(3):
         extent = np.zeros(len(partners))
         for _ in range(12):
-            mind = lived(mind, people, NEAR, 1)
+            mind = stepped(mind, people, NEAR, 1)
             extent = np.maximum(extent, mind.targets_rad[:, WAIST_Y] - mind.rest_rad[:, WAIST_Y])
         peaks.append(extent)
-        mind = lived(mind, people, FAR, 60)
+        mind = stepped(mind, people, FAR, 60)
         assert_allclose(mind.targets_rad[:, WAIST_Y], mind.rest_rad[:, WAIST_Y], atol=1e-6)
     assert (peaks[0] > np.radians(3.0)).all()
     assert (peaks[1] < 0.6 * peaks[0]).all()
     assert (peaks[2] < 0.6 * peaks[1]).all()
 
 
-def test_arms_are_drawn_in_by_the_startled_and_the_averse():
+def test_startled_and_averse_partners_withdraw_the_arm():
     for style in ("startled", "averse"):
         people, mind = begun(rows("zoo/train", style))
-        drawn = lived(mind, people, (-0.2, 0.1, -0.35), 10, "arm").targets_rad - mind.rest_rad
+        drawn = stepped(mind, people, (-0.2, 0.1, -0.35), 10, "arm").targets_rad - mind.rest_rad
         assert (drawn[:, ELBOW] < -np.radians(2.0)).all()
 
 
@@ -256,13 +254,13 @@ def heads(style: str, steps: int = 200) -> np.ndarray:
     people, mind = begun(rows("zoo/unseen", style))
     turned = []
     for _ in range(steps):
-        mind = lived(mind, people, (0.0, -0.9, 0.1), 1)
+        mind = stepped(mind, people, (0.0, -0.9, 0.1), 1)
         shown = mind.targets_rad + partner_behaviour.oscillation_rad(mind)
         turned.append(np.degrees(shown - mind.rest_rad)[:, [HEAD_X, JOINT_INDEX["head_y"], HEAD_Z]])
     return np.array(turned)
 
 
-def test_those_who_talk_turn_to_one_side_and_the_distracted_to_any():
+def test_talking_partners_turn_to_one_side_and_distracted_ones_to_any():
     talking, distracted = heads("talking")[..., 2], heads("distracted")[..., 2]
     assert (np.abs(talking).max(axis=0) > 20.0).all()
     assert ((talking < -10.0).any(axis=0) != (talking > 10.0).any(axis=0)).all()
@@ -271,7 +269,7 @@ def test_those_who_talk_turn_to_one_side_and_the_distracted_to_any():
     assert ((distracted < -5.0).any(axis=0) & (distracted > 5.0).any(axis=0)).all()
 
 
-def test_those_who_chew_do_so_at_their_pace():
+def test_chewing_partners_chew_at_their_frequency():
     partners = rows("zoo/unseen", "chewing")
     back = heads("chewing", 100)[10:, :, 0]
     back -= back.mean(axis=0)
@@ -279,19 +277,19 @@ def test_those_who_chew_do_so_at_their_pace():
     assert_allclose(crossings / 9.0, PARTNER_PARAMETERS.of(partners).chew_hz, atol=0.25)
 
 
-def test_the_restless_sit_otherwise_every_few_seconds():
+def test_restless_partners_shift_every_few_seconds():
     partners = rows("zoo/unseen", "restless")
     people, mind = begun(partners)
     waists = []
     for _ in range(200):
-        mind = lived(mind, people, FAR, 1)
+        mind = stepped(mind, people, FAR, 1)
         waists.append(mind.targets_rad[:, WAIST_X : WAIST_X + 3])
     moved = np.degrees(np.ptp(np.array(waists), axis=0))
     assert (moved.max(axis=-1) > 0.5 * PARTNER_PARAMETERS.of(partners).shift_deg).all()
     assert (moved <= 2.0 * PARTNER_PARAMETERS.of(partners).shift_deg[:, None] + 1e-9).all()
 
 
-def test_bodies_are_as_their_style_has_them_and_impairments_add_to_it(rng):
+def test_styles_set_bodies_and_impairments_add_to_them(rng):
     people = distributions.repeat_person(Person("woman", 0.54), len(ALL))
     body, manner = apply_partner_bodies(people, ALL), PARTNER_PARAMETERS
     assert_allclose(body.strength_share, manner.strength_share)
@@ -320,7 +318,7 @@ def test_joints_move_smoothly_between_control_steps():
     assert 1.0 < np.abs(acceleration).max() < 31.0
 
 
-def test_a_partner_is_the_same_alone_and_among_others(rng):
+def test_a_partner_does_not_depend_on_other_worlds(rng):
     many, alone = (Episodes(FEEDING, count, people="zoo/train", num_threads=1) for count in (9, 1))
     many.reset(np.arange(9), [np.random.default_rng(i) for i in range(9)])
     alone.reset(np.array([0]), [np.random.default_rng(7)])

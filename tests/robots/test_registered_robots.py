@@ -60,12 +60,12 @@ def chain_of(robot: Robot, arm: Arm) -> kinematics.Chain:
     return kinematics.chain_of(model, arm.joints, robot.base, arm.end_effector)
 
 
-def test_its_record_is_whole(robot):
+def test_its_record_is_valid(robot):
     check_robot(robot)
 
 
 def test_inverse_kinematics_is_the_inverse_of_forward(robot, rng):
-    """From 0.3 rad beside them, poses well inside the ranges are found again."""
+    """From 0.3 rad away, poses well inside the ranges are found again."""
     arm = arm_of(robot)
     chain = chain_of(robot, arm)
     middle, half = 0.5 * (chain.lower_rad + chain.upper_rad), 0.5 * (chain.upper_rad - chain.lower_rad)
@@ -116,7 +116,7 @@ def carried_by(model: mujoco.MjModel, geom: int, name: str, *, siblings: bool = 
     return body == root
 
 
-def test_its_looks_change_nothing_that_moves(robot):
+def test_visual_geoms_do_not_change_the_dynamics(robot):
     plain, dressed = (robot_spec(robot, arm_of(robot), appearance=seen).compile() for seen in (False, True))
     for field in ("body_mass", "body_inertia", "body_pos", "body_quat", "jnt_range", "actuator_gainprm"):
         assert_allclose(getattr(plain, field), getattr(dressed, field))
@@ -164,7 +164,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("words", BROKEN)
-def test_a_record_with_something_missing_is_refused_in_clear_words(words):
+def test_an_incomplete_record_is_rejected(words):
     before = dict(ROBOTS)
     with pytest.raises(ValueError, match=words):
         registry.register(BROKEN[words])

@@ -143,7 +143,7 @@ def test_a_prismatic_joint_of_an_arm_is_refused_in_words() -> None:
     ],
     ids=["xacro", "find", "path", "mjcf", "floating", "planar"],
 )
-def test_what_is_no_urdf_is_refused_with_its_cure(text: str, message: str) -> None:
+def test_invalid_urdf_is_rejected_with_a_fix(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         build(text)
     with pytest.raises(ValueError, match=message):

@@ -43,12 +43,12 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_each_passes_its_own_test(installed: Path) -> None:
+def test_each_template_passes_its_own_tests(installed: Path) -> None:
     tests = [str(installed / kind / "tests") for kind in NAMES]
     python(installed, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests)
 
 
-def test_each_is_where_ours_are(installed: Path) -> None:
+def test_each_template_is_listed_with_the_packaged_ones(installed: Path) -> None:
     avrgym(installed, "envs", "--json", "envs.json")
     listed = {row["env"] for row in json.loads((installed / "envs.json").read_text())}
     tasks = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
@@ -98,7 +98,7 @@ def test_a_name_is_spelt_as_python_spells_modules(name: str, spelt: str) -> None
         ("robot", "Mujoco", "Python knows mujoco already"),
     ],
 )
-def test_a_name_that_cannot_be_used_is_refused_in_one_line_and_nothing_is_written(
+def test_an_invalid_name_is_rejected_and_nothing_is_written(
     kind: str, name: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -109,7 +109,7 @@ def test_a_name_that_cannot_be_used_is_refused_in_one_line_and_nothing_is_writte
 
 
 @pytest.mark.parametrize("there", ["file", "folder", "link"])
-def test_what_is_there_already_is_never_touched(there: str, tmp_path: Path) -> None:
+def test_existing_folders_are_never_changed(there: str, tmp_path: Path) -> None:
     out = tmp_path / "mine"
     if there == "file":
         out.write_text("kept")

@@ -90,7 +90,7 @@ def test_broken_tasks_are_named_and_skipped(installed):
         assert re.search(f"skipped {re.escape(name)}: \\w+: .*{re.escape(reason)}", said), said
 
 
-def test_a_module_that_is_imported_before_avrgym_is_told_so(installed):
+def test_a_module_imported_before_avrgym_gets_a_clear_error(installed):
     ran = _python(installed, "-c", "import touch_elbow.task")
     assert ran.returncode == 0
     assert "touch_elbow.task was imported before avrgym; import avrgym first" in ran.stderr

@@ -1,4 +1,4 @@
-"""Tasks and people compute on tensors what they compute on NumPy's arrays, and copy nothing to the host in a step."""
+"""Tasks and people give the same results on tensors as on NumPy arrays, and copy nothing to the host in a step."""
 
 from dataclasses import replace
 from itertools import product
@@ -72,16 +72,16 @@ def crowded_state(rng: np.random.Generator, joints: int, particles: int) -> Stat
 
 
 def people_from(uniforms: Any, distribution: str, impairment: str, task: str) -> People:
-    whom, usual = DISTRIBUTIONS[distribution], TASKS[task]
+    population, usual = DISTRIBUTIONS[distribution], TASKS[task]
     of_people, of_mind, of_impairment = np.cumsum(
         [distributions.NUM_UNIFORMS, cooperation.NUM_UNIFORMS, impairments.NUM_UNIFORMS]
     ).tolist()
     posture = RECLINED if task == "BedBathing" else SEATED
     who = distributions.sample_people(
-        whom, whom.pose_for_task(task, usual.pose), posture, None, uniforms[:, :of_people]
+        population, population.pose_for_task(task, usual.pose), posture, None, uniforms[:, :of_people]
     )
-    if whom.partners is not None:
-        who = partners.apply_partner_bodies(who, whom.partners.draw(uniforms[:, of_people:of_mind]))
+    if population.partners is not None:
+        who = partners.apply_partner_bodies(who, population.partners.draw(uniforms[:, of_people:of_mind]))
     return impairments.apply_impairment(
         who, impairments.find_impairment(impairment), uniforms[:, of_mind:of_impairment]
     )
@@ -118,7 +118,7 @@ def situation(request: pytest.FixtureRequest) -> tuple[str, State, Any, Any]:
     return request.param, state, rng.uniform(-1.0, 1.0, (WORLDS, joints)), kept
 
 
-def test_a_step_is_worth_the_same_on_tensors(situation: tuple[str, State, Any, Any]) -> None:
+def test_rewards_are_equal_on_tensors(situation: tuple[str, State, Any, Any]) -> None:
     environment, state, action, kept = situation
     for _ in range(2):
         wanted = step(environment, state, action, kept)
@@ -143,7 +143,7 @@ def test_single_precision_stays_single(situation: tuple[str, State, Any, Any]) -
     assert_allclose(result.distance_m, wanted.distance_m, rtol=1e-5, atol=1e-5)
 
 
-def lives(
+def behaviour_models(
     who: People, uniforms: Any, sights: Any, *, distribution: str, task: str, steered: bool
 ) -> list[Any]:
     """Where people want their joints in each of some control steps."""
@@ -168,7 +168,7 @@ def lives(
     [(*kind, False) for kind in product(DISTRIBUTIONS, IMPAIRMENTS)] + [("original", "none", True)],
 )
 @pytest.mark.parametrize("task", TASKS)
-def test_people_are_and_do_the_same_on_tensors(
+def test_people_behave_equally_on_tensors(
     task: str, distribution: str, impairment: str, steered: bool
 ) -> None:
     rng = np.random.default_rng(3)
@@ -176,18 +176,21 @@ def test_people_are_and_do_the_same_on_tensors(
     who = people_from(uniforms, distribution, impairment, task)
     assert_alike(people_from(tensors(uniforms), distribution, impairment, task), who)
     given = who, uniforms[:, -cooperation.NUM_UNIFORMS :], tuple(crowded_state(rng, 7, 0) for _ in range(4))
-    wanted = lives(*given, distribution=distribution, task=task, steered=steered)
+    wanted = behaviour_models(*given, distribution=distribution, task=task, steered=steered)
     assert_alike(
-        tuple(lives(*tensors(given), distribution=distribution, task=task, steered=steered)), tuple(wanted)
+        tuple(behaviour_models(*tensors(given), distribution=distribution, task=task, steered=steered)),
+        tuple(wanted),
     )
 
 
 @pytest.mark.parametrize("distribution", ["participants", "zoo/train"])
 @pytest.mark.parametrize("task", ["Feeding", "ScratchItch"])
-def test_what_people_do_copies_nothing_to_the_host(task: str, distribution: str) -> None:
+def test_behaviour_copies_nothing_to_the_host(task: str, distribution: str) -> None:
     rng = np.random.default_rng(3)
     uniforms = rng.random((WORLDS, NUM_UNIFORMS))
     who = people_from(uniforms, distribution, "tremor", task)
     given = who, uniforms[:, -cooperation.NUM_UNIFORMS :], (crowded_state(rng, 7, 0),)
-    (targets,) = lives(*tensors(given, "meta"), distribution=distribution, task=task, steered=False)
+    (targets,) = behaviour_models(
+        *tensors(given, "meta"), distribution=distribution, task=task, steered=False
+    )
     assert targets.device.type == "meta"

@@ -85,7 +85,9 @@ def fresh(*persons: Person) -> BedBathingState:
     return TASK.init_state(who, np.zeros((len(who.is_woman), TASK.num_uniforms)))
 
 
-def judged(seen: State, task_state: BedBathingState | None = None, action: np.ndarray = STILL) -> StepResult:
+def evaluated(
+    seen: State, task_state: BedBathingState | None = None, action: np.ndarray = STILL
+) -> StepResult:
     return TASK.evaluate_step(seen, action, task_state or fresh())
 
 
@@ -144,7 +146,7 @@ def test_marks_are_drawn_above_the_skin_until_they_are_wiped():
     from_axis = np.hypot(shown[:, 0] - SHOULDER[0], shown[:, 2] - SHOULDER[2])
     assert_allclose(np.unique(from_axis.round(6)), [0.033 + 0.008, 0.043 + 0.008])
     assert ((marks[0, :, 2] < 0.0) == ~task_state.exists[0].ravel()).all()
-    wiped = judged(state({on_top_of_upper_arm(0.14): 3.0})).task_state
+    wiped = evaluated(state({on_top_of_upper_arm(0.14): 3.0})).task_state
     hidden = TASK.marks.places(seen, wiped)[0, :, 2] < 0.0
     assert hidden.sum() == (~task_state.exists).sum() + wiped.wiped.sum() > (~task_state.exists).sum()
 
@@ -154,7 +156,7 @@ def test_marks_are_drawn_above_the_skin_until_they_are_wiped():
 
 def wiped_by(seen: State) -> tuple[np.ndarray, np.ndarray]:
     """Where the markers are that one step wipes, and those that it leaves."""
-    result = judged(seen)
+    result = evaluated(seen)
     pos = marker_places(seen, fresh())
     wiped = result.task_state.wiped[0]
     assert term(result, "markers_wiped") == result.events[0] == wiped.sum()
@@ -217,10 +219,10 @@ def test_only_the_face_wipes(pad_q_w):
     """Whichever way the cloth is turned: with its face and the face's rim, never with its sides or its back."""
     for about_rad in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):
         for angle_deg, wipes in ((0, True), (30, True), (70, True), (80, False), (90, False), (180, False)):
-            result = judged(touching(pad_q_w, angle_deg, about_rad))
+            result = evaluated(touching(pad_q_w, angle_deg, about_rad))
             assert (term(result, "markers_wiped") > 0) == wipes
         for behind_m, wipes in ((0.0, True), (0.006, True), (0.012, False), (0.02, False)):
-            result = judged(touching(pad_q_w, 50, about_rad, behind_face_m=behind_m))
+            result = evaluated(touching(pad_q_w, 50, about_rad, behind_face_m=behind_m))
             assert (term(result, "markers_wiped") > 0) == wipes
 
 
@@ -228,8 +230,8 @@ def test_a_side_that_touches_adds_nothing_to_what_the_face_wipes():
     seen = state({on_top_of_upper_arm(0.08): 2.0, on_top_of_upper_arm(0.18): 1.0})
     normals_w = seen.tool_contact_normal_w.copy()
     normals_w[0, 1] = LEFT  # a side's, where the face looks down
-    alone = judged(state({on_top_of_upper_arm(0.08): 2.0}))
-    both = judged(replace(seen, tool_contact_normal_w=normals_w))
+    alone = evaluated(state({on_top_of_upper_arm(0.08): 2.0}))
+    both = evaluated(replace(seen, tool_contact_normal_w=normals_w))
     assert_array_equal(both.task_state.wiped, alone.task_state.wiped)
 
 
@@ -270,17 +272,17 @@ def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
 
 def test_the_force_of_a_side_on_the_arm_is_at_the_target_too():
     seen = state({on_top_of_upper_arm(0.10): 20.0}, tool_contact_normal_w=np.tile(LEFT, (1, 6, 1)))
-    result = judged(seen)
+    result = evaluated(seen)
     assert term(result, "strong_force_at_arm_n") == 20.0
     assert term(result, "force_elsewhere_n") == 0.0
 
 
 def test_a_marker_counts_once():
     seen = state({on_top_of_upper_arm(0.10): 3.0})
-    result = judged(seen)
+    result = evaluated(seen)
     assert term(result, "markers_wiped") > 0
-    assert term(judged(seen, result.task_state), "markers_wiped") == 0
-    assert judged(seen, result.task_state).task_state.wiped.sum() == result.task_state.wiped.sum()
+    assert term(evaluated(seen, result.task_state), "markers_wiped") == 0
+    assert evaluated(seen, result.task_state).task_state.wiped.sum() == result.task_state.wiped.sum()
 
 
 def test_thirty_percent_of_the_markers_are_a_success():
@@ -290,7 +292,7 @@ def test_thirty_percent_of_the_markers_are_a_success():
     for count, success in ((38, False), (39, True)):
         wiped = np.zeros(task_state.wiped.size, dtype=bool)
         wiped[existing[-count:]] = True
-        result = judged(state(), replace(task_state, wiped=wiped.reshape(task_state.wiped.shape)))
+        result = evaluated(state(), replace(task_state, wiped=wiped.reshape(task_state.wiped.shape)))
         assert result.success[0] == success
 
 
@@ -300,10 +302,10 @@ def test_thirty_percent_of_the_markers_are_a_success():
 def test_distance_is_from_the_cloth_to_the_skin():
     for above in (0.0, 0.02, 0.3):
         face = np.array(on_top_of_upper_arm(0.14, above_m=above))
-        result = judged(state(tool_pos_w=face[None]))
+        result = evaluated(state(tool_pos_w=face[None]))
         assert term(result, "distance_m") == result.distance_m[0] == pytest.approx(above, abs=1e-9)
     inside = np.array(on_top_of_upper_arm(0.14, above_m=-0.003))
-    assert term(judged(state(tool_pos_w=inside[None])), "distance_m") == 0.0
+    assert term(evaluated(state(tool_pos_w=inside[None])), "distance_m") == 0.0
 
 
 def test_distance_is_from_the_nearest_part_of_the_cloth():
@@ -312,28 +314,28 @@ def test_distance_is_from_the_nearest_part_of_the_cloth():
     tip = ELBOW - (FOREARM_M + FOREARM_RADIUS_M) * BACK
     beyond = tip - (half_length + 0.05) * BACK - PAD_HALF_SIZE_M[0] * UP
     seen = state(tool_pos_w=beyond[None])
-    assert term(judged(seen), "distance_m") == pytest.approx(0.05, abs=1e-6)
+    assert term(evaluated(seen), "distance_m") == pytest.approx(0.05, abs=1e-6)
 
 
 def test_force_on_the_arm_is_at_the_target_and_any_other_is_not():
     on_arm = on_top_of_upper_arm(0.10)
     seen = state({on_arm: 4.0, tuple(FAR_AWAY): 3.0}, total_force_n=np.array([9.0]))
-    result = judged(seen)
+    result = evaluated(seen)
     assert term(result, "force_elsewhere_n") == pytest.approx(5.0)
     assert term(result, "strong_force_at_arm_n") == 0.0
-    assert term(judged(state({on_arm: 4.0})), "force_elsewhere_n") == 0.0
+    assert term(evaluated(state({on_arm: 4.0})), "force_elsewhere_n") == 0.0
 
 
 def test_only_strong_force_at_the_target_is_disliked():
     for newtons, counted in ((9.99, 0.0), (10.0, 10.0), (25.0, 25.0)):
         half = 0.5 * newtons
         both = state({on_top_of_upper_arm(0.10): half, tuple(ELBOW + FOREARM_RADIUS_M * UP): half})
-        assert term(judged(both), "strong_force_at_arm_n") == pytest.approx(counted)
+        assert term(evaluated(both), "strong_force_at_arm_n") == pytest.approx(counted)
 
 
 def test_action_and_speed_terms():
     seen = state(tool_velocity_w=np.array([[0.3, 0.0, -0.4]]))
-    result = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
+    result = evaluated(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
     assert term(result, "action_squared") == 1.5
     assert term(result, "tool_speed_m_s") == pytest.approx(0.5)
 
@@ -355,7 +357,7 @@ def test_the_reward_is_the_weighted_sum():
         tool_velocity_w=np.array([[0.0, 0.2, 0.0]]),
         total_force_n=np.array([27.0]),
     )
-    result = judged(seen, action=np.full((1, 7), 0.5))
+    result = evaluated(seen, action=np.full((1, 7), 0.5))
     distance, wiped = term(result, "distance_m"), term(result, "markers_wiped")
     assert distance > 0.9
     assert wiped > 0
@@ -364,7 +366,7 @@ def test_the_reward_is_the_weighted_sum():
     assert set(result.terms) == set(TASK.weights)
 
 
-def test_worlds_are_judged_apart():
+def test_worlds_are_evaluated_independently():
     worlds = [state({on_top_of_upper_arm(0.10): 3.0}), state(), state({on_top_of_upper_arm(0.20): 12.0})]
     arrays = {
         name: np.concatenate([getattr(world, name) for world in worlds])
@@ -373,7 +375,7 @@ def test_worlds_are_judged_apart():
     }
     together = TASK.evaluate_step(State(**arrays, placed_pos_w={}), np.zeros((3, 7)), fresh(MAN, MAN, MAN))
     for index, world in enumerate(worlds):
-        alone = judged(world)
+        alone = evaluated(world)
         for name, value in together.terms.items():
             assert value[index] == alone.terms[name][0], name
         assert_array_equal(together.task_state.wiped[index], alone.task_state.wiped[0])
@@ -446,7 +448,7 @@ def test_the_nightstand_goes_with_the_robot(rng):
 
 
 @pytest.mark.parametrize("robot", [JACO, PR2])
-def test_the_script_washes_most_people_gently(robot):
+def test_the_expert_washes_most_people_gently(robot):
     episodes = Episodes(f"avrgym/BedBathing{robot.name}-v1", 4, people="revised", num_threads=2)
     observation = episodes.reset(np.arange(4), [np.random.default_rng(i) for i in range(4)])
     oracle, strongest, step = BedBathingExpert(episodes), 0.0, None

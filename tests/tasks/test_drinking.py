@@ -54,7 +54,7 @@ def fresh(count: int = 1) -> DrinkingState:
     )
 
 
-def judged(seen: State, task_state: DrinkingState | None = None, action: np.ndarray = STILL) -> StepResult:
+def evaluated(seen: State, task_state: DrinkingState | None = None, action: np.ndarray = STILL) -> StepResult:
     return DRINKING.evaluate_step(seen, action, task_state or fresh())
 
 
@@ -75,30 +75,30 @@ def gone(result: StepResult) -> list[int]:
 
 
 def test_water_in_the_cup_counts_for_nothing():
-    assert counts(judged(state())) == (0, 0, 0)
+    assert counts(evaluated(state())) == (0, 0, 0)
 
 
 def test_water_in_the_mouth_counts_once_and_leaves_the_scene():
     seen = state({3: MOUTH + 0.029 * UP})
-    result = judged(seen)
+    result = evaluated(seen)
     assert counts(result) == (1, 0, 0)
     assert result.events[0] == 1
     assert gone(result) == [3]
-    again = judged(seen, result.task_state)
+    again = evaluated(seen, result.task_state)
     assert counts(again) == (0, 0, 0)
     assert gone(again) == []
 
 
 def test_the_mouth_is_three_centimetres_wide():
-    assert counts(judged(state({0: MOUTH + 0.0301 * UP}))) == (0, 0, 0)
-    assert counts(judged(state({0: MOUTH + 0.0299 * LEFT}))) == (1, 0, 0)
+    assert counts(evaluated(state({0: MOUTH + 0.0301 * UP}))) == (0, 0, 0)
+    assert counts(evaluated(state({0: MOUTH + 0.0299 * LEFT}))) == (1, 0, 0)
 
 
 def test_water_is_drunk_only_once_it_is_out_of_the_cup():
     """The mouth is at the edge of the rim; the water is just below the rim, above it, or beside the wall."""
     at_rim = {"mouth_pos_w": EDGE[None]}
     for place, drunk in ((-0.01 * LEFT - 0.002 * UP, 0), (-0.01 * LEFT + 0.002 * UP, 1), (0.002 * LEFT, 1)):
-        assert counts(judged(state({0: EDGE + place}, **at_rim))) == (drunk, 0, 0)
+        assert counts(evaluated(state({0: EDGE + place}, **at_rim))) == (drunk, 0, 0)
 
 
 def test_the_cup_is_where_the_tool_has_turned_it():
@@ -107,77 +107,81 @@ def test_the_cup_is_where_the_tool_has_turned_it():
     inside, outside = EDGE - 0.05 * LEFT + 0.05 * UP, EDGE + 0.005 * LEFT + 0.01 * UP
     seen = state({}, tool_q_w=lying, mouth_pos_w=EDGE[None])
     for place, drunk in ((inside, 0), (outside, 64)):
-        assert counts(judged(replace(seen, particle_pos_w=np.tile(place, (1, 64, 1))))) == (drunk, 0, 0)
+        assert counts(evaluated(replace(seen, particle_pos_w=np.tile(place, (1, 64, 1))))) == (drunk, 0, 0)
 
 
 def test_water_below_cup_and_mouth_is_spilled_once():
-    result = judged(state({5: FALLEN}))
+    result = evaluated(state({5: FALLEN}))
     assert counts(result) == (0, 1, 0)
     assert result.events[0] == 0
     assert gone(result) == []
-    assert counts(judged(state({5: FALLEN}), result.task_state)) == (0, 0, 0)
+    assert counts(evaluated(state({5: FALLEN}), result.task_state)) == (0, 0, 0)
 
 
 def test_water_that_may_still_reach_cup_or_mouth_is_not_spilled():
-    assert counts(judged(state({0: IN_THE_AIR}))) == (0, 0, 0)
+    assert counts(evaluated(state({0: IN_THE_AIR}))) == (0, 0, 0)
     for high in ({"tool_pos_w": np.array([[-0.1, -0.4, 0.95]])}, {"mouth_pos_w": MOUTH[None] - 0.32 * UP}):
-        assert counts(judged(state({**dict.fromkeys(range(64), MOUTH + UP), 0: FALLEN}, **high))) == (0, 0, 0)
+        assert counts(evaluated(state({**dict.fromkeys(range(64), MOUTH + UP), 0: FALLEN}, **high))) == (
+            0,
+            0,
+            0,
+        )
 
 
 def test_water_on_the_floor_leaves_the_scene_once():
-    falling = judged(state({2: FALLEN}))
-    landed = judged(state({2: ON_FLOOR}), falling.task_state)
+    falling = evaluated(state({2: FALLEN}))
+    landed = evaluated(state({2: ON_FLOOR}), falling.task_state)
     assert counts(landed) == (0, 0, 0)
     assert gone(landed) == [2]
-    assert gone(judged(state({2: ON_FLOOR}), landed.task_state)) == []
-    assert counts(judged(state({2: ON_FLOOR}))) == (0, 1, 0)
+    assert gone(evaluated(state({2: ON_FLOOR}), landed.task_state)) == []
+    assert counts(evaluated(state({2: ON_FLOOR}))) == (0, 1, 0)
 
 
 def test_drunk_water_is_never_spilled_and_spilled_water_never_drunk():
-    drunk = judged(state({0: MOUTH})).task_state
-    assert counts(judged(state({0: ON_FLOOR}), drunk)) == (0, 0, 0)
-    spilled = judged(state({0: FALLEN})).task_state
-    assert counts(judged(state({0: MOUTH}), spilled)) == (0, 0, 0)
+    drunk = evaluated(state({0: MOUTH})).task_state
+    assert counts(evaluated(state({0: ON_FLOOR}), drunk)) == (0, 0, 0)
+    spilled = evaluated(state({0: FALLEN})).task_state
+    assert counts(evaluated(state({0: MOUTH}), spilled)) == (0, 0, 0)
 
 
 def test_water_that_hits_the_person_counts_once():
-    result = judged(state({1: BESIDE_THE_CHEST, 2: BESIDE_THE_CHEST - 0.003 * BACK}))
+    result = evaluated(state({1: BESIDE_THE_CHEST, 2: BESIDE_THE_CHEST - 0.003 * BACK}))
     assert term(result, "water_on_person") == 1
-    assert term(judged(state({1: BESIDE_THE_CHEST}), result.task_state), "water_on_person") == 0
+    assert term(evaluated(state({1: BESIDE_THE_CHEST}), result.task_state), "water_on_person") == 0
 
 
 def test_spilled_water_may_still_hit_the_person():
-    spilled = judged(state({1: FALLEN}))
-    assert counts(judged(state({1: BESIDE_THE_CHEST}), spilled.task_state)) == (0, 0, 1)
+    spilled = evaluated(state({1: FALLEN}))
+    assert counts(evaluated(state({1: BESIDE_THE_CHEST}), spilled.task_state)) == (0, 0, 1)
 
 
 def test_water_in_mouth_or_cup_is_not_on_the_person():
     for place in (MOUTH, CUP_MIDDLE):
         touched = state({0: place}, person_segment_w=np.tile(place, (1, 1, 2, 1)))
-        assert term(judged(touched), "water_on_person") == 0
+        assert term(evaluated(touched), "water_on_person") == 0
 
 
 def test_the_speed_of_water_that_enters_the_mouth_adds_up():
     velocity = np.zeros((1, 64, 3))
     velocity[0, :3] = [[0.3, 0.0, 0.4], [0.0, 0.0, 2.0], [0.0, 1.0, 0.0]]
-    result = judged(state({0: MOUTH, 2: MOUTH}, particle_velocity_w=velocity))
+    result = evaluated(state({0: MOUTH, 2: MOUTH}, particle_velocity_w=velocity))
     assert term(result, "water_entry_speed_m_s") == pytest.approx(0.5 + 1.0)
 
 
 def test_three_quarters_of_the_water_are_a_success():
     """Over any number of steps, and it lasts."""
-    first = judged(state(dict.fromkeys(range(47), MOUTH)))
+    first = evaluated(state(dict.fromkeys(range(47), MOUTH)))
     assert not first.success[0]
-    second = judged(state({60: MOUTH}), first.task_state)
+    second = evaluated(state({60: MOUTH}), first.task_state)
     assert second.success[0]
-    assert judged(state(), second.task_state).success[0]
+    assert evaluated(state(), second.task_state).success[0]
 
 
 # The other terms
 
 
 def test_distance_is_from_the_pouring_edge_to_the_mouth():
-    result = judged(state())
+    result = evaluated(state())
     assert term(result, "distance_m") == result.distance_m[0] == pytest.approx(np.linalg.norm(EDGE - MOUTH))
 
 
@@ -188,13 +192,13 @@ def test_a_cup_may_be_as_far_above_horizontal_as_below(axis, from_horizontal_rad
     for sign in (-1.0, 1.0):
         tilt = transforms.from_axis_angle(axis, 0.5 * np.pi + sign * from_horizontal_rad)
         seen = state(tool_q_w=transforms.multiply(tilt, turned)[None])
-        assert term(judged(seen), "off_horizontal_rad") == pytest.approx(from_horizontal_rad, abs=1e-7)
+        assert term(evaluated(seen), "off_horizontal_rad") == pytest.approx(from_horizontal_rad, abs=1e-7)
 
 
 def test_no_tilt_is_rewarded_beyond_a_cup_that_lies(rng):
     """Of any rotation the term lies between nothing and a quarter turn, and costs."""
     for q_w in transforms.normalize(rng.normal(size=(200, 4))):
-        assert 0.0 <= term(judged(state(tool_q_w=q_w[None])), "off_horizontal_rad") <= 0.5 * np.pi
+        assert 0.0 <= term(evaluated(state(tool_q_w=q_w[None])), "off_horizontal_rad") <= 0.5 * np.pi
     assert DRINKING.weights["off_horizontal_rad"] < 0.0
 
 
@@ -204,7 +208,7 @@ def test_action_speed_and_force_terms():
         links_force_n=np.array([12.0]),
         total_force_n=np.array([15.0]),
     )
-    result = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
+    result = evaluated(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
     assert term(result, "action_squared") == 1.5
     assert term(result, "tool_speed_m_s") == pytest.approx(0.5)
     assert term(result, "links_force_n") == 12.0
@@ -219,7 +223,7 @@ def test_the_tool_presses_strongly_from_ten_newtons_in_all(newtons, strong, plac
     """Nothing below, the whole force from there on; what the links press with is another term."""
     forces = np.zeros((1, TOOL_CONTACTS))
     forces[0, :places] = newtons / places
-    result = judged(state(tool_contact_force_n=forces, links_force_n=np.array([30.0])))
+    result = evaluated(state(tool_contact_force_n=forces, links_force_n=np.array([30.0])))
     assert term(result, "strong_tool_force_n") == pytest.approx(strong)
     assert term(result, "links_force_n") == 30.0
 
@@ -248,7 +252,7 @@ def test_the_reward_is_the_weighted_sum():
         links_force_n=np.array([7.0]),
         tool_contact_force_n=np.array([[9.0, 4.0, 0.0, 0.0, 0.0, 0.0]]),
     )
-    result = judged(seen, action=np.full((1, 7), 0.5))
+    result = evaluated(seen, action=np.full((1, 7), 0.5))
     assert counts(result) == (2, 1, 1)
     distance, entry = np.linalg.norm(EDGE - MOUTH), 2 * np.linalg.norm([0.1] * 3)
     expected = (
@@ -267,7 +271,7 @@ def test_the_reward_is_the_weighted_sum():
     assert set(result.terms) == set(DRINKING.weights)
 
 
-def test_worlds_are_judged_apart():
+def test_worlds_are_evaluated_independently():
     worlds = [state({0: MOUTH}), state({0: FALLEN}), state()]
     names = [name for name in vars(worlds[0]) if name != "placed_pos_w"]
     arrays = {name: np.concatenate([getattr(world, name) for world in worlds]) for name in names}
@@ -374,7 +378,7 @@ def test_episodes_begin_before_the_person_with_an_upright_cup(robot):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
-def test_a_script_gives_a_drink(robot):
+def test_the_expert_succeeds_in_drinking(robot):
     episodes = begun(3, robot)
     act = episodes.task.expert(episodes)
     success, observation = np.zeros(3, dtype=bool), episodes.observe()

@@ -26,7 +26,7 @@ def begun(environment: str, count: int) -> Episodes:
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_what_a_reactive_expert_does_depends_on_nothing_but_the_present(environment):
+def test_a_feedback_expert_depends_on_the_present_only(environment):
     """One that saw everything so far and one that comes in now do the same."""
     episodes = begun(environment, 2)
     make = episodes.task.feedback_expert
@@ -39,7 +39,7 @@ def test_what_a_reactive_expert_does_depends_on_nothing_but_the_present(environm
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_a_reactive_expert_brings_the_tool_nearer(environment):
+def test_a_feedback_expert_brings_the_tool_nearer(environment):
     episodes = begun(environment, 8)
     reacts = episodes.task.feedback_expert(episodes)
     distances = [episodes.step(reacts(episodes.observe())).distance_m.mean() for _ in range(60)]
@@ -57,13 +57,13 @@ def share_of_successes(episodes: Episodes) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("task", ["Feeding", "ScratchItch", "BedBathing"])
-def test_a_reactive_expert_mostly_succeeds(task):
+def test_a_feedback_expert_mostly_succeeds(task):
     assert share_of_successes(begun(f"avrgym/{task}Jaco-v1", 16)) >= 0.5
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
-def test_a_reactive_expert_scratches_the_far_side_of_the_forearm(robot):
+def test_a_feedback_expert_scratches_the_far_side_of_the_forearm(robot):
     """On its upper, inner side, where the robot is on the outer one."""
     episodes = begun(f"avrgym/ScratchItch{robot}-v1", 8)
     episodes.task_state = forearm_itch(episodes, np.radians(np.linspace(-135.0, -100.0, 8)))
@@ -88,7 +88,7 @@ def test_a_tip_goes_around_the_limb_and_not_through_it():
 
 
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
-def test_an_arm_that_leans_on_somebody_draws_back_to_where_its_hand_has_room(robot):
+def test_an_arm_that_leans_on_the_person_draws_back(robot):
     episodes = begun(f"avrgym/ScratchItch{robot}-v1", 4)
     planner, state, itch = FeedbackPlanner(episodes), episodes.state(), episodes.task_state
     leaning = replace(state, links_force_n=np.array([0.0, 4.0, 6.0, 100.0]))

@@ -56,7 +56,7 @@ def fresh(count: int = 1) -> FeedingState:
     )
 
 
-def judged(seen: State, task_state: FeedingState | None = None, action: np.ndarray = STILL) -> StepResult:
+def evaluated(seen: State, task_state: FeedingState | None = None, action: np.ndarray = STILL) -> StepResult:
     return FEEDING.evaluate_step(seen, action, task_state or fresh())
 
 
@@ -73,31 +73,31 @@ def counts(result: StepResult) -> tuple[float, float, float]:
 
 
 def test_food_on_the_spoon_counts_for_nothing():
-    assert counts(judged(state())) == (0, 0, 0)
+    assert counts(evaluated(state())) == (0, 0, 0)
 
 
 def test_food_in_the_mouth_counts_once_and_leaves_the_task():
     seen = state({3: MOUTH + 0.019 * UP})
-    result = judged(seen)
+    result = evaluated(seen)
     assert counts(result) == (1, 0, 0)
     assert result.events[0] == 1
     assert_array_equal(np.nonzero(result.gone[0])[0], [3])
-    again = judged(seen, result.task_state)
+    again = evaluated(seen, result.task_state)
     assert counts(again) == (0, 0, 0)
     assert not again.gone.any()
 
 
 def test_the_mouth_is_two_centimetres_wide():
-    assert counts(judged(state({0: MOUTH + 0.0201 * UP}))) == (0, 0, 0)
-    assert counts(judged(state({0: MOUTH + 0.0199 * LEFT}))) == (1, 0, 0)
+    assert counts(evaluated(state({0: MOUTH + 0.0201 * UP}))) == (0, 0, 0)
+    assert counts(evaluated(state({0: MOUTH + 0.0199 * LEFT}))) == (1, 0, 0)
 
 
 @pytest.mark.parametrize("place", [ON_TABLE, IN_BOWL, ON_FLOOR, np.array([0.0, -0.2, 0.499])])
 def test_dropped_food_counts_once(place):
-    result = judged(state({5: place}))
+    result = evaluated(state({5: place}))
     assert counts(result) == (0, 1, 0)
     assert result.events[0] == 0
-    assert counts(judged(state({5: place}), result.task_state)) == (0, 0, 0)
+    assert counts(evaluated(state({5: place}), result.task_state)) == (0, 0, 0)
     assert result.gone.sum() == (place[2] < 0.03)
 
 
@@ -108,49 +108,49 @@ def test_food_in_the_air_above_table_and_bowl_is_not_dropped():
         BOWL + 0.08 * UP,
         np.array([0.0, -0.2, 0.501]),
     ):
-        assert counts(judged(state({0: place}))) == (0, 0, 0)
+        assert counts(evaluated(state({0: place}))) == (0, 0, 0)
 
 
 def test_eaten_food_is_never_dropped_and_dropped_food_never_eaten():
-    eaten = judged(state({0: MOUTH})).task_state
-    assert counts(judged(state({0: ON_FLOOR}), eaten)) == (0, 0, 0)
-    dropped = judged(state({0: ON_TABLE})).task_state
-    assert counts(judged(state({0: MOUTH}), dropped)) == (0, 0, 0)
+    eaten = evaluated(state({0: MOUTH})).task_state
+    assert counts(evaluated(state({0: ON_FLOOR}), eaten)) == (0, 0, 0)
+    dropped = evaluated(state({0: ON_TABLE})).task_state
+    assert counts(evaluated(state({0: MOUTH}), dropped)) == (0, 0, 0)
 
 
 def test_food_that_touches_the_person_counts_once():
-    result = judged(state({1: BESIDE_THE_CHEST, 2: BESIDE_THE_CHEST - [0.0, 0.003, 0.0]}))
+    result = evaluated(state({1: BESIDE_THE_CHEST, 2: BESIDE_THE_CHEST - [0.0, 0.003, 0.0]}))
     assert counts(result) == (0, 0, 1)
-    assert counts(judged(state({1: BESIDE_THE_CHEST}), result.task_state)) == (0, 0, 0)
-    assert counts(judged(state({1: MOUTH}), result.task_state)) == (1, 0, 0)
+    assert counts(evaluated(state({1: BESIDE_THE_CHEST}), result.task_state)) == (0, 0, 0)
+    assert counts(evaluated(state({1: MOUTH}), result.task_state)) == (1, 0, 0)
 
 
 def test_food_in_the_mouth_is_not_on_the_person():
     face = replace(state({0: MOUTH}), person_segment_w=np.tile(MOUTH, (1, 1, 2, 1)))
-    assert counts(judged(face)) == (1, 0, 0)
+    assert counts(evaluated(face)) == (1, 0, 0)
 
 
 def test_the_speed_of_food_that_enters_the_mouth_adds_up():
     velocity = np.zeros((1, 8, 3))
     velocity[0, :3] = [[0.3, 0.0, 0.4], [0.0, 0.0, 2.0], [0.0, 1.0, 0.0]]
-    result = judged(state({0: MOUTH, 2: MOUTH}, particle_velocity_w=velocity))
+    result = evaluated(state({0: MOUTH, 2: MOUTH}, particle_velocity_w=velocity))
     assert term(result, "food_entry_speed_m_s") == pytest.approx(0.5 + 1.0)
 
 
 def test_six_of_eight_pieces_are_a_success():
     """Over any number of steps, and it lasts."""
-    five = judged(state(dict.fromkeys(range(5), MOUTH)))
+    five = evaluated(state(dict.fromkeys(range(5), MOUTH)))
     assert not five.success[0]
-    six = judged(state({6: MOUTH}), five.task_state)
+    six = evaluated(state({6: MOUTH}), five.task_state)
     assert six.success[0]
-    assert judged(state(), six.task_state).success[0]
+    assert evaluated(state(), six.task_state).success[0]
 
 
 # The other terms
 
 
 def test_distance_is_from_spoon_to_mouth():
-    result = judged(state())
+    result = evaluated(state())
     assert term(result, "distance_m") == result.distance_m[0] == pytest.approx(np.linalg.norm(SPOON - MOUTH))
 
 
@@ -160,7 +160,7 @@ def test_action_speed_and_force_terms():
         links_force_n=np.array([12.0]),
         total_force_n=np.array([15.0]),
     )
-    result = judged(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
+    result = evaluated(seen, action=np.array([[1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5]]))
     assert term(result, "action_squared") == 1.5
     assert term(result, "tool_speed_m_s") == pytest.approx(0.5)
     assert term(result, "links_force_n") == 12.0
@@ -175,7 +175,7 @@ def test_the_tool_presses_strongly_from_ten_newtons_in_all(newtons, strong, plac
     """Nothing below, the whole force from there on; what the links press with is another term."""
     forces = np.zeros((1, TOOL_CONTACTS))
     forces[0, :places] = newtons / places
-    result = judged(state(tool_contact_force_n=forces, links_force_n=np.array([30.0])))
+    result = evaluated(state(tool_contact_force_n=forces, links_force_n=np.array([30.0])))
     assert term(result, "strong_tool_force_n") == pytest.approx(strong)
     assert term(result, "links_force_n") == 30.0
 
@@ -203,14 +203,14 @@ def test_the_reward_is_the_weighted_sum():
         links_force_n=np.array([7.0]),
         tool_contact_force_n=np.array([[9.0, 4.0, 0.0, 0.0, 0.0, 0.0]]),
     )
-    result = judged(seen, action=np.full((1, 7), 0.5))
+    result = evaluated(seen, action=np.full((1, 7), 0.5))
     distance, entry = np.linalg.norm(SPOON - MOUTH), 2 * np.linalg.norm([0.1] * 3)
     expected = -distance - 0.01 * 7 * 0.25 + 2 * 20 - 5 - 0.25 * 0.2 - 0.05 * 13 - 0.01 * 7 - 1 - entry
     assert FEEDING.reward(result.terms)[0] == pytest.approx(expected)
     assert set(result.terms) == set(FEEDING.weights)
 
 
-def test_worlds_are_judged_apart():
+def test_worlds_are_evaluated_independently():
     worlds = [state({0: MOUTH}), state({0: ON_TABLE}), state()]
     stacked = replace(
         worlds[0],
@@ -274,6 +274,6 @@ def test_a_start_says_where_the_bowl_is(rng, feeding_scene):
     )
 
 
-def test_an_unknown_environment_names_what_there_is():
+def test_an_unknown_environment_lists_the_environments():
     with pytest.raises(ValueError, match=r"unknown environment 'avrgym/Flying-v1'; .*avrgym/FeedingJaco-v1"):
         find_environment("avrgym/Flying-v1")

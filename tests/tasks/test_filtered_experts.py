@@ -35,14 +35,14 @@ def watched(impairment: str, steps: int):
     return recorders[0].seen, there
 
 
-def test_who_rests_is_seen_as_they_are():
+def test_resting_people_are_observed_unchanged():
     seen, there = watched("none", 4)
     for saw, was in zip(seen, there, strict=True):
         for name in (*PLACES, *ROTATIONS):
             assert_allclose(getattr(saw, name), getattr(was, name), atol=1e-12)
 
 
-def test_a_tremor_is_hardly_seen():
+def test_tremor_is_filtered_out():
     seen, there = watched("tremor", 12)
 
     def extra_clearance_m(states):
@@ -53,7 +53,7 @@ def test_a_tremor_is_hardly_seen():
     assert extra_clearance_m(seen) < 0.2 * extra_clearance_m(there)
 
 
-def test_the_tool_is_seen_as_it_is():
+def test_the_tool_is_not_filtered():
     seen, there = watched("tremor", 3)
     assert_allclose(seen[-1].tool_pos_w, there[-1].tool_pos_w, atol=0.0)
 
@@ -68,7 +68,7 @@ def test_the_tool_is_seen_as_it_is():
         ("BedBathingPR2", "tremor", 0.6),
     ],
 )
-def test_a_steadied_expert_often_succeeds(environment, impairment, share):
+def test_a_filtered_expert_often_succeeds(environment, impairment, share):
     """With the PR2's cup in 61 % of many episodes, in the others oftener."""
     episodes = Episodes(
         f"avrgym/{environment}-v1", 24, people="zoo/train", impairment=impairment, num_threads=1

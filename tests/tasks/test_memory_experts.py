@@ -54,7 +54,7 @@ def test_heads_turn_by_what_they_are_turned(state):
     assert_allclose(again.mouth_pos_w, state.mouth_pos_w, atol=1e-12)
 
 
-def test_whoever_looks_farther_away_is_awaited_nearer_to_the_middle():
+def test_the_expected_angle_falls_as_the_face_turns_away():
     turn = np.radians(np.linspace(26.0, 60.0, 20))
     expected = memory_expert._expected_rad(turn)
     assert (np.diff(expected) <= 0.0).all()
@@ -127,7 +127,7 @@ def test_a_turned_cup_comes_to_everybody(robot):
     assert reached(0.0).all() == (robot == "PR2")
 
 
-def test_whoever_has_looked_aside_from_the_beginning_is_not_waited_for(monkeypatch):
+def test_a_face_turned_aside_from_the_start_is_not_waited_for(monkeypatch):
     """Revised people turn the head by up to 30°, and stay so."""
     episodes, away = begun("Jaco", "revised", 24), []
     bring = MemoryExpert._bring
@@ -158,7 +158,7 @@ def test_water_leaves_a_cup_at_the_tilt_at_which_it_is_expected():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
-def test_patience_gives_drink_to_more_people(robot):
+def test_the_memory_expert_succeeds_more_often_in_drinking(robot):
     """In many episodes to 86 of 100, where those who know the present only come to 68 and 61."""
 
     def successes(make) -> float:

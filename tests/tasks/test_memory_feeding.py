@@ -1,4 +1,4 @@
-"""An expert who feeds patiently: reactive before who rests, and off the face of who moves."""
+"""The memory expert of feeding keeps its distance while the mouth moves."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ WORLDS = 4
 FEEDING = "avrgym/FeedingPR2-v1"
 
 
-def test_a_spoon_is_kept_off_the_more_the_faster_the_mouth_goes():
+def test_the_standoff_grows_with_the_mouth_speed():
     speeds = np.linspace(0.0, 0.5, 101)
     off = kept_off_m(speeds)
     assert (np.diff(off) >= 0.0).all()
@@ -24,7 +24,7 @@ def test_a_spoon_is_kept_off_the_more_the_faster_the_mouth_goes():
     assert_array_equal(off[speeds >= 2.0 * RESTING_M_S + 1e-9], KEPT_OFF_M)
 
 
-def test_who_rests_is_fed_reactively():
+def test_resting_people_are_fed_like_the_feedback_expert():
     assert_acts_reactively(MemoryExpert, begun(FEEDING, WORLDS), 30)
 
 
@@ -41,7 +41,7 @@ def fed(expert: Expert) -> tuple[float, float]:
 
 
 @pytest.mark.slow
-def test_who_comes_to_meet_the_spoon_is_pressed_less():
+def test_people_who_lean_forward_feel_less_force():
     task = begun(FEEDING, 1).task
     assert task.memory_expert is not None
     reactive, patient = fed(task.feedback_expert), fed(task.memory_expert)

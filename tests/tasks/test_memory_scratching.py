@@ -26,7 +26,7 @@ def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
 
 
 @pytest.mark.parametrize("robot", SWINGS)
-def test_what_does_not_face_in_is_scratched_as_by_the_reactive_expert(robot):
+def test_outer_skin_is_scratched_like_the_feedback_expert(robot):
     assert_acts_reactively(memory_expert, begun(robot, OUTER_RAD), 40)
 
 

@@ -37,7 +37,7 @@ def nearby(
 # The planner
 
 
-def test_a_guide_begins_where_the_tool_is(start):
+def test_a_planner_starts_at_the_tool(start):
     planner, state = MotionPlanner(start), start.simulation.state()
     assert_allclose(planner.pos_w, state.tool_pos_w, atol=1e-9)
     assert_allclose(transforms.angle_between(planner.q_w, state.tool_q_w), 0.0, atol=1e-6)
@@ -81,7 +81,7 @@ def test_actions_are_shares_of_the_joints_speeds(start):
     assert_allclose(np.abs(far.ask(far.angles_rad + np.linspace(-3.0, 3.0, 7))).max(axis=-1), 1.0)
 
 
-def test_what_is_asked_for_does_not_run_away_from_a_blocked_arm(start):
+def test_servo_targets_stay_near_a_blocked_arm(start):
     """Nobody steps the world: the arm does not follow."""
     planner = MotionPlanner(start)
     target, q_w = nearby(planner, (0.0, 0.3, 0.0), 0.0)
@@ -130,7 +130,7 @@ def test_it_costs_to_reach_through_the_table(start):
     assert (cost[:, 1] > COLLISION_COST_S).all()
 
 
-def test_a_world_is_led_alike_alone_and_among_others(start):
+def test_planning_does_not_depend_on_other_worlds(start):
     together, alone = MotionPlanner(start), MotionPlanner(begun(1, first=2))
     target, q_w = nearby(together, (0.1, 0.2, 0.0), 0.5)
     only = slice(2, 3)

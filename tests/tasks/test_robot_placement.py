@@ -67,7 +67,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_every_robot_of_ours_leaves_everybody_room(environment: str) -> None:
+def test_packaged_robots_pass_the_placement_check(environment: str) -> None:
     drawn = check_starts(environment)
     print(f"{environment}: {drawn.mean:.2f} draws a start with random people, {drawn.most} at most")
     assert drawn.mean <= 1.25
@@ -76,9 +76,7 @@ def test_every_robot_of_ours_leaves_everybody_room(environment: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", [GEN3, UR5, SKELETON], ids=lambda robot: robot.name)
-def test_the_robots_of_our_examples_leave_everybody_room_too(
-    robot: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_example_robots_pass_the_placement_check(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(robots._robots, robot.name, robot)
     for task in ("Feeding", "Drinking", "ScratchItch", "BedBathing"):
         environment = environment_id(task, robot.name)
@@ -99,7 +97,7 @@ def test_a_robot_in_the_table_fails_its_check_and_that_of_the_task(
         task_check.check_task("Feeding")
 
 
-def test_who_has_no_start_is_named(refused: None) -> None:
+def test_a_body_without_an_initial_state_is_named(refused: None) -> None:
     with pytest.raises(
         ValueError, match=rf"none of {FEW_DRAWS} starts .* the robot's link \d .* inside the table"
     ):
@@ -138,7 +136,7 @@ def test_a_study_is_checked_for_each_body_before_anybody_takes_part(refused: Non
     assert "inside the table" in ran.output
 
 
-def test_a_study_s_check_notes_who_is_often_refused(crowded: None, folder: Path) -> None:
+def test_a_study_check_reports_often_rejected_bodies(crowded: None, folder: Path) -> None:
     with Store(folder) as store:
         found = list(check_study_starts(store))
     assert found
@@ -175,7 +173,7 @@ def test_a_dry_run_without_room_names_environment_body_and_what_is_in_the_way(
         simulate_participant(folder, pseudonym, cast)
 
 
-def test_poses_in_furniture_or_person_are_told_from_those_with_room(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_colliding_poses_are_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     seed = JACO.arms["right"].seed_pose_rad
     random = np.random.default_rng(0).uniform(-np.pi, np.pi, (20, len(seed)))
     clear = is_collision_free("Feeding", JACO, np.array([seed, *random]))

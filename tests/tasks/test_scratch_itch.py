@@ -57,7 +57,9 @@ def itching(scratches: int = 0, last: tuple[float, float, float] = (0.0, 0.0, 0.
     return ScratchItchState(np.array([1]), ITCH[None], last_scratch, np.array([scratches]))
 
 
-def judged(seen: State, task_state: ScratchItchState | None = None, action: np.ndarray = STILL) -> StepResult:
+def evaluated(
+    seen: State, task_state: ScratchItchState | None = None, action: np.ndarray = STILL
+) -> StepResult:
     return SCRATCHING.evaluate_step(seen, action, task_state or itching())
 
 
@@ -73,73 +75,73 @@ def scratches(result: StepResult) -> int:
 
 
 def test_the_first_touch_of_the_itch_is_a_scratch():
-    result = judged(state({(0.0, 0.0, 0.0): 3.0}))
+    result = evaluated(state({(0.0, 0.0, 0.0): 3.0}))
     assert scratches(result) == 1
     assert term(result, "scratch_force_n") == term(result, "force_at_itch_n") == 3.0
 
 
 def test_no_touch_is_no_scratch():
-    assert scratches(judged(state())) == 0
+    assert scratches(evaluated(state())) == 0
 
 
 @pytest.mark.parametrize(("moved_m", "counted"), [(0.0099, 0), (0.0101, 1)])
 def test_a_scratch_is_new_where_the_touch_has_moved_by_a_centimetre(moved_m, counted):
     """The forearm's axis is the world's y."""
-    result = judged(state({(0.0, moved_m, 0.0): 3.0}), itching(scratches=7))
+    result = evaluated(state({(0.0, moved_m, 0.0): 3.0}), itching(scratches=7))
     assert scratches(result) - 7 == result.events[0] == counted
     assert term(result, "scratch_force_n") == 3.0 * counted
     assert term(result, "force_at_itch_n") == 3.0
 
 
 def test_the_distance_counts_from_the_last_scratch_in_the_limbs_frame():
-    first = judged(state({(0.0, 0.009, 0.0): 3.0}))
+    first = evaluated(state({(0.0, 0.009, 0.0): 3.0}))
     assert_allclose(first.task_state.last_scratch, [ITCH + 0.009 * UP], atol=1e-12)
-    assert scratches(judged(state({(0.0, -0.002, 0.0): 3.0}), first.task_state)) == 2
-    assert scratches(judged(state({(0.0, 0.0, 0.0): 3.0}), first.task_state)) == 1
+    assert scratches(evaluated(state({(0.0, -0.002, 0.0): 3.0}), first.task_state)) == 2
+    assert scratches(evaluated(state({(0.0, 0.0, 0.0): 3.0}), first.task_state)) == 1
 
 
 def test_a_limb_that_moves_under_a_tool_that_goes_along_is_not_scratched():
-    before = judged(state({(0.0, 0.0, 0.0): 3.0})).task_state
+    before = evaluated(state({(0.0, 0.0, 0.0): 3.0})).task_state
     moved = state({(0.1, 0.0, 0.0): 3.0})
     moved = replace(moved, right_arm_pos_w=moved.right_arm_pos_w + 0.1 * LEFT)
-    assert scratches(judged(moved, before)) == 1
+    assert scratches(evaluated(moved, before)) == 1
 
 
 @pytest.mark.parametrize(("newtons", "counted"), [(9.99, 1), (10.0, 0)])
 def test_a_scratch_is_softer_than_ten_newtons(newtons, counted):
-    assert scratches(judged(state({(0.0, 0.0, 0.0): newtons}))) == counted
+    assert scratches(evaluated(state({(0.0, 0.0, 0.0): newtons}))) == counted
 
 
 @pytest.mark.parametrize(("away_m", "counted"), [(0.0249, 1), (0.0251, 0)])
 def test_the_itch_reaches_two_and_a_half_centimetres(away_m, counted):
-    result = judged(state({(0.0, away_m, 0.0): 3.0}))
+    result = evaluated(state({(0.0, away_m, 0.0): 3.0}))
     assert scratches(result) == counted
     assert term(result, "force_at_itch_n") == 3.0 * counted
 
 
 def test_the_touch_is_where_its_forces_are_on_average():
-    result = judged(state({(0.0, 0.01, 0.0): 3.0, (0.0, -0.01, 0.0): 1.0, (0.0, 0.2, 0.0): 50.0}))
+    result = evaluated(state({(0.0, 0.01, 0.0): 3.0, (0.0, -0.01, 0.0): 1.0, (0.0, 0.2, 0.0): 50.0}))
     assert_allclose(result.task_state.last_scratch, [ITCH + 0.005 * UP], atol=1e-12)
 
 
 def test_twenty_five_scratches_are_a_success_that_lasts():
-    assert not judged(state({(0.0, 0.0, 0.0): 3.0}), itching(23, last=(0.0, 0.0, 0.02))).success[0]
-    last = judged(state({(0.0, 0.0, 0.0): 3.0}), itching(24, last=(0.0, 0.0, 0.02)))
+    assert not evaluated(state({(0.0, 0.0, 0.0): 3.0}), itching(23, last=(0.0, 0.0, 0.02))).success[0]
+    last = evaluated(state({(0.0, 0.0, 0.0): 3.0}), itching(24, last=(0.0, 0.0, 0.02)))
     assert last.success[0]
-    assert judged(state(), last.task_state).success[0]
+    assert evaluated(state(), last.task_state).success[0]
 
 
 # The other terms
 
 
 def test_distance_is_from_tip_to_itch():
-    result = judged(state())
+    result = evaluated(state())
     assert term(result, "distance_m") == result.distance_m[0] == pytest.approx(0.3)
 
 
 def test_force_elsewhere_is_all_force_but_that_at_the_itch():
     seen = state({(0.0, 0.0, 0.0): 4.0, (0.1, 0.0, 0.0): 3.0}, total_force_n=np.array([12.0]))
-    result = judged(seen)
+    result = evaluated(seen)
     assert result.force_on_person_n[0] == 12.0
     assert term(result, "force_at_itch_n") == 4.0
     assert term(result, "force_elsewhere_n") == 8.0
@@ -147,7 +149,7 @@ def test_force_elsewhere_is_all_force_but_that_at_the_itch():
 
 @pytest.mark.parametrize(("newtons", "strong"), [(9.9, 0.0), (10.0, 10.0), (25.0, 25.0)])
 def test_force_at_the_itch_is_strong_from_ten_newtons(newtons, strong):
-    assert term(judged(state({(0.0, 0.0, 0.0): newtons})), "strong_force_at_itch_n") == strong
+    assert term(evaluated(state({(0.0, 0.0, 0.0): newtons})), "strong_force_at_itch_n") == strong
 
 
 def test_the_weights_are_those_of_the_paper():
@@ -166,7 +168,7 @@ def test_the_reward_is_the_weighted_sum():
     seen = state(
         {(0.0, 0.0, 0.0): 4.0}, total_force_n=np.array([6.0]), tool_velocity_w=np.array([[0.3, 0.0, 0.4]])
     )
-    result = judged(seen, action=np.full((1, 7), 0.5))
+    result = evaluated(seen, action=np.full((1, 7), 0.5))
     expected = -0.3 - 0.01 * 7 * 0.25 + 0.01 * 4 + 2 * 4 - 0.25 * 0.5 - 0.01 * 2
     assert SCRATCHING.reward(result.terms)[0] == pytest.approx(expected)
     assert set(result.terms) == set(SCRATCHING.weights)
@@ -274,8 +276,8 @@ def test_the_tip_is_five_centimetres_past_the_fingers(name):
 # By script
 
 
-def test_a_script_scratches_gently():
-    """Three people, most of whom it scratches often enough within an episode."""
+def test_the_expert_scratches_gently():
+    """Most of three people are scratched often enough in an episode."""
     episodes = Episodes("avrgym/ScratchItchJaco-v1", 3, people="revised", num_threads=1)
     observation = episodes.reset(np.arange(3), [np.random.default_rng(i) for i in range(3)])
     act = episodes.task.expert(episodes)

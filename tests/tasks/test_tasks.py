@@ -22,7 +22,7 @@ FEEDING = TASKS["Feeding"]
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name == "Drinking" else name for name in TASKS]
 )
-def test_every_task_does_what_its_record_says(name):
+def test_every_task_passes_its_check(name):
     check_task(name)
 
 
@@ -55,7 +55,7 @@ def test_a_task_s_scene_with_a_robot_is_one_object(task, robot):
         ({"hyperparameters": {"detour_weight_per_m": 1.0}}, ValueError, "but no detour_m"),
     ],
 )
-def test_a_record_with_a_part_that_cannot_be_is_refused(changes: Mapping[str, Any], error, said: str):
+def test_a_record_with_an_invalid_field_is_rejected(changes: Mapping[str, Any], error, said: str):
     with pytest.raises(error, match=said):
         replace(FEEDING, **changes)
 
@@ -63,7 +63,7 @@ def test_a_record_with_a_part_that_cannot_be_is_refused(changes: Mapping[str, An
 @pytest.mark.parametrize(
     "part", ["scene", "observation", "evaluate_step", "expert", "feedback_expert", "views"]
 )
-def test_a_record_without_a_part_names_it(part):
+def test_a_missing_field_is_named(part):
     parts = {name: value for name, value in vars(FEEDING).items() if name != part}
     with pytest.raises(TypeError, match=part):
         Task(**parts)
@@ -126,7 +126,7 @@ def test_a_task_is_done_by_the_robots_that_suit_it():
         ({"success": np.zeros(2, dtype=bool)}, "success is"),
     ],
 )
-def test_a_result_that_is_not_as_it_should_be_is_named(monkeypatch, broken, said):
+def test_an_invalid_step_result_is_named(monkeypatch, broken, said):
     def evaluate_step(*given: Any) -> StepResult:
         return replace(FEEDING.evaluate_step(*given), **broken)
 

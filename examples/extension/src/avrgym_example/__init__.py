@@ -1,1 +1,1 @@
-"""What a package adds to AVR Gym."""
+"""An example package that extends AVR Gym."""

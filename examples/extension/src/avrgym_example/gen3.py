@@ -33,7 +33,7 @@ HAND_MESHES = {
 
 
 def description(folder: str, file: str, meshes: dict[str, str]) -> Urdf:
-    """A description whose meshes have other names in the package than in it."""
+    """A URDF with mesh names mapped to those of the package."""
     return Urdf(
         (KORTEX / folder / "urdf" / file).read_text(),
         lambda name: KORTEX / folder / "meshes" / f"{meshes[Path(name).stem]}.STL",
@@ -63,7 +63,7 @@ _ARM = tuned_arm(
 
 
 def fingers(opening_rad: float) -> dict[str, float]:
-    """Both fingers opened alike, their tips parallel."""
+    """Both fingers opened equally, with parallel tips."""
     return {
         "RIGHT_BOTTOM": opening_rad, "RIGHT_TIP": -opening_rad,
         "LEFT_BOTTOM": -opening_rad, "LEFT_TIP": -opening_rad,

@@ -1,4 +1,4 @@
-"""A controller that lets the arm be where it is."""
+"""A controller that does not move the arm."""
 
 import numpy as np
 
@@ -7,10 +7,10 @@ from avrgym.tasks.registry import sizes
 
 
 class HoldStill:
-    """Asks for no movement, of however many joints the robot has."""
+    """Returns zero actions for a robot with any number of joints."""
 
     def reset(self, seed: int, environment: str) -> None:
-        """Begin an episode of an environment; nothing here is left to chance."""
+        """Reset for an environment. The controller is deterministic."""
         _, self._joints = sizes(environment)
 
     def act(self, observation: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Universal Robots' UR5, six joints, on a stand of its own: from our MJCF, with the public meshes (.dae)."""
+"""Universal Robots' UR5, six joints, on its own column: our MJCF with the public meshes (.dae)."""
 
 from importlib.resources import files
 
@@ -16,7 +16,7 @@ JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """The arm on its stand, with its hand."""
+    """The arm on its column, with its hand."""
     spec = mujoco.MjSpec.from_string(files("avrgym_example").joinpath("ur5.xml").read_text())
     for link in LINKS if appearance else ():
         for number, part in enumerate(read_mesh(MESHES / f"{link}.dae")):
@@ -32,7 +32,7 @@ _ARM = tuned_arm(
 
 
 def fingers(opening_m: float) -> dict[str, float]:
-    """Both fingers so far from the middle."""
+    """Both fingers at this distance from the middle."""
     return {"finger_left": opening_m, "finger_right": opening_m}
 
 

@@ -1,4 +1,4 @@
-"""Lifting by a rule that knows the present only."""
+"""Feedback expert for lifting."""
 
 from functools import partial
 
@@ -15,13 +15,13 @@ from avrgym_example.arm_manipulation.reward import ArmState, taken_w, to_armrest
 Heading = tuple[float, float, float]
 
 HEADING_W: dict[bool, Heading] = {False: (1.0, 0.0, 0.0), True: (1.0, -0.4, 0.0)}
-"""Where the handle leads, world frame, of a robot that is mounted and of one that stands on the floor."""
+"""Direction of the handle in the world frame, for a mounted robot and for a robot on the floor."""
 TOUCHING_M, BEFORE_M, FREE_M = 0.045, 0.08, 0.03
 """How far below the forearm's axis the hook is that touches it, and that comes to it while it is beside by more."""
 PUSH_M, OVER_M, PUSH_M_S = 0.05, 0.02, 0.12
 """How far ahead of the forearm the hook aims, how far above its goal, and how fast it goes."""
 UPWARDS = 2.0
-"""How much more it lifts than it bends the elbow."""
+"""Lift relative to the bending of the elbow."""
 HIGH_M = 0.04
 """So little below its goal the forearm is also pushed to the person's left."""
 
@@ -34,7 +34,7 @@ def cradling_q_w(arm: RightArm, heading_w: Heading) -> FloatArray:
 
 
 def lifting(episodes: RunningEpisodes) -> Controller:
-    """The expert: it depends on the present alone."""
+    """The expert: it depends on the present state only."""
     return FeedbackExpert(episodes, partial(lift, heading_w=HEADING_W[episodes.scene.mount.on_floor]))
 
 

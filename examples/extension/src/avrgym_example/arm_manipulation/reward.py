@@ -1,4 +1,4 @@
-"""How lifting is rewarded, and where the forearm is."""
+"""Reward of lifting, and the position of the forearm."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from avrgym.tasks.task import StepResult
 
 ELBOW, WRIST = 1, 2
 ALONG = 0.75
-"""Where on the way from elbow to wrist the hook takes the forearm."""
+"""Position of the hook between elbow and wrist, as a share."""
 UNDER = (0.0, 1.0, 0.0)
 """What of the forearm faces down once it is lifted, forearm's frame."""
 ARMREST_X_M, ABOVE_M, BESIDE_M = -0.265, 0.83, 0.06
@@ -24,7 +24,7 @@ STRONG_FORCE_N = 30.0
 
 @dataclass(frozen=True)
 class ArmState:
-    """For how many control steps on end the forearm has been above the armrest, and whether for long enough, (N,)."""
+    """Consecutive control steps with the forearm above the armrest, and success (N,)."""
 
     steps: IntArray
     done: BoolArray
@@ -36,18 +36,18 @@ def init_state(people: People, uniforms: FloatArray) -> ArmState:
 
 
 def taken_w(arm: RightArm) -> FloatArray:
-    """Where the hook takes the forearm, on its axis, (N, 3), world frame."""
+    """Position of the hook on the forearm's axis (N, 3); world frame."""
     elbow_w, wrist_w = arm.right_arm_pos_w[:, ELBOW], arm.right_arm_pos_w[:, WRIST]
     return elbow_w + ALONG * (wrist_w - elbow_w)
 
 
 def under_w(arm: RightArm) -> FloatArray:
-    """The direction out of the forearm's lower side, (N, 3), world frame."""
+    """Outward direction of the forearm's lower side (N, 3); world frame."""
     return transforms.rotate(arm.right_arm_q_w[:, ELBOW], UNDER)
 
 
 def to_armrest(arm: RightArm) -> FloatArray:
-    """How far the forearm still has to go to the person's left and up, (N, 2)."""
+    """Remaining distance of the forearm to the person's left and up (N, 2)."""
     x, _, z = taken_w(arm).T
     return np.stack([ARMREST_X_M - x, np.maximum(ABOVE_M - z, 0.0)], axis=-1)
 
@@ -58,7 +58,7 @@ WEIGHTS = {
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: ArmState) -> StepResult:
-    """Success is a forearm that was above the armrest for a second on end."""
+    """Success: the forearm was above the armrest for one second."""
     way = to_armrest(state)
     lifted = (np.abs(way[:, 0]) < BESIDE_M) & (way[:, 1] == 0.0)
     steps = np.where(lifted, task_state.steps + 1, 0)

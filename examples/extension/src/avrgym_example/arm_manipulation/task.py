@@ -1,4 +1,4 @@
-"""Arm manipulation: where it begins and what a policy sees."""
+"""Arm manipulation: scene, initial states, observation and the task record."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ POSE = Pose(
 """The upper arm spread beside the armrest, the forearm hanging."""
 START_SPREAD_M = 0.03
 WEAKEST_N_M = 3.0
-"""What the weakest motor of an arm must press with to lift another."""
+"""Least torque of an arm's weakest motor that can lift the forearm."""
 
 
 def scene(robot: Robot) -> SceneConfig:
