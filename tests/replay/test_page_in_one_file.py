@@ -177,7 +177,7 @@ def test_a_page_names_session_policy_and_versions(page_file: Path) -> None:
 def test_trials_are_aligned_where_the_robot_begins(trial: ReplayedTrial, feeding: Path) -> None:
     other = trial_of_file(feeding)
     first, second = aligned([trial.timeline, other.timeline])
-    begin_s = [next(h.time_s for h in each.happenings if h.kind == "trial") for each in (first, second)]
+    begin_s = [next(h.time_s for h in each.events if h.kind == "trial") for each in (first, second)]
     assert begin_s[0] == pytest.approx(begin_s[1])
     later_s = first.seconds - trial.timeline.seconds
     assert later_s > 0.05
@@ -207,7 +207,7 @@ def test_the_page_draws_what_was_recorded(
         assert any(drawn[0][body] != drawn[1][body] for body in drawn[0] if body.startswith(ROBOT))
         assert {"person/head", "wheelchair"} <= set(drawn[0])
         expect(page.locator("#simulated")).to_have_text("Simulated participant")
-        expect(page.locator("#happenings")).to_contain_text("L1: 1 of 7")
+        expect(page.locator("#events")).to_contain_text("L1: 1 of 7")
         assert page.locator("#charts .answer").count() == 4
         page.get_by_text("About this trial").click()
         expect(page.locator("#title dl")).to_contain_text("avrgym/ScratchItchJaco-v1")

@@ -80,11 +80,11 @@ def test_the_timeline_tells_rewards_phases_and_answers(recording: Recording) -> 
     control = [record for _, record in recording.topics["/control"]]
     assert timeline.steps.reward[-1] == pytest.approx(sum(record.reward for record in control))
     assert timeline.steps.force_n == [record.force_on_person_n for record in control]
-    happenings = [each for each in timeline.happenings if each.kind != "event"]  # a busy machine may stall
-    kinds = [happening.kind for happening in happenings]
+    shown = [each for each in timeline.events if each.kind != "event"]  # a busy machine may stall
+    kinds = [event.kind for event in shown]
     phases = ["free_before", "countdown", "trial", "retreat", "free_after", "questionnaire", "confirm"]
     assert kinds == [*phases, "answer", "answer", "answer", "answer"]
-    assert happenings[7].words.startswith("L1: 1 of 7: The robot successfully")
+    assert shown[7].text.startswith("L1: 1 of 7: The robot successfully")
     assert (timeline.simulated, timeline.complete, timeline.result) == (True, True, "completed")
 
 
@@ -120,7 +120,7 @@ def test_the_page_plays_seeks_and_changes_its_view(server: ReplayServer) -> None
         expect(page.locator("#phase-name td")).to_have_text("free before")
         page.keyboard.press("r")
         expect(page.locator("#phase-name td")).to_have_text("trial")
-        expect(page.locator("#happenings li:visible")).to_have_text(["0.0 strial", f"{STEPS / 10} sretreat"])
+        expect(page.locator("#events li:visible")).to_have_text(["0.0 strial", f"{STEPS / 10} sretreat"])
         page.keyboard.press("End")
         expect(page.locator("#clock")).to_have_text(f"{STEPS / 10} / {STEPS / 10} s")
         page.keyboard.press("r")
@@ -129,7 +129,7 @@ def test_the_page_plays_seeks_and_changes_its_view(server: ReplayServer) -> None
         page.keyboard.press("v")
         expect(page.locator("#from-inside")).to_be_checked()
         page.keyboard.press(" ")
-        expect(page.locator("#happenings [aria-current]")).to_contain_text("L4: 4")
+        expect(page.locator("#events [aria-current]")).to_contain_text("L4: 4")
         expect(page.locator("#play")).to_have_text("Play")
         browser.close()
     assert errors == []

@@ -47,8 +47,8 @@ export function drawCharts(timelines: readonly Timeline[], part: Span): Element[
   const reward = rangeOf(timelines.flatMap(({ steps }) => steps.reward));
   const force = rangeOf(timelines.flatMap(({ steps }) => steps.force_n));
   return timelines.map((timeline) => {
-    const { steps, seconds, happenings } = timeline;
-    const marks = happenings.filter(({ kind }) => kind === "event" || kind === "answer");
+    const { steps, seconds, events } = timeline;
+    const marks = events.filter(({ kind }) => kind === "event" || kind === "answer");
     const spread = (name: string, { from, to }: Span, height: number) =>
       band(name, across(from, part), across(to, part), height);
     return svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, preserveAspectRatio: "none" }, [

@@ -13,10 +13,10 @@ export interface Steps {
 }
 
 /** The start of a phase, an event or an answer, as text. */
-export interface Happening {
+export interface TimelineEvent {
   time_s: number;
   kind: string;
-  words: string;
+  text: string;
 }
 
 /** A recorded trial; times are relative to its start. */
@@ -31,7 +31,7 @@ export interface Timeline {
   scene: Scene;
   frames_s: number[];
   steps: Steps;
-  happenings: Happening[];
+  events: TimelineEvent[];
 }
 
 /** A trial with the poses of its frames and the file of its scene. */
@@ -66,10 +66,10 @@ export function latest(times: readonly number[], timeS: number): number {
 }
 
 /** Names, starts and ends of the phases. */
-export function phasesOf({ happenings, seconds }: Timeline): (Span & { name: string })[] {
-  const entered = happenings.filter(({ kind }) => kind !== "event" && kind !== "answer");
-  return entered.map(({ words, time_s }, at) => ({
-    name: words,
+export function phasesOf({ events, seconds }: Timeline): (Span & { name: string })[] {
+  const entered = events.filter(({ kind }) => kind !== "event" && kind !== "answer");
+  return entered.map(({ text, time_s }, at) => ({
+    name: text,
     from: time_s,
     to: entered[at + 1]?.time_s ?? seconds,
   }));

@@ -45,7 +45,7 @@ export class ReplayPage {
     this.cells = timelines.map((timeline) => addColumn(figures(timeline, 0)));
     this.happened = timelineEntries(timelines);
     this.entries = this.happened.map((entry) => this.entry(entry));
-    element("happenings").append(...this.entries);
+    element("events").append(...this.entries);
     this.speed.append(...SPEEDS.map((speed) => new Option(`${speed} ×`, String(speed))));
     element("robot-choice").hidden = this.robotsPart === null;
     this.showPart(this.whole);
@@ -64,8 +64,8 @@ export class ReplayPage {
     element("clock").textContent = `${passedS.toFixed(1)} / ${lastsS.toFixed(1)} s`;
     element("now").style.left = `${(100 * passedS) / lastsS}%`;
     this.timelines.forEach((timeline, at) => {
-      for (const [row, words] of Object.entries(figures(timeline, timeS))) {
-        this.cells[at]!.get(row)!.textContent = words;
+      for (const [row, text] of Object.entries(figures(timeline, timeS))) {
+        this.cells[at]!.get(row)!.textContent = text;
       }
     });
     this.markEntry(latest(this.happened.map(({ time_s }) => time_s), timeS));
@@ -110,16 +110,16 @@ export class ReplayPage {
     if (at === this.current) return;
     this.entries[this.current]?.removeAttribute("aria-current");
     this.entries[at]?.setAttribute("aria-current", "true");
-    const list = element("happenings");
+    const list = element("events");
     list.scrollTop = (this.entries[at]?.offsetTop ?? 0) - list.clientHeight / 2;
     this.current = at;
   }
 
-  private entry({ time_s, kind, words, label }: Entry): HTMLElement {
+  private entry({ time_s, kind, text, label }: Entry): HTMLElement {
     const button = createElement("button");
     button.type = "button";
     button.dataset["kind"] = kind === "event" || kind === "answer" ? kind : "phase";
-    button.append(createElement("span"), label ? `${label}: ${words}` : words);
+    button.append(createElement("span"), label ? `${label}: ${text}` : text);
     button.addEventListener("click", () => this.clock.seek(time_s));
     const item = createElement("li");
     item.append(button);

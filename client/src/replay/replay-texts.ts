@@ -1,5 +1,5 @@
 import { createElement } from "../page/dom";
-import { latest, phasesOf, type Happening, type Timeline } from "./replay-data";
+import { latest, phasesOf, type TimelineEvent, type Timeline } from "./replay-data";
 
 /** Labels of compared trials; empty for a single one. */
 export function labels(count: number): string[] {
@@ -48,7 +48,7 @@ export function figures(timeline: Timeline, timeS: number): Record<string, strin
 }
 
 /** A row of the list of events. */
-export interface Entry extends Happening {
+export interface Entry extends TimelineEvent {
   label: string;
 }
 
@@ -56,6 +56,6 @@ export interface Entry extends Happening {
 export function timelineEntries(timelines: readonly Timeline[]): Entry[] {
   const named = labels(timelines.length);
   return timelines
-    .flatMap(({ happenings }, at) => happenings.map((happening) => ({ ...happening, label: named[at]! })))
+    .flatMap(({ events }, at) => events.map((event) => ({ ...event, label: named[at]! })))
     .sort((one, other) => one.time_s - other.time_s);
 }

@@ -102,27 +102,27 @@ describe("a part of a trial", () => {
 
   it("is the robot's where it helps in any of the trials", () => {
     const trial = (from: number, to: number) => ({
-      happenings: [
-        { time_s: 0, kind: "free_before", words: "free before" },
-        { time_s: from, kind: "trial", words: "trial" },
-        { time_s: to, kind: "free_after", words: "free after" },
+      events: [
+        { time_s: 0, kind: "free_before", text: "free before" },
+        { time_s: from, kind: "trial", text: "trial" },
+        { time_s: to, kind: "free_after", text: "free after" },
       ],
       seconds: 9,
     });
     const timelines = (...of: [number, number][]) => of.map(([from, to]) => trial(from, to)) as unknown as Timeline[];
     expect(robotsPart(timelines([2, 5], [2, 6]))).toEqual({ from: 2, to: 6 });
-    expect(robotsPart([{ happenings: [], seconds: 3 } as unknown as Timeline])).toBeNull();
+    expect(robotsPart([{ events: [], seconds: 3 } as unknown as Timeline])).toBeNull();
   });
 });
 
 describe("phases", () => {
   it("end where the next begins, the last with the recording; answers are none", () => {
-    const happenings = [
-      { time_s: 0, kind: "free_before", words: "free before" },
-      { time_s: 2, kind: "trial", words: "trial" },
-      { time_s: 3, kind: "answer", words: "L1: 4" },
+    const events = [
+      { time_s: 0, kind: "free_before", text: "free before" },
+      { time_s: 2, kind: "trial", text: "trial" },
+      { time_s: 3, kind: "answer", text: "L1: 4" },
     ];
-    const found = phasesOf({ happenings, seconds: 5 } as Timeline);
+    const found = phasesOf({ events, seconds: 5 } as Timeline);
     expect(found).toEqual([
       { name: "free before", from: 0, to: 2 },
       { name: "trial", from: 2, to: 5 },
@@ -162,7 +162,7 @@ describe("packed poses", () => {
 });
 
 describe("words", () => {
-  const trial = (simulated: boolean) => ({ simulated, happenings: [] }) as unknown as Timeline;
+  const trial = (simulated: boolean) => ({ simulated, events: [] }) as unknown as Timeline;
 
   it("say who was simulated", () => {
     expect(simulatedText([trial(false)])).toBe("");
@@ -173,7 +173,7 @@ describe("words", () => {
 
   it("list what happened in two trials in the order of time", () => {
     const [one, other] = [[1, 4], [2, 3]].map((times) => ({
-      happenings: times.map((time_s) => ({ time_s, kind: "event", words: "stop" })),
+      events: times.map((time_s) => ({ time_s, kind: "event", text: "stop" })),
     })) as unknown as Timeline[];
     const entries = timelineEntries([one!, other!]).map(({ label, time_s }) => `${label}${time_s}`);
     expect(entries).toEqual(["A1", "B2", "B3", "A4"]);

@@ -90,9 +90,9 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
     )
     for time_ns, frame in recording.topics["/tracking"]:
         _write_tracked(log, time_ns / 1e9, frame)
-    for happening in timeline.happenings:
-        time = log.timestamp(happening.time_s)
-        log.write("/log", happening.time_s, Log(timestamp=time, level=Log.INFO, message=happening.words))
+    for event in timeline.events:
+        time = log.timestamp(event.time_s)
+        log.write("/log", event.time_s, Log(timestamp=time, level=Log.INFO, message=event.text))
     for topic, time_ns, record in recording.messages:
         log.write_record(topic, time_ns, record)
     log.finish()

@@ -20,12 +20,12 @@ FRAME_EVERY_STATES = 2
 """50 frames per second; the page interpolates."""
 
 
-class Happening(msgspec.Struct, frozen=True):
+class TimelineEvent(msgspec.Struct, frozen=True):
     """An event or an answer as text. ``kind``: name of a phase that starts, ``event`` or ``answer``."""
 
     time_s: float
     kind: str
-    words: str
+    text: str
 
 
 class Steps(msgspec.Struct, frozen=True):
@@ -55,7 +55,7 @@ class Timeline(msgspec.Struct, frozen=True):
     scene: messages.Scene
     frames_s: list[float]
     steps: Steps
-    happenings: list[Happening]
+    events: list[TimelineEvent]
 
 
 def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Timeline, bytes]:
@@ -80,7 +80,7 @@ def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Tim
         scene=scene_message(0, playback.episodes, Registration(np.zeros(3), 0.0)),
         frames_s=frames_s,
         steps=_steps(recording),
-        happenings=sorted(_happenings(recording), key=lambda happening: happening.time_s),
+        events=sorted(_timeline_events(recording), key=lambda event: event.time_s),
     )
     return timeline, b"".join(frames)
 
@@ -88,7 +88,7 @@ def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Tim
 def aligned(timelines: Sequence[Timeline]) -> list[Timeline]:
     """The timelines, delayed so that the robot starts at the same time in all."""
     begin_s = [
-        next((happening.time_s for happening in timeline.happenings if happening.kind == "trial"), 0.0)
+        next((event.time_s for event in timeline.events if event.kind == "trial"), 0.0)
         for timeline in timelines
     ]
     return [
@@ -103,7 +103,7 @@ def _later(timeline: Timeline, by_s: float) -> Timeline:
         seconds=timeline.seconds + by_s,
         frames_s=[time_s + by_s for time_s in timeline.frames_s],
         steps=replace(timeline.steps, time_s=[time_s + by_s for time_s in timeline.steps.time_s]),
-        happenings=[replace(each, time_s=each.time_s + by_s) for each in timeline.happenings],
+        events=[replace(each, time_s=each.time_s + by_s) for each in timeline.events],
     )
 
 
@@ -157,22 +157,22 @@ def _steps(recording: Recording) -> Steps:
     )
 
 
-def _happenings(recording: Recording) -> list[Happening]:
-    entered = [Happening(time_s, name, name.replace("_", " ")) for time_s, name in phases(recording)]
+def _timeline_events(recording: Recording) -> list[TimelineEvent]:
+    entered = [TimelineEvent(time_s, name, name.replace("_", " ")) for time_s, name in phases(recording)]
     events = [
-        Happening(time_ns / 1e9, "event", f"{event.name.replace('_', ' ')} {event.detail}".strip())
+        TimelineEvent(time_ns / 1e9, "event", f"{event.name.replace('_', ' ')} {event.detail}".strip())
         for time_ns, event in recording.topics["/events"]
         if event.name != "phase"
     ]
     items = {item.id: item for item in recording.configuration.items}
     answers = [
-        Happening(time_ns / 1e9, "answer", _in_words(answer, items.get(answer.item)))
+        TimelineEvent(time_ns / 1e9, "answer", _answer_text(answer, items.get(answer.item)))
         for time_ns, answer in recording.topics["/answers"]
     ]
     return [*entered, *events, *answers]
 
 
-def _in_words(answer: Answer, item: Item | None) -> str:
+def _answer_text(answer: Answer, item: Item | None) -> str:
     if item is None:
         return f"{answer.item}: {answer.value}"
     given = item.labels[answer.value - 1] if item.labels else f"{answer.value} of {item.points}"
