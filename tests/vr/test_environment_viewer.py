@@ -28,9 +28,11 @@ TICK_S = 0.01
 class Watcher:
     """Shows an environment on a clock of its own and keeps what it says."""
 
-    def __init__(self, environment: str, policy: str = "zero") -> None:
+    def __init__(self, environment: str, policy: str = "zero", *, force_guard: bool = False) -> None:
         self.said: list[Message] = []
-        self.viewing = EnvironmentViewer(environment, policy, "original", 0, self.said.append)
+        self.viewing = EnvironmentViewer(
+            environment, policy, "original", 0, self.said.append, force_guard=force_guard
+        )
         self._now_s = 0.0
 
     def run(self, seconds: float) -> None:
@@ -184,3 +186,15 @@ def test_messages_for_sessions_are_ignored():
 def test_an_unknown_name_is_rejected_at_the_start():
     with pytest.raises(ValueError, match="unknown environment 'avrgym/Flying-v1'"):
         Watcher("avrgym/Flying-v1")
+
+
+def test_the_force_guard_overrides_a_policy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Limits far below contact make the guard hold every arm that approaches the person."""
+    monkeypatch.setattr("avrgym.safety.force_guard.GUARD_SHARE", 1e-6)
+    ends: list[np.ndarray] = []
+    for force_guard in (False, True):
+        watcher = Watcher("avrgym/FeedingJaco-v1", "oracle", force_guard=force_guard)
+        watcher.load()
+        watcher.run(10.0)
+        ends.append(place(watcher.heard(State)[-1]))
+    assert not np.array_equal(*ends)

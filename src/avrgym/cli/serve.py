@@ -11,7 +11,7 @@ import typer
 
 from avrgym.cli.activity_log import logged
 from avrgym.cli.names import unlock
-from avrgym.cli.options import PEOPLE, Impairment, Policy, Seed
+from avrgym.cli.options import PEOPLE, ForceGuard, Impairment, Policy, Seed
 from avrgym.cli.terminal import plain_errors, say, warn
 from avrgym.models.body_names import SEXES, Sex
 from avrgym.policies.names import CHOICES, OPERATOR
@@ -338,6 +338,7 @@ def view(
         int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)
     ] = PORT,
     seed: Seed = 0,
+    force_guard: ForceGuard = False,
 ) -> None:
     """Simulate episodes of an environment and show them in a browser.
 
@@ -350,7 +351,11 @@ def view(
     with (
         plain_errors(),
         LiveServer(
-            lambda send: EnvironmentViewer(env, policy, people, seed, send, impairment), "127.0.0.1", port
+            lambda send: EnvironmentViewer(
+                env, policy, people, seed, send, impairment, force_guard=force_guard
+            ),
+            "127.0.0.1",
+            port,
         ) as server,
     ):
         server.export_next_scene()

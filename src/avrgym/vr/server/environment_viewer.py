@@ -36,6 +36,8 @@ class EnvironmentViewer:
         seed: int,
         send: Send,
         impairment: str = "none",
+        *,
+        force_guard: bool = False,
     ) -> None:
         """Compile the scene and start the first episode.
 
@@ -46,13 +48,20 @@ class EnvironmentViewer:
             seed: of the first episode; incremented for each later one.
             send: receives all messages for clients.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
+            force_guard: whether the force guard limits contact force and approach speed.
 
         Raises:
             ValueError: for an unknown name, naming what is allowed.
         """
         self.scenes: list[tuple[str, Person]] = []
         self._episodes = Episodes(
-            environment_id, 1, people=people, impairment=impairment, num_threads=1, by_region=True
+            environment_id,
+            1,
+            people=people,
+            impairment=impairment,
+            num_threads=1,
+            by_region=True,
+            force_guard=force_guard,
         )
         self._policy, self._seed, self._send = policy, seed, send
         self._driver = make_driver(find_for_session(policy, environment_id), background=True)
