@@ -6,7 +6,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import msgspec
 import typer
 
 from avrgym.cli.progress import progress_bar
@@ -137,6 +136,8 @@ def _progress(recording: "Recording", words: str) -> Generator[Callable[[], None
 
 
 def _verify(recording: "Recording", json_file: Path | None) -> None:
+    import msgspec
+
     from avrgym.replay.verification import verify
 
     with _progress(recording, "recomputing") as advance:
