@@ -153,7 +153,7 @@ def zoo_styles() -> Lines:
     """What people of each style do, and the sources."""
     return table(
         ("style", "behaviour", "sources"),
-        [(f"`{name}`", style.does, style.source) for name, style in STYLES.items()],
+        [(f"`{name}`", style.description, style.source) for name, style in STYLES.items()],
     )
 
 

@@ -93,9 +93,9 @@ def test_a_name_is_spelt_as_python_spells_modules(name: str, spelt: str) -> None
         ("controller", "Oracle", "there is already a controller Oracle"),
         ("controller", "Revised", "there is already a controller Revised"),
         ("controller", "Operator", "there is already a controller Operator"),
-        ("task", "Class", "Python knows class already"),
-        ("controller", "Json", "Python knows json already"),
-        ("robot", "Mujoco", "Python knows mujoco already"),
+        ("task", "Class", "a Python module class already exists"),
+        ("controller", "Json", "a Python module json already exists"),
+        ("robot", "Mujoco", "a Python module mujoco already exists"),
     ],
 )
 def test_an_invalid_name_is_rejected_and_nothing_is_written(
@@ -120,9 +120,7 @@ def test_existing_folders_are_never_changed(there: str, tmp_path: Path) -> None:
     before = out.lstat()
     refused = new("task", "LiftArm", "--out", out)
     assert refused.exit_code == 1
-    assert (
-        refused.stderr.strip() == f"avrgym: {out} is there already and stays as it is; choose another --out"
-    )
+    assert refused.stderr.strip() == f"avrgym: {out} already exists; choose another --out"
     assert out.lstat().st_mtime_ns == before.st_mtime_ns
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 

@@ -78,7 +78,7 @@ def test_observations_have_parts_of_different_names():
 
 def test_terms_are_those_that_have_weights():
     with pytest.raises(
-        ValueError, match=r"Feeding gave the reward terms distance_m; it has weights for distance_m,"
+        ValueError, match=r"Feeding returned the reward terms distance_m; its weights are for distance_m,"
     ):
         FEEDING.reward({"distance_m": np.zeros(1)})
 

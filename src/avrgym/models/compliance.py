@@ -113,7 +113,7 @@ def limit_contact_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: fl
     for geom in spec.geoms:
         if geom.name.startswith(human.PREFIX):
             set_compliance(geom)
-        elif geom.name.startswith(robot.PREFIX) and geom.priority:  # tools whose own parameters count alone
+        elif geom.name.startswith(robot.PREFIX) and geom.priority:  # parameters of such tools take precedence
             set_compliance(geom, SOFT_TISSUE if geom.condim == 1 else WASHCLOTH_PAD)
     for joint, torque in zip(arm.joints, torque_limit_n_m(arm, lead_rad), strict=True):
         spec.actuator(robot.PREFIX + joint).forcerange = [-torque, torque]

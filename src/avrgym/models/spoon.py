@@ -29,7 +29,7 @@ FOOD = Particles(
 SPOON_LENGTH_M = 0.17
 _BOWL = (0.0260, 0.0195)  # half length, half width of the bowl at its rim
 _FLOOR = (0.0206, 0.0108)  # the same of its level floor
-_LEAN = (0.003, 0.006)  # how far its walls lean outwards, before and behind, and beside
+_LEAN = (0.003, 0.006)  # outward tilt of its walls: front and back, sides
 _WALL = 0.003
 _FLOOR_Z, _RIM_Z = -0.008, 0.005
 

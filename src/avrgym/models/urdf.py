@@ -264,5 +264,5 @@ def _numbers(text: str) -> FloatArray:
 
 def _limit(joint: str, limit: Element | None, key: str) -> float:
     if limit is None or key not in limit.attrib:
-        raise ValueError(f"the description says no {key} of the joint {joint!r}")
+        raise ValueError(f"the URDF has no {key} for the joint {joint!r}")
     return float(limit.attrib[key])

@@ -33,7 +33,7 @@ def _check_names(robot: Robot) -> Iterator[str]:
     yield from _check_keys("arms", robot.arms, SIDES)
     yield from _check_keys("mounts", robot.mounts, PLACES)
     if not robot.grips:
-        yield "it has no grips: it can hold no tool"
+        yield "it has no grips; allowed: at least one, by the name of the tool"
     for side, arm in robot.arms.items():
         yield from _check_arm(side, arm)
 

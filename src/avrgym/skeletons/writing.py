@@ -43,7 +43,7 @@ def write_skeleton(kind: Kind, name: str, out: Path | None = None) -> list[Path]
     try:
         folder.mkdir()
     except FileExistsError:
-        raise ValueError(f"{folder} is there already and stays as it is; choose another --out") from None
+        raise ValueError(f"{folder} already exists; choose another --out") from None
     try:
         return list(_written(kind, name, folder))
     except BaseException:
@@ -60,7 +60,9 @@ def check_name(kind: Kind, name: str) -> None:
     if (distribution(name) if kind == "controller" else name) in _taken(kind):
         raise ValueError(f"there is already a {kind} {name}; allowed: another name")
     if keyword.iskeyword(module(name)) or importlib.util.find_spec(module(name)) is not None:
-        raise ValueError(f"Python knows {module(name)} already; allowed: a name of which there is no module")
+        raise ValueError(
+            f"a Python module {module(name)} already exists; allowed: a name without an existing module"
+        )
 
 
 def _taken(kind: Kind) -> Collection[str]:

@@ -116,7 +116,7 @@ class Observation:
         parts = [entry.of(state, task_state).reshape(count, -1) for entry in self.entries]
         for entry, part in zip(self.entries, parts, strict=True):
             if part.shape[1] != entry.size:
-                raise ValueError(f"{entry.name} is to have {entry.size} numbers, not {part.shape[1]}")
+                raise ValueError(f"{entry.name} has {part.shape[1]} values; allowed: {entry.size}")
         return namespace(*parts).concat(parts, axis=-1)
 
 

@@ -49,7 +49,7 @@ def excess_draws(mean: float, most: int) -> str:
     if mean <= MAX_MEAN_DRAWS:
         return ""
     return (
-        f"a start is drawn {mean:.1f} times on average and {most} times at most until it has room; "
+        f"an initial state is drawn {mean:.1f} times on average and {most} times at most until it has no collision; "
         f"allowed: {MAX_MEAN_DRAWS:g} on average: move the robot's mount or choose another seed pose"
     )
 

@@ -225,7 +225,7 @@ class Task:
         """
         if terms.keys() != self.weights.keys():
             raise ValueError(
-                f"task {self.name} gave the reward terms {', '.join(terms)}; it has weights for "
+                f"task {self.name} returned the reward terms {', '.join(terms)}; its weights are for "
                 f"{', '.join(self.weights)}"
             )
         total: Any = 0.0

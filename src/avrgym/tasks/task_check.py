@@ -61,7 +61,7 @@ def _check_step(episodes: Episodes, step: Step, where: str) -> None:
     ):
         if not within.all():
             raise ValueError(
-                f"{where}: {entry.name} leaves its bound of ±{entry.bound:g}, or is not a number"
+                f"{where}: {entry.name} exceeds its bound of ±{entry.bound:g} or is not a number"
             )
     terms = {f"reward term {name}": term for name, term in step.reward_terms.items()}
     figures = terms | {"distance_m": step.distance_m, "force_on_person_n": step.force_on_person_n}

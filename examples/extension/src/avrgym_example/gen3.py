@@ -74,9 +74,9 @@ BETWEEN_TIPS_M = np.array([0.0, 0.0, 0.142])
 POINTING = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 """The tool's x out of the hand, its y across the fingers."""
 UPRIGHT = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""For a cup that the PR2 would hold so, seen from a hand whose x points out of it."""
+"""Rotation of a cup in a hand with x pointing out of it."""
 ACROSS = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Its z across the fingers instead."""
+"""As ``UPRIGHT``, with z across the fingers."""
 ON_WHEELCHAIR_M = (-0.43, -0.44, 0.48)
 
 GEN3 = Robot(

@@ -39,7 +39,7 @@ USUAL_SPEED: Ranges = {"speed_share": (0.82, 1.18)}
 
 STYLES: Mapping[str, Style] = {
     "still": Style(
-        "stay as they were found, but for the sway that nobody is without",
+        "keep their initial pose, except for sway",
         "our assumption, as of participants",
         amplitude={"sway_deg": (0.2, 0.6)},
         tempo={"sway_hz": (0.08, 0.33)},

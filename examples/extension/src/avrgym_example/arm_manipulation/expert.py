@@ -17,7 +17,7 @@ Heading = tuple[float, float, float]
 HEADING_W: dict[bool, Heading] = {False: (1.0, 0.0, 0.0), True: (1.0, -0.4, 0.0)}
 """Direction of the handle in the world frame, for a mounted robot and for a robot on the floor."""
 TOUCHING_M, BEFORE_M, FREE_M = 0.045, 0.08, 0.03
-"""How far below the forearm's axis the hook is that touches it, and that comes to it while it is beside by more."""
+"""Depth of the hook below the forearm's axis in contact, and during a lateral approach."""
 PUSH_M, OVER_M, PUSH_M_S = 0.05, 0.02, 0.12
 """How far ahead of the forearm the hook aims, how far above its goal, and how fast it goes."""
 UPWARDS = 2.0
@@ -27,7 +27,7 @@ HIGH_M = 0.04
 
 
 def cradling_q_w(arm: RightArm, heading_w: Heading) -> FloatArray:
-    """The hook's rotation, (N, 4), whose stops point past the forearm, and whose handle leads along a direction."""
+    """Rotation (N, 4) of the hook: stops past the forearm, handle along a direction."""
     z_w = -under_w(arm)
     x_w = transforms.normalize(heading_w - z_w * (z_w * heading_w).sum(axis=-1)[:, None])
     return transforms.from_matrix(np.stack([x_w, transforms.cross(z_w, x_w), z_w], axis=-1))
