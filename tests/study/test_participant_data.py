@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from avrgym.cli import app
 from avrgym.recording.schema import Answer
-from avrgym.study.export.one_person import FILE_CONTENTS, write_participant_data
+from avrgym.study.export.participant_archive import FILE_CONTENTS, write_participant_data
 from avrgym.study.export.records import WITHOUT, event_rows
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people.adverse_events import record_adverse_event

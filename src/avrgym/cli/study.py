@@ -10,9 +10,7 @@ from avrgym.cli.activity_log import log
 from avrgym.cli.experimenters import add_experimenter, experimenters, revoke_experimenter
 from avrgym.cli.names import encrypt_names, names, print_key, unlock
 from avrgym.cli.options import PEOPLE, Cluster, Impairment, on_cluster
-from avrgym.cli.plan import Folder, checked, freeze, plan_of, power
-from avrgym.cli.progress import CONTINUES, progress_bar
-from avrgym.cli.records import (
+from avrgym.cli.participant_records import (
     adverse_events,
     data_protection,
     functioning,
@@ -20,6 +18,8 @@ from avrgym.cli.records import (
     record_adverse_event,
     retention,
 )
+from avrgym.cli.plan import Folder, checked, freeze, plan_of, power
+from avrgym.cli.progress import CONTINUES, progress_bar
 from avrgym.cli.sites import merge, say_sites
 from avrgym.cli.terminal import (
     Jobs,

@@ -21,7 +21,7 @@ TOTAL = "total_ms"
 SHARES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
 
 
-def is_whole(latency: Latency) -> bool:
+def is_complete(latency: Latency) -> bool:
     """Whether every frame has an entry for each stage."""
     return all(len(getattr(latency, stage)) == len(latency.sequence) for stage in STAGES)
 

@@ -17,7 +17,7 @@ from avrgym.recording.schema import AttemptEnd
 from avrgym.safety.force_guard import INTERVENTION_EVENT, RELEASE_EVENT
 from avrgym.safety.withdrawal import WITHDRAWAL_EVENT
 from avrgym.texts.interface_texts import Text
-from avrgym.vr.latency import is_whole, percentiles_ms
+from avrgym.vr.latency import is_complete, percentiles_ms
 from avrgym.vr.live_world.drivers import Driver, Operator
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
@@ -249,7 +249,7 @@ class SessionState:
     def take_latency(self, told: messages.Latency) -> schema.Latency | None:
         """Record the client's latencies of the last second, if they are complete, and update the percentiles."""
         latency = schema.Latency(*(getattr(told, name) for name in schema.Latency.__struct_fields__))
-        if not is_whole(latency):
+        if not is_complete(latency):
             self.report("a latency needs an entry of each stage for each frame")
             return None
         self._latencies.append(latency)

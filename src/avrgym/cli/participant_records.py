@@ -202,7 +202,7 @@ def participant_data(
 
     It is for the participant who asks for their data, with an index, recordings, notes and name.
     """
-    from avrgym.study.export.one_person import write_participant_data
+    from avrgym.study.export.participant_archive import write_participant_data
     from avrgym.study.storage.identity_file import named_pseudonyms
     from avrgym.study.storage.store import Store
 
