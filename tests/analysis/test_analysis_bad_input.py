@@ -1,4 +1,4 @@
-"""What is not as it should be gets a clear word each, and the rest of the analysis still comes."""
+"""Each problem of a study is described in plain words, and the rest is analysed."""
 
 import csv
 import json
@@ -92,7 +92,7 @@ def rows_of(tmp_path: Path, table: str, **values: str) -> list[Mapping[str, str]
 
 
 def test_an_empty_study(words: Callable[[], str], tmp_path: Path) -> None:
-    assert "Nobody has taken part yet: there is nothing to analyse." in words()
+    assert "There are no participants yet." in words()
     for path in (tmp_path / "out" / "tables").glob("*.csv"):
         rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
         assert rows[0], path.name
@@ -199,7 +199,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
             "does not tell the person's body as this version has it: reward and success",
         ),
         ("sub-004", 1, "whole", "adds up to a reward of"),
-        ("sub-004", 2, "whole", "7 things:"),
+        ("sub-004", 2, "whole", "7 problems:"),
     ],
 )
 def test_each_recording_gets_its_word(
@@ -320,7 +320,7 @@ def test_the_command_writes_into_the_study_and_its_figures_to_a_file(store: Stor
     result = avrgym("analyze", store.folder, "--json", tmp_path / "figures.json")
     assert result.exit_code == 0
     assert f"report    {store.folder / 'analysis' / 'report' / 'index.html'}" in result.stdout
-    assert "not as it should be: 1; the report names each" in result.stdout
+    assert "problems: 1; the report lists each" in result.stdout
     figures = json.loads((tmp_path / "figures.json").read_text())
     stored = json.loads((store.folder / "analysis" / "results.json").read_text())
     assert {name: stored[name] for name in figures} == figures

@@ -83,7 +83,7 @@ def test_the_report_describes_the_sites(made: tuple[Path, Analysis, Path]) -> No
         "By site",
         "Participants of each site",
         "Success over all tasks at each site",
-        "Effects at each site",
+        "Effect sizes at each site",
     ):
         assert words in page.text
 

@@ -215,7 +215,7 @@ def test_nothing_is_inferred_from_fewer_than_four_people(
     people = page[page.index("<article") : page.index("</article>")]
     assert 'id="people"' in people
     assert "p = " not in people
-    assert "Fewer than 4 participants are described and not tested." in people
+    assert "With fewer than 4 participants, results are described and not tested." in people
     for path in (out / "reporting").glob("*-people.tex"):
         rows = path.read_text().split(r"\midrule")[-1]
         assert "*" not in rows, path
@@ -353,7 +353,7 @@ def test_latency_follows_from_what_clients_told_in_counted_trials(
     assert total.pictures == len(waits) == 3 * len(counted)
     assert (total.p50_ms, total.p95_ms) == pytest.approx(tuple(np.percentile(waits, [50, 95])))
     page = (out / "report/index.html").read_text("utf-8")
-    assert "How late pictures were" in page
+    assert "Latency from pose to picture" in page
     assert page.count("<h3>Latency</h3>") == 1
 
 
@@ -387,9 +387,9 @@ def test_the_page_is_one_file_with_unique_ids_and_working_references(store: Stor
 def test_the_page_says_what_was_found_and_what_was_simulated(out: Path, tables: dict[str, Frame]) -> None:
     words = " ".join(Page(out / "report" / "index.html").text.split())
     expected = {
-        "6 of the 10 participants here are simulated",
+        "6 of the 10 participants are simulated",
         "avrgym replay recordings/sub-001/ses-01/trial-02_attempt-1.mcap",
-        "Nothing: every recording is here, whole and consistent.",
+        "None: every recording is present, complete and consistent.",
         "sub-010, 1: Feeding",
         "SIMULATED PARTICIPANTS",
         *(f"{item} The robot" for item in ("L1", "L4")),

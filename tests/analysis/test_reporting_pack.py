@@ -318,7 +318,7 @@ def test_a_problem_of_many_recordings_is_shown_once_and_names_each(
     assert "30 times: is old: it is used." in text
     assert "one.mcap is not here: no body." in text
     assert all(row.where in text for row in problems)
-    assert "31 things:" in text
+    assert "31 problems:" in text
 
 
 def test_simulation_of_another_length_is_named_before_the_figures(analysis: Analysis, tmp_path: Path) -> None:

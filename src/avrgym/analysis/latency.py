@@ -12,7 +12,7 @@ from avrgym.system.columns import Column
 from avrgym.vr.latency import STAGE_WORDS, TOTAL, percentiles_ms
 
 Latencies = Mapping[tuple[str, int], Sequence[Latency]]
-"""What the client told during trials, by pseudonym and position."""
+"""Measurements of the client during trials, by pseudonym and position."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class LatencyRow:
 
 
 def latency_rows(trials: Sequence[TrialRow], latencies: Latencies) -> list[LatencyRow]:
-    """People first, each group before its participants; nothing of who was never shown a picture, as in simulation."""
+    """People first, each group before its participants; only participants with measurements."""
     rows: list[LatencyRow] = []
     for simulated in (False, True):
         told = {
@@ -58,7 +58,7 @@ def _rows(participant: str | None, told: Sequence[Latency], *, simulated: bool) 
 
 
 def total_latency(rows: Sequence[LatencyRow], *, simulated: bool) -> LatencyRow | None:
-    """From pose to picture, over all people or all simulated participants."""
+    """The total latency over all people, or over all simulated participants."""
     return next(
         (
             row
@@ -70,15 +70,16 @@ def total_latency(rows: Sequence[LatencyRow], *, simulated: bool) -> LatencyRow 
 
 
 LATENCY_METHOD = (
-    "Latency: for every tracking frame the client reports when its pose was read and sent, when the state that follows "
-    "it came and when a picture showed it; the server reports when the frame came, when it was simulated and when that "
-    "state was sent. The clocks are aligned by the fastest messages of ten seconds. Percentiles are over the frames of "
-    "counted trials. A headset's display adds its own time; own arms are drawn without waiting for all this."
+    "Latency: for every tracking frame, the client measures when the pose was read and sent, when the resulting state "
+    "arrived, and when a picture showed it. The server measures when the frame arrived, when it was simulated, and "
+    "when the state was sent. The fastest messages of ten seconds synchronise the clocks. Percentiles are over the "
+    "frames of counted trials. The headset's display adds latency; the participant's own arms are drawn without this "
+    "latency."
 )
 
 
 def latency_section(latencies: Sequence[LatencyRow], simulated: bool) -> Markup:
-    """Stage by stage, and who saw the latest pictures; nothing where no recording tells."""
+    """Latency by stage, and the participant with the largest; empty without measurements."""
     rows = [row for row in latencies if row.simulated is simulated]
     if not rows:
         return Markup()
@@ -89,9 +90,9 @@ def latency_section(latencies: Sequence[LatencyRow], simulated: bool) -> Markup:
     ]
     own = [row for row in rows if row.participant is not None and row.stage == TOTAL]
     latest = max(own, key=lambda row: row.p95_ms)
-    heads = ("Stage", "Median / ms", "95 % within / ms", "99 % within / ms")
-    caption = group_caption(f"How late pictures were: {together[0].pictures} frames", simulated)
-    note = f"The latest pictures had {latest.participant}: 95 % within {latest.p95_ms:.1f} ms."
+    heads = ("Stage", "Median / ms", "95th percentile / ms", "99th percentile / ms")
+    caption = group_caption(f"Latency from pose to picture over {together[0].pictures} frames", simulated)
+    note = f"Largest 95th percentile: {latest.p95_ms:.1f} ms, participant {latest.participant}."
     return tag(
         "section", tag("h3", "Latency"), table(caption, heads, body, numbers=range(1, 4)), tag("p", note)
     )

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from avrgym.analysis.page.elements import Markup, bullet_list, count_text, tag
+from avrgym.analysis.page.elements import Markup, bullet_list, count_text, tag, time_text
 from avrgym.study.checking.interim_looks import check_interim_looks, is_interim
 from avrgym.study.storage.audit_log import describe_person, site_names
 from avrgym.study.storage.store import Store
@@ -58,7 +58,11 @@ def _summary_text(log: StudyLog, rebuilt_at: str | None) -> tuple[Markup | str, 
     if not log.entries:
         return ("The log has no entry: no command and no view of this study was logged.",)
     entries = "1 entry" if log.entries == 1 else f"{log.entries} entries"
-    time = f"at {log.first_at}" if log.entries == 1 else f"from {log.first_at} to {log.last_at}"
+    time = (
+        f"at {time_text(log.first_at)}"
+        if log.entries == 1
+        else f"from {time_text(log.first_at)} to {time_text(log.last_at)}"
+    )
     return (
         f"The log has {entries}, {time} (UTC), by {', '.join(log.people)}. Views of "
         "results after the planned end are not counted. The whole log: ",

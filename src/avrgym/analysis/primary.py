@@ -96,7 +96,7 @@ def assign_roles(
 
 
 def _role_of_test(family: Family, row: ComparisonRow, plan: Plan | None) -> str:
-    """A hypothesis that names a test by trial is judged by the same test by participant."""
+    """A hypothesis that names a test by trial is evaluated by the same test by participant."""
     if row.unit == TRIAL:
         return SUPPLEMENT
     if plan is None:
@@ -112,7 +112,7 @@ def _role_of_effect(row: ModelRow, plan: Plan | None) -> str:
 
 
 Tested = tuple[float | None, Mapping[str, float]]
-"""p of a test, and the differences of its participants, if they are paired."""
+"""p of a test, and the differences by participant of a paired test."""
 
 
 def _p_and_differences(families: Sequence[Family], at: Place) -> Tested:
@@ -121,9 +121,10 @@ def _p_and_differences(families: Sequence[Family], at: Place) -> Tested:
 
 
 def _corrected(tests: Sequence[Tested], effects: Sequence[float | None]) -> list[float | None]:
-    """p of tests, then of effects, corrected for all of them.
+    """p of tests, then of model effects, corrected for multiple testing.
 
-    Paired tests are corrected jointly, all others by Holm; where there are both, each p is doubled.
+    Paired tests get the sign-flip permutation correction, all others Holm's. If there are both, each p is doubled
+    (Bonferroni over the two parts).
     """
     paired = [at for at, (p, differences) in enumerate(tests) if p is not None and differences]
     others = [(p if at not in paired else None) for at, (p, _) in enumerate(tests)] + list(effects)
@@ -146,26 +147,36 @@ def _with_roles(
     return replace(family, rows=tuple(given()))
 
 
-PRIMARY_HEADS = ("Question", "What", "Groups", "n", "Medians", "Effect [95 %]", "p", "p, corrected", "")
-PRIMARY_NUMERIC_COLUMNS = (3, 4, 5, 6, 7)
-PRIMARY_CAPTION = "Primary results, each participant one value; p corrected over all of them"
-WITHOUT_PLAN = (
-    "Each question has one primary result. No plan names hypotheses, so these are the tests by participant of whether "
-    "policies differ in each answer, score and objective measure, of the first answer against the middle of its "
-    "scale, and of changes over sessions."
+PRIMARY_HEADS = (
+    "Question",
+    "Quantity",
+    "Groups",
+    "n",
+    "Medians",
+    "Effect size [95 % CI]",
+    "p",
+    "p, corrected",
+    "",
 )
-WITH_PLAN = "The primary results are the tests of the plan's hypotheses, each participant one value."
+PRIMARY_NUMERIC_COLUMNS = (3, 4, 5, 6, 7)
+PRIMARY_CAPTION = "Primary results; one value per participant; p corrected over all primary results"
+WITHOUT_PLAN = (
+    "No plan names hypotheses. The primary results are therefore the tests by participant of differences between "
+    "policies in each answer, score and objective measure, of the first answer against the midpoint of its scale, and "
+    "of changes from before to after sessions."
+)
+WITH_PLAN = "The primary results are the tests of the hypotheses in the plan, with one value per participant."
 OTHERS = (
-    "Only primary results have stars: * < 0.05, ** < 0.01, *** < 0.001 after correction over all of them. All other "
-    "results are sensitivity analyses, secondary, or a supplement, and have none. Stars and figures use "
-    "“p, corrected”. “p, Holm” in other tables is corrected within one family only and has another value."
+    "Only primary results have stars, for p after correction over all of them: * < 0.05, ** < 0.01, *** < 0.001. All "
+    "other results are sensitivity analyses, secondary or supplementary. Stars and figures use “p, corrected”. "
+    "“p, Holm” in other tables is corrected within one family and therefore differs."
 )
 
 
 def primary_section(
     tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool, *, planned: bool
 ) -> Markup:
-    """The primary results of a group of participants; nothing where there are none."""
+    """The primary results of a group of participants; empty if there are none."""
     rows = primary_rows(tests, models, simulated)
     if not rows:
         return Markup()
@@ -218,11 +229,11 @@ def _limits(tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulate
     """Limits of tests with few participants."""
     rows = [*chain(*_primary_of_group(tests, models, simulated))]
     if any(row.note == TOO_FEW for row in rows):
-        yield f"Fewer than {MIN_PARTICIPANTS} participants are described and not tested."
+        yield f"With fewer than {MIN_PARTICIPANTS} participants, results are described and not tested."
     elif most := _most_participants(rows):
         least = 2.0 / 2.0**most
         if least >= 0.05:
-            yield f"With {most} participants p of a paired test is never below {least:.3g}: no star is possible."
+            yield f"With {most} participants, p of a paired test is at least {least:.3g}: no star is possible."
 
 
 def _most_participants(rows: Sequence[ComparisonRow | ModelRow]) -> int:

@@ -71,11 +71,11 @@ def _rows(condition: tuple[bool, str, str, str], own: list[AttemptedTrial]) -> I
 
 
 REPEATS_METHOD = (
-    "Repeats: attempts at trials, practice left out, that a later attempt replaced. Experimenters order a repeat by "
-    "repeat, skip, pause, stop, end, or measure again. Exact tests compare ordered repeats between policies, between "
-    "robots with policies, and between first attempts with and without success, within participant and task. If "
-    "repeats depend on nothing, they raise a finding in at most 1 % of studies. Attempts that were broken off before "
-    "their end enter the comparison of policies and the limit, not that of outcomes."
+    "Repeats: attempts, without practice, that a later attempt replaced. An experimenter orders a repeat by repeat, "
+    "skip, pause, stop, end or measure again. Exact tests compare ordered repeats between policies, between robots "
+    "with policies, and between first attempts with and without success, within participant and task. If repeats are "
+    "independent of policy and outcome, the tests report a finding in at most 1 % of studies. Attempts that ended "
+    "early are in the comparison of policies and in the limit, but not in the comparison of outcomes."
 )
 
 
@@ -94,12 +94,12 @@ def _letters(design: Design) -> list[Markup]:
     if not design.blind_experimenter:
         return []
     codes = [f"{letter} is {policy}" for policy, letter in design.policy_codes().items()]
-    return [tag("p", f"Letters stand for policies: {', '.join(sorted(codes))}.")]
+    return [tag("p", f"Policy codes: {', '.join(sorted(codes))}.")]
 
 
 def _summary_text(rows: list[RepeatRow]) -> str:
     if not rows:
-        return "No trial was repeated; practice is not counted."
+        return "No trial was repeated (without practice)."
     reasons = _summed(rows, lambda row: row.reason)
     people = _summed([row for row in rows if row.ordered_by], lambda row: row.ordered_by)
     total = sum(row.replaced_attempts for row in rows)
@@ -122,7 +122,7 @@ def _listed(counts: Counter[str]) -> str:
 def _table(rows: list[RepeatRow], simulated: bool) -> Markup:
     heads = (
         "Task", "Robot", "Policy", "Trials", "Reason", "Cause", "Ordered by", "Trials repeated", "Attempts replaced",
-        "of them successes", "outcome unknown",
+        "of them with success", "unknown outcome",
     )  # fmt: skip
     body = [
         (

@@ -57,12 +57,12 @@ def write_report(path: Path, analysis: Analysis, drawings: Sequence[Drawing], st
     """Write the page; ``study_link`` leads from it to the study's folder. The same analysis gives the same bytes."""
     groups = sorted({row.simulated for row in analysis.observed.participants})
     header = [
-        tag("p", "Analysis of the study as it stands."),
+        tag("p", "Analysis of the study in its current state."),
         _notices(analysis),
         _navigation(analysis, groups),
     ]
     sections = [_group(analysis, simulated, drawings, study_link) for simulated in groups]
-    nobody = [tag("p", "Nobody has taken part yet: there is nothing to analyse.")] if not groups else []
+    nobody = [tag("p", "There are no participants yet.")] if not groups else []
     write_page(
         path,
         analysis.design.title,
@@ -87,17 +87,19 @@ def _notices(analysis: Analysis) -> Markup:
     if simulated:
         which = "All" if simulated == len(everyone) else f"{simulated} of the {len(everyone)}"
         words = (
-            f"{which} participants here are simulated: poses and answers were made up by a program and say nothing "
-            "about people. They are analysed apart and never taken together with people."
+            f"{which} participants are simulated: a program generated their poses and answers. They contain no "
+            "information about people and are analysed separately."
         )
         notices.append(warning_box("SIMULATED PARTICIPANTS.", words))
     notices += [warning_box("Rebuilt database.", words) for words in analysis.losses]
     if analysis.plan is not None and not analysis.plan.confirms:
-        notices.append(
-            warning_box("Exploratory.", "No plan is known to be from before the first participant.")
-        )
+        notices.append(warning_box("Exploratory.", "No plan was frozen before the first participant."))
     if any(use.design.blind_experimenter for use in analysis.uses) or analysis.design.blind_experimenter:
-        notices.append(warning_box("Unblinded.", "This study is run blind; the page names the policies."))
+        notices.append(
+            warning_box(
+                "Unblinded.", "The experimenter is blinded in this study; this page names the policies."
+            )
+        )
     return join(notices)
 
 
@@ -111,7 +113,7 @@ def _navigation(analysis: Analysis, groups: Sequence[bool]) -> Markup:
         *links,
         tag("a", "About the study", href="#facts"),
         tag("a", "The log", href="#log"),
-        tag("a", "What is not as it should be", href="#problems"),
+        tag("a", "Problems", href="#problems"),
         tag("a", "Methods", href="#methods"),
     )
 
@@ -171,7 +173,7 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
         "Trials completed": sum(row.state == "completed" for row in trials),
         "missing": sum(row.state != "completed" for row in trials),
         "in the analyses": sum(row.counted for row in trials),
-        "left out, persons held": sum(row.left_out is not None for row in trials),
+        "left out, tracking lost": sum(row.left_out is not None for row in trials),
         "Attempts": sum(row.attempts for row in trials),
         "broken off": sum(row.attempts_broken_off for row in trials),
     }
@@ -190,7 +192,7 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
         "missing", "Attempts", "broken off",
     )  # fmt: skip
     also = " or whose consent is unknown" if unknown else ""
-    caption = f"Participants, with those who withdrew{also}; these are in no analysis"
+    caption = f"Participants, including those who withdrew{also}, who are in no analysis"
     left_out = [f"{row.participant}, trial {row.position}: {row.left_out}." for row in trials if row.left_out]
     listed = [tag("p", "Left out of the analyses:"), bullet_list(left_out)] if left_out else []
     shown = table(group_caption(caption, simulated), heads, rows, numbers=range(len(heads) - 7, len(heads)))
@@ -202,19 +204,19 @@ def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
 
 
 def _facts(analysis: Analysis) -> Markup:
-    """What a publication says of a study and its data do not."""
+    """Facts for a publication that the data do not contain."""
     design, uses = analysis.design, analysis.uses
     given = {
-        name.replace("_", " ").capitalize(): text or "not given: [reporting] in study.toml has a field for it"
+        name.replace("_", " ").capitalize(): text or "missing; set it in [reporting] of study.toml"
         for name, text in msgspec.structs.asdict(design.reporting).items()
     }
     rows = given | {
-        "What participants read about the task": describe_by_design(uses, design, _told),
+        "Task text for participants": describe_by_design(uses, design, _told),
         "Real seat": describe_by_design(uses, design, _seat),
         "Real mattress": describe_by_design(uses, design, _mattress),
     }
     words = bullet_list([f"{name}: {text}" for name, text in rows.items()])
-    note = "These values are from recordings, where there are any."
+    note = "Values come from recordings if there are any."
     planned = [] if analysis.plan else [tag("p", NO_PLAN)]
     return tag("section", tag("h2", "About the study"), words, tag("p", note), *planned, id="facts")
 
@@ -239,12 +241,12 @@ def _problems(analysis: Analysis) -> Markup:
         places.setdefault((row.what, row.consequence), []).append(row.where)
     lines = [_problem(what, consequence, where) for (what, consequence), where in places.items()]
     text = (
-        count_text(len(analysis.observed.problems), "thing") + ":"
+        count_text(len(analysis.observed.problems), "problem") + ":"
         if lines
-        else "Nothing: every recording is here, whole and consistent."
+        else "None: every recording is present, complete and consistent."
     )
     body = [tag("p", text), bullet_list(lines)] if lines else [tag("p", text)]
-    return tag("section", tag("h2", "What is not as it should be"), *body, id="problems")
+    return tag("section", tag("h2", "Problems"), *body, id="problems")
 
 
 def _problem(what: str, consequence: str, where: Sequence[str]) -> Markup:
@@ -255,35 +257,35 @@ def _problem(what: str, consequence: str, where: Sequence[str]) -> Markup:
 
 
 METHODS = (
-    "Counted are completed trials but for practice, of participants who have not withdrawn. A trial is left out, and "
-    "listed, whose person was held still, because tracking was lost or jumped, for a larger share of the time in which "
-    "the robot helped than the design allows. Every table in tables/ has a column that marks rows about simulated "
-    "participants.",
-    "Reward: mean over participants with a 95 % interval by Student's t. Success: Wilson's 95 % interval; "
-    "where participants have several trials, with the effective sample size. Next to them is the result of "
-    "training for the same policy with its training population.",
-    "Wilcoxon's signed-rank test: zeros are left out, ties share their mean rank; exact for at most "
-    f"{EXACT_SIGNED_RANK} differences, else the normal approximation. Policies are paired within participant × task × "
-    "robot. Over trials as in the paper, which takes the trials of one participant for independent; over participants "
-    "each is one value, the mean of their trials.",
-    "Effect: rank-biserial correlation, from −1 to 1, positive where the first group is larger; for energy distances "
-    "the share from 0 to 1 that lies between the groups. Its 95 % interval is Wilson's of the share (1 + r) / 2 with "
-    "the effective sample size of the ranks. Holm's correction holds within a family: one question, one unit.",
-    "Primary results: p is corrected over all of them by flipping the signs of participants' differences together "
-    "(Westfall and Young, 1993; Romano and Wolf, 2005). Models and unpaired tests that a plan makes primary are "
-    "corrected by Holm; next to paired tests both corrected p are doubled. Rewards that are all equal have no "
-    "interval.",
-    f"The training's people: {PEOPLE_PER_TASK} drawn for each task and distribution, with seed {TRAINING_PEOPLE_SEED}.",
-    "Head positions and torso heights: signed-rank as in the paper, each trial paired with an arbitrary person drawn; "
-    "Mann-Whitney and the energy distance compare one value per participant with everyone drawn. Means of several "
-    "trials spread less than single people, so that a small p need not mean another place.",
+    "Counted trials: completed trials without practice, of participants who have not withdrawn. A trial is left out "
+    "and listed if tracking was lost or jumped for a larger share of the robot's time than the design allows. Every "
+    "table in tables/ marks rows about simulated participants.",
+    "Reward: mean over participants with a 95 % confidence interval (Student's t). Success: Wilson's 95 % confidence "
+    "interval, with the effective sample size if participants have several trials. Next to them is the evaluation of "
+    "the same policy in simulation with its training population. Rewards that are all equal have no interval.",
+    "Wilcoxon signed-rank test: zero differences are left out and ties get mean ranks. It is exact for at most "
+    f"{EXACT_SIGNED_RANK} differences, else a normal approximation. Policies are paired within participant × task × "
+    "robot. Tests by participant use the mean of each participant's trials. Tests by trial repeat the paper's "
+    "analysis, which assumes independent trials.",
+    "Effect size: rank-biserial correlation r from −1 to 1, positive if the first group is larger. Its 95 % confidence "
+    "interval is Wilson's for the share (1 + r) / 2, with the effective sample size of the ranks. For energy distances "
+    "the effect size is the share of the distance between the groups, from 0 to 1. Holm's correction is within a "
+    "family: one question and one unit of analysis.",
+    "Primary results: p is corrected over all of them by a step-down sign-flip permutation test, which flips all "
+    "differences of a participant together (Westfall and Young, 1993; Romano and Wolf, 2005). Models and unpaired "
+    "tests that a plan makes primary have Holm's correction. If a plan has both, each corrected p is doubled.",
+    f"Training populations: {PEOPLE_PER_TASK} people sampled for each task and population, seed "
+    f"{TRAINING_PEOPLE_SEED}.",
+    "Head positions and torso heights: signed-rank tests pair each trial with a sampled person, as in the paper. "
+    "Mann-Whitney and energy distance tests compare one value per participant with all sampled people. Means of "
+    "several trials vary less than single people, so a small p does not always mean another location.",
 )
 
 
 def _methods(analysis: Analysis) -> Markup:
     more = (
-        "docs/reference/analysis.md in AVR Gym's repository describes the tables and how to recompute numbers. What a "
-        "publication needs besides stands in reporting/index.html."
+        "docs/reference/analysis.md in AVR Gym's repository describes the tables and how to recompute numbers. "
+        "reporting/index.html contains text, tables and a checklist for a publication."
     )
     return tag(
         "section",

@@ -67,11 +67,11 @@ class SiteEffectRow:
 
 
 NO_SITE = "no site"
-"""Of participants of whom no site was said, beside others."""
+"""The site of participants without a site."""
 
 
 def site_outcome_rows(design: Design, trials: Sequence[TrialRow]) -> list[SiteOutcomeRow]:
-    """What each condition gave at each site; nothing for people or simulated participants of one site."""
+    """The outcome of each condition at each site; empty for a single site."""
     rows: list[SiteOutcomeRow] = []
     for simulated, site in _sites(trials):
         own = [row for row in trials if row.counted and row.simulated is simulated and site_of(row) == site]
@@ -84,7 +84,7 @@ def site_outcome_rows(design: Design, trials: Sequence[TrialRow]) -> list[SiteOu
 def site_effect_rows(
     design: Design, trials: Sequence[TrialRow], answers: Sequence[AnswerRow], scores: Sequence[ScoreRow]
 ) -> list[SiteEffectRow]:
-    """The effects in answers and scores at each site; nothing for people or simulated participants of one site."""
+    """Effect sizes of answers and scores at each site; empty for a single site."""
     rows: list[SiteEffectRow] = []
     for simulated, site in _sites(trials):
         given = [row for row in answers if row.simulated is simulated and site_of(row) == site]
@@ -106,7 +106,7 @@ def site_of(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
 
 
 def _sites(trials: Sequence[TrialRow]) -> Iterator[tuple[bool, str]]:
-    """Each site of people and of simulated participants, where they are of more than one."""
+    """Each site of people and of simulated participants, if there are several."""
     for simulated in (False, True):
         sites = sorted({site_of(row) for row in trials if row.counted and row.simulated is simulated})
         if len(sites) > 1:
@@ -132,8 +132,8 @@ def _site_effect(site: str, row: ComparisonRow) -> SiteEffectRow:
 
 
 SITES_METHOD = (
-    "The tests above take all sites together. Here each site stands by itself, each participant with one value: this "
-    "describes how far sites agree and tests nothing."
+    "The tests above pool all sites. This section describes each site separately, with one value per participant, and "
+    "tests nothing."
 )
 
 
@@ -144,7 +144,7 @@ def sites_section(
     effects: Sequence[SiteEffectRow],
     simulated: bool,
 ) -> Markup:
-    """Who took part at each site, what policies gave there, and the effects in answers; nothing for one site."""
+    """Participants, outcomes and effect sizes of each site; empty for a single site."""
     if not any(row.simulated is simulated for row in outcomes):
         return Markup()
     return tag(
@@ -190,7 +190,7 @@ def _outcomes_table(outcomes: Sequence[SiteOutcomeRow], simulated: bool) -> Mark
         if row.simulated is simulated and row.task == ALL
     ]
     heads = ("Site", "Robot", "Policy", "Trials", "Success")
-    caption = group_caption("Success over all tasks at each site, with 95 % intervals", simulated)
+    caption = group_caption("Success over all tasks at each site, with 95 % confidence intervals", simulated)
     return table(caption, heads, body, numbers=(3, 4))
 
 
@@ -205,5 +205,5 @@ def _effects_table(effects: Sequence[SiteEffectRow], simulated: bool) -> Markup:
         )
         for row in sorted(rows, key=lambda row: (row.family, row.quantity, row.group_a, row.group_b, row.site))
     ]  # fmt: skip
-    heads = ("Question", "What", "Groups", "Site", "n", "Medians", "Effect [95 %]")
-    return table(group_caption("Effects at each site", simulated), heads, body, numbers=(4, 5, 6))
+    heads = ("Question", "Quantity", "Groups", "Site", "n", "Medians", "Effect size [95 % CI]")
+    return table(group_caption("Effect sizes at each site", simulated), heads, body, numbers=(4, 5, 6))

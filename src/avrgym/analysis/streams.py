@@ -7,19 +7,19 @@ from avrgym.analysis.page.elements import Markup, group_caption, number_text, ta
 from avrgym.analysis.reading.rows import StreamRow
 
 STREAMS_METHOD = (
-    "Streams came by Lab Streaming Layer, whose measured offset between clocks was added to every sample's time. "
-    "Jitter is the standard deviation of a sample's time about even spacing, within stretches without a gap. Medians "
-    "are over trials; streams.csv has every trial. In a gap samples are missing. At a reset the device's clock jumped; "
-    "times are corrected by when samples arrived, and all other figures are of corrected times."
+    "Lab Streaming Layer transmits the streams. The measured clock offset is added to the time of each sample. Jitter "
+    "is the standard deviation of sample times about even spacing, between gaps. Gaps are stretches with missing "
+    "samples. Medians are over trials; streams.csv contains every trial. At a clock reset, the device's clock jumped; "
+    "times are corrected by the arrival of samples, and all metrics use corrected times."
 )
 STREAM_HEADS = (
-    "Stream", "Kind", "Trials", "Samples", "Rate promised / Hz", "came / Hz", "Clock offset / ms", "its range, at most",
-    "Jitter / ms", "at most", "Gaps", "Clock resets", "furthest / s",
+    "Stream", "Kind", "Trials", "Samples", "Nominal rate / Hz", "Measured / Hz", "Clock offset / ms", "Maximum range",
+    "Jitter / ms", "Maximum", "Gaps", "Clock resets", "Largest / s",
 )  # fmt: skip
 
 
 def streams_section(recorded: Sequence[StreamRow], simulated: bool) -> Markup:
-    """A line for each stream; nothing where none was recorded."""
+    """A row for each stream; empty without streams."""
     rows = [row for row in recorded if row.simulated is simulated]
     names = dict.fromkeys(row.stream for row in rows)
     if not names:

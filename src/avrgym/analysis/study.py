@@ -80,9 +80,6 @@ from avrgym.vr.session.attempt import versions
 IN_TABLES_ONLY = ("control_steps", "people")
 """Tables too long for the results' file."""
 FORMAT = f"{FORMAT_NAME} 1"
-ANALYSED_SEPARATELY = (
-    "answers to different items are analysed separately, everything else is used as recorded"
-)
 FROM_FILE = "what recordings do not contain is taken from the study's present files"
 
 
@@ -207,7 +204,6 @@ def analyse(
     design = asked.design
     observed = read_study(store, progress, skip_damaged=skip_damaged, asked=asked)
     differences = list(check_design(store))
-    observed.problems.extend(_problem(each, ANALYSED_SEPARATELY) for each in differences)
     observed.problems.extend(_problem(each, FROM_FILE) for each in check_stored_designs(store))
     people = sample_training_people(design)
     groups = body_trials_by_group(observed.trials)

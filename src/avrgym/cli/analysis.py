@@ -41,5 +41,5 @@ def analyze(
             report = write_analysis(analysis, folder, place)
         write_json(json_file, analysis.results())
     say(f"report    {report}")
-    if analysis.observed.problems:
-        say(f"not as it should be: {len(analysis.observed.problems)}; the report names each")
+    if problems := len(analysis.observed.problems) + len(analysis.differences):
+        say(f"problems: {problems}; the report lists each")

@@ -10,28 +10,32 @@ from avrgym.cli.terminal import plain_errors, say
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="A folder for recordings, pictures and report.")] = Path("demo"),
+    out: Annotated[Path, typer.Option(help="A folder for recordings, pictures and pages.")] = Path("demo"),
     seed: Seed = 0,
 ) -> None:
-    """Run a simulated participant's session, then its report.
+    """Run a simulated participant's session and write a 3D replay of each trial.
 
-    In all four tasks, with both robots; takes about two minutes.
+    The session has all four tasks, with both robots. It takes about two minutes.
     """
-    from avrgym.demo.session import run_demo
+    from avrgym.demo import run_demo
 
     with plain_errors():
-        folder = _free_folder(out)
-        result = run_demo(folder, seed, lambda text: say(f"  {text}"))
+        result = run_demo(_unused_folder(out), seed, lambda text: say(f"  {text}"))
     for recording in result.recordings:
         say(f"recorded  {recording}")
-    say(f"report    {result.report}")
+    for page in result.pages:
+        say(f"page      {page}")
     if result.without_browser:
-        say("There was no browser, so the report has no pictures through the participant's eyes.")
-    say("Open the report in a browser. `avrgym serve` starts the live server for a headset.")
+        say("There was no browser: there are no pictures of the participant's view.")
+    else:
+        say(f"pictures  {result.pages[0].parent / 'pictures'}, the participant's view")
+    say(
+        f"Open {result.pages[0]} in a browser: the trial in 3D. `avrgym serve` starts the server for a headset."
+    )
 
 
-def _free_folder(wanted: Path) -> Path:
-    """The wanted folder, or the first of wanted-2, wanted-3 and so on that holds nothing yet."""
+def _unused_folder(wanted: Path) -> Path:
+    """The wanted folder, or the first empty one of wanted-2, wanted-3 and so on."""
     number, folder = 1, wanted
     while folder.exists() and any(folder.iterdir()):
         number += 1

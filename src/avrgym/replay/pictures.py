@@ -115,21 +115,6 @@ def draw_strip(
     return [time_s - begins_s for time_s in times_s]
 
 
-def draw_moment(recording: Recording, time_s: float, out: Path) -> None:
-    """Draw a side view of the world at a time of the trial into a file that ends in .png or .jpg.
-
-    Raises:
-        ValueError: for another suffix, or a recording that cannot be recomputed.
-        FileExistsError: if the file exists.
-        RuntimeError: if rendering fails.
-    """
-    check_new(out, PICTURE_SUFFIXES)
-    for _, picture in _pictures(recording, [time_s], FRAMES_PX, False, lambda: None):
-        file = io.BytesIO()
-        Image.fromarray(picture).save(file, Image.registered_extensions()[out.suffix.lower()])
-        write_atomically(out, file.getvalue())
-
-
 def _film(
     recording: Recording, frames_per_s: int, first_person: bool, progress: Progress
 ) -> Iterator[Picture]:

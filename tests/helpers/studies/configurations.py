@@ -12,6 +12,7 @@ from avrgym.recording.reader import Recording, read_header
 from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import Trial
 from avrgym.tasks.registry import TASKS, find_environment, plugins_of
+from avrgym.vr.session.attempt import versions
 from helpers.system.places import OLD_RECORDING
 
 
@@ -36,6 +37,7 @@ def trial_configuration(
     """The configuration of a trial that follows its design."""
     task, _ = find_environment(trial.environment)
     values = {
+        "versions": versions(),
         "environment": trial.environment,
         "policy": trial.policy,
         "seed": trial.seed,

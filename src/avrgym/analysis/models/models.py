@@ -49,6 +49,7 @@ class ModelRow:
     """An effect in a regression model of a ``quantity``: the difference of ``group_a`` from ``group_b``."""
 
     simulated: IsSimulated
+    questionnaire: Annotated[str, Column("Questionnaire of the quantity.", empty="success and reward")] = ""
     family: Family
     quantity: Quantity
     model: Annotated[str, Column("Kind of model.", allowed="ordinal, logistic, mixed")]
@@ -252,6 +253,7 @@ def _quantity_rows(
         estimate = found[effect]
         row = ModelRow(
             simulated=simulated,
+            questionnaire=source.questionnaire,
             family=source.family(effect.kind),
             quantity=quantity,
             model=model,

@@ -1,4 +1,4 @@
-"""The models on the page: each effect with its interval, and what becomes of it without one participant."""
+"""Regression models in the report: effects, confidence intervals, and sensitivity to single participants."""
 
 from collections.abc import Sequence
 from math import exp
@@ -6,31 +6,31 @@ from math import exp
 from avrgym.analysis.models.effects import EFFECTS, POLICIES
 from avrgym.analysis.models.models import ModelRow
 from avrgym.analysis.page.comparisons import p_primary_text
-from avrgym.analysis.page.elements import Markup, badge, number_text, p_text, table, tag
+from avrgym.analysis.page.elements import Markup, badge, join, number_text, p_text, table, tag
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS
 from avrgym.study.plan.plan import EXPLORATORY
 
 TITLES = {
     "policies": "Policies",
     "robots": "Robots",
-    "learning": "Learning: by when a task came in the session",
-    "order": "Order: by when a trial came within its task",
-    "carry-over": "Carry-over: by the policy of the trial before",
+    "learning": "Learning: position of the task in the session",
+    "order": "Order: position of the trial within its task",
+    "carry-over": "Carry-over: policy of the previous trial",
 }
 NOTE = (
-    "Each model allows for policy, robot, task, the place in the session and the trial before, and takes the trials of "
-    "a participant as belonging together. Effects on answers and success are odds ratios: above 1, higher answers or "
-    "successes are likelier with the first group. Effects on rewards and scores are in their own units. Intervals "
-    "and p are by Student's t and corrected for few participants. Estimates without one participant show whether a "
-    "result hangs on a single person."
+    "Each model has policy, robot, task, position in the session and previous policy as fixed effects, and "
+    "participants as clusters. Effects on answers and success are odds ratios: above 1, higher answers or successes "
+    "are likelier in the first group. Effects on rewards and scores are differences in their own units. Confidence "
+    "intervals and p use Student's t with a correction for few participants. Leave-one-out estimates show whether a "
+    "result depends on a single participant."
 )
 
 
 def models_section(models: Sequence[ModelRow], simulated: bool) -> Markup:
-    """The models of a group of participants, policies first; nothing where nothing was measured."""
+    """The models of a group of participants, policies first; empty without values."""
     own = [row for row in models if row.simulated is simulated]
     kinds = [kind for kind in EFFECTS if any(row.effect == kind for row in own)]
-    head = tag("h3", "Models with participants as clusters")
+    head = tag("h3", "Regression models")
     reasons = {row.note for row in own if row.estimate is None}
     if not kinds:
         return Markup()
@@ -44,17 +44,27 @@ def models_section(models: Sequence[ModelRow], simulated: bool) -> Markup:
 
 
 def _kind(kind: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
-    return table_of_effects(f"Models, {TITLES[kind][0].lower()}{TITLES[kind][1:]}", rows, simulated)
+    """A table for each family of effects."""
+    families = dict.fromkeys(row.family for row in rows)
+    return join(
+        [_family([row for row in rows if row.family == family], kind, simulated) for family in families]
+    )
+
+
+def _family(rows: Sequence[ModelRow], kind: str, simulated: bool) -> Markup:
+    source, questionnaire = rows[0].family.removeprefix(f"{kind}, "), rows[0].questionnaire
+    named = source if questionnaire in source else f"{source} to {questionnaire}"
+    return table_of_effects(f"{TITLES[kind]}; {named}", rows, simulated)
 
 
 def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
-    """Effects as a table; those that could not be estimated say why. Columns that say the same everywhere go."""
+    """Effects as a table. Columns that are equal in all rows are left out."""
     corrected = any(row.p_primary is not None for row in rows)
     planned, noted = any(row.planned != EXPLORATORY for row in rows), any(row.note for row in rows)
     heads = (
-        "What", "Groups", "People", "Effect [95 %]", "p", "p, Holm", *(["p, corrected"] if corrected else []),
-        "Without one", "p then", "Role",
-        *(["By plan"] if planned else []), *(["Remark"] if noted else []),
+        "Quantity", "Groups", "n", "Effect [95 % CI]", "p", "p, Holm", *(["p, corrected"] if corrected else []),
+        "Leave-one-out", "p", "Role",
+        *(["Plan"] if planned else []), *(["Note"] if noted else []),
     )  # fmt: skip
     body = [
         (
@@ -74,7 +84,7 @@ def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) ->
 
 
 def effect_text(row: ModelRow) -> str:
-    """An effect with its interval: an odds ratio, or a difference."""
+    """An odds ratio or a difference, with its confidence interval."""
     if row.odds_ratio is not None:
         return f"{_ratio(row.odds_ratio)} × [{_ratio(row.odds_ratio_low)}, {_ratio(row.odds_ratio_high)}]"
     if row.estimate is None:
@@ -83,7 +93,7 @@ def effect_text(row: ModelRow) -> str:
 
 
 def _ratio(value: float | None) -> str:
-    """An odds ratio, of which nobody reads more than three digits."""
+    """An odds ratio with at most three digits."""
     if value is None:
         return "–"
     return (
@@ -98,7 +108,7 @@ def _ratio(value: float | None) -> str:
 
 
 def _without_one(row: ModelRow) -> str:
-    """From which estimate to which, in the unit of the effect."""
+    """Range of the leave-one-participant-out estimates, in the unit of the effect."""
     least, most = row.without_one_least, row.without_one_most
     if least is None or most is None:
         return "–"
@@ -113,11 +123,12 @@ def _probabilities(row: ModelRow) -> str:
 
 
 MODELS_METHOD = (
-    "Models: proportional odds for ordered answers and logistic regression for success, by estimating equations with "
-    "participants as clusters, Kauermann and Carroll's covariance for few of them, and Student's t with one degree of "
-    "freedom less than participants; for rewards, scores and long scales a linear mixed model in which participants "
-    "differ in general, by policy, by robot and by task, with Kenward and Roger's standard errors and degrees of "
-    "freedom. A mixed model with a random effect whose variance is zero or negative is marked as singular. "
-    f"Fewer than {MIN_PARTICIPANTS} participants are not modelled. Tasks and robots with all values at the "
-    "same end of a scale are left out, and named. Models are exploratory unless a frozen plan names them.",
+    "Regression models: ordinal answers have a proportional odds model, success a logistic regression. Both are "
+    "fitted by generalised estimating equations with participants as clusters, with the covariance of Kauermann and "
+    "Carroll for few clusters, and Student's t with one degree of freedom less than participants. Rewards, scores and "
+    "long scales have a linear mixed model with random effects of participant, participant by policy, by robot and by "
+    "task, and the standard errors and degrees of freedom of Kenward and Roger. A mixed model is singular if the "
+    f"variance of a random effect is zero or negative. Fewer than {MIN_PARTICIPANTS} participants are not modelled. "
+    "Tasks and robots with all values at the same end of a scale are left out and named. Models are exploratory "
+    "unless a frozen plan names them.",
 )

@@ -15,14 +15,14 @@ from avrgym.analysis.page.elements import (
 from avrgym.analysis.statistics.comparisons import TRIAL, ComparisonRow, Family
 
 TestTables = dict[str, Markup]
-"""Tables of tests by caption: each section takes its own out."""
+"""Tables of tests by caption; each section removes its own."""
 
 
 # Tests
 
 
 def tables_of_tests(families: Sequence[Family], simulated: bool) -> TestTables:
-    """The tests of every family of a group of participants, by the caption of the table that they stand in."""
+    """Tables of all tests of a group of participants, by caption."""
     own = [family for family in families if family.simulated is simulated]
     rows = {
         caption: [row for family in own if family.question.table == caption for row in family.rows]
@@ -32,12 +32,12 @@ def tables_of_tests(families: Sequence[Family], simulated: bool) -> TestTables:
 
 
 def other_tests(tests: TestTables) -> Markup:
-    """The tables that no section has taken."""
+    """The tables that no other section shows."""
     return tag("section", tag("h3", "Other tests"), *tests.values()) if tests else Markup()
 
 
 def table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
-    """Tests by participant as a table; those by trial follow in a supplement."""
+    """Tests by participant as a table, and tests by trial as a supplement."""
     by_trial = [row for row in rows if row.unit == TRIAL]
     by_participant = [row for row in rows if row.unit != TRIAL]
     main = _table_of_tests(caption, by_participant, simulated) if by_participant else Markup()
@@ -46,17 +46,17 @@ def table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool)
 
 
 BY_TRIAL = (
-    "Supplement: the paper's tests by trial. Trials of one participant are not independent, so p is too small where "
+    "Supplement: the paper's tests by trial. Trials of one participant are not independent; p is too small if "
     "participants differ"
 )
 
 
 def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
-    """Tests as a table, with what they are by the study's plan if there is one."""
+    """Tests as a table, with their status in the plan if there is one."""
     planned, corrected = any(row.planned for row in rows), any(row.p_primary is not None for row in rows)
     heads = (
-        "What", "Groups", "Unit", "n", "Medians", "p", "p, Holm", *(["p, corrected"] if corrected else []),
-        "Effect [95 %]", "Test", "Role", *(["By plan"] if planned else []),
+        "Quantity", "Groups", "Unit", "n", "Medians", "p", "p, Holm", *(["p, corrected"] if corrected else []),
+        "Effect size [95 % CI]", "Test", "Role", *(["Plan"] if planned else []),
     )  # fmt: skip
     body = [
         (
@@ -73,19 +73,19 @@ def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool
 
 
 def p_primary_text(p_primary: float | None) -> str:
-    """p corrected over all primary results; nothing for other results."""
+    """p corrected over all primary results; a dash for other results."""
     return "–" if p_primary is None else p_text(p_primary)
 
 
 def n_text(row: ComparisonRow) -> str:
-    """The number of values in a test, by group if they are not pairs, and the number of equal pairs."""
+    """Number of values in a test: of each group if unpaired, else of pairs, and of pairs without difference."""
     if row.n_a != row.n_b:
         return f"{row.n_a} / {row.n_b}"
     return f"{row.n} + {row.zeros} zero" if row.zeros else str(row.n)
 
 
 def p_primary_and_stars(row: ComparisonRow) -> str:
-    """The primary result of a question beside the bars that it compares."""
+    """Corrected p and stars, for a figure."""
     if row.p_primary is None:
         return "no test"
     shown = "p < 0.001" if row.p_primary < 0.001 else f"p = {row.p_primary:.3f}"

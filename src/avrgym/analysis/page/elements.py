@@ -1,6 +1,7 @@
-"""What all reports are built of: HTML in one file that opens from disk in any browser, narrow or wide."""
+"""Elements of HTML reports: one file without external resources, for narrow and wide screens."""
 
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -47,19 +48,17 @@ details { border-top: 1px solid var(--rule); padding: .4rem 0; }
 summary { cursor: pointer; }
 nav a { margin-right: 1rem; }
 .figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(20rem, 100%), 1fr)); gap: 1rem; }
-.pairs { grid-template-columns: repeat(auto-fit, minmax(min(26rem, 100%), 1fr)); }
 figure { margin: 0; max-width: 40rem; }
-figure svg, figure img { display: block; width: 100%; height: auto; }
-figure img { border-radius: .3rem; }
+figure svg { display: block; width: 100%; height: auto; }
 """.strip()
 
 
 class Markup(str):
-    """Text that is HTML already; every other text is escaped."""
+    """Text that is HTML already. Other text is escaped."""
 
 
 def tag(name: str, *children: Any, **attributes: Any) -> Markup:
-    """An element; ``class_`` and ``aria_label`` are the attributes class and aria-label."""
+    """An HTML element; ``class_`` and ``aria_label`` set the attributes class and aria-label."""
     content = "".join(child if isinstance(child, Markup) else escape(str(child)) for child in children)
     settings = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escape(str(value))}"' for key, value in attributes.items()
@@ -68,12 +67,12 @@ def tag(name: str, *children: Any, **attributes: Any) -> Markup:
 
 
 def join(parts: Sequence[Markup]) -> Markup:
-    """Elements one after another."""
+    """Concatenates elements."""
     return Markup("".join(parts))
 
 
 def write_page(path: Path, title: str, header: Sequence[Markup], main: Sequence[Markup]) -> Path:
-    """Write a whole page under its title; the folder is made when it is missing."""
+    """Writes a page; creates its folder if needed."""
     head = tag("title", title) + tag("style", Markup(CSS))
     body = tag("body", tag("header", tag("h1", title), *header), tag("main", *main))
     page = (
@@ -87,34 +86,34 @@ def write_page(path: Path, title: str, header: Sequence[Markup], main: Sequence[
 
 
 def warning_box(strong: str, text: str) -> Markup:
-    """What a reader must know before anything else."""
+    """A warning at the top of a page."""
     return tag("p", tag("strong", f"{strong} "), text, class_="notice", role="note")
 
 
 def badge(text: str) -> Markup:
-    """A mark on one thing."""
+    """A small label."""
     return tag("span", text, class_="badge")
 
 
 def definition_list(metrics: Mapping[str, Any]) -> Markup:
-    """Named metrics side by side."""
+    """Metrics with names."""
     return tag("dl", *(tag("div", tag("dt", name), tag("dd", value)) for name, value in metrics.items()))
 
 
 def bullet_list(items: Sequence[Any]) -> Markup:
-    """A list of points."""
+    """A bullet list."""
     return tag("ul", *(tag("li", item) for item in items))
 
 
 def figure(picture: Markup, caption: str) -> Markup:
-    """A picture with words below it."""
+    """A picture with its caption."""
     return tag("figure", picture, tag("figcaption", caption))
 
 
 def table(
     caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]], numbers: Sequence[int]
 ) -> Markup:
-    """A table that scrolls by itself where the page is narrow; ``numbers`` are the columns to align at their ends."""
+    """A table that scrolls on narrow screens; ``numbers`` are the right-aligned columns."""
     kinds = ["number" if column in numbers else "text" for column in range(len(heads))]
     head = [
         tag("th", text, scope="col", class_=kind) if text else tag("td", class_=kind)
@@ -129,22 +128,27 @@ def table(
 
 
 def short_number(value: float | None) -> str:
-    """A number with three digits that count."""
+    """A number with three significant digits."""
     return "–" if value is None else f"{value:z.3g}".replace("-", "−")
 
 
 def number_text(value: float | None, unit: str = "", digits: int = 2, absent: str = "not recorded") -> str:
-    """A number with its unit, for people."""
+    """A number with its unit."""
     return absent if value is None else f"{value:z.{digits}f} {unit}".rstrip().replace("-", "−")
 
 
+def time_text(at: str | None) -> str:
+    """A stored time (ISO 8601) to the minute."""
+    return "unknown" if at is None else datetime.fromisoformat(at).strftime("%Y-%m-%d %H:%M")
+
+
 def count_text(number: int, noun: str) -> str:
-    """So many things."""
+    """A number with its noun, such as "2 trials"."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def percent_text(rate: float | None, low: float | None, high: float | None) -> str:
-    """A proportion with the ends of its interval, where it has one."""
+    """A percentage with its confidence interval, if it has one."""
     if rate is None:
         return "–"
     interval = "" if low is None or high is None else f" [{100 * low:.0f}, {100 * high:.0f}]"
@@ -152,13 +156,13 @@ def percent_text(rate: float | None, low: float | None, high: float | None) -> s
 
 
 def interval_text(effect: float | None, low: float | None, high: float | None) -> str:
-    """An effect size with the ends of its 95 % interval, where it has one."""
+    """An effect size with its 95 % confidence interval, if it has one."""
     ends = "" if low is None or high is None else f" [{number_text(low)}, {number_text(high)}]"
     return number_text(effect, absent="–") + ends
 
 
 def p_text(p: float | None) -> str:
-    """A probability for people."""
+    """A p value with three decimals."""
     if p is None:
         return "no test"
     return "< 0.001" if p < 0.001 else f"{p:.3f}"
@@ -173,5 +177,5 @@ def empty_section(title: str, text: str) -> Markup:
 
 
 def group_caption(caption: str, simulated: bool) -> str:
-    """A caption that says where it is about simulated participants."""
+    """A caption, marked if it is about simulated participants."""
     return f"{caption} (simulated participants)" if simulated else caption

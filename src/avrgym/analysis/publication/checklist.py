@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from avrgym.analysis.designs import describe_by_design
 from avrgym.analysis.flow import ParticipantFlow
+from avrgym.analysis.page.elements import time_text
 from avrgym.analysis.publication.methods import days_of, inclusion_answers, uses_of
 from avrgym.analysis.study import Analysis
 from avrgym.policies.names import OPERATOR
@@ -97,7 +98,9 @@ def _about_the_analysis(analysis: Analysis, flow: ParticipantFlow) -> list[Check
     deviations = len(analysis.plan.deviations) if analysis.plan else 0
     own = [row for row in analysis.observed.participants if row.simulated is flow.simulated]
     missing = sum(row.trials_missing for row in own)
-    frozen = f"frozen at {analysis.plan.at} (UTC)" if analysis.plan and analysis.plan.confirms else ""
+    frozen = (
+        f"frozen at {time_text(analysis.plan.at)} (UTC)" if analysis.plan and analysis.plan.confirms else ""
+    )
     return [
         ChecklistField(
             "Sample size and why", rationale, "sample_size_rationale in plan.toml, before it is frozen"

@@ -1,9 +1,10 @@
-"""Family-wise correction of paired tests with the same participants, without the loss of power of Holm's bounds.
+"""Family-wise error correction of paired tests with the same participants by a sign-flip permutation test.
 
-If groups do not differ, the opposite signs of all differences of a participant together are equally likely. The signs
-of participants are flipped in every combination. Each test is compared with the largest statistic of all tests in the
-same flip (Westfall and Young, Resampling-Based Multiple Testing, 1993). This goes step by step from the largest to the
-smallest statistic (Romano and Wolf, J. Am. Stat. Assoc. 100, 2005). The dependence of the tests is thus kept.
+Under the null hypothesis, flipping the signs of all differences of a participant does not change their distribution.
+The test computes all statistics for every combination of flips. It compares each observed statistic with the maximum
+over tests in the same combination (max-T: Westfall and Young, Resampling-Based Multiple Testing, 1993), step-down from
+the largest to the smallest observed statistic (Romano and Wolf, J. Am. Stat. Assoc. 100, 2005). It accounts for the
+dependence between the tests, and is therefore more powerful than Holm's correction.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,17 +18,17 @@ from avrgym.array_types import FloatArray
 from avrgym.system import random_streams
 
 MAX_ENUMERATED = 14
-"""Up to so many participants every choice of signs is computed."""
+"""Maximum number of participants for which all sign combinations are computed."""
 SAMPLED_FLIPS = 9_999
-"""For more participants so many choices are drawn, in addition to the one observed."""
+"""Number of random sign combinations for more participants, besides the observed one."""
 TOLERANCE = 1e-9
 
 
 def sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float | None]:
-    """p of each signed-rank test after correction for all of them; ``None`` where all differences are zero.
+    """Corrected p of each signed-rank test; ``None`` if all its differences are zero.
 
     Args:
-        differences: for each test the differences by participant; participants without a value are absent.
+        differences: for each test, the differences by participant; participants without a value are absent.
     """
     ranks = signed_ranks(differences)
     sizes = np.sqrt((ranks**2).sum(axis=0))
@@ -42,7 +43,7 @@ def sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float
 
 
 def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
-    """The signed ranks (participants, tests); zero for a difference of zero, and for none."""
+    """Signed ranks (participants, tests); zero for a zero or missing difference."""
     people = sorted({person for own in differences for person in own})
     found = np.zeros((len(people), len(differences)))
     for test, own in enumerate(differences):
@@ -54,7 +55,7 @@ def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
 
 @cache
 def sign_flips(participants: int) -> FloatArray:
-    """Choices of signs (choices, participants), the one observed first; opposite choices count once."""
+    """Sign combinations (combinations, participants), the observed one first; opposite ones count once."""
     if participants > MAX_ENUMERATED:
         drawn = random_streams.sampled_sign_flips().integers(0, 2, (SAMPLED_FLIPS, participants))
         return np.vstack([np.ones(participants), 1.0 - 2.0 * drawn])
@@ -64,7 +65,7 @@ def sign_flips(participants: int) -> FloatArray:
 
 
 def step_down(statistics: FloatArray) -> FloatArray:
-    """p (tests,) from the statistics (choices, tests) of which the first row was observed."""
+    """Corrected p (tests,) from statistics (combinations, tests), whose first row was observed."""
     observed = statistics[0]
     order = np.argsort(-observed, kind="stable")
     found = np.zeros(len(order))
