@@ -47,7 +47,7 @@ DIZZY = Report(
 
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[Store]:
-    """Two people, of whom the first has three completed trials; and a simulated participant."""
+    """Two people and a simulated participant; the first person has three completed trials."""
     with Store(small_study(tmp_path / "study")) as opened:
         run_participant(opened, take_in(opened, simulated=False), trials=3, simulated=False)
         take_in(opened, simulated=False)

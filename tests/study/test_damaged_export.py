@@ -159,7 +159,7 @@ def test_a_recording_of_another_station_is_said_to_be_there(folder: Path) -> Non
     (folder / BROKEN).unlink()
     with Store(folder) as store:
         store.station = "another"
-        with pytest.raises(StudyError, match=f"{BROKEN} is not here; it was recorded at "):
+        with pytest.raises(StudyError, match=f"{BROKEN} is at another station; it was recorded at "):
             export_study(store, "csv", folder.parent / "out")
 
 

@@ -258,7 +258,7 @@ def test_the_condition_is_hidden_from_a_blind_experimenter(tmp_path: Path, blind
 
 
 def read(app: Any, path: str) -> Any:
-    """What a reading route gives, called as it is: the server's own tests say who may call it."""
+    """The response of a GET route, called directly; tests of the server check access."""
     route = next(route for route in app.routes if route.path_regex.fullmatch(path) and "GET" in route.methods)
     request = SimpleNamespace(state=SimpleNamespace(caller=Caller("experimenter")))
     return json.loads(route.endpoint(**route.path_regex.fullmatch(path).groupdict(), request=request).body)

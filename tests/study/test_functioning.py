@@ -26,7 +26,7 @@ ANSWERS = Functioning(dict.fromkeys(QUESTIONS, "none"), ("12", "24"), "Unverwech
 
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[Store]:
-    """Seven people with a trial, the last of whom has some difficulty walking."""
+    """Seven people with a trial; the last has some difficulty walking."""
     with Store(make_study(tmp_path / "study", tasks='["Feeding"]', ask_functioning="true")) as opened:
         for number in range(7):
             pseudonym = take_in(opened, simulated=False)

@@ -130,7 +130,7 @@ def identifier(served: Served, link: str) -> str:
 
 
 def closing(socket: ClientConnection) -> int | None:
-    """The code by which the server ends a connection, after all else that it sends."""
+    """The close code of a connection, after all other messages."""
     rest(socket)
     return socket.close_code
 

@@ -123,7 +123,7 @@ def test_differences_are_told_value_by_value() -> None:
 
 def test_a_plan_is_written_then_frozen_once(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
-    assert "holds no plan.toml" in study("freeze", folder, "--export", "osf").stderr
+    assert "contains no plan.toml" in study("freeze", folder, "--export", "osf").stderr
     assert study("freeze", folder).exit_code == 0
     written = (folder / "plan.toml").read_bytes()
     assert not (folder / FROZEN).exists()

@@ -99,7 +99,7 @@ def test_check_says_what_serve_says(tmp_path: Path) -> None:
 
 
 def test_a_policy_for_the_other_robot_is_refused_everywhere(tmp_path: Path) -> None:
-    """Observations and actions of both robots have the same sizes; the file says which it was trained with."""
+    """Observations and actions of both robots have the same sizes; the file contains the robot of its training."""
     folder = with_own_policies(tmp_path / "feeding", "FeedingJaco", "FeedingJaco")
     words = f"trained for {JACO}, not for avrgym/FeedingPR2-v1"
     code, lines = check(folder)

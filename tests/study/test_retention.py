@@ -26,7 +26,7 @@ PERIODS = 'ended_on = "2126-06-30"\nidentities_months = 6\nrecordings_years = 2\
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Two people with recordings, of whom one has a name, and a simulated participant."""
+    """Two people with recordings, one of them with a name, and a simulated participant."""
     folder = small_study(tmp_path / "study")
     with Store(folder) as store:
         for name in ("Ada Example", ""):

@@ -221,4 +221,4 @@ def test_recordings_of_another_station_are_noted_only(folder: Path, store: Store
     store.path(FIRST).unlink()
     (finding,) = (finding for finding in check_study(store) if finding.where == FIRST)
     assert not finding.wrong
-    assert "is not here; it was recorded at" in finding.what
+    assert "is at another station; it was recorded at" in finding.what

@@ -196,7 +196,7 @@ def out(study: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_load_is_scored_after_each_trial_and_weighted_by_what_was_chosen(out: Path) -> None:
-    """Whoever always chooses the first of a pair weighs the factors 5, 4, 3, 2, 1 and 0."""
+    """Choosing always the first of a pair gives the factors the weights 5, 4, 3, 2, 1 and 0."""
     scores = read(out / "analysis" / "tables" / "scores.csv").query("questionnaire == 'nasa-tlx'")
     assert scores["counted"].all()
     assert len(scores) == PEOPLE * 2 * 8

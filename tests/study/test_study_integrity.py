@@ -136,7 +136,7 @@ def test_a_recording_of_a_body_of_another_height_is_noticed(tmp_path: Path, more
         record(store, attempt, trial)
         complete_attempt(store, attempt.id, METRICS)
         close_session(store, session.id)
-    words = "was recorded with another torso height than was planned or stored"
+    words = "was recorded with another torso height than in the database"
     assert [finding.what for finding in wrong(tmp_path)] == [words] * (more_m > 0.0)
 
 
@@ -194,10 +194,10 @@ def test_a_refused_action_leaves_no_entry(folder: Path) -> None:
 @pytest.mark.slow
 def test_every_flipped_bit_of_the_file_is_noticed(on_sqlite: Path, tmp_path: Path) -> None:
     assert wrong(on_sqlite) == []
-    chance = random.Random(19)
+    rng = random.Random(19)
     unnoticed = [
         bit
-        for bit in (flip_bit(on_sqlite, tmp_path / "copy", chance, "study.db") for _ in range(25))
+        for bit in (flip_bit(on_sqlite, tmp_path / "copy", rng, "study.db") for _ in range(25))
         if not noticed(tmp_path / "copy")
     ]
     assert unnoticed == []

@@ -187,7 +187,7 @@ def test_completed_cells_differ_by_at_most_one_with_thirty_percent_dropout(cells
 
 @pytest.mark.parametrize("sites", [1, 2, 3, 5])
 def test_each_site_is_a_block_and_all_of_them_together_are_balanced(sites):
-    """Whoever comes next, at whichever site that shares a database: no cell is ever one ahead of two others."""
+    """At any site with a shared database, no cell is ever more than one participant ahead."""
     rng = np.random.default_rng(sites)
     orders = {f"site-{site}": cell_fill_order(PAPER, f"site-{site}") for site in range(sites)}
     cells = len(orders["site-0"])

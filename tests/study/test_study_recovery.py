@@ -82,7 +82,7 @@ def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None
     before = contents(old)
     rebuilt = rebuild_study(old)
     assert (rebuilt.participants, rebuilt.unknown, rebuilt.attempts, rebuilt.answers) == (1, 1, 1, 4)
-    assert rebuilt.left_out == ("sub-002: no recording tells of them",)
+    assert rebuilt.left_out == ("sub-002: no recording contains them",)
     assert {name: data for name, data in contents(old).items() if name in before} == before
     with Store(old) as again, Store(kept) as original:
         for name in ("trials", "attempts"):
@@ -108,7 +108,7 @@ def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None
 
 
 def _facts(row: object) -> dict:
-    """A row without ids and times, which are made anew."""
+    """A row without ids and times, which a rebuild changes."""
     made_anew = ("id", "started_at", "ended_at", "answered_at")
     values = asdict(row) if isinstance(row, Answer) else vars(row)
     facts = {name: value for name, value in values.items() if name not in made_anew}
@@ -121,7 +121,7 @@ def _facts(row: object) -> dict:
 def test_a_database_that_is_there_is_not_rebuilt(old: Path) -> None:
     with Store(old) as opened:
         before = opened.participants()
-    with pytest.raises(StudyError, match="has a database; only a lost one is rebuilt"):
+    with pytest.raises(StudyError, match="has a database; only a lost database is rebuilt"):
         rebuild_study(old)
     with Store(old) as opened:
         assert opened.participants() == before

@@ -123,7 +123,7 @@ def test_sessions_are_on_the_furniture_that_was_given_last(store: Store, loop: L
     assert loop.sessions.furniture == store.design.furniture
     lower = RealFurniture(seat_height_m=0.45)
     for furniture in (lower, None):
-        loop.ask(lambda whom, seat=furniture: loop.sessions.begin(whom, seat), take_in(store))
+        loop.ask(lambda pseudonym, seat=furniture: loop.sessions.begin(pseudonym, seat), take_in(store))
         assert loop.sessions.furniture == lower
         loop.sessions.receive(Command(name="end"), loop.now_s)
         loop.tick()
@@ -156,7 +156,7 @@ def test_the_end_of_the_server_closes_the_session(store: Store) -> None:
     assert store.participant(pseudonym).state == "allocated"
 
 
-# What is asked about the session
+# Questions about the session
 
 
 def asked(heard: list[Sent]) -> list[str]:
@@ -164,7 +164,7 @@ def asked(heard: list[Sent]) -> list[str]:
 
 
 def answer(loop: Loop, item: str, value: int) -> None:
-    """Answer what is asked; confirm the answers after the last."""
+    """Answer all questions, then confirm the answers."""
     loop.sessions.receive(Answer(item=item, value=value, response_time_s=2.5), loop.now_s)
     loop.sessions.receive(Ready(), loop.now_s)
     loop.tick()

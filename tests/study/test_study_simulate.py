@@ -40,7 +40,7 @@ DESIGN = {
     "trial_steps": "3",
     "free_movement_s": "0.1",
 }
-"""A practice trial and two trials for each participant, of policies that act with chance."""
+"""A practice trial and two trials for each participant, with random policies."""
 
 
 @pytest.fixture(autouse=True)

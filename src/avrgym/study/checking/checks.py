@@ -1,4 +1,4 @@
-"""Checking a study: whether everything that was stored is there, whole and unchanged."""
+"""Check a study: stored data are complete and unchanged, and the study can run."""
 
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -41,32 +41,32 @@ from avrgym.study.storage.states import PARTICIPATING, UNKNOWN, StudyError
 from avrgym.study.storage.store import Store, find_all
 
 _NAMED = 3
-"""As many jumps of a clock are listed."""
+"""Maximum number of listed clock jumps."""
 
 
 def check_study(store: Store) -> list[Finding]:
-    """All that is to be said about a study; nothing is changed."""
+    """All findings about a study; nothing is changed."""
     findings: list[Finding] = []
     for check in CHECKS:
         try:
             findings += check(store)
-        except StudyError as error:  # a damaged row keeps a check from going on
+        except StudyError as error:  # a damaged row stops a check
             finding = Finding("database", str(error))
             findings += [finding] if finding not in findings else []
     return findings
 
 
 def check_participants(store: Store) -> Iterator[Finding]:
-    """Whether rows and recordings of each participant are there and tell the same."""
+    """Missing or different rows and recordings of each participant."""
     for participant in store.participants():
         yield from _check_participant(store, participant, store.attempts(participant.pseudonym))
 
 
 def check_strays(store: Store) -> Iterator[Finding]:
-    """Files among the recordings that belong to nothing."""
+    """Files in the folder of recordings without an attempt."""
     people = [participant.pseudonym for participant in store.participants()]
     recordings = [attempt.recording for person in people for attempt in store.attempts(person)]
-    gone = {pseudonym_of(each.number) for each in store.tombstones()}  # named as persons
+    gone = {pseudonym_of(each.number) for each in store.tombstones()}  # another check reports them
     expected = {*recordings, *(answers_file.answers_path(name).as_posix() for name in recordings)}
     return (
         _check_stray(store, name) for name in _files(store) if name not in expected and not _is_of(name, gone)
@@ -79,7 +79,7 @@ def _is_of(name: str, pseudonyms: Collection[str]) -> bool:
 
 
 def _check_stray(store: Store, name: str) -> Finding:
-    """A file without an attempt; a session leaves one that ends between opening it and storing that."""
+    """The finding about a file without an attempt; a killed session can leave one."""
     sessions = [each for person in store.participants() for each in store.sessions(person.pseudonym)]
     own = name.rpartition("/")[0] in {session.folder for session in sessions}
     if own and not _is_completed(store.folder / name):
@@ -95,12 +95,12 @@ def _is_completed(path: Path) -> bool:
 
 
 def check_due(store: Store) -> Iterator[Finding]:
-    """Data whose retention period is over."""
+    """Data with an expired retention period."""
     return (Finding("retention", words, wrong=False) for words in describe_due(store, today()))
 
 
 def check_policies(store: Store) -> Iterator[Finding]:
-    """Policies that are missing or cannot be served."""
+    """Policies that cannot be loaded."""
     return (Finding(f"policy {name}", fault) for name, fault in policy_faults(store))
 
 
@@ -138,9 +138,9 @@ def _check_participant(
 
 
 def _check_session(store: Store, session: StudySession, design: Design) -> Iterator[Finding]:
-    """What was asked about an ended session and not answered: whoever was asked may have left.
+    """Unanswered items about an ended session.
 
-    After a crash the rest is asked in the next session.
+    After a crash the next session asks for them.
     """
     answered = answered_in_visit(store, session)
     missing = [
@@ -177,7 +177,9 @@ def _check_attempt(
     if path.is_file():
         yield from _check_recording(store, participant, trial, attempt, path, answers)
     elif participant.site_number is None and session.station != store.station:
-        yield Finding(attempt.recording, f"is not here; it was recorded at {session.station}", wrong=False)
+        yield Finding(
+            attempt.recording, f"is at another station; it was recorded at {session.station}", wrong=False
+        )
     elif why := _not_merged(store, attempt):
         yield Finding(attempt.recording, f"was left out when sites were merged: {why}", wrong=False)
     elif at := recordings_deleted(store).get(participant.number):
@@ -187,7 +189,7 @@ def _check_attempt(
 
 
 def _not_answered(store: Store, attempt: TrialAttempt, missing: list[str]) -> Finding:
-    """Answers to a completed trial are missing: its participant left, or something is wrong."""
+    """The finding about missing answers to a completed trial."""
     with store.database.read() as connection:
         opened, still_open = (
             was_left_open(connection, attempt),
@@ -196,15 +198,15 @@ def _not_answered(store: Store, attempt: TrialAttempt, missing: list[str]) -> Fi
     items = ", ".join(missing)
     if not opened:
         return Finding(attempt.recording, f"completed without answers to {items}")
-    state = "its questionnaire is open" if still_open else "its questionnaire was left"
+    state = "its questionnaire is open" if still_open else "its questionnaire was skipped"
     return Finding(attempt.recording, f"{state}: no answer to {items}", wrong=False)
 
 
 def _not_merged(store: Store, attempt: TrialAttempt) -> str:
-    """Why a recording was left out of a merged study, if it was."""
+    """The reason why a recording was left out of a merged study, if it was."""
     with store.database.read() as connection:
-        told = find_all(connection, StudyEvent, attempt=attempt.id)
-    return next((event.detail for event in told if event.name == RECORDING_LEFT_OUT), "")
+        events = find_all(connection, StudyEvent, attempt=attempt.id)
+    return next((event.detail for event in events if event.name == RECORDING_LEFT_OUT), "")
 
 
 def _check_recording(
@@ -215,8 +217,8 @@ def _check_recording(
     path: Path,
     answers: list[GivenAnswer],
 ) -> Iterator[Finding]:
-    sealed = attempt.state == "completed" or attempt.sha256 is not None
-    if sealed and sha256_of(store, attempt.recording) != attempt.sha256:
+    has_checksum = attempt.state == "completed" or attempt.sha256 is not None
+    if has_checksum and sha256_of(store, attempt.recording) != attempt.sha256:
         yield Finding(attempt.recording, CHECKSUM_DIFFERS)
     try:
         recording = read_recording(path)
@@ -225,8 +227,10 @@ def _check_recording(
         return
     if attempt.state == "completed" and not recording.complete:
         yield Finding(attempt.recording, "is not complete though its trial is")
-    if attempt.state == "completed" and _gave(recording.metrics) != _gave(attempt.metrics):
-        yield Finding(attempt.recording, "tells of other metrics than the database")
+    if attempt.state == "completed" and _common_metrics(recording.metrics) != _common_metrics(
+        attempt.metrics
+    ):
+        yield Finding(attempt.recording, "contains other metrics than the database")
     if attempt.state == "completed" and not trial.practice and participant.state in PARTICIPATING:
         held = describe_excess_loss(recording, store.design)
         if held is not None:
@@ -235,7 +239,7 @@ def _check_recording(
         if times.resets:
             yield Finding(attempt.recording, _jumped(name, times), wrong=False)
     for name in _differences(recording, _stored(participant, trial, attempt), answers):
-        yield Finding(attempt.recording, f"was recorded with another {name} than was planned or stored")
+        yield Finding(attempt.recording, f"was recorded with another {name} than in the database")
 
 
 def _clocks(recording: Recording) -> Iterator[tuple[str, SampleTimes]]:
@@ -249,27 +253,27 @@ def _jumped(stream: str, times: SampleTimes) -> str:
     return f"the clock of the stream {stream} jumped: {jumps}{more}; analysis and exports use corrected times"
 
 
-def _gave(metrics: Metrics) -> tuple[int | None, float | None, bool | None]:
-    """What database and recording tell alike of an attempt, whose clocks differ."""
+def _common_metrics(metrics: Metrics) -> tuple[int | None, float | None, bool | None]:
+    """The metrics that database and recording have in common; their clocks differ."""
     return metrics.steps, metrics.reward, metrics.success
 
 
 def _stored(participant: Participant, trial: Trial, attempt: TrialAttempt) -> Mapping[str, Any]:
-    """What the database tells of an attempt and its recording's configuration tells too."""
-    told = {
+    """Values of an attempt in the database that its recording also contains."""
+    values = {
         "environment": trial.environment,
         "policy": trial.policy,
         "seed": trial.seed,
         "practice": trial.practice,
         "simulated": participant.simulated,
     }
-    return told if attempt.torso_height_m is None else told | {"torso height": attempt.torso_height_m}
+    return values if attempt.torso_height_m is None else values | {"torso height": attempt.torso_height_m}
 
 
 def _differences(
     recording: Recording, stored: Mapping[str, Any], answers: list[GivenAnswer]
 ) -> Iterator[str]:
-    """Names of what recording and database tell differently; the latest answers may lack where a crash cut a file."""
+    """Names of values that differ between recording and database; a truncated recording may lack answers."""
     configuration = recording.configuration
     recorded_values = {
         "environment": configuration.environment,
@@ -281,13 +285,13 @@ def _differences(
     }
     yield from (name for name, value in stored.items() if recorded_values[name] != value)
     recorded = {answer.item: answer.value for _, answer in recording.topics["/answers"]}
-    kept = [answer for answer in answers if answer.item in recorded or recording.outcome is not None]
-    if any(recorded.get(answer.item) != answer.value for answer in kept):
+    comparable = [answer for answer in answers if answer.item in recorded or recording.outcome is not None]
+    if any(recorded.get(answer.item) != answer.value for answer in comparable):
         yield "answer"
 
 
 def _files(store: Store) -> list[str]:
-    """All files among the recordings, and links to anything, relative to the study's folder."""
+    """All files and symbolic links in the folder of recordings, relative to the study's folder."""
     found: list[str] = []
     for folder, folders, files in os.walk(store.folder / RECORDINGS):
         links = [name for name in folders if (Path(folder) / name).is_symlink()]

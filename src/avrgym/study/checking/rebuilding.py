@@ -38,19 +38,19 @@ LOST = (
     "notes, refusals to re-consent, consent texts of earlier versions, the designs of sessions, the log of "
     "actions, tokens of experimenters and links of participants"
 )
-"""Data that neither recordings nor list contain."""
+"""Data that neither recordings nor the participation list contain."""
 LOST_WITH_LIST = (
     "ages, languages, consents that no recording stores, withdrawals, deletions, and participants who left neither "
     "name nor recording"
 )
-"""Data that are also lost without a valid participation list."""
+"""Data that are also lost if the participation list is invalid."""
 
 
 @dataclass(frozen=True)
 class RebuildSummary:
-    """Counts of the rows of a new database, and the data that could not be rebuilt, in words.
+    """Counts of rows in the rebuilt database, and texts about lost data.
 
-    ``unknown`` counts participants whose consent or withdrawal is unknown.
+    ``unknown`` counts participants with unknown consent or withdrawal.
     """
 
     participants: int
@@ -62,7 +62,7 @@ class RebuildSummary:
 
 
 @dataclass(frozen=True)
-class _Kept:
+class _RecordedAttempt:
     """A recording in a session's folder, by its path in the study."""
 
     name: str
@@ -86,15 +86,13 @@ class _Kept:
 
 
 def rebuild_study(folder: Path) -> RebuildSummary:
-    """Rebuild a study's lost database; identity file and recordings stay as they are.
+    """Rebuild a study's lost database. Identity file and recordings are not changed.
 
-    Only a recording that was cut off after the robot had finished is completed.
-
-    The participation list gives each participant's state. Where it is missing or invalid, all states are ``unknown``,
-    and an invalid list is kept under another name.
+    Only truncated recordings of finished trials are completed. States of participants are from the participation list.
+    If the list is missing or invalid, all states are ``unknown``, and an invalid list is renamed.
 
     Raises:
-        StudyError: when the database is there.
+        StudyError: when the database exists.
     """
     _refuse_if_present(folder)
     IntegrityFiles(folder, FILE).remove()
@@ -107,16 +105,16 @@ def rebuild_study(folder: Path) -> RebuildSummary:
 
 def _refuse_if_present(folder: Path) -> None:
     if not (folder / DESIGN).is_file():
-        raise StudyError(f"{folder} holds no {DESIGN}, which a study begins with")
+        raise StudyError(f"{folder} contains no {DESIGN}")
     if not database_url(read_design(folder / DESIGN).database.url) and not (folder / FILE).exists():
         return
     with Store(folder, rebuild=True) as store:
         if store.participants() or store.tombstones():
-            raise StudyError(f"{folder} has a database; only a lost one is made anew")
+            raise StudyError(f"{folder} has a database; only a lost database is rebuilt")
 
 
 class _Rebuilding:
-    """Participant after participant within one transaction."""
+    """Rebuilds participants one after another in one transaction."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -138,7 +136,7 @@ class _Rebuilding:
         )
 
     def rebuild(self, connection: sa.Connection) -> None:
-        """Insert all participants, and the events of this rebuilding and of earlier ones."""
+        """Insert all participants, and the events of this and earlier rebuilds."""
         for each in self._listed.rebuilds() if self._listed else ():
             hash_chain.insert(connection, schema.EVENT, at=each["at"], name=REBUILT, detail=each["detail"])
         record_event(connection, REBUILT, f"lost: {self._lost}", {})
@@ -154,23 +152,27 @@ class _Rebuilding:
         return LOST
 
     def _beginnings(self) -> dict[int, datetime]:
-        """When the first recording of each participant began."""
-        kept = {number: _flat(visits) for number, visits in self._visits.items()}
-        return {number: min(each.began_at for each in own) for number, own in kept.items() if own}
+        """The beginning of the first recording of each participant."""
+        recorded_attempts = {number: _flat(visits) for number, visits in self._visits.items()}
+        return {
+            number: min(each.began_at for each in own) for number, own in recorded_attempts.items() if own
+        }
 
     def _rebuild_participant(self, connection: sa.Connection, number: int) -> None:
-        """A participant with their trials, or the reason why there is none."""
+        """Rebuild a participant with their trials, or store the reason for leaving them out."""
         content = self._listed.latest.get(number) if self._listed else None
-        kept = _flat(self._visits[number])
+        recorded_attempts = _flat(self._visits[number])
         if content and content["state"] == DELETED:
             self._insert_tombstone(connection, number, content)
             return
-        if not kept and not content:
-            self._left_out.append(f"{pseudonym_of(number)}: no recording tells of them")
+        if not recorded_attempts and not content:
+            self._left_out.append(f"{pseudonym_of(number)}: no recording contains them")
             return
-        fitting = self._fitting(number, kept, content)
-        if kept and len(fitting) != 1:
-            self._left_out.append(f"{pseudonym_of(number)}: their recordings fit no one order of the design")
+        fitting = self._fitting(number, recorded_attempts, content)
+        if recorded_attempts and len(fitting) != 1:
+            self._left_out.append(
+                f"{pseudonym_of(number)}: their recordings match no single order of the design"
+            )
             self._insert_participant(connection, number, None, (), content)
             return
         cell, plan = next(iter(fitting.items())) if len(fitting) == 1 else (None, ())
@@ -182,8 +184,10 @@ class _Rebuilding:
         if self._visits[number]:
             self._left_out.append(f"{pseudonym_of(number)}: {recordings_came_back(content['at'])}")
 
-    def _fitting(self, number: int, kept: list[_Kept], content: Content | None) -> dict[int, Plan]:
-        """Plans of trials that fit the recordings, by cell; only those of the list's cell if it contains one."""
+    def _fitting(
+        self, number: int, recorded_attempts: list[_RecordedAttempt], content: Content | None
+    ) -> dict[int, Plan]:
+        """Plans of trials that match the recordings, by cell; only for the cell in the list, if there is one."""
         design = self._store.design
         cells = range(len(cell_orders(design)))
         site = design.site
@@ -191,19 +195,19 @@ class _Rebuilding:
             cells = [cell for cell in cells if cell == content.get("cell")]
             site = content.get("site") or ""
         plans = {cell: plan_trials(design, cell, number, site) for cell in cells}
-        exact = {cell: plan for cell, plan in plans.items() if _covers(plan, kept)}
-        adopted = {cell: _adopt(plan, kept) for cell, plan in plans.items()}
-        return exact or {cell: plan for cell, plan in adopted.items() if _covers(plan, kept)}
+        exact = {cell: plan for cell, plan in plans.items() if _covers(plan, recorded_attempts)}
+        adopted = {cell: _adopt(plan, recorded_attempts) for cell, plan in plans.items()}
+        return exact or {cell: plan for cell, plan in adopted.items() if _covers(plan, recorded_attempts)}
 
-    def _load_visits(self, number: int) -> dict[str, list[_Kept]]:
-        """The recordings of each session, in the order of their names; a session may have none that loads."""
-        visits: dict[str, list[_Kept]] = {}
+    def _load_visits(self, number: int) -> dict[str, list[_RecordedAttempt]]:
+        """The readable recordings of each session, in order of their names."""
+        visits: dict[str, list[_RecordedAttempt]] = {}
         for folder in sorted((self._store.folder / RECORDINGS / pseudonym_of(number)).glob("ses-*")):
             loaded = [self._load(path) for path in sorted(folder.glob("*.mcap"))]
             visits[folder.name] = [each for each in loaded if each]
         return visits
 
-    def _load(self, path: Path) -> _Kept | None:
+    def _load(self, path: Path) -> _RecordedAttempt | None:
         name = path.relative_to(self._store.folder).as_posix()
         try:
             if not read_header(path).configuration.simulated:
@@ -212,7 +216,7 @@ class _Rebuilding:
         except (OSError, RecordingError) as error:
             self._left_out.append(f"{name}: {error}")
             return None
-        return _Kept(name, recording)
+        return _RecordedAttempt(name, recording)
 
     def _insert(
         self,
@@ -223,7 +227,7 @@ class _Rebuilding:
         content: Content | None,
     ) -> None:
         visits = self._visits[number]
-        kept = _flat(visits)
+        recorded_attempts = _flat(visits)
         trials = self._insert_participant(connection, number, cell, plan, content)
         attempts: dict[int, int] = defaultdict(int)
         completed: set[int] = set()
@@ -232,7 +236,7 @@ class _Rebuilding:
             if not name.removeprefix("ses-").isdecimal():
                 continue
             session = self._insert_session(
-                connection, number, int(name.removeprefix("ses-")), visit or kept[:1]
+                connection, number, int(name.removeprefix("ses-")), visit or recorded_attempts[:1]
             )
             for each in visit:
                 trial = trials[each.planned]
@@ -248,23 +252,23 @@ class _Rebuilding:
             hash_chain.update(connection, schema.PARTICIPANT, number, state=state)
 
     def _known_state(self, content: Content | None) -> str:
-        """A participant's state in a valid list."""
+        """The state in the list; ``UNKNOWN`` if the list is invalid."""
         return UNKNOWN if self._fault or content is None else content["state"]
 
     def _insert_participant(
         self, connection: sa.Connection, number: int, cell: int | None, plan: Plan, content: Content | None
     ) -> dict[tuple[Any, ...], int]:
-        """Insert a participant and their trials; the ids of the trials by plan."""
+        """Insert a participant and their trials; returns the ids of the trials by plan."""
         self._participants += 1
-        kept = _flat(self._visits[number])
+        recorded_attempts = _flat(self._visits[number])
         values = participant_values(content) if content and not self._fault else {}
-        if kept and not values:
-            configuration = kept[0].configuration
+        if recorded_attempts and not values:
+            configuration = recorded_attempts[0].configuration
             values = {
                 "simulated": configuration.simulated,
                 "site": self._store.design.site or None,
                 "sex": configuration.person.sex,
-                "enrolled_at": _stored(min(each.began_at for each in kept)),
+                "enrolled_at": _stored(min(each.began_at for each in recorded_attempts)),
             }
         elif content and not values:
             values = {name: content[name] for name in ("simulated", "sex", "enrolled_at")}
@@ -275,7 +279,7 @@ class _Rebuilding:
         hash_chain.insert(connection, schema.PARTICIPANT, **row)
         self._unknown += state == UNKNOWN
         consents = self._listed.consents(number) if self._listed and not self._fault else []
-        recorded = [each.configuration.consent for each in kept]
+        recorded = [each.configuration.consent for each in recorded_attempts]
         restore_consents(self._store, connection, number, [*consents, *(each for each in recorded if each)])
         claimed = f"the invalid list contains the state {content['state']}" if content and self._fault else ""
         record_event(connection, "participant rebuilt", claimed, {"participant": number})
@@ -287,7 +291,11 @@ class _Rebuilding:
         }
 
     def _insert_session(
-        self, connection: sa.Connection, participant: int, number: int, kept: list[_Kept]
+        self,
+        connection: sa.Connection,
+        participant: int,
+        number: int,
+        recorded_attempts: list[_RecordedAttempt],
     ) -> int:
         return hash_chain.insert(
             connection,
@@ -297,20 +305,27 @@ class _Rebuilding:
             state="interrupted",
             station=self._store.station,
             process=0,
-            opened_at=_stored(kept[0].began_at),
+            opened_at=_stored(recorded_attempts[0].began_at),
             closed_at=now(),
-            headset_check=msgspec.to_builtins(kept[-1].configuration.headset_check),
+            headset_check=msgspec.to_builtins(recorded_attempts[-1].configuration.headset_check),
         )
 
     def _insert_attempt(
-        self, connection: sa.Connection, trial: int, session: int, number: int, kept: _Kept, *, again: bool
+        self,
+        connection: sa.Connection,
+        trial: int,
+        session: int,
+        number: int,
+        recorded: _RecordedAttempt,
+        *,
+        again: bool,
     ) -> bool:
-        """Insert an attempt with its answers; whether it completed its trial."""
-        end = kept.recording.result
-        answers = kept.recording.topics["/answers"]
-        asked = {item.id for item in kept.configuration.items}
+        """Insert an attempt with its answers; returns whether it completed its trial."""
+        end = recorded.recording.result
+        answers = recorded.recording.topics["/answers"]
+        asked = {item.id for item in recorded.configuration.items}
         missing = sorted(asked - {answer.item for _, answer in answers})
-        completed = end == "completed" and kept.recording.complete and not again
+        completed = end == "completed" and recorded.recording.complete and not again
         broken_off = end if end in INCOMPLETE_ENDS else "interrupted"
         attempt = hash_chain.insert(
             connection,
@@ -319,11 +334,11 @@ class _Rebuilding:
             session=session,
             number=number,
             state="completed" if completed else broken_off,
-            recording=kept.name,
-            sha256=sha256_of(self._store, kept.name),
-            metrics=msgspec.to_builtins(kept.recording.metrics),
-            torso_height_m=kept.configuration.person.torso_height_m,
-            started_at=_stored(kept.began_at),
+            recording=recorded.name,
+            sha256=sha256_of(self._store, recorded.name),
+            metrics=msgspec.to_builtins(recorded.recording.metrics),
+            torso_height_m=recorded.configuration.person.torso_height_m,
+            started_at=_stored(recorded.began_at),
             ended_at=now(),
         )
         self._attempts += 1
@@ -332,9 +347,9 @@ class _Rebuilding:
             record_event(connection, QUESTIONNAIRE_OPEN, ", ".join(missing), event)
             self._opened = True
         latest = {answer.item: (time_ns, answer) for time_ns, answer in answers}
-        late = answers_file.answer_times(self._store.folder / kept.name)
+        late = answers_file.answer_times(self._store.folder / recorded.name)
         for time_ns, answer in latest.values():
-            given = late.get(answer.item) or _stored(kept.began_at + timedelta(seconds=time_ns / 1e9))
+            given = late.get(answer.item) or _stored(recorded.began_at + timedelta(seconds=time_ns / 1e9))
             row = msgspec.structs.asdict(answer)
             hash_chain.insert(
                 connection, schema.ANSWER, session=session, attempt=attempt, answered_at=given, **row
@@ -343,7 +358,7 @@ class _Rebuilding:
         return completed
 
 
-def _flat(visits: Mapping[str, list[_Kept]]) -> list[_Kept]:
+def _flat(visits: Mapping[str, list[_RecordedAttempt]]) -> list[_RecordedAttempt]:
     return [each for visit in visits.values() for each in visit]
 
 
@@ -351,15 +366,16 @@ def _planned(trial: PlannedTrial) -> tuple[Any, ...]:
     return trial.environment, trial.policy, trial.seed, trial.practice
 
 
-def _covers(plan: Plan, kept: Iterable[_Kept]) -> bool:
-    return {each.planned for each in kept} <= {_planned(trial) for trial in plan}
+def _covers(plan: Plan, recorded_attempts: Iterable[_RecordedAttempt]) -> bool:
+    return {each.planned for each in recorded_attempts} <= {_planned(trial) for trial in plan}
 
 
-def _adopt(plan: Plan, kept: Iterable[_Kept]) -> Plan:
-    """A plan with the practice robots and seeds of recordings whose version drew them otherwise, by position."""
-    told = {each.configuration.trial: each.planned for each in kept}
+def _adopt(plan: Plan, recorded_attempts: Iterable[_RecordedAttempt]) -> Plan:
+    """A plan with practice robots and seeds from recordings, for recordings of versions with another sampling."""
+    recorded = {each.configuration.trial: each.planned for each in recorded_attempts}
     return tuple(
-        _adopt_one(trial, *told[trial.position]) if trial.position in told else trial for trial in plan
+        _adopt_one(trial, *recorded[trial.position]) if trial.position in recorded else trial
+        for trial in plan
     )
 
 
