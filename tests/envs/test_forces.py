@@ -129,7 +129,7 @@ def test_people_who_tremble_are_not_jammed_either(task):
 
 
 def test_people_who_do_not_move_give_way_as_softly_as_they_would_alone():
-    """The softness of a person's contacts does not depend on the sex or the size of who sat there before."""
+    """The softness of a person's contacts does not depend on sex or size of the person before."""
     episodes = begun(SCRATCHING, 4)
     bodies = [episodes.simulation.model.body(human.PREFIX + name).id for name in human.BODIES]
     for _ in range(2):

@@ -1,4 +1,4 @@
-"""Speeds at which people and tools come together: what a blow brings, and what the force guard does about it."""
+"""Approach speeds of people and tools: forces of impacts, and interventions of the force guard."""
 
 from collections.abc import Callable
 
@@ -26,7 +26,7 @@ LEANING_STEPS = 40
 Asked = Callable[[Episodes], Controller]
 
 
-def test_a_blow_at_that_speed_has_the_energy_of_the_spring_at_that_force():
+def test_an_impact_at_the_maximum_speed_has_the_spring_energy_of_the_force():
     force_n = 0.5 * QUASI_STATIC_LIMIT_N
     for arm_kg in (0.5, 3.0, 20.0, np.inf):
         speeds = max_impact_speed_m_s(force_n, arm_kg)
@@ -38,7 +38,7 @@ def test_a_blow_at_that_speed_has_the_energy_of_the_spring_at_that_force():
 
 
 @pytest.mark.parametrize(("robot", "least_kg", "most_kg"), [("Jaco", 2.0, 4.0), ("PR2", 15.0, 25.0)])
-def test_an_arm_strikes_with_half_its_mass_and_with_its_tool(robot: str, least_kg: float, most_kg: float):
+def test_the_effective_mass_is_half_the_arm_and_the_tool(robot: str, least_kg: float, most_kg: float):
     """A Jaco weighs 5 kg without its base; the shoulder of a PR2 turns with its whole arm, 41 kg."""
     assert least_kg < effective_mass_kg(begun(f"avrgym/Feeding{robot}-v1", 1).simulation) < most_kg
 
@@ -63,7 +63,7 @@ def shares(before: State, now: State, world: int, allowed_m_s: FloatArray) -> tu
     return max(people), max(both)
 
 
-def test_it_acts_as_speeds_say_and_gives_else_what_was_asked():
+def test_the_guard_overrides_exactly_above_the_speed_limits():
     """Arms that are led at people who come to meet them: each world, step by step, worked out once more alone."""
     episodes = begun(FEEDING, WORLDS, "participants", by_region=True)
     simulation = episodes.simulation
@@ -95,7 +95,7 @@ def test_it_acts_as_speeds_say_and_gives_else_what_was_asked():
         assert kind.sum() >= 10
 
 
-def test_who_rests_before_an_arm_that_rests_is_left_alone():
+def test_no_intervention_while_person_and_arm_rest():
     episodes = begun(FEEDING, WORLDS, by_region=True)
     guard = ForceGuard(episodes.simulation)
     asked = np.zeros((WORLDS, episodes.action_size))
@@ -104,11 +104,11 @@ def test_who_rests_before_an_arm_that_rests_is_left_alone():
     assert not guard.interventions.any()
 
 
-def largest_shares(environment: str, whom: str, asked: Asked) -> tuple[FloatArray, FloatArray]:
+def largest_shares(environment: str, people: str, asked: Asked) -> tuple[FloatArray, FloatArray]:
     """What people bear without a guard and with one, the largest share (N,) of a region's limit."""
     found: list[FloatArray] = []
     for guarded in (False, True):
-        episodes = begun(environment, WORLDS, whom, by_region=True, force_guard=guarded)
+        episodes = begun(environment, WORLDS, people, by_region=True, force_guard=guarded)
         recorder, ask = RegionLoadRecorder(WORLDS), asked(episodes)
         for _ in range(LEANING_STEPS):
             episodes.step(np.clip(ask(episodes.observe()), -1.0, 1.0), recorder)
@@ -116,13 +116,13 @@ def largest_shares(environment: str, whom: str, asked: Asked) -> tuple[FloatArra
     return found[0], found[1]
 
 
-def test_heads_that_come_to_a_spoon_are_not_struck():
+def test_heads_that_approach_a_spoon_have_no_impact():
     without, guarded = largest_shares(FEEDING, "participants", lambda each: each.task.feedback_expert(each))
     assert (without > 1.0).sum() >= 2
     assert (guarded < 0.75).all()
 
 
-def test_arms_that_are_driven_at_heads_at_full_speed_come_slowly():
+def test_arms_commanded_at_full_speed_approach_heads_slowly():
     heads = np.zeros(WORLDS, dtype=np.intp)
     without, guarded = largest_shares(
         "avrgym/FeedingJaco-v1", "revised", lambda each: lambda observation: towards(each, heads)

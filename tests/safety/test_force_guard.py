@@ -64,7 +64,7 @@ def pushed() -> tuple[Driven, Driven]:
     return drive(at_the_person, guarded=False), drive(at_the_person, guarded=True)
 
 
-def test_it_never_acts_below_the_threshold_and_always_above(pushed):
+def test_it_retracts_exactly_above_the_threshold(pushed):
     before, retracting = pushed[1].before, pushed[1].retracting
     begins = retracting & ~np.roll(retracting, 1, axis=0)
     assert begins.sum() >= 3
@@ -72,7 +72,7 @@ def test_it_never_acts_below_the_threshold_and_always_above(pushed):
     assert retracting[before > GUARD_SHARE].all()
 
 
-def test_it_lets_go_only_where_little_is_left(pushed):
+def test_it_releases_only_below_the_release_share(pushed):
     before, retracting = pushed[1].before[1:], pushed[1].retracting
     ends = retracting[:-1] & ~retracting[1:]
     assert ends.sum() >= 3
@@ -80,7 +80,7 @@ def test_it_lets_go_only_where_little_is_left(pushed):
     assert not (retracting[1:] & retracting[:-1] & (before < RELEASE_SHARE)).any()
 
 
-def test_who_is_pressed_hard_is_pressed_less_and_shorter(pushed):
+def test_high_forces_are_lower_and_shorter_with_the_guard(pushed):
     without, guarded = pushed
     acted = guarded.retracting.any(axis=0)
     assert 3 <= acted.sum() < WORLDS
@@ -88,20 +88,20 @@ def test_who_is_pressed_hard_is_pressed_less_and_shorter(pushed):
     assert 2 * (guarded.after > GUARD_SHARE).sum() < (without.after > GUARD_SHARE).sum()
 
 
-def test_where_nobody_is_pressed_it_changes_no_bit(pushed):
+def test_without_high_forces_it_changes_no_bit(pushed):
     without, guarded = pushed
     spared = ~guarded.retracting.any(axis=0)
     assert guarded.after[:, spared].any()
     assert guarded.angles_rad[:, spared].tobytes() == without.angles_rad[:, spared].tobytes()
 
 
-def test_each_arm_is_guarded_as_it_would_be_alone(pushed):
+def test_each_world_has_the_same_bits_alone(pushed):
     alone = drive(at_the_person, guarded=True, worlds=1)
     assert alone.retracting.any()
     assert alone.angles_rad[:, 0].tobytes() == pushed[1].angles_rad[:, 0].tobytes()
 
 
-def test_it_goes_back_along_the_way_that_the_arm_came(pushed):
+def test_it_retracts_along_the_path_of_the_arm(pushed):
     """Wherever an arm is that draws back, it was before: within what joints that press are off their way."""
     guarded = pushed[1]
     for world in np.nonzero(guarded.retracting.any(axis=0))[0]:
@@ -113,7 +113,7 @@ def test_it_goes_back_along_the_way_that_the_arm_came(pushed):
         assert (np.abs(guarded.output[ticks, world]) <= 1.0).all()
 
 
-def test_an_arm_that_has_no_way_back_holds_still():
+def test_an_arm_without_a_path_stands_still():
     episodes = begun(SCRATCHING, 1, by_region=True)
     simulation = episodes.simulation
     guard = ForceGuard(simulation)
@@ -125,7 +125,7 @@ def test_an_arm_that_has_no_way_back_holds_still():
     assert np.abs(simulation.arm_angles_rad() - start).max() < WAYPOINT_RAD
 
 
-def test_a_new_episode_has_no_way_yet(pushed):
+def test_a_reset_clears_the_path(pushed):
     episodes = begun(SCRATCHING, 1, by_region=True)
     guard = ForceGuard(episodes.simulation)
     for _ in range(5):

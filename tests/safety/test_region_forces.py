@@ -26,9 +26,9 @@ TRANSIENT_STEPS = round(TRANSIENT_S / PHYSICS_STEP_S)
 REGIONS = [region.name for region in BODY_REGIONS]
 
 
-def driven(environment: str, steps: int, *, whom: str = "revised") -> Episodes:
+def driven(environment: str, steps: int, *, people: str = "revised") -> Episodes:
     """Robots driven at the people for so many control steps."""
-    episodes = begun(environment, WORLDS, whom, by_region=True)
+    episodes = begun(environment, WORLDS, people, by_region=True)
     aim = np.arange(WORLDS) % 4
     for _ in range(steps):
         episodes.step(towards(episodes, aim))
@@ -45,9 +45,9 @@ def test_each_part_of_the_body_is_of_one_region():
 
 
 @pytest.mark.parametrize("environment", ["avrgym/FeedingPR2-v1", SCRATCHING, "avrgym/DrinkingJaco-v1"])
-@pytest.mark.parametrize("whom", ["revised", "participants"])
-def test_who_measures_them_changes_no_bit(environment, whom, rng):
-    plain, measured = (begun(environment, 4, whom, by_region=by_region) for by_region in (False, True))
+@pytest.mark.parametrize("people", ["revised", "participants"])
+def test_measuring_forces_changes_no_bit(environment, people, rng):
+    plain, measured = (begun(environment, 4, people, by_region=by_region) for by_region in (False, True))
     for action in rng.uniform(-1.0, 1.0, (8, 4, 7)):
         one = plain.step(action)
         measured.command(action)

@@ -81,7 +81,7 @@ def assert_withdraws(environment: str, policy: str) -> None:
     assert (last.tool_speed_m_s[over] < 0.01).all()
 
 
-def test_what_feeds_withdraws_after_success() -> None:
+def test_the_feeding_robot_withdraws_after_success() -> None:
     assert_withdraws(FEEDING, "revised")
 
 
@@ -92,7 +92,7 @@ def test_every_robot_withdraws_in_tasks_that_end_with_success(environment: str, 
     assert_withdraws(environment, policy)
 
 
-def test_mouths_are_helped_once_and_arms_as_long_as_a_trial_lasts() -> None:
+def test_only_feeding_and_drinking_end_with_success() -> None:
     assert {name for name, task in TASKS.items() if task.withdraws_after_success} == {"Feeding", "Drinking"}
 
 

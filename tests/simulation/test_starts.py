@@ -20,9 +20,9 @@ KINDS = [("original", "limits"), ("revised", "limits"), ("participants", "tremor
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-@pytest.mark.parametrize(("whom", "impairment"), KINDS)
-def test_nothing_overlaps_and_nothing_presses_at_any_start(environment, whom, impairment):
-    episodes = begun(environment, 24, whom, impairment)
+@pytest.mark.parametrize(("people", "impairment"), KINDS)
+def test_nothing_overlaps_and_nothing_presses_at_any_start(environment, people, impairment):
+    episodes = begun(environment, 24, people, impairment)
     assert deepest_overlap_m(episodes) == 0.0
     assert at_once(episodes).max() == 0.0
 

@@ -185,23 +185,23 @@ def test_a_client_that_counts_anew_is_followed_after_ten_frames(visit: Callable[
 
 def test_a_stream_in_order_is_followed_whatever_came_before() -> None:
     """2,000 random histories of frames that are repeated, late, far ahead, or of another stream."""
-    chance = np.random.default_rng(1)
+    rng = np.random.default_rng(1)
     for _ in range(2000):
         numbering = SequenceFilter()
-        wild = chance.integers(0, 3000, 30) * chance.choice([1, 1, 1, 2**40], 30)
+        wild = rng.integers(0, 3000, 30) * rng.choice([1, 1, 1, 2**40], 30)
         for number in wild.tolist():
             numbering.follows(number)
-        begins = int(chance.choice([0, 1, 500, 10**6, LARGEST - 50, LARGEST]))
-        steps = chance.integers(1, MAX_GAP_FRAMES + 1, 40)
+        begins = int(rng.choice([0, 1, 500, 10**6, LARGEST - 50, LARGEST]))
+        steps = rng.integers(1, MAX_GAP_FRAMES + 1, 40)
         stream = (begins + np.cumsum(steps)).tolist()
         assert all([numbering.follows(number) for number in stream][RESTART_FRAMES - 1 :])
 
 
 def test_no_frame_counts_twice_and_none_that_comes_late() -> None:
-    chance = np.random.default_rng(2)
+    rng = np.random.default_rng(2)
     numbering, newest = SequenceFilter(), -1
     for number in range(0, 20_000, 3):
-        late = int(chance.integers(max(0, number - 500), number + 1))
+        late = int(rng.integers(max(0, number - 500), number + 1))
         assert numbering.follows(number)
         assert not numbering.follows(number)
         assert not numbering.follows(late)

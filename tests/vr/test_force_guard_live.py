@@ -22,7 +22,7 @@ from helpers.vr.visit import Visit, drive, plan
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 TOWARDS_THE_HAND = np.array([1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 0.0])
-"""Each joint's speed, by which the Jaco's arm comes down on the person beside it after one and a half seconds."""
+"""Joint speeds with which the Jaco's arm reaches the person after one and a half seconds."""
 TRIAL_STEPS = 24
 
 

@@ -21,10 +21,10 @@ REST = XRPose((0.0, 1.2, 0.0), (0.0, 0.0, 0.0, 1.0))
 FASTEST_FRAME_S = 1.0 / 120.0
 
 
-def towards(pose: XRPose, seconds: float, chance: np.random.Generator) -> XRPose:
+def towards(pose: XRPose, seconds: float, rng: np.random.Generator) -> XRPose:
     """A pose as far away as the fastest gets in so many seconds, or less far."""
-    goal = somewhere(pose, chance, 1.0)
-    share = min(1.0, chance.uniform(0.0, 0.999) * seconds / min_duration_s(pose, goal))
+    goal = somewhere(pose, rng, 1.0)
+    share = min(1.0, rng.uniform(0.0, 0.999) * seconds / min_duration_s(pose, goal))
     turn = np.array(pose.orientation) * (1 - share) + share * np.array(goal.orientation) * np.sign(
         np.dot(pose.orientation, goal.orientation)
     )
@@ -35,10 +35,10 @@ def towards(pose: XRPose, seconds: float, chance: np.random.Generator) -> XRPose
 
 
 def test_what_a_person_can_do_is_followed_exactly() -> None:
-    chance, limb, pose, now_s = np.random.default_rng(1), Limb(), REST, 0.0
+    rng, limb, pose, now_s = np.random.default_rng(1), Limb(), REST, 0.0
     for _ in range(5000):
-        passed_s = float(chance.uniform(FASTEST_FRAME_S, 0.05))
-        pose, now_s = towards(pose, passed_s, chance), now_s + passed_s
+        passed_s = float(rng.uniform(FASTEST_FRAME_S, 0.05))
+        pose, now_s = towards(pose, passed_s, rng), now_s + passed_s
         limb.see(pose, now_s, now_s)
         assert limb.follow(now_s) == pose
         assert not limb.held
@@ -62,29 +62,29 @@ def test_a_jump_is_held_and_the_limb_comes_at_leisure() -> None:
 
 def test_who_teleports_at_90_hz_moves_nothing() -> None:
     """Only a pose that happens to lie where the limb can have got is believed."""
-    chance, limb = np.random.default_rng(3), Limb()
+    rng, limb = np.random.default_rng(3), Limb()
     limb.see(REST, 0.0, 0.0)
     assert limb.follow(0.0) == REST
     for frame in range(1, 9000):
         now_s = frame / 90.0
-        limb.see(somewhere(REST, chance, 1.0), now_s, now_s)
+        limb.see(somewhere(REST, rng, 1.0), now_s, now_s)
         assert limb.follow(now_s) == REST
 
 
 def test_no_sequence_of_poses_makes_a_limb_faster_than_the_fastest() -> None:
     """Random mixtures of jumps, gaps, rests and movement."""
-    chance = np.random.default_rng(4)
+    rng = np.random.default_rng(4)
     for _ in range(200):
         limb, pose, followed, followed_s = Limb(), REST, REST, 0.0
         limb.see(REST, 0.0, 0.0)
         limb.follow(0.0)
         for tick in range(1, 150):
             now_s = tick * TICK_S
-            kind = chance.choice(["jump", "gap", "rest", "move"], p=[0.05, 0.2, 0.5, 0.25])
+            kind = rng.choice(["jump", "gap", "rest", "move"], p=[0.05, 0.2, 0.5, 0.25])
             if kind == "jump":
-                pose = somewhere(REST, chance, 1.0)
+                pose = somewhere(REST, rng, 1.0)
             elif kind == "move":
-                pose = towards(pose, TICK_S, chance)
+                pose = towards(pose, TICK_S, rng)
             if kind != "gap":
                 limb.see(pose, now_s, now_s)
             here = limb.follow(now_s)

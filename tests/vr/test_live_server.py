@@ -92,7 +92,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
 
 
 class Client:
-    """A participant's client, without a picture: it shows every scene at once.
+    """A participant's client, without a picture: it shows every scene immediately.
 
     Where somebody is ``tracked``, their frames go out as often as states come in.
     """
@@ -474,13 +474,13 @@ def test_a_too_large_message_closes_only_its_connection(server: LiveServer) -> N
 
 def test_damaged_messages_never_end_the_session(server: LiveServer) -> None:
     person = SimulatedParticipant(draw_traits("woman", 2), 2)
-    chance = random.Random(7)
+    rng = random.Random(7)
     with participant(server) as client:
         for _ in range(400):
             sound = (person.frame(0.0, moving=True), Entered(), Ready(), Stop(), GOOD_HELLO)
-            data = bytearray(messages.encode(chance.choice(sound)))
-            for _ in range(chance.randint(1, 4)):
-                data[chance.randrange(len(data))] = chance.randrange(256)
+            data = bytearray(messages.encode(rng.choice(sound)))
+            for _ in range(rng.randint(1, 4)):
+                data[rng.randrange(len(data))] = rng.randrange(256)
             client.send(bytes(data))
         client.await_message(StateChange)
     assert server.loop.error is None

@@ -54,7 +54,7 @@ def hand_pos_w(world: LiveWorld) -> np.ndarray:
 
 @pytest.mark.parametrize("environment", ["avrgym/FeedingJaco-v1", "avrgym/FeedingPR2-v1"])
 def test_the_hand_never_exceeds_its_limits_nor_do_the_joints(environment: str) -> None:
-    """From any start, whatever is asked, also where the arm is nearly stretched."""
+    """From any start, for any command, also with a nearly stretched arm."""
     episodes, rng = Episodes(environment, 1, num_threads=1), np.random.default_rng(0)
     for _ in range(4):
         episodes.reset(np.array([0]), [rng])

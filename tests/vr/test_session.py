@@ -67,7 +67,7 @@ HELPED = ("retreat", "free_after", "questionnaire")
 
 
 class Replica:
-    """The world of a recording, made anew, to look into its states and to step them."""
+    """The world of a recording, rebuilt to inspect its states and to step them."""
 
     def __init__(self, recording: Recording) -> None:
         episodes = Episodes(

@@ -1,4 +1,4 @@
-"""Laws of who slides on the seat: the seat follows once they rest, smoothly, and recordings stay what they were."""
+"""Laws of sliding on the seat: the seat follows smoothly after rest, and recordings do not change."""
 
 from dataclasses import replace
 from pathlib import Path

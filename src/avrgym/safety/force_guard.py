@@ -33,7 +33,7 @@ class ForceGuard(PerWorldState):
     The guard reads the contact forces before each physics step, and the approach speeds before each control step.
 
     ``output`` (N, A) are the actions that the arms execute. ``retracting`` (N,) marks arms that move back along their
-    path, ``holding`` (N,) arms that stand still. ``interventions`` (N,) counts how often either began in the episode.
+    path, ``holding`` (N,) arms at rest. ``interventions`` (N,) counts how often either began in the episode.
     """
 
     STATE = (

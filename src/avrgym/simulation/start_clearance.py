@@ -68,7 +68,7 @@ class StartClearance:
 
         Args:
             model: the scene.
-            base: the body by which the robot is mounted on furniture, if it is.
+            base: the robot's body that is mounted on furniture, if there is one.
             arms: whether the person's arms must not overlap furniture.
             offered: whether the right arm must touch neither padding nor the rest of the body.
         """

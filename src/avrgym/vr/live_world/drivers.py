@@ -31,7 +31,7 @@ NO_ACTION = np.zeros((1, 0))
 
 
 def zero_action(episodes: Episodes) -> FloatArray:
-    """Returns the action (1, A) of a robot that stands still."""
+    """Returns the zero action (1, A), which stops the robot."""
     return np.zeros((1, episodes.action_size))
 
 
