@@ -1,4 +1,4 @@
-"""What is installed, as it is asked for and otherwise."""
+"""Checks of the installation, with met and unmet requirements."""
 
 from pathlib import Path
 

@@ -16,7 +16,7 @@ NOBODY = 65534
 
 @pytest.fixture
 def ordinary_user() -> Iterator[None]:
-    """Who runs the tests is somebody whom the system refuses things."""
+    """Run a test as an ordinary user without root permissions."""
     root = os.geteuid() == 0
     if root:
         os.seteuid(NOBODY)

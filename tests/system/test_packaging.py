@@ -34,7 +34,7 @@ def test_the_conda_recipe_requires_the_core_and_the_extras_of_studies() -> None:
 
 
 def test_pruned_robot_data_contain_all_meshes(tmp_path: Path) -> None:
-    """The script is run on a copy made of links, which stands before the installed package on the path."""
+    """Run the script on a copy made of links, which precedes the installed package on the path."""
     copy = Path(shutil.copytree(Path(rtbdata.__path__[0]), tmp_path / "rtbdata", copy_function=os.symlink))
     with_copy = os.environ | {"PYTHON": sys.executable, "PYTHONPATH": str(tmp_path)}
     found = subprocess.check_output(

@@ -27,7 +27,7 @@ GERMAN = read_texts("de")
 ALIKE = {"anchor", "one_after_another", "seconds"}
 """What has no words."""
 IN_VR_ALONE = ("wrong_height", "reach_")
-"""Beginnings of the names of what nobody without a headset is told."""
+"""Prefixes of the keys of texts that only participants with a headset receive."""
 INPUTS = {"trigger", "button", "touchpad", "pinch", "tap", "gaze"}
 SELECTS = re.compile(r"trigger|pinch|Abzug|Zeigefinger", re.IGNORECASE)
 CONTROLLER = re.compile(r"\{select\}|trigger|menu|\bA, B|Abzug|Menü", re.IGNORECASE)
@@ -155,7 +155,7 @@ def test_texts_that_cannot_be_are_refused_in_one_line(
 
 
 def test_a_session_uses_one_language(tmp_path: Path) -> None:
-    """Phases, problems and numbers; the experimenter reads English beside it."""
+    """Phases, problems and numbers are in German; the experimenter reads English."""
     visit = Visit(tmp_path, replace(plan(), texts=GERMAN))
     visit.go_to("trial")
     visit.tell(Ready(), Stop())

@@ -103,7 +103,7 @@ def test_a_participant_completes_a_feeding_session(journey: Journey) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seat_height_m", [0.45, 0.52])
 def test_the_same_person_is_as_tall_on_any_chair(tmp_path: Path, seat_height_m: float) -> None:
-    """The chair's height is told, and kept with the recording."""
+    """The height of the chair is an option, and is stored in the recording."""
     furniture = RealFurniture(seat_height_m=seat_height_m)
     trial = TrialPlan("avrgym/FeedingJaco-v1", "revised", seed=3, practice=False)
     plan = SessionPlan([trial], "woman", 0.5, simulated=True, trial_steps=1, items=(), furniture=furniture)

@@ -1,4 +1,4 @@
-"""The check of the headset in a real browser: what a participant sees, answers, and is told."""
+"""The check of the headset in a real browser: displays, answers and results."""
 
 from contextlib import ExitStack
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""An environment on show: scenes, states and words for whoever watches, episode after episode."""
+"""The environment viewer: scenes, states and status of episodes for watchers."""
 
 import numpy as np
 import pytest

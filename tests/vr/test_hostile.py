@@ -1,4 +1,4 @@
-"""Requests that keep to no rule: each is refused in words, nothing is told of the inside, and the server goes on."""
+"""Malformed and hostile requests: each is refused without internal details, and the server continues."""
 
 import logging
 from collections.abc import Callable, Iterator

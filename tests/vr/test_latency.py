@@ -1,4 +1,4 @@
-"""Laws of the latency from pose to picture: what the server notes of a frame, is told, shows and records."""
+"""Latency from tracking to display: measurement, validation, status and recording."""
 
 import math
 from pathlib import Path

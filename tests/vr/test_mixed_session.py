@@ -1,4 +1,4 @@
-"""Sessions of several environments, what the experimenter may ask of them, and what their observer is told."""
+"""Sessions of several environments: the experimenter's commands and the observer's events."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -44,7 +44,7 @@ FEEDING, SCRATCHING = "avrgym/FeedingJaco-v1", "avrgym/ScratchItchPR2-v1"
 
 
 def attend(visit: Visit) -> None:
-    """Sit through the rest of a session: calibrate when asked, answer what is asked."""
+    """Complete a session: calibrate and answer all questions."""
     for _ in range(10_000):
         if visit.phase == "finished":
             return
@@ -90,7 +90,7 @@ def test_a_session_goes_through_all_environments(visit: Callable[..., Visit]) ->
 
 
 def check_states_fit_their_scenes(session: Visit) -> None:
-    """A connection tells states as changes, anew from each scene on: between scenes their rows never change."""
+    """A connection sends states as changes and restarts at each scene. Their rows are constant between scenes."""
     encoder, decoder, rows = StateEncoder(), StateDecoder(), 0
     for message in session.heard:
         if isinstance(message, Scene):
@@ -143,7 +143,7 @@ def test_time_never_jumps_back_between_worlds(visit: Callable[..., Visit]) -> No
 
 
 class Later(Executor):
-    """Makes nothing until it is told to, as a slow machine would."""
+    """Compiles nothing until released, as a slow machine would."""
 
     def __init__(self) -> None:
         self._waiting: list = []

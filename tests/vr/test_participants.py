@@ -118,10 +118,12 @@ def test_a_cooperative_participant_moves_the_arm_to_the_tool() -> None:
 @pytest.mark.parametrize("people", ["original", "zoo/unseen"])
 @pytest.mark.parametrize("impairment", IMPAIRMENTS)
 def test_people_of_other_kinds_move_smoothly_and_have_their_own_heights(people: str, impairment: Impairment):
-    whom = find_distribution(people, TASKS)
+    distribution = find_distribution(people, TASKS)
     for seed in range(6):
-        traits = draw_traits("man", seed, whom, impairment)
-        assert whom.torso_height_man_m[0] <= traits.torso_height_m <= whom.torso_height_man_m[1]
+        traits = draw_traits("man", seed, distribution, impairment)
+        assert (
+            distribution.torso_height_man_m[0] <= traits.torso_height_m <= distribution.torso_height_man_m[1]
+        )
         assert (traits.partner is not None) == (people == "zoo/unseen")
         someone = SimulatedParticipant(traits, seed)
         frames = [someone.frame(0.02 * i, moving=True).head for i in range(50)]

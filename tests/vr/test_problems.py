@@ -1,4 +1,4 @@
-"""Who reads what was wrong: whom it is_for_role, and nobody else."""
+"""Problems are sent only to the roles that they concern."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -61,7 +61,7 @@ def parties(tmp_path: Path) -> Iterator[dict[str, ClientConnection]]:
 
 
 def problems(parties: dict[str, ClientConnection]) -> dict[str, int]:
-    """How many problems each was told of, until the participant entered VR, which all are told of."""
+    """The number of problems that each role received until the participant entered VR."""
     tell(parties["participant"], Entered())
     counts = {}
     for role, socket in parties.items():

@@ -36,7 +36,7 @@ def numbers(data: bytes, columns: int) -> np.ndarray:
 
 
 def check(sent: State, told: State) -> None:
-    """What was told is what was sent, to half a step."""
+    """The decoded state equals the sent one, within half a step."""
     assert (told.sequence, told.simulation_time_s, told.tracking_sequence, told.held) == (
         *(sent.sequence, sent.simulation_time_s, sent.tracking_sequence, sent.held),
     )

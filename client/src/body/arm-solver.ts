@@ -181,7 +181,7 @@ function restNearPole(angles: ArmAngles, ahead: number, startY: number): void {
   angles[2]! -= rest;
 }
 
-/** The elbow angle for a wrist distance, and the angle by which the upper arm then points below the wrist. */
+/** The elbow angle for a wrist distance, and the angle of the upper arm below the direction to the wrist. */
 function elbowOf({ upper, fore }: ArmLengths, distance: number): [number, number] {
   const cosine = (distance ** 2 - upper ** 2 - fore ** 2) / (2 * upper * fore);
   const angle = -Math.acos(clip(cosine, -1, 1));

@@ -7,7 +7,7 @@ import type { State } from "../session/state-decoder";
 
 /** Time for blending a held part from the tracked to the simulated pose, and back. */
 export const BLEND_MS = 100;
-/** Share by which each frame's start angles move to the server's, so that elbows converge. */
+/** Fraction of the difference to the server's angles that each frame's start angles add. It makes elbows converge. */
 const PULL = 0.2;
 const LONGEST_LAG_MS = 1000;
 

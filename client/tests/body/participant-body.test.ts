@@ -84,7 +84,7 @@ function waving(frame: number): JointAngles {
   return angles;
 }
 
-/** The server's targets frame by frame, and what it is told. */
+/** The server's targets frame by frame, and its messages. */
 function served(frames: number, moving: (frame: number) => JointAngles): { pose: BodyPose; targets: JointAngles }[] {
   const solver = new BodySolver(skeleton);
   let targets: JointAngles = REST;

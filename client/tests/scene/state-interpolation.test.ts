@@ -99,7 +99,7 @@ describe("what is taken", () => {
     expect(sampled(buffer, 1)[0]).toBe(1);
   });
 
-  it("starts anew when the simulation does", () => {
+  it("restarts with the simulation", () => {
     const buffer = filled(state(0, 10, at(1)), state(1, 10.02, at(1)));
     expect(buffer.push(state(2, 0, at(0.2)))).toBe(true);
     expect(sampled(buffer, 10)[0]).toBeCloseTo(0.2, 6);
@@ -125,7 +125,7 @@ describe("drawing by local time", () => {
     expect(buffer.drawnTimeS).toBeGreaterThan(0.97);
   });
 
-  it("begins anew when the simulation does", () => {
+  it("resets with the simulation", () => {
     const buffer = filled(state(0, 10, at(1)));
     buffer.draw(1, new Float32Array(POSE));
     buffer.push(state(1, 0.5, at(0.2)));

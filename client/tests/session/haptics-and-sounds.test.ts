@@ -19,7 +19,7 @@ describe("touches", () => {
     expect(pulse.mock.calls.map(([hand]) => hand)).toEqual(["right", "left", "right"]);
   });
 
-  it("are not felt by whoever does not want to", () => {
+  it("cause no vibration when haptics are disabled", () => {
     const pulse = vi.fn();
     const senses = new Senses(pulse, () => ({ haptics: false, sounds: true }));
     senses.take(felt(true, true));

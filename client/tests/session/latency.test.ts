@@ -40,7 +40,7 @@ function told(frames: Stages[]): Latency[] {
 const STAGES: Stages = { sample: 1, up: 4, simulate: 8, send: 0.5, down: 4, draw: 45 };
 
 describe("how late pictures are", () => {
-  it("is told stage by stage, whatever the server's clock shows", () => {
+  it("is measured by stage, independent of the server's clock", () => {
     const all = told(Array.from({ length: 200 }, (_, n) => ({ ...STAGES, up: 4 + (n % 7), down: 4 + (n % 5) })));
     expect(all.length).toBeGreaterThan(2);
     for (const { sequence, up_ms, down_ms, ...stages } of all.slice(1)) {

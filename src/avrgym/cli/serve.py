@@ -332,7 +332,7 @@ def _explain_network(urls: list[str]) -> None:
 def view(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
     policy: Policy = "oracle",
-    people: Annotated[str, typer.Option(help=f"Whom to meet: {PEOPLE}.")] = "revised",
+    people: Annotated[str, typer.Option(help=f"The population: {PEOPLE}.")] = "revised",
     impairment: Impairment = "none",
     port: Annotated[
         int, typer.Option(help="The port to listen on; 0 takes a free one.", min=0, max=65535)

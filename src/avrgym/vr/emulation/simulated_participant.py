@@ -81,13 +81,13 @@ class Traits:
 def draw_traits(
     sex: Sex,
     seed: int,
-    whom: Distribution = PARTICIPANTS,
+    distribution: Distribution = PARTICIPANTS,
     impairment: Impairment = "none",
     trained: Policy | None = None,
 ) -> Traits:
     """Traits of one of a kind of people: without another, of the paper's participants; perhaps of a trained human."""
     random = random_streams.participant_traits(seed)
-    heights_m = whom.torso_height_woman_m if sex == "woman" else whom.torso_height_man_m
+    heights_m = distribution.torso_height_woman_m if sex == "woman" else distribution.torso_height_man_m
     traits = Traits(
         sex=sex,
         torso_height_m=float(random.uniform(*heights_m)),
@@ -99,19 +99,19 @@ def draw_traits(
         reaction_s=float(random.uniform(0.2, 0.4)),
         leniency=float(random.normal(0.0, LENIENCY)),
     )
-    if not whom.moving:
+    if not distribution.moving:
         traits = replace(traits, sway_deg=0.0, cooperation=0.0)
-    traits = _with_body(traits, random, whom, impairment)
+    traits = _with_body(traits, random, distribution, impairment)
     return traits if trained is None else replace(traits, partner=None, trained=trained)
 
 
 def _with_body(
-    traits: Traits, random: np.random.Generator, whom: Distribution, impairment: Impairment
+    traits: Traits, random: np.random.Generator, distribution: Distribution, impairment: Impairment
 ) -> Traits:
     """The traits with the body of a partner, if any, and an impairment."""
     body, partner = distributions.repeat_person(Person(traits.sex, traits.torso_height_m), 1), None
-    if whom.partners is not None:
-        drawn = whom.partners.draw(random.random((1, 2)))
+    if distribution.partners is not None:
+        drawn = distribution.partners.draw(random.random((1, 2)))
         body, partner = partners.apply_partner_bodies(body, drawn), int(drawn[0])
     body = impairments.apply_impairment(body, impairment, random.random((1, impairments.NUM_UNIFORMS)))
     return replace(

@@ -467,7 +467,7 @@ class Status(Message, frozen=True, tag="status"):
     withdraws its tool after success, or has withdrawn it. ``tracking_age_s``: time since the newest valid frame.
     ``untracked_parts`` have stale poses. Those in ``needed_parts`` hold the robot, and end the attempt after a second.
     ``operated``: the experimenter drives the robot in this trial. ``idle``: the robot holds still without an action.
-    ``pause_reason``: the answer by which a stop rule paused the session, or empty. ``latency``: recent latencies from
+    ``pause_reason``: the answer that triggered a stop rule, or empty. ``latency``: recent latencies from
     tracking to display, in total (``total_ms``) and by stage. ``streams``: those of other devices.
     """
 

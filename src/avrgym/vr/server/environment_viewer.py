@@ -44,7 +44,7 @@ class EnvironmentViewer:
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
             policy: any name that ``policies.registry.find_for_session`` accepts.
-            people: whom to meet, a name in ``people.distributions.NAMED_DISTRIBUTIONS`` or a file of people.
+            people: the population, a name in ``people.distributions.NAMED_DISTRIBUTIONS`` or a file of people.
             seed: of the first episode; incremented for each later one.
             send: receives all messages for clients.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
