@@ -15,7 +15,7 @@ Ranges = Mapping[str, tuple[float, float]]
 class Style:
     """A behaviour style, its parameter ranges along each axis, and their sources."""
 
-    does: str
+    description: str
     source: str
     delay: Ranges = field(default_factory=dict[str, tuple[float, float]])
     amplitude: Ranges = field(default_factory=dict[str, tuple[float, float]])
