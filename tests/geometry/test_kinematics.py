@@ -139,7 +139,7 @@ def test_inverse_kinematics_inverts_forward_kinematics(rng, arm):
     pos, q = kinematics.forward(arm, angles)
     solution = kinematics.solve(arm, pos, q, angles + rng.uniform(-0.2, 0.2, angles.shape))
     assert np.quantile(solution.position_error_m, 0.99) < 1e-4
-    assert kinematics.accurate(solution).all()
+    assert kinematics.is_accurate(solution).all()
 
 
 def test_inverse_kinematics_without_target_rotation(rng, arm):
@@ -160,7 +160,7 @@ def test_hinges_without_range_turn_freely(rng, any_chain):
     goal = angles + np.where(free, 0.2, 0.0)
     found = kinematics.solve(chain, *kinematics.forward(chain, goal), angles, tolerance=1e-9).angles_rad
     assert (found[:, free].max(axis=0) > np.pi).all()
-    wrapped = kinematics.wrapped(chain, found)
+    wrapped = kinematics.wrap_angles(chain, found)
     assert np.abs(wrapped[:, free]).max() <= np.pi
     assert_allclose(kinematics.forward(chain, wrapped)[0], kinematics.forward(chain, found)[0], atol=1e-12)
     assert_array_equal(wrapped[:, ~free], found[:, ~free])
@@ -242,7 +242,7 @@ def test_single_precision_is_good_for_a_tenth_of_a_millimetre(rng, arm):
     found_pos, found_q = kinematics.forward(arm, solution.angles_rad)
     assert np.quantile(np.linalg.norm(found_pos - pos, axis=-1), 0.99) < 1e-4
     assert np.quantile(transforms.angle_between(found_q, q), 0.99) < 1e-3
-    assert kinematics.accurate(solution).all()
+    assert kinematics.is_accurate(solution).all()
     assert solution.angles_rad.dtype == np.float64
     assert (solution.angles_rad >= arm.lower_rad).all()
     assert (solution.angles_rad <= arm.upper_rad).all()

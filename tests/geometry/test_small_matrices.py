@@ -18,20 +18,20 @@ def positive_definite(rng: np.random.Generator) -> np.ndarray:
 def test_equations_are_solved(rng):
     square, right = positive_definite(rng), rng.standard_normal((COUNT, 6))
     system = np.concatenate([square, right[..., None]], axis=-1).transpose(1, 2, 0)
-    x = small_matrices.solved(np.ascontiguousarray(system)).T
+    x = small_matrices.solve_linear(np.ascontiguousarray(system)).T
     assert_allclose(np.einsum("nij,nj->ni", square, x), right, atol=1e-9)
 
 
 def test_elimination_leaves_the_determinant_on_the_diagonal(rng):
     square = positive_definite(rng)
     system = square.transpose(1, 2, 0).copy()
-    small_matrices.eliminate(system)
+    small_matrices.gaussian_elimination(system)
     assert_allclose(np.prod(small_matrices.diagonal(system), axis=0), np.linalg.det(square), rtol=1e-9)
 
 
 def test_a_matrix_of_zeros_is_eliminated():
     system = np.zeros((6, 6, 3))
-    small_matrices.eliminate(system)
+    small_matrices.gaussian_elimination(system)
     assert_array_equal(system, 0.0)
 
 

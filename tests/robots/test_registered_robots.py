@@ -12,7 +12,7 @@ from avrgym.geometry import kinematics, transforms
 from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.cup import CUP
 from avrgym.models.human import Person
-from avrgym.models.robot import Arm, Robot, UnsuitableError, robot_spec, robot_with
+from avrgym.models.robot import Arm, Robot, UnsuitableError, robot_spec, robot_spec_with_tool
 from avrgym.models.scene import build_spec
 from avrgym.models.scratcher import SCRATCHER
 from avrgym.models.spoon import SPOON
@@ -90,7 +90,7 @@ def test_sizes_follow_its_joints(robot):
 
 @pytest.mark.parametrize(("robot", "tool"), GRIPS, ids=[f"{robot.name} {tool}" for robot, tool in GRIPS])
 def test_its_grip_holds_the_tool_without_overlap(robot, tool):
-    model = robot_with(robot, arm_of(robot), TOOLS[tool], "tool", appearance=True).compile()
+    model = robot_spec_with_tool(robot, arm_of(robot), TOOLS[tool], "tool", appearance=True).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     seen = [geom for geom in range(model.ngeom) if model.geom_group[geom] == VISUAL_GROUP]

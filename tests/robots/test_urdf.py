@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from avrgym.models.robot import Arm, Robot, compiled, fix_joints, robot_spec, tuned_arm
+from avrgym.models.robot import Arm, Robot, compile_model, fix_joints, robot_spec, tuned_arm
 from avrgym.models.urdf import Urdf
 from avrgym.robots.registry import ROBOTS
 from avrgym.robots.validation import check_robot
@@ -92,7 +92,7 @@ def test_a_robot_whose_gripper_mimics_can_be_used() -> None:
     robot = robot_of(text, arm_of(text))
     check_robot(robot)
     for grip in robot.grips.values():
-        assert compiled(robot_spec(robot, robot.arms["right"], grip, appearance=True)).njnt == 6
+        assert compile_model(robot_spec(robot, robot.arms["right"], grip, appearance=True)).njnt == 6
 
 
 def test_a_moving_joint_that_mimics_is_refused() -> None:

@@ -124,7 +124,7 @@ def plain_score(problem: Problem, world: int, candidate: int, from_rad: np.ndarr
     start = problem.start_pos_w[world], problem.start_q_w[world]
     pos, q = pose_in_base(problem, world, candidate, *start)
     arm = kinematics.solve(CHAIN, pos[None], q[None], from_rad[None])
-    if not kinematics.accurate(arm)[0]:
+    if not kinematics.is_accurate(arm)[0]:
         return -1, 0.0
     reached, isotropy = 0, isotropy_by_numpy(arm.angles_rad[0])
     for goal in zip(problem.goal_pos_w[world], problem.goal_q_w[world], strict=True):

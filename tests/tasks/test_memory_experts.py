@@ -86,7 +86,7 @@ def test_a_cup_is_made_ready_near_the_mouth_and_is_carried_less_tilted():
 
 def test_a_cup_stays_on_its_side_of_the_face_where_that_is_near_the_lips(state):
     left, middle = memory_expert._to_the_left(state), state.head_pos_w
-    most_m, beside_m = memory_expert.MOST_ASIDE_M, memory_expert.BESIDE_M
+    most_m, beside_m = memory_expert.MAX_ASIDE_M, memory_expert.BESIDE_M
     known = (0.02, 0.0), (-0.02, 0.02 + beside_m), (beside_m - most_m, most_m)
     for lips_m, moved in (*known, (beside_m - 1.25 * most_m, 0.5 * most_m), (-0.08, 0.0)):
         aside = memory_expert._aside_m(state, left, middle + 0.1 * left, middle + lips_m * left)

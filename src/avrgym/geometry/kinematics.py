@@ -18,16 +18,16 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.small_matrices import (
     TINY,
-    combined,
     cross,
     diagonal,
-    eliminate,
+    gaussian_elimination,
     norm,
     rotation_between,
     rows_first,
     rows_last,
-    solved,
+    solve_linear,
     weighted_square,
+    weighted_sum,
 )
 
 
@@ -143,7 +143,7 @@ def reach_m(chain: Chain) -> float:
     return float(sum(transforms.norm(offset) for offset, _ in chain.links[1:]))
 
 
-def wrapped(chain: Chain, angles_rad: FloatArray) -> FloatArray:
+def wrap_angles(chain: Chain, angles_rad: FloatArray) -> FloatArray:
     """Angles (..., J) with continuous joints wrapped to ±π."""
     free = ~np.isfinite(chain.upper_rad)
     return np.where(free, np.mod(angles_rad + np.pi, 2.0 * np.pi) - np.pi, angles_rad)
@@ -178,7 +178,7 @@ def isotropy(chain: Chain, angles_rad: FloatArray) -> FloatArray:
     j = _jacobian(_poses(chain, rows_last(angles_rad)))
     square = weighted_square(j, rows_last(limit_weights(chain, angles_rad)))
     trace = reduce(np.add, diagonal(square))
-    eliminate(square)
+    gaussian_elimination(square)
     determinant = reduce(np.multiply, np.maximum(diagonal(square), 0.0))
     return 6.0 * elementary.power(determinant, 1.0 / 6.0) / trace
 
@@ -237,7 +237,7 @@ def solve(
         error = _error(poses, target.take(rows, axis=-1), metres_per_radian)
         left[:, rows] = norm(error[:3]), norm(error[3:])
         going = (norm(error) > tolerance) & (steps[rows] < iterations)
-        after = _moved(now, limits[..., None], _jacobian(poses, metres_per_radian), error)
+        after = _step(now, limits[..., None], _jacobian(poses, metres_per_radian), error)
         rows, done = rows[going], len(rows) - np.count_nonzero(going)
         angles[:, rows] = after[:, going]
         steps[rows] += 1
@@ -267,21 +267,21 @@ def solve_with_restarts(
     """
     best = solve(chain, target_pos, target_q, np.tile(seed_rad, (len(target_pos), 1)))
     for restart in range(RESTARTS):
-        rows = np.nonzero(~accurate(best))[0]
+        rows = np.nonzero(~is_accurate(best))[0]
         if not len(rows):
             break
         spread = uniforms[rows, restart * len(seed_rad) : (restart + 1) * len(seed_rad)]
         start = seed_rad + RESTART_SPREAD_RAD * (2.0 * spread - 1.0)
-        best = better(best, solve(chain, target_pos[rows], target_q[rows], start), rows)
-    return wrapped(chain, best.angles_rad)
+        best = keep_better(best, solve(chain, target_pos[rows], target_q[rows], start), rows)
+    return wrap_angles(chain, best.angles_rad)
 
 
-def accurate(solution: Solution) -> BoolArray:
+def is_accurate(solution: Solution) -> BoolArray:
     """Which rows (N,) are within 5 mm and 0.05 rad."""
     return (solution.position_error_m < ACCURACY_M) & (solution.rotation_error_rad < ACCURACY_RAD)
 
 
-def better(old: Solution, new: Solution, rows: IntArray) -> Solution:
+def keep_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
     """``old`` (N,) with its ``rows`` replaced by ``new`` (rows,) where the residual error is smaller."""
     cost = new.position_error_m + METRES_PER_RADIAN * new.rotation_error_rad
     old_cost = old.position_error_m[rows] + METRES_PER_RADIAN * old.rotation_error_rad[rows]
@@ -313,12 +313,12 @@ def _poses(chain: Chain, angles: FloatArray) -> _Poses:
     )
     origins, axes = np.empty((2, len(angles), *pos.shape), angles.dtype)
     for i, (offset, rotation) in enumerate(chain.links[:-1]):
-        origins[i] = pos = pos + combined(columns, offset)
-        x, y, axes[i] = (combined(columns, column) for column in rotation)
+        origins[i] = pos = pos + weighted_sum(columns, offset)
+        x, y, axes[i] = (weighted_sum(columns, column) for column in rotation)
         columns = (cosine[i] * x + sine[i] * y, cosine[i] * y - sine[i] * x, axes[i])
     offset, rotation = chain.links[-1]
-    tip = pos + combined(columns, offset)
-    return _Poses(origins, axes, tip, np.stack([combined(columns, column) for column in rotation]))
+    tip = pos + weighted_sum(columns, offset)
+    return _Poses(origins, axes, tip, np.stack([weighted_sum(columns, column) for column in rotation]))
 
 
 def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
@@ -346,12 +346,12 @@ DAMPING_PER_SQUARED_ERROR = 0.3
 LEAST_DAMPING_M2 = 1e-5
 
 
-def _moved(angles: FloatArray, limits: FloatArray, j: FloatArray, error: FloatArray) -> FloatArray:
+def _step(angles: FloatArray, limits: FloatArray, j: FloatArray, error: FloatArray) -> FloatArray:
     """Angles (J, N) after the step W Jᵀ (J W Jᵀ + damping)⁻¹ error; W is 0 for joints at a limit."""
     free = _free(angles, limits, _times_error(j, error))
     system = np.concatenate([weighted_square(j, free), error[:, None]], axis=1)
     diagonal(system)[...] += DAMPING_PER_SQUARED_ERROR * norm(error) ** 2 + LEAST_DAMPING_M2
-    step = free * _times_error(j, solved(system))
+    step = free * _times_error(j, solve_linear(system))
     step *= np.minimum(1.0, MAX_TURN_RAD / np.maximum(np.abs(step).max(axis=0), TINY))
     return np.clip(angles + step, *limits)
 

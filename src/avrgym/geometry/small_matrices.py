@@ -40,7 +40,7 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return out
 
 
-def combined(columns: Sequence[FloatArray] | FloatArray, factors: Sequence[float]) -> FloatArray:
+def weighted_sum(columns: Sequence[FloatArray] | FloatArray, factors: Sequence[float]) -> FloatArray:
     """Weighted sum of three columns with factors (3,); factors 0 and 1 cost nothing."""
     terms = [c if f == 1.0 else f * c for c, f in zip(columns, factors, strict=True) if f != 0.0]
     return reduce(np.add, terms) if terms else np.zeros_like(columns[0])
@@ -59,7 +59,7 @@ def diagonal(matrix: FloatArray) -> FloatArray:
     return np.einsum("iin->in", matrix[:, :6])
 
 
-def eliminate(system: FloatArray) -> None:
+def gaussian_elimination(system: FloatArray) -> None:
     """Gaussian elimination in place of (6, 6 or more, N); the first six columns are positive semidefinite.
 
     No pivoting is needed. The determinant is then the product of the diagonal.
@@ -69,9 +69,9 @@ def eliminate(system: FloatArray) -> None:
         system[k + 1 :, k + 1 :] -= factor[:, None] * system[k, k + 1 :]
 
 
-def solved(system: FloatArray) -> FloatArray:
+def solve_linear(system: FloatArray) -> FloatArray:
     """Solution (6, N) of linear equations (6, 7, N) with the right side in the last column."""
-    eliminate(system)
+    gaussian_elimination(system)
     x = system[:, 6]
     for k in range(5, -1, -1):
         x[k] /= system[k, k]

@@ -131,7 +131,7 @@ def _bind(
 def shapes(person: Person, *, open_mouth: bool) -> Iterator[tuple[str, Shape]]:
     """All visual parts by name, scaled to torso height and arm scale."""
     for name in PARTS:
-        drawn, opening = _drawn(person.sex)[name]
+        drawn, opening = _stored_parts(person.sex)[name]
         vertices = drawn.vertices + (MOUTH_OPEN if open_mouth else 0.0) * opening
         yield name, _stretched(drawn, vertices, person)
 
@@ -168,7 +168,7 @@ def _lengthened(local: FloatArray, body: str, h: float) -> FloatArray:
 
 
 @cache
-def _drawn(sex: Sex) -> Mapping[str, tuple[Shape, FloatArray]]:
+def _stored_parts(sex: Sex) -> Mapping[str, tuple[Shape, FloatArray]]:
     """Stored parts, and the displacement of their vertices (V, 3) when the mouth opens."""
     with np.load(io.BytesIO(_asset(f"{sex}.npz"))) as stored:
         return {name: _unpacked({k: stored[f"{name}/{k}"] for k in STORED}) for name in PARTS}

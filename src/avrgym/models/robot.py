@@ -167,7 +167,7 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
     return spec
 
 
-def robot_with(robot: Robot, arm: Arm, tool: Tool, name: str, *, appearance: bool) -> mujoco.MjSpec:
+def robot_spec_with_tool(robot: Robot, arm: Arm, tool: Tool, name: str, *, appearance: bool) -> mujoco.MjSpec:
     """The robot alone with a tool in its hand. ``name`` is the name of the tool's body."""
     grip = robot.grips[tool.name]
     spec = robot_spec(robot, arm, grip, appearance=appearance)
@@ -223,7 +223,7 @@ def _with_mimics(
     return positions
 
 
-def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Compiled model of a robot."""
     try:
         return spec.compile()
@@ -300,7 +300,7 @@ def tuned_arm(
         )
     )
     fix_joints(spec, joints, {})
-    model = compiled(spec)
+    model = compile_model(spec)
     data = mujoco.MjData(model)
     places = [model.joint(name).qposadr[0] for name in joints]
     data.qpos[places] = seed

@@ -85,7 +85,7 @@ def _add_robot(spec: mujoco.MjSpec, scene: SceneConfig, appearance: bool) -> Non
 
 def robot_with_tool(scene: SceneConfig, *, appearance: bool) -> mujoco.MjSpec:
     """The scene's robot alone, with the tool in its hand."""
-    return robot.robot_with(scene.robot, scene.arm, scene.tool, TOOL_BODY, appearance=appearance)
+    return robot.robot_spec_with_tool(scene.robot, scene.arm, scene.tool, TOOL_BODY, appearance=appearance)
 
 
 TOOL = robot.PREFIX + TOOL_BODY

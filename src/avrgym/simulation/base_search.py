@@ -108,8 +108,8 @@ def search(
     return BaseChoice(
         index=index,
         base=_rows(bases, best),
-        angles_rad=kinematics.wrapped(chain, arm.angles_rad),
-        reached=kinematics.accurate(arm),
+        angles_rad=kinematics.wrap_angles(chain, arm.angles_rad),
+        reached=kinematics.is_accurate(arm),
         scores=Scores(**{name: score.reshape(count, per_world) for name, score in vars(scores).items()}),
     )
 
@@ -122,13 +122,13 @@ def _solve_starts(
     arms = _solve_within_reach(chain, pos, q, seeds, START_ITERATIONS, START_TOLERANCE_M)
     around = seed_rad + kinematics.RESTART_SPREAD_RAD * _evenly_spread(RESTARTS * per_world, len(seed_rad))
     for starts in around.reshape(RESTARTS, per_world, -1):
-        reached = kinematics.accurate(arms).reshape(-1, per_world)
+        reached = kinematics.is_accurate(arms).reshape(-1, per_world)
         few = reached.sum(axis=-1, keepdims=True) < ENOUGH_CANDIDATES
         rows = np.nonzero((few & ~reached).reshape(-1))[0]
         again = _solve_within_reach(
             chain, pos[rows], q[rows], starts[rows % per_world], START_ITERATIONS, START_TOLERANCE_M
         )
-        arms = kinematics.better(arms, again, rows)
+        arms = kinematics.keep_better(arms, again, rows)
     return arms
 
 
@@ -153,7 +153,7 @@ def _score(
     goal_q_w: FloatArray | None,
 ) -> Scores:
     """Scores (n C,) of bases, given the arm angles at the start."""
-    reached = kinematics.accurate(arms)
+    reached = kinematics.is_accurate(arms)
     rows = np.nonzero(reached)[0]
     goals_reached, isotropy = np.zeros(len(reached), dtype=np.intp), np.zeros(len(reached))
     at, angles = _rows(bases, rows), arms.angles_rad[rows]

@@ -54,7 +54,7 @@ def _compiled(scene: SceneConfig, moving: bool, by_region: bool, gliding: bool) 
     if by_region:
         add_region_sensors(spec, scene)
     if gliding:
-        human.let_targets_glide(spec)
+        human.use_speed_targets(spec)
     return spec.compile()
 
 

@@ -37,7 +37,7 @@ from avrgym.models.human.joints import (
     Z,
     joint_angles,
 )
-from avrgym.models.human.model import PREFIX, add_person, let_targets_glide, person_model
+from avrgym.models.human.model import PREFIX, add_person, person_model, use_speed_targets
 from avrgym.models.human.person import SKIN_TONES, People, Person, as_person
 
 __all__ = [
@@ -79,7 +79,7 @@ __all__ = [
     "joint_angles",
     "layout",
     "layout_of",
-    "let_targets_glide",
     "mass_shares",
     "person_model",
+    "use_speed_targets",
 ]

@@ -92,7 +92,7 @@ def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:
         actuator.set_to_position(kp=stiffness, dampratio=1.0)
 
 
-def let_targets_glide(spec: mujoco.MjSpec) -> None:
+def use_speed_targets(spec: mujoco.MjSpec) -> None:
     """Make the servos of a moving person take the speeds of their targets in rad/s."""
     for name in JOINTS:
         actuator, joint = spec.actuator(PREFIX + name), spec.joint(PREFIX + name)

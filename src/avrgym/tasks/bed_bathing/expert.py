@@ -37,7 +37,7 @@ YIELD_M_N = 0.0003
 DEPTH_M = (-0.015, 0.03)
 ARRIVED_M, ARRIVED_RAD = 0.012, 0.15
 METRES_PER_RADIAN = 0.1
-PROGRESS_M, PATIENCE_STEPS = 0.003, 6
+PROGRESS_M, STUCK_STEPS = 0.003, 6
 
 
 class BedBathingExpert:
@@ -90,7 +90,7 @@ class BedBathingExpert:
         nearer = left_m < self._left_m - PROGRESS_M
         self._left_m = np.where(nearer, left_m, self._left_m)
         self._waited = np.where(nearer, 0, self._waited + 1)
-        return self._waited > PATIENCE_STEPS
+        return self._waited > STUCK_STEPS
 
 
 def cloth_pose(

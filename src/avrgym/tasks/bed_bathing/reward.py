@@ -57,13 +57,13 @@ def _largest(measure: str) -> float:
     return max(getattr(p, measure) for p in PROPORTIONS.values())
 
 
-def _most_rings() -> int:
+def _max_rings() -> int:
     tallest = TORSO_HEIGHT_RANGE_M[1]
     lengths = [p.upper_arm_length * tallest / p.torso_height for p in PROPORTIONS.values()]
     return int(max(lengths) / MARKER_SPACING_M)
 
 
-RINGS = _most_rings()
+RINGS = _max_rings()
 AROUND = int(2.0 * np.pi * _largest("upper_arm_radius") / MARKER_SPACING_M)
 MARKERS = RINGS * AROUND
 """Upper arms are longer and thicker than forearms."""

@@ -102,7 +102,7 @@ class DrinkingExpert:
         poses = [at_mouth(state, way, np.full_like(way.roll_rad, tilt)) for tilt in TILTS_RAD.tolist()]
         for pos_w, q_w in poses:
             angles_rad = self._planner.angles_at(pos_w, q_w, angles_rad)
-            gap = self._clearance.least_m(angles_rad[:, None], state, tool=False)[:, 0]
+            gap = self._clearance.min_distance_m(angles_rad[:, None], state, tool=False)[:, 0]
             gap_m = np.minimum(gap_m, gap)
         pos_w, q_w = poses[-1]
         reached_w, _ = self._planner.pose(angles_rad)

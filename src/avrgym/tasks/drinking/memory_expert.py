@@ -57,10 +57,10 @@ ROOM_M = 0.001
 """Penetration beyond which the cup retreats."""
 WAITING_M = 0.01
 """Additional standoff of a waiting cup."""
-TURNED_M, MOST_TURNED_M = 0.025, 0.042
+TURNED_M, MAX_TURNED_M = 0.025, 0.042
 """Lateral offset of the cup's reference point from its pouring point: default and maximum. The offset comes from a turn
 about the cup's axis and helps arms on the right to reach the mouth."""
-BESIDE_M, MOST_ASIDE_M = 0.01, 0.04
+BESIDE_M, MAX_ASIDE_M = 0.01, 0.04
 """Least distance of the cup from the head's mid-plane on its side, and largest lateral offset from the lips for it."""
 TURNED_SHARE = 0.7
 """Share of the lateral offset that is compensated by turning the cup."""
@@ -96,7 +96,7 @@ class MemoryExpert:
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
         left = _to_the_left(state)
         aside_m = _aside_m(state, left, planner.pos_w, at_lips_w)
-        turned_m = np.clip(TURNED_M + TURNED_SHARE * aside_m, -MOST_TURNED_M, MOST_TURNED_M)
+        turned_m = np.clip(TURNED_M + TURNED_SHARE * aside_m, -MAX_TURNED_M, MAX_TURNED_M)
         way = _way(turned_m)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
         aside = (TURNED_M + aside_m - turned_m)[:, None] * left
@@ -162,9 +162,9 @@ def _turned(state: State, angle_rad: FloatArray) -> State:
 def _aside_m(state: State, left: FloatArray, tool_w: FloatArray, at_lips_w: FloatArray) -> FloatArray:
     """Lateral offset (N,) from the lips with which cups stay on their side of the head.
 
-    Beyond ``MOST_ASIDE_M`` it decreases, to zero at 1.5 times that value.
+    Beyond ``MAX_ASIDE_M`` it decreases, to zero at 1.5 times that value.
     """
     tool_m, lips_m = (((pos_w - state.head_pos_w) * left).sum(axis=-1) for pos_w in (tool_w, at_lips_w))
     side = np.where(tool_m > 0.0, 1.0, -1.0)
     missing_m = np.maximum(BESIDE_M - side * lips_m, 0.0)
-    return side * np.maximum(np.minimum(missing_m, 3.0 * MOST_ASIDE_M - 2.0 * missing_m), 0.0)
+    return side * np.maximum(np.minimum(missing_m, 3.0 * MAX_ASIDE_M - 2.0 * missing_m), 0.0)

@@ -144,7 +144,7 @@ class MotionPlanner:
         state, gap = self._episodes.state(), np.full(way.shape[:2], np.inf)
         for share in PATH_SHARES:
             there = self.angles_rad[:, None] + share * way
-            gap = np.minimum(gap, self._clearance.least_m(there, state, tool=share < 1.0))
+            gap = np.minimum(gap, self._clearance.min_distance_m(there, state, tool=share < 1.0))
         return COLLISION_COST_S * np.maximum(0.0, 1.0 - gap / MARGIN_M)
 
     def _tilt_rad(self, angles_rad: FloatArray) -> FloatArray:

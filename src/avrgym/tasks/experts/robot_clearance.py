@@ -87,7 +87,7 @@ class Clearance:
         self._shape, self._boxes = arm_shape(simulation.scene), furniture_boxes(simulation)
         self._base_pos_w, self._base_q_w = (part[:, None, None, None] for part in simulation.robot_base())
 
-    def least_m(self, angles_rad: FloatArray, state: State, *, tool: bool) -> FloatArray:
+    def min_distance_m(self, angles_rad: FloatArray, state: State, *, tool: bool) -> FloatArray:
         """Smallest distance (N, M) in metres from person or furniture at joint angles (N, M, J); negative where they
         overlap.
 

@@ -49,7 +49,7 @@ class FeedingExpert:
         swing = planner.joint_step(self._before_rad, CARRY_M_S, TILT_RAD)
         target = at_mouth(state, self._q_w, self._rise_m, self._clearance_m)
         there = self._arrived & (norm(target - planner.pos_w) < 2.0 * NEARER_M)
-        self._clearance_m -= np.where(there & _is_hungry(state), NEARER_M, 0.0)
+        self._clearance_m -= np.where(there & _may_move_closer(state), NEARER_M, 0.0)
         into = planner.line_step(target, self._q_w, ENTER_M_S, TURN_RAD_S)
         return planner.action_to(np.where(self._arrived[:, None], into, swing))
 
@@ -95,7 +95,7 @@ def at_mouth(
     return pos_w + clearance_way_m(outline_w, back, state, clearance_m)[:, None] * back
 
 
-def _is_hungry(state: State) -> BoolArray:
+def _may_move_closer(state: State) -> BoolArray:
     """Whether the spoon may move closer (N,): too much food is left on it, and the contact force is small."""
     on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < ON_SPOON_M
     return (on_spoon.sum(axis=-1) > SPARE_PIECES) & (state.robot_force_n < GENTLE_N)

@@ -19,18 +19,25 @@ MISSED_M_RAD, TURNED_M_RAD = 0.1, 0.02
 
 
 def feeding_target(
-    state: State, task_state: TaskState, planner: MotionPlanner, kept_off_m: FloatArray | float = 0.0
+    state: State,
+    task_state: TaskState,
+    planner: MotionPlanner,
+    standoff_from_mouth_m: FloatArray | float = 0.0,
 ) -> ToolTarget:
     """Move the level spoon through a funnel in front of the face into the mouth, with the yaw that the arm reaches
     best.
 
-    The spoon stays at least ``kept_off_m`` (N,) in front of the mouth.
+    The spoon stays at least ``standoff_from_mouth_m`` (N,) in front of the mouth.
     """
     into = face_direction(state)
     goal_w, q_w = _within_reach(state, planner, elementary.arctan2(into[:, 1], into[:, 0]))
-    back_m = np.maximum(funnel_standoff_m(goal_w - planner.pos_w, into, 0.005, expert.AWAY_M), kept_off_m)
+    back_m = np.maximum(
+        funnel_standoff_m(goal_w - planner.pos_w, into, 0.005, expert.AWAY_M), standoff_from_mouth_m
+    )
     speed = np.where(
-        np.greater(kept_off_m, 0.0), MAX_SPEED_M_S, speed_m_s(goal_w - planner.pos_w, expert.ENTER_M_S)
+        np.greater(standoff_from_mouth_m, 0.0),
+        MAX_SPEED_M_S,
+        speed_m_s(goal_w - planner.pos_w, expert.ENTER_M_S),
     )
     return goal_w - back_m[:, None] * into, q_w, speed
 

@@ -16,7 +16,7 @@ from avrgym.tasks.task import RunningEpisodes, TaskState
 
 RESTING_M_S = 0.04
 """Speed below which a mouth is at rest."""
-KEPT_OFF_M = 0.06
+STANDOFF_M = 0.06
 """Standoff from a mouth at twice this speed or more; less at lower speeds."""
 
 
@@ -35,9 +35,9 @@ class MemoryExpert:
     def _target(self, state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
         speed_m_s = norm(state.mouth_pos_w - self._mouth_w) / CONTROL_STEP_S
         self._mouth_w = state.mouth_pos_w
-        return feeding_target(state, task_state, planner, kept_off_m(speed_m_s))
+        return feeding_target(state, task_state, planner, standoff_from_mouth_m(speed_m_s))
 
 
-def kept_off_m(mouth_m_s: FloatArray) -> FloatArray:
+def standoff_from_mouth_m(mouth_m_s: FloatArray) -> FloatArray:
     """Standoff (N,) from mouths with speeds (N,)."""
-    return KEPT_OFF_M * np.clip(mouth_m_s / RESTING_M_S - 1.0, 0.0, 1.0)
+    return STANDOFF_M * np.clip(mouth_m_s / RESTING_M_S - 1.0, 0.0, 1.0)
