@@ -87,7 +87,7 @@ def test_an_export_never_overwrites(
     store: Store, exports: dict[str, Path], name: str, tmp_path: Path
 ) -> None:
     before = {path: path.stat().st_mtime_ns for path in exports[name].rglob("*")}
-    with pytest.raises(StudyError, match="holds something already; choose another folder"):
+    with pytest.raises(StudyError, match="is not empty; choose another folder"):
         export_study(store, name, exports[name])
     assert {path: path.stat().st_mtime_ns for path in exports[name].rglob("*")} == before
     export_study(store, name, tmp_path)

@@ -17,8 +17,8 @@ from helpers.system.places import OLD_RECORDING
 
 
 def configuration(**changes: Any) -> Configuration:
-    """A valid configuration with some changed fields."""
-    return replace(read_header(OLD_RECORDING).configuration, **changes)
+    """A valid configuration of the present version with some changed fields."""
+    return replace(read_header(OLD_RECORDING).configuration, **{"versions": versions()} | changes)
 
 
 def made_recording(*messages: tuple[str, int, Any], **changes: Any) -> Recording:
