@@ -95,7 +95,7 @@ def test_a_new_study_is_written_once(tmp_path: Path) -> None:
         (["status", "nowhere"], "nowhere contains no study.toml; `avrgym study new nowhere` writes one"),
         (["check", "nowhere"], "contains no study.toml"),
         (["export", "STUDY", "--format", "xlsx", "--out", "new"], "unknown format 'xlsx'; allowed: csv, bids"),
-        (["export", "STUDY", "--format", "csv", "--out", "STUDY"], "holds something already"),
+        (["export", "STUDY", "--format", "csv", "--out", "STUDY"], "is not empty"),
         (["delete-participant", "STUDY", "sub-009"], "there is no sub-009"),
         (["delete-participant", "STUDY", "../x"], "'../x' is not a pseudonym; allowed: sub-001"),
         (["status", "STUDY", "--json", "no/such/file.json"], "the folder no/such does not exist"),
