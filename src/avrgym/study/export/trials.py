@@ -72,7 +72,7 @@ class ExportedAttempt:
     @property
     def _absence(self) -> str:
         here = self.participant.site_number is not None or self.session.station == self.store.station
-        return "is missing" if here else f"is not here; it was recorded at {self.session.station}"
+        return "is missing" if here else f"is at another station; it was recorded at {self.session.station}"
 
     def control_steps(self) -> list[tuple[float, Control]]:
         """The control steps with their times in seconds; raises the errors of ``read_whole``."""
