@@ -304,7 +304,7 @@ def _edited(sites: list[Path]) -> list[Path]:
 REFUSED: list[tuple[Callable[[list[Path]], list[Path]], str]] = [
     (_twice, "are the same site; list each site once"),
     (_copied, "are the same site; list each site once"),
-    (_same_name, "have the site 'atlanta': give each another `site` in its study.toml"),
+    (_same_name, "have the same site 'atlanta'; set different values"),
     (_no_name, "'our site' is not a valid site; set `site`"),
     (_nothing, "empty contains no study.toml"),
     (
