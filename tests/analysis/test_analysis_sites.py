@@ -1,4 +1,4 @@
-"""Where people took part at several sites, tables say where, and results stand by site too."""
+"""Studies of several sites: tables contain the site, and the report describes each site."""
 
 from pathlib import Path
 

@@ -338,7 +338,7 @@ def test_ranges_say_what_would_have_covered_the_participants(tables: dict[str, F
 def test_latency_follows_from_what_clients_told_in_counted_trials(
     store: Store, out: Path, tables: dict[str, Frame]
 ) -> None:
-    """Nobody drew pictures for simulated participants; of who withdrew nothing counts."""
+    """Simulated participants have no latency; withdrawn participants are not counted."""
     rows, trials = tables["latency"], tables["trials"]
     counted = trials[trials.counted & ~trials.simulated]
     assert not rows.simulated.any()

@@ -107,7 +107,7 @@ def test_the_order_of_answers_does_not_matter_to_their_size(rng: np.random.Gener
 def test_balanced_pairs_are_tested_as_by_student(differ: float, rng: np.random.Generator) -> None:
     """With as many values of each participant in two conditions it is the t test of their means' differences.
 
-    Also where participants differ less between conditions than chance alone would have it.
+    Also if participants differ less between conditions than expected by chance.
     """
     values = rng.normal(size=(9, 2, 4)) + rng.normal(size=(9, 1, 1)) + differ * rng.normal(size=(9, 2, 1))
     people = np.repeat(np.arange(9), 8)

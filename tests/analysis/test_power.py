@@ -90,8 +90,8 @@ def test_imagined_answers_are_tested_as_the_analysis_tests_answers() -> None:
     studies = SimulatedStudies(DESIGN, Assumptions(), 3)
     answers = studies.answers(0.7, 7, 0)
     rows = [
-        _row(f"sub-{who:03}", task, robot, policy, item.id, int(answers[who, t, r, p, i]))
-        for who in range(len(answers))
+        _row(f"sub-{number:03}", task, robot, policy, item.id, int(answers[number, t, r, p, i]))
+        for number in range(len(answers))
         for (t, task), (r, robot), (p, policy), (i, item) in product(
             enumerate(DESIGN.tasks),
             enumerate(DESIGN.robots),
@@ -158,7 +158,7 @@ def test_who_comes_first_does_not_depend_on_who_follows() -> None:
 
 
 def test_drift_goes_with_the_place_in_the_session() -> None:
-    """Without chance whoever meets a condition late rates it higher, and over all orders it evens out."""
+    """Without noise, later conditions get higher ratings; this cancels out over all orders."""
     assumed = replace(NOISE_ONLY, noise_sd=0, drift=6.0)
     answers = SimulatedStudies(DESIGN, assumed, 0).answers(0.0, 4, 0)
     assert answers.min() == 1

@@ -32,7 +32,7 @@ class ParticipantFlow:
     ``completed_without_data`` completed it with nothing that counts. ``excluded_by`` says how often each answer to an
     inclusion question excluded somebody, ``withdrew_before_for`` and ``withdrew_for`` how often each reason was given.
 
-    ``enrolled`` counts also those whose data were ``deleted``, of whom nothing else is known. ``orders`` says how
+    ``enrolled`` includes participants with ``deleted`` data. ``orders`` says how
     many were given each order of trials, ``consents`` how many agreed to each version of the consent text as their
     latest one. ``reconsented`` and ``declined`` count re-consents to another version. Days
     are those of sessions, ISO 8601. Of those ``unknown``, and of those ``unknown_before`` an order, it is not known
@@ -67,7 +67,7 @@ class ParticipantFlow:
 
 
 def participant_flows(store: Store, seen: StudyData) -> list[ParticipantFlow]:
-    """People and simulated participants, as far as there are any."""
+    """The flow of people, then of simulated participants; empty groups are absent."""
     everyone, deleted = store.participants(), store.tombstones()
     return [
         _flow(store, [each for each in everyone if each.simulated is simulated], simulated, gone, seen)
@@ -145,7 +145,7 @@ UNKNOWN_TEXT = "consent or withdrawal unknown, database lost"
 
 
 def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
-    """Each step with those who leave after it; nobody is told of where nobody left."""
+    """Each step, with the participants who left after it."""
     before = f"withdrew before the first trial was planned{_why(flow.withdrew_before_for)}"
     unfinished = f", of them {flow.analysed_unfinished} not finished yet" if flow.analysed_unfinished else ""
     return [
@@ -181,7 +181,7 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
 
 
 def _why(reasons: Mapping[str, int]) -> str:
-    """How often each reason was given, in brackets."""
+    """Number of times each reason was given, in brackets."""
     return f" ({'; '.join(f'{reason}: {number}' for reason, number in reasons.items())})" if reasons else ""
 
 

@@ -199,7 +199,7 @@ def analyse(
     *,
     skip_damaged: bool = False,
 ) -> Analysis:
-    """Analyse a study as it stands, with ``read_study``'s arguments and errors."""
+    """Analyses a study in its current state; arguments and errors as for ``read_study``."""
     asked = AnsweredItems(store)
     design = asked.design
     observed = read_study(store, progress, skip_damaged=skip_damaged, asked=asked)

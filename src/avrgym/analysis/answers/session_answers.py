@@ -59,18 +59,18 @@ class SessionAnswerRow:
 
 
 MOMENT_LABELS = {BEFORE: "before", AFTER: "after", CHANGE: "change"}
-"""What the moments are called in tests, tables and figures."""
+"""Labels of moments in tests, tables and figures."""
 SessionValues = Mapping[tuple[str, str], Mapping[str, float]]
 """By moment and item, or scale, the value of each participant."""
 
 
 def session_questionnaires(design: Design) -> list[Questionnaire]:
-    """The questionnaires that are asked before or after sessions, in the design's order."""
+    """The questionnaires before or after sessions, in the design's order."""
     return [each for each in design.questionnaires if set(SESSION_MOMENTS) & set(each.moments)]
 
 
 def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SessionAnswerRow]:
-    """How each item was answered before and after sessions, and how answers changed."""
+    """Summary of each item before and after sessions, and of its change."""
     rows: list[SessionAnswerRow] = []
     for simulated, questionnaire, given in _asked(design, answers):
         for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE)):
@@ -81,7 +81,7 @@ def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Se
 
 
 def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
-    """How often each value was answered to each item before and after sessions."""
+    """Frequency of each value of each item before and after sessions."""
     return [
         row
         for simulated, questionnaire, given in _asked(design, answers)
@@ -94,7 +94,7 @@ def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Li
 
 
 def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
-    """Whether answers changed over sessions: Wilcoxon's signed-rank test of each item, each questionnaire a family."""
+    """Wilcoxon signed-rank tests of changes over sessions; the items of a questionnaire are a family."""
     return [
         corrected_family(
             simulated,
@@ -108,18 +108,18 @@ def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Famil
 
 
 def values_at(moment: str, quantity: str, given: SessionValues) -> list[float]:
-    """The values of a moment; for ``CHANGE`` after less before, of those who answered both times."""
+    """The values at a moment; for ``CHANGE`` after minus before, of participants with both answers."""
     if moment != CHANGE:
         return list(given.get((moment, quantity), {}).values())
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
-    return [round(after[who] - before[who], MEAN_DECIMALS) for who in after if who in before]
+    return [round(after[name] - before[name], MEAN_DECIMALS) for name in after if name in before]
 
 
 def compare_before_after(quantity: str, given: SessionValues) -> Comparison:
-    """What was given after sessions against before them, by those who answered both times."""
+    """Values after sessions against values before, of participants with both answers."""
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
-    both = [who for who in before if who in after]
-    a, b = [after[who] for who in both], [before[who] for who in both]
+    both = [name for name in before if name in after]
+    a, b = [after[name] for name in both], [before[name] for name in both]
     apart = np.round(np.subtract(a, b), MEAN_DECIMALS)
     differences = dict(zip(both, apart.tolist(), strict=True))
     return Comparison(
@@ -133,7 +133,7 @@ def compare_before_after(quantity: str, given: SessionValues) -> Comparison:
 
 
 def change_question(questionnaire: Questionnaire) -> Question:
-    """What the tests of a questionnaire after sessions against before them ask."""
+    """The question whether answers to a questionnaire change over sessions."""
     name = questionnaire.name
     table = f"{name}: after sessions against before"
     return Question(f"before and after sessions, {name}", table, questionnaire.instrument is None)
@@ -142,7 +142,7 @@ def change_question(questionnaire: Questionnaire) -> Question:
 def _asked(
     design: Design, answers: Sequence[AnswerRow]
 ) -> Iterator[tuple[bool, Questionnaire, SessionValues]]:
-    """For people and simulated participants each questionnaire about sessions, and what was answered that counts."""
+    """Each questionnaire about sessions with its counted answers, for people and simulated participants."""
     counted = [row for row in answers if row.counted and row.moment in SESSION_MOMENTS]
     for simulated in sorted({row.simulated for row in counted}):
         given: dict[tuple[str, str], dict[str, float]] = {}

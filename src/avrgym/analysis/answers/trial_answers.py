@@ -80,7 +80,7 @@ AFTER_TRIAL = "after_trial"
 
 
 def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SubjectiveRow]:
-    """How each item was answered with each policy: over all, by task, by robot, and by both."""
+    """Summary of each item with each policy: in total, by task, by robot, and by both."""
     tasks, robots = (ALL, *design.tasks), (ALL, *design.robots)
     rows: list[SubjectiveRow] = []
     for simulated in _groups(answers):
@@ -96,7 +96,7 @@ def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Subjec
 
 
 def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
-    """How often each value was answered to each item after trials, with each policy."""
+    """Frequency of each value of each item after trials, with each policy."""
     rows: list[LikertRow] = []
     for simulated, questionnaire in product(_groups(answers), questionnaires_at(design, AFTER_TRIAL)):
         for item, policy in product(questionnaire.items, design.policies):
@@ -113,7 +113,7 @@ def counts(
     policy: str | None,
     values: Sequence[float],
 ) -> list[LikertRow]:
-    """How often each value of an item's scale is among values."""
+    """Frequency of each value of an item's scale."""
     return [
         LikertRow(
             simulated=simulated,
@@ -156,25 +156,25 @@ def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family
 
 
 def questionnaires_at(design: Design, moment: str) -> list[Questionnaire]:
-    """The questionnaires of a moment, in the design's order."""
+    """The questionnaires at a moment, in the design's order."""
     return [questionnaire for questionnaire in design.questionnaires if moment in questionnaire.moments]
 
 
 def trial_items(design: Design) -> tuple[Item, ...]:
-    """The items that are asked after each trial, in the design's order."""
+    """The items after trials, in the design's order."""
     return tuple(
         item for questionnaire in questionnaires_at(design, AFTER_TRIAL) for item in questionnaire.items
     )
 
 
 def midpoint_question(questionnaire: Questionnaire) -> Question:
-    """What the tests of a questionnaire's first item against the middle of its scale ask."""
+    """The question whether the first item differs from the midpoint of its scale."""
     name = f"{questionnaire.items[0].id} against the middle"
     return Question(name, _table_caption(questionnaire), questionnaire.instrument is None)
 
 
 def policy_question(design: Design, questionnaire: Questionnaire) -> Question:
-    """What the tests between policies of a questionnaire's items ask; named where there are several."""
+    """The question whether policies differ in the items; with several questionnaires, it contains the name."""
     names = {base_name(each.name) for each in questionnaires_at(design, AFTER_TRIAL)}
     several = len(names) > 1 or questionnaire.name not in names
     name = f"policies, {questionnaire.name}" if several else "policies"

@@ -1,7 +1,6 @@
-"""Whether participants were like the people whom the policies trained with: torso heights and head positions.
+"""Comparison of participants with the training populations: torso heights, head positions and waist angles.
 
-The paper's step from the Original to the Revised people: compare both with the participants, and see which ranges would
-have covered them.
+The paper derived the Revised from the Original population in this way.
 """
 
 from collections.abc import Sequence
@@ -77,22 +76,22 @@ class RangeRow:
 
 @dataclass(frozen=True, eq=False)
 class BodyTrials:
-    """The counted trials of people, or of simulated participants, whose recordings tell the body."""
+    """The counted trials of people, or of simulated participants, with a recorded body."""
 
     simulated: bool
     trials: tuple[TrialRow, ...]
 
     def postures(self) -> list[str]:
-        """The postures that they were in."""
+        """Postures in these trials."""
         return list(dict.fromkeys(posture_of(row.task) for row in self.trials))
 
     def in_posture(self, posture: str) -> list[TrialRow]:
-        """Those in a posture."""
+        """The trials in a posture."""
         return [row for row in self.trials if posture_of(row.task) == posture]
 
 
 def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
-    """People's trials and those of simulated participants, as far as there are any."""
+    """Trials of people, then of simulated participants; groups without trials are absent."""
     usable = [row for row in trials if row.counted and row.torso_height_m is not None]
     return [
         BodyTrials(simulated, tuple(row for row in usable if row.simulated is simulated))
@@ -100,7 +99,7 @@ def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
     ]
 
 
-# How they are distributed
+# Distributions
 
 
 def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[BiomechanicsRow]:
@@ -161,7 +160,7 @@ def _distribution(
     )
 
 
-# What would have covered them
+# Ranges
 
 
 def range_rows(groups: Sequence[BodyTrials]) -> list[RangeRow]:

@@ -1,4 +1,4 @@
-"""The people whom policies trained with, drawn anew from their distributions."""
+"""People sampled from the populations that the policies trained with."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -53,13 +53,13 @@ TRAINING_PEOPLE: Mapping[str, Distribution] = {
     "original, heights varied": replace(_REVISED, waist_deg=_ORIGINAL.waist_deg),
     "revised": _REVISED,
 }
-"""The people of the training; the second are the paper's for telling waists from heights."""
+"""Training populations. The second separates the effect of heights from that of waists, as in the paper."""
 HEIGHT_DISTRIBUTIONS = ("original", "revised")
-"""Those of them whose torso heights differ."""
+"""The populations with different torso heights."""
 
 
 def posture_of(task: str) -> str:
-    """How people are found in a task: ``seated`` or ``in bed``."""
+    """The posture of people in a task: ``seated`` or ``in bed``."""
     robot = next(robot for each, robot in ENVIRONMENTS.values() if each == task)
     seated = TASKS[task].scene(ROBOTS[robot]).posture is SEATED
     return "seated" if seated else "in bed"
@@ -109,5 +109,5 @@ def training_head_positions(people: Sequence[PersonRow], name: str, posture: str
 
 
 def head_position(row: TrialRow | PersonRow) -> tuple[float, ...]:
-    """Where the head is, world frame."""
+    """Head centre in the world frame, metres."""
     return tuple(float(getattr(row, f"head_{axis}_m")) for axis in AXES)

@@ -13,7 +13,7 @@ from avrgym.study.design.design import Design
 POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER = "policies", "robots", "learning", "order", "carry-over"
 EFFECTS = (POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER)
 TASK_GROUPS = "tasks"
-"""What models allow for and nobody asks about."""
+"""A nuisance effect: it is in the models, but not reported."""
 FIRST_TASK, LAST_TASK = "first task", "last task"
 FIRST_TRIAL, LAST_TRIAL = "first trial of a task", "last trial of a task"
 Group = tuple[str, str]
@@ -22,7 +22,7 @@ Group = tuple[str, str]
 
 @dataclass(frozen=True)
 class TrialValue:
-    """A value of one trial, and where in the study it stands.
+    """A value of one trial, with its position in the study.
 
     ``block`` is when its task came, from 0 (first) to 1 (last), ``place`` when the trial came within its task.
     ``before`` is the policy of the trial before, practice included; ``None`` where another task, or nothing, came
@@ -41,7 +41,7 @@ class TrialValue:
 
 @dataclass(frozen=True)
 class Effect:
-    """A difference that is looked at: of which kind, and of which group from which."""
+    """An effect of interest: its kind, and the two groups it compares."""
 
     kind: str
     group_a: str
@@ -57,18 +57,18 @@ class DesignMatrix:
     matrix: FloatArray
 
     def contrast(self, effect: Effect) -> FloatArray:
-        """What an effect is of the coefficients (p,); raises ``FitError`` where the trials do not tell it."""
+        """Contrast vector (p,) of an effect; raises ``FitError`` if the trials cannot identify it."""
         weights = np.zeros(len(self.names))
         for group, sign in (((effect.kind, effect.group_a), 1.0), ((effect.kind, effect.group_b), -1.0)):
             if group in self.names:
                 weights[self.names.index(group)] = sign
             elif group not in self.bases:
-                raise FitError("these trials do not tell this effect")
+                raise FitError("these trials do not identify this effect")
         return weights
 
 
 def effects(design: Design) -> tuple[Effect, ...]:
-    """All effects that are looked at in a design, of each kind."""
+    """All effects of interest in a design."""
     found = [Effect(POLICIES, b, a) for a, b in combinations(design.policies, 2)]
     found += [Effect(ROBOTS, b, a) for a, b in combinations(design.robots, 2)]
     if len(design.tasks) > 1:
@@ -87,7 +87,7 @@ def after_policy(policy: str) -> str:
 
 
 def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatrix:
-    """The columns that these trials tell apart, in the order in which effects matter."""
+    """The linearly independent columns of these trials, in order of importance."""
     names: list[Group] = []
     bases: set[Group] = set()
     kept = np.ones((len(observed), 1))
@@ -103,7 +103,7 @@ def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatri
 
 
 def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tuple[Group, FloatArray | None]]:
-    """A column for each group but the first of its kind, which the others are compared with."""
+    """A column for each group; the first group of a kind is the reference and has none."""
     yield from _indicators(POLICIES, design.policies, [each.policy for each in observed])
     yield from _indicators(ROBOTS, design.robots, [each.robot for each in observed])
     yield from _indicators(TASK_GROUPS, design.tasks, [each.task for each in observed])
@@ -118,7 +118,7 @@ def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tupl
 def _indicators(
     kind: str, groups: Sequence[str], given: Sequence[str | None]
 ) -> Iterator[tuple[Group, FloatArray | None]]:
-    """1 for trials of a group, 0 for those of others; trials of none lie in the middle of all."""
+    """Indicator of a group: 1 or 0; trials without group get the mean of all groups."""
     present = [group for group in groups if group in given]
     for number, group in enumerate(present):
         share = 1.0 / len(present)

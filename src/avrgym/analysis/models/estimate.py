@@ -1,4 +1,4 @@
-"""What fitting a model gives: estimates with a covariance that allows for few participants, or why there are none."""
+"""Estimates of fitted models, or the reason why there are none."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -12,7 +12,7 @@ LEVEL = 0.95
 
 
 class FitError(Exception):
-    """A model that these data do not determine; the message says why."""
+    """The data do not identify the model or effect; the message contains the reason."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Estimate:
 
     @classmethod
     def of(cls, value: float, variance: float, df: float) -> "Estimate":
-        """By Student's t; raises ``FitError`` where there is no variance to judge by."""
+        """An estimate with Student's t; raises ``FitError`` without variance."""
         if not variance > 1e-16 * max(1.0, value**2):
-            raise FitError("all participants give the same difference: there is no variance to judge it by")
+            raise FitError("all participants have the same difference: its variance is zero")
         error = float(np.sqrt(variance))
         half = float(stats.t.ppf(0.5 + LEVEL / 2, df)) * error
         p = 2.0 * float(stats.t.sf(abs(value) / error, df))

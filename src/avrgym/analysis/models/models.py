@@ -276,8 +276,8 @@ def _without_one(
     """The effects in models without each participant in turn."""
     people = dict.fromkeys(each.participant for each in observed)
     return [
-        estimate_effects(design, model, [each for each in observed if each.participant != who], wanted)
-        for who in people
+        estimate_effects(design, model, [each for each in observed if each.participant != name], wanted)
+        for name in people
     ]
 
 

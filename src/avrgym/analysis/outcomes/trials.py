@@ -118,7 +118,7 @@ def _metrics(row: TrialRow) -> Markup:
 
 def _answers(rows: Sequence[AnswerRow]) -> Markup:
     given = ", ".join(f"{row.item} {row.value}{_ends(row)}" for row in rows)
-    return tag("p", f"Answers: {given}." if given else "No answers were asked for or given.")
+    return tag("p", f"Answers: {given}." if given else "No answers.")
 
 
 def _ends(row: AnswerRow) -> str:

@@ -1,4 +1,4 @@
-"""Line charts of a trial: small SVG in the colours of the page it stands in.
+"""Line charts of a trial: small SVG in the colours of the page.
 
 Written by hand, because a report has three for each trial: one takes 0.4 ms, with matplotlib 60.
 """

@@ -1,4 +1,4 @@
-"""Answers of imagined participants, as a design would get them if certain effects were true."""
+"""Simulated answers of participants for a design, with assumed effects."""
 
 from dataclasses import dataclass, fields
 
@@ -47,7 +47,7 @@ class Assumptions:
 
 
 def midpoint(item: Item) -> float:
-    """The middle of an item's answers, which are numbered from 1 here."""
+    """Midpoint of an item's scale, which starts at 1 here."""
     return (1 + item.points) / 2
 
 
@@ -58,7 +58,7 @@ class SimulatedStudies:
     """
 
     def __init__(self, design: Design, assumptions: Assumptions, seed: int) -> None:
-        """Imagine studies; ``ValueError`` where nothing is asked after trials."""
+        """Simulates studies; raises ``ValueError`` for a design without questionnaire after trials."""
         asked = questionnaires_at(design, AFTER_TRIAL)
         if not asked:
             raise ValueError("the design asks nothing after trials: there is nothing to simulate")
@@ -72,7 +72,7 @@ class SimulatedStudies:
     def answers(self, effect: float, participants: int, number: int) -> Answers:
         """What a study that so many participants complete is answered, by its number.
 
-        But for chance the last policy is rated ``effect`` points above the middle of the scale, all others there.
+        Without noise, the last policy is rated ``effect`` points above the midpoint of the scale, all others at it.
         """
         assumed, (tasks, _, policies, _) = self._assumptions, self._shape
         rng = random_streams.simulated_study(self._seed, number, 0)

@@ -18,7 +18,7 @@ from avrgym.study.design.description import describe_blinding, describe_conditio
 
 @dataclass(frozen=True)
 class ChecklistField:
-    """A field that is asked for: what is known of it, nothing where it is missing, and where to fill it in."""
+    """A recommended field: its value, empty if missing, and where to set it."""
 
     field: str
     known: str

@@ -29,7 +29,7 @@ from avrgym.study.storage.session_designs import SessionDesign
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.session.attempt import versions
 
-SIMULATED = "SIMULATED PARTICIPANTS: all that follows was made up by a program and says nothing about people."
+SIMULATED = "SIMULATED PARTICIPANTS: a program generated all data. They contain no information about people."
 LOST_ANSWERS = "The answers from before the database was rebuilt are lost."
 MOMENTS = {
     "before_session": "before each session",
@@ -262,7 +262,7 @@ def _measures(analysis: Analysis) -> Iterator[str]:
         yield _questionnaire(each)
     yield from _versions(analysis)
     if analysis.design.practice_policy:
-        yield "Nothing is asked after practice."
+        yield "Practice trials have no questionnaire."
 
 
 def _questionnaire(asked: Questionnaire) -> str:
