@@ -296,7 +296,7 @@ def test_the_command_answers_mistakes_in_one_line(tmp_path: Path, paths: list[Pa
         ((tmp_path / "text.mcap", "--verify"), "not a recording"),
         ((tmp_path / "text.mcap",), "give one of the .mcap files that `avrgym serve` writes"),
         ((tmp_path / "study",), "study: a folder; give one of the .mcap files"),
-        ((incomplete, "--verify"), f"{incomplete}: its configuration lacks 'session'"),
+        ((incomplete, "--verify"), f"{incomplete}: it breaks off before its first state"),
         ((paths[-1], "--first-person"), "goes with --video, --gif or --frames"),
         ((paths[-1], "--frames", 4), "go together"),
         ((paths[-1], "--json", tmp_path / "x.json"), "--verify"),
