@@ -1,6 +1,6 @@
 """Single rotations as matrices (3, 3), whose columns are the axes of the rotated frame.
 
-For one rotation these functions take a tenth of the time of ``transforms``, which handles many at once.
+For one rotation these functions take a tenth of the time of ``transforms``, which handles arrays of rotations.
 """
 
 from math import atan2, cos, hypot, sin
