@@ -23,7 +23,7 @@ from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
-from helpers.studies.known_results import chance, read_table, record_trial, run_trials, take_part
+from helpers.studies.known_results import random_answer, read_table, record_trial, run_trials, take_part
 from helpers.studies.small_studies import make_study
 
 STORED = "reward and success are those that were stored with the trial"
@@ -315,7 +315,7 @@ def avrgym(*arguments: str | Path) -> Result:
 
 
 def test_the_command_writes_into_the_study_and_its_figures_to_a_file(store: Store, tmp_path: Path) -> None:
-    run_trials(store, take_part(store), rate=chance)
+    run_trials(store, take_part(store), rate=random_answer)
     recording(store, "sub-001", 1).unlink()
     result = avrgym("analyze", store.folder, "--json", tmp_path / "figures.json")
     assert result.exit_code == 0

@@ -194,7 +194,7 @@ def test_changes_of_equal_size_have_equal_ranks_whatever_a_scale_counts_in(rng: 
     def change(factor: float) -> tuple[float | None, int, list[float]]:
         given = {
             (moment, "total"): {
-                f"sub-{who:03}": round(factor * step, MEAN_DECIMALS) for who, step in enumerate(each)
+                f"sub-{number:03}": round(factor * step, MEAN_DECIMALS) for number, step in enumerate(each)
             }
             for moment, each in steps.items()
         }

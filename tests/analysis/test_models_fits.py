@@ -154,7 +154,7 @@ def test_differences_that_are_all_the_same_have_no_variance(rng: np.random.Gener
     values = np.repeat(rng.normal(size=6), 4) + CONDITION[:, 0]
     with pytest.raises(FitError):
         fit_mixed(values, WITH_CONSTANT, PEOPLE, [PEOPLE]).estimate(np.array([0.0, 1.0]))
-    with pytest.raises(FitError, match="no variance"):
+    with pytest.raises(FitError, match="variance is zero"):
         Estimate.of(1.0, 0.0, 3.0)
 
 

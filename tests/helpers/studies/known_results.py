@@ -37,8 +37,8 @@ def take_part(store: Store, sex: Sex = "woman", *, simulated: bool = True, site:
     return pseudonym
 
 
-def chance(participant: Participant, trial: Trial, item: str) -> int:
-    """An answer by chance that stays the same."""
+def random_answer(participant: Participant, trial: Trial, item: str) -> int:
+    """A random answer that is the same in every run."""
     seed = [participant.number, trial.position, ITEMS.index(item)]
     return int(np.random.default_rng(seed).integers(1, 8))
 
@@ -52,7 +52,7 @@ def run_trials(
     store: Store,
     pseudonym: str,
     count: int | None = None,
-    rate: Rate = chance,
+    rate: Rate = random_answer,
     held: Mapping[int, int] | None = None,
 ) -> None:
     """A session with a participant's remaining trials, or the first few; of some, by position, last frames are held."""

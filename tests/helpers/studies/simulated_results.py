@@ -25,7 +25,7 @@ def answered(
 
 
 def latent(design: Design, participants: int, number: int, tendency: float = 0.0) -> FloatArray:
-    """What nobody sees, (participants, tasks, robots, policies): all that participants differ in, tasks, and chance.
+    """Latent values (participants, tasks, robots, policies): effects of participants, tasks and noise.
 
     Participants differ in general, in policies, in robots and in tasks.
     """
