@@ -297,7 +297,7 @@ def test_a_stop_halts_the_robot_and_the_trial_is_repeated(visit: Callable[..., V
     first = stopped.recordings()[0]
     assert first.complete
     assert first.outcome is not None
-    assert (first.outcome["result"], first.outcome["steps"]) == ("stopped", 1)
+    assert (first.outcome.result, first.outcome.steps) == ("stopped", 1)
     assert events(first)[-1] == "robot_holds"
     replica = Replica(first)
     assert np.abs(replica.arm_ctrl(states(first)[-2])).min() > 0.0
