@@ -56,7 +56,7 @@ def test_every_task_with_one_robot_or_the_other(
     whole = journey(plan(*MIXED, steps=5))
     BrowserClient(whole.headset, whole.session, whole.participant, tmp_path, lambda words: None).run()
     recordings = [read_recording(path) for path in whole.session.recordings]
-    completed = [each for each in recordings if each.outcome and each.outcome["result"] == "completed"]
+    completed = [each for each in recordings if each.outcome and each.outcome.result == "completed"]
     assert [each.configuration.environment for each in completed] == list(MIXED)
     for each in completed:
         assert each.complete

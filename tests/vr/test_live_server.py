@@ -593,7 +593,7 @@ def test_a_dropped_connection_halts_the_robot_and_the_next_is_greeted(
     recorded = read_recording(recording)
     assert recorded.complete
     assert recorded.outcome is not None
-    assert recorded.outcome["result"] == "interrupted"
+    assert recorded.outcome.result == "interrupted"
     last, event = recorded.topics["/physics"][-1], recorded.topics["/events"][-1]
     assert event[1].name == "robot_holds"
     assert event[0] == last[0]
