@@ -340,7 +340,7 @@ def view(
     seed: Seed = 0,
     force_guard: ForceGuard = False,
 ) -> None:
-    """Simulate episodes of an environment and show them in a browser.
+    """Show episodes of an environment in a browser.
 
     The page shows reward, success and force, and can pause or skip an episode. With `--policy operator` it
     drives the robot.
