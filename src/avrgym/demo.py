@@ -1,4 +1,4 @@
-"""A session of a simulated participant in all tasks, and a page with the replay of each trial."""
+"""A demonstration: a simulated participant in all tasks, and a page with the replay of each trial."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -28,7 +28,7 @@ FREE_MOVEMENT_S, COUNTDOWN_S, TRIAL_STEPS = 1.0, 2.0, 90
 
 @dataclass(frozen=True)
 class DemoResult:
-    """The files of a demonstration, and why it ran without a browser (``None`` with one)."""
+    """The files of a demonstration, and the reason if it ran without a browser (else ``None``)."""
 
     pages: list[Path]
     recordings: list[Path]
@@ -87,7 +87,7 @@ def _in_process(
     participant: SimulatedParticipant,
     say: Callable[[str], None],
 ) -> list[Path]:
-    """The same session without browser and server, faster than real time."""
+    """Run the session without browser and server, faster than real time."""
     client = InProcessClient(participant, say)
     session = make_session(client.hear)
     client.run(session)

@@ -1,4 +1,4 @@
-"""Adverse events of people by condition, next to safety measures of the robots."""
+"""Adverse events of people by condition, with the robots' safety measures."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -40,7 +40,7 @@ def latest_reports(analysis: Analysis) -> list[Mapping[str, Any]]:
 
 
 def describe_adverse_events(analysis: Analysis) -> str:
-    """Numbers of adverse events and of people, and reports that are missing."""
+    """Sentences with the numbers of adverse events, affected people and missing reports."""
     events = latest_reports(analysis)
     flow = next((each for each in analysis.flows if not each.simulated), None)
     deleted = (
@@ -105,7 +105,7 @@ def _trials(analysis: Analysis) -> list[TrialRow]:
 
 
 def _conditions(trials: Sequence[TrialRow]) -> list[Condition]:
-    """Conditions of trials in order, then practice, if there was any, and events outside trials."""
+    """Conditions of trials in order, then practice (if any), and events outside trials."""
     found = sorted({_of_trial(row) for row in trials} - {PRACTICE}, key=str)
     practice: list[Condition] = [PRACTICE] if any(row.practice for row in trials) else []
     return [*found, *practice, OUTSIDE]

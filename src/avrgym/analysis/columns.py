@@ -1,4 +1,4 @@
-"""Columns that several tables of the analysis share, as types of fields."""
+"""Types of fields for columns that several tables of the analysis share."""
 
 from dataclasses import replace
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""The designs that participants took part with: versions of items, differences, and descriptions."""
+"""The study designs of the participants: versions of items, differences between designs, and descriptions."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _ITEMS = TABLES["items"]
 
 @dataclass(frozen=True, kw_only=True)
 class ItemRow:
-    """A version of an item, with the people, or simulated participants, who answered it."""
+    """A version of an item, with the number of people or simulated participants with answers to it."""
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
@@ -73,13 +73,13 @@ DIFFERENCES_NOTICE = (
 
 
 def differences_notice(differences: Sequence[Finding]) -> list[Markup]:
-    """The notice; nothing where there is no difference."""
+    """The notice about differences between designs; empty without differences."""
     wrong = any(each.wrong for each in differences)
     return [warning_box(f"{DIFFERENCES_TITLE}.", DIFFERENCES_NOTICE)] if wrong else []
 
 
 def differences_section(differences: Sequence[Finding], items: Sequence[ItemRow]) -> Markup:
-    """Each difference with the participants and trials concerned, and the items that have versions."""
+    """Each difference with its participants and trials, and the items that have versions."""
     if not differences:
         return Markup()
     lines = bullet_list([f"{each.where}: {each.what}." for each in differences])
@@ -103,7 +103,7 @@ def _versions(items: Sequence[ItemRow]) -> list[Markup]:
 
 
 def describe_by_design(uses: Iterable[SessionDesign], design: Design, words: Callable[[Design], str]) -> str:
-    """Texts of ``words`` about the designs of ``uses``, or about ``design`` if nobody took part yet."""
+    """The texts that ``words`` returns for the designs in ``uses``; without participants, for ``design``."""
     groups: dict[str, list[SessionDesign]] = {}
     for use in uses:
         groups.setdefault(words(use.design), []).append(use)

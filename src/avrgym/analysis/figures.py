@@ -12,7 +12,7 @@ from avrgym.analysis.study import Analysis
 
 
 def draw_figures(analysis: Analysis) -> list[Drawing]:
-    """All figures that there are data for, people's first."""
+    """All figures for which there are data, people's first."""
     drawings: list[Drawing] = []
     for simulated in sorted({row.simulated for row in analysis.objective}):
         drawings += [

@@ -1,13 +1,13 @@
-"""From a study's recordings to the people that policies are trained with: the paper's loop, closed.
+"""Fit a population for training to the participants of a study.
 
-How tall participants were, how they sat or lay in each task and whether they moved becomes a file of people, see
-``people.files``. The rule for every range, where n participants lie between a and b:
+Torso heights, poses in each task and cooperation of the participants become a file of people, see
+``people.people_file``. For n participants with values from a to b, the range is:
 
-    lowest = a - (b - a) / (n - 1),  highest = b + (b - a) / (n - 1)
+    low = a - (b - a) / (n - 1),  high = b + (b - a) / (n - 1)
 
-It covers all participants, and its ends are on average those of the uniform distribution that they come from: of n
-draws from a width W, the least and the greatest are expected W / (n + 1) inside of its ends, and so W (n - 1) / (n + 1)
-apart (David and Nagaraja, *Order Statistics*, 3rd ed., 2003, chapter 2).
+This range covers all participants. If values have a uniform distribution, its expected limits are the limits of that
+distribution: the extremes of n values are expected at W / (n + 1) inside of a range of width W, with a distance of W (n
+- 1) / (n + 1) (David and Nagaraja, *Order Statistics*, 3rd ed., 2003, chapter 2).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -46,10 +46,10 @@ FEW = 8
 
 @dataclass(frozen=True)
 class TrialPose:
-    """One completed trial: whose, of which task, the torso's height, and the joint targets (20,) in degrees.
+    """Participant, task, torso height and joint targets (20,) in degrees of one completed trial.
 
-    ``beginning_deg`` is their mean over the first second in which the robot drives, ``mean_deg`` over the whole trial;
-    ``moved_deg`` is from where to where that joint went which went farthest, of those that offer mouth or arm.
+    ``beginning_deg``: mean over the first second in which the robot moves. ``mean_deg``: mean over the whole trial.
+    ``moved_deg``: the largest range of a joint that can bring mouth or arm to the tool.
     """
 
     participant: str
@@ -63,7 +63,7 @@ class TrialPose:
 
 @dataclass(frozen=True)
 class FittedPeople:
-    """The people fitted to a study, what is to be said about them, and which recordings were left out, and why."""
+    """The people fitted to a study, remarks about them, and the omitted recordings with reasons."""
 
     people: PeopleFile
     remarks: str
@@ -71,17 +71,17 @@ class FittedPeople:
 
 
 def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done, count: None) -> FittedPeople:
-    """Fit people to those who completed trials in a study. Simulated ones count only where nobody else took part.
+    """Fit people to the participants with completed trials in a study.
 
-    Left out are recordings that are missing, damaged or changed, and trials whose person was held for a larger share
-    than the design allows.
+    Simulated participants are used only if no people took part. Missing, damaged or changed recordings are omitted. So
+    are trials with more tracking loss than the design allows.
 
     Args:
-        folder: the study's.
-        progress: told after each recording how many are read, and how many there are.
+        folder: the study.
+        progress: called after each recording with the number of recordings read and their total.
 
     Raises:
-        StudyError: when there is no study, or fewer than two participants have completed a trial.
+        StudyError: without a study, or with fewer than two participants with completed trials.
     """
     with Store(folder) as store:
         attempts = [each for each in completed_attempts(store) if not each.trial.practice]
@@ -118,7 +118,7 @@ def _toml_text(fit: FittedPeople) -> str:
 
 
 def covering_range(values: Sequence[float], limits: Range) -> Range:
-    """The range that the rule gives for two or more participants' values, within what the model allows."""
+    """The range of two or more participants' values, extended as above and limited to the model's range."""
     low, high = min(values), max(values)
     margin = (high - low) / (len(values) - 1)
     return max(low - margin, limits[0]), min(high + margin, limits[1])
@@ -130,7 +130,7 @@ def covering_range(values: Sequence[float], limits: Range) -> Range:
 def _see_all(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None]
 ) -> tuple[list[TrialPose], list[str]]:
-    """What every recording shows, and what is wrong with those that show nothing."""
+    """The poses in all recordings, and the faults of recordings without a pose."""
     trials: list[TrialPose] = []
     left_out: list[str] = []
     for number, attempt in enumerate(attempts, start=1):
@@ -143,7 +143,7 @@ def _see_all(
 
 
 def _see(attempt: ExportedAttempt) -> TrialPose:
-    """What a recording shows; ``StudyError``, beginning with its name, for one that is not used."""
+    """The pose in a recording. An unusable recording raises ``StudyError`` with a message that begins with its name."""
     recording = attempt.read_whole()
     held = describe_excess_loss(recording, attempt.store.design)
     if held is not None:
@@ -169,7 +169,7 @@ def _seen(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
 
 
 def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """The joint targets (n, 20) while the robot drove, degrees, and when each came, s, (n + 1,) with the end."""
+    """Times (n + 1,) in s and joint targets (n, 20) in degrees while the robot moves; the last time is the end."""
     events, control = recording.topics["/events"], recording.topics["/control"]
     begins = [time_ns for time_ns, event in events if (event.name, event.detail) == ("phase", "trial")]
     targets = recording.topics["/body_targets"]
@@ -183,7 +183,7 @@ def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
 
 
 def _mean(times_s: FloatArray, values: FloatArray, until_s: float) -> FloatArray:
-    """The mean over time, (20,), of values (n, 20) that each last until the next of times (n + 1,)."""
+    """The time average (20,) of values (n, 20); each value lasts until the next of times (n + 1,)."""
     lasted_s = np.diff(np.minimum(times_s, until_s))
     return lasted_s @ values / lasted_s.sum()
 
@@ -203,7 +203,7 @@ def _fitted(trials: Sequence[TrialPose], source: Source) -> PeopleFile:
 
 
 def _of_each(values: Iterable[tuple[str, float]]) -> list[float]:
-    """Each participant's mean, from participants and values."""
+    """The mean of each participant."""
     of_participant: dict[str, list[float]] = {}
     for participant, value in values:
         of_participant.setdefault(participant, []).append(value)
@@ -211,7 +211,7 @@ def _of_each(values: Iterable[tuple[str, float]]) -> list[float]:
 
 
 def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:
-    """Torso heights of a sex; of both where fewer than two of it took part."""
+    """The range of torso heights of a sex; of both sexes if fewer than two participants have this sex."""
     own = _of_each((t.participant, t.torso_height_m) for t in trials if t.sex == sex)
     both = _of_each((t.participant, t.torso_height_m) for t in trials)
     low, high = covering_range(own if len(own) > 1 else both, TORSO_HEIGHT_RANGE_M)
@@ -219,9 +219,9 @@ def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:
 
 
 def _pose(trials: Sequence[TrialPose], moving: bool) -> dict[str, Range]:
-    """Each joint's range in degrees: where those who move begin, else where people are all the while.
+    """The range of each joint in degrees: at the beginning if people move, else over whole trials.
 
-    Nothing, where fewer than two did the task.
+    Empty for fewer than two participants.
     """
     if len({trial.participant for trial in trials}) < 2:
         return {}
@@ -252,7 +252,7 @@ def _remarks(source: Source) -> str:
 
 
 def _few(count: int) -> str:
-    """What few participants say about others: of those, (n - 1) / (n + 1) lie between least and greatest on average."""
+    """The limitation of few participants: on average a share (n - 1) / (n + 1) of others is within their extremes."""
     share = (count - 1) / (count + 1)
     return (
         f"Only {count} participants: on average {share:.0%} of other people lie between the least and the greatest of "

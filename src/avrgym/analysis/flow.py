@@ -26,17 +26,18 @@ WITHDRAWN = "participant withdrawn"
 
 @dataclass(frozen=True, kw_only=True)
 class ParticipantFlow:
-    """How many people, or simulated participants, came how far; each step is what is left of the one before.
+    """Numbers of people, or of simulated participants, at each step of a study; each step is a subset of an earlier
+    one.
 
-    ``analysed`` are those with anything that counts; ``analysed_unfinished`` of them have not completed the study, and
-    ``completed_without_data`` completed it with nothing that counts. ``excluded_by`` says how often each answer to an
-    inclusion question excluded somebody, ``withdrew_before_for`` and ``withdrew_for`` how often each reason was given.
+    ``enrolled`` includes participants with ``deleted`` data. ``analysed`` have counted trials or answers;
+    ``analysed_unfinished`` of them have not completed the study. ``completed_without_data`` completed it without
+    counted data. ``excluded_by``: number of exclusions by each answer to an inclusion question. ``withdrew_before_for``
+    and ``withdrew_for``: number of withdrawals by reason.
 
-    ``enrolled`` includes participants with ``deleted`` data. ``orders`` says how
-    many were given each order of trials, ``consents`` how many agreed to each version of the consent text as their
-    latest one. ``reconsented`` and ``declined`` count re-consents to another version. Days
-    are those of sessions, ISO 8601. Of those ``unknown``, and of those ``unknown_before`` an order, it is not known
-    whether they consented or withdrew, because the database was lost.
+    ``orders``: number of participants with each order of trials. ``consents``: number by latest accepted version of the
+    consent text. ``reconsented``: number with consent to a later version. ``declined``: number with a refusal.
+    ``first_day`` and ``last_day`` are days of sessions (ISO 8601). After loss of the database it is ``unknown`` whether
+    some participants withdrew, and of ``unknown_before`` whether they consented.
     """
 
     simulated: bool
@@ -127,7 +128,7 @@ def _excluding(design: Design, participant: Participant) -> Iterator[str]:
 
 
 def _reasons(store: Store, own: Sequence[Participant]) -> Iterator[str]:
-    """Why each participant withdrew, as the experimenter stored it."""
+    """The reason of each withdrawal that the experimenter stored."""
     gone = {each.number for each in own if each.state == "withdrawn"}
     stored = {each.participant: each.detail for each in store.events() if each.name == WITHDRAWN}
     return (stored.get(number) or "no reason stored" for number in sorted(gone))
@@ -145,7 +146,7 @@ UNKNOWN_TEXT = "consent or withdrawal unknown, database lost"
 
 
 def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
-    """Each step, with the participants who left after it."""
+    """Each step with its number, and the participants who left after it."""
     before = f"withdrew before the first trial was planned{_why(flow.withdrew_before_for)}"
     unfinished = f", of them {flow.analysed_unfinished} not finished yet" if flow.analysed_unfinished else ""
     return [
@@ -190,7 +191,7 @@ def _some(left: dict[str, int]) -> list[str]:
 
 
 def flow_chart(flow: ParticipantFlow) -> Drawing:
-    """The flow as a figure; one of simulated participants names them as such."""
+    """The flow as a figure; the figure is marked if participants are simulated."""
     width_in, shown = BOX_IN + SIDE_IN + 3 * GAP_IN, flow_steps(flow)
     boxes = [_tall(_lines([words])) for words, _ in shown]
     beside = [_tall(lines) + GAP_IN if (lines := _lines(left)) else 0.0 for _, left in shown]
@@ -219,7 +220,7 @@ def _lines(texts: Sequence[str]) -> list[str]:
 
 
 def _tall(lines: Sequence[str]) -> float:
-    """The height of a box with these lines."""
+    """The height of a box with this number of lines."""
     return LINE_IN * (len(lines) + 1)
 
 

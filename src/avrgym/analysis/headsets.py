@@ -66,7 +66,7 @@ class HeadsetRow:
 
 
 def headset_rows(store: Store) -> list[HeadsetRow]:
-    """Those of all sessions that began with a check, in their order."""
+    """The headset check of each session that has one, in order."""
     return [
         _row(participant, session, session.headset)
         for participant in store.participants()
@@ -108,7 +108,7 @@ def _row(participant: Participant, session: StudySession, check: HeadsetCheck) -
 
 
 def describe_headset_checks(rows: Sequence[HeadsetRow]) -> str:
-    """What a methods section says of them; empty where no session began with a check."""
+    """Sentences for the methods section; empty without checks."""
     if not rows:
         return ""
     ready, emulated = sum(row.go for row in rows), sum(row.emulated for row in rows)
@@ -142,7 +142,7 @@ HEADS = (
 
 
 def headset_section(rows: Sequence[HeadsetRow]) -> Markup:
-    """What they measured; nothing where no session began with one."""
+    """Results of the headset checks; empty without checks."""
     if not rows:
         return Markup()
     shown = table("Checks of the headset", HEADS, [_cells(row) for row in rows], numbers=[*range(4, 12), 15])

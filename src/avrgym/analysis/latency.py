@@ -31,7 +31,7 @@ class LatencyRow:
 
 
 def latency_rows(trials: Sequence[TrialRow], latencies: Latencies) -> list[LatencyRow]:
-    """People first, each group before its participants; only participants with measurements."""
+    """Latency of all people, then of each person, then the same for simulated participants; only with measurements."""
     rows: list[LatencyRow] = []
     for simulated in (False, True):
         told = {
@@ -79,7 +79,7 @@ LATENCY_METHOD = (
 
 
 def latency_section(latencies: Sequence[LatencyRow], simulated: bool) -> Markup:
-    """Latency by stage, and the participant with the largest; empty without measurements."""
+    """Latency by stage, and the participant with the largest latency; empty without measurements."""
     rows = [row for row in latencies if row.simulated is simulated]
     if not rows:
         return Markup()

@@ -11,9 +11,9 @@ from avrgym.study.storage.store import Store
 
 @dataclass(frozen=True)
 class StudyLog:
-    """Entries of a log by count, with the times of the first and the last, and the people in it, in words.
+    """Number of log entries, times of the first and last entry, and descriptions of the people in the log.
 
-    Views of results after the planned end do not count. ``interim_looks`` are those before it, in words.
+    ``interim_looks`` describe views of results before the planned end. Later views do not count.
     """
 
     entries: int
@@ -40,7 +40,9 @@ ENTRIES_LOST = "The database was rebuilt from the recordings: entries from befor
 
 
 def log_section(log: StudyLog, rebuilt_at: str | None) -> Markup:
-    """The log by count, and views of results before the planned end; ``rebuilt_at`` is of a rebuilt database."""
+    """Numbers of log entries, and views of results before the planned end; ``rebuilt_at``: when the database was
+    rebuilt.
+    """
     lost = [tag("p", ENTRIES_LOST)] if rebuilt_at else []
     return tag(
         "section",

@@ -19,21 +19,21 @@ FOLDERS = ("report", "tables", "figures", PACK)
 
 
 def check_output_folder(out: Path) -> None:
-    """Raise ``StudyError`` where an analysis would overwrite what no analysis made."""
+    """Raise ``StudyError`` if an analysis would overwrite other files."""
     present = [name for name in (*FOLDERS, RESULTS) if (out / name).exists()]
     if present and previous_files(out) is None:
         raise StudyError(f"{out / present[0]} is not of an earlier analysis; choose another folder")
 
 
 def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
-    """Write report, tables, figures and results into a folder; gives the report.
+    """Write report, tables, figures and results into a folder; returns the report's path.
 
-    The files of an earlier analysis there are replaced, all others stay. New ones are their owner's alone.
-    ``study`` is the study's folder, to which the report links.
+    Files of an earlier analysis are replaced, other files remain. Only their owner can read new files. ``study`` is the
+    study's folder; the report has links to it.
 
     Raises:
-        StudyError: when the folder holds files of these names that no analysis made.
-        OSError: when it cannot be written.
+        StudyError: if the folder contains other files with these names.
+        OSError: if it cannot be written.
     """
     check_output_folder(out)
     make_private_folder(out)
@@ -49,7 +49,7 @@ def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
 
 
 def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
-    """Write all but the results' file into a new folder."""
+    """Write all files except the results into a new folder."""
     for folder in ("report", "tables", "figures"):
         (made / folder).mkdir()
     for table in analysis.tables():
@@ -62,7 +62,7 @@ def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
 
 
 def _replace(made: Path, out: Path, files: list[str]) -> None:
-    """Move new files to their places, the results last, and remove those that an earlier analysis made in addition."""
+    """Move new files to their places, the results last, and remove other files of an earlier analysis."""
     remove_files(out, set(previous_files(out) or ()) - set(files))
     for folder in FOLDERS:
         make_private_folder(out / folder)

@@ -1,4 +1,4 @@
-"""The frozen plan of a study: which tests it may name, what it makes of results, and deviations from it."""
+"""The frozen plan of a study: tests that it can name, the status of results, and deviations."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -39,7 +39,7 @@ Expected = tuple[str, list[str], Question]
 
 
 def required_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """The families of tests of a design's analysis by name, each with the quantities that it takes."""
+    """The families of tests that a plan must name, each with its quantities."""
     return {
         question.by(unit): tuple(quantities)
         for question, units, quantities in _questions(design)
@@ -48,17 +48,17 @@ def required_tests(design: Design) -> dict[str, tuple[str, ...]]:
 
 
 def optional_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Tests that a plan need not name: of objective measures, and effects in models. They are then exploratory."""
+    """Tests of objective measures and effects in models. They are exploratory unless a plan names them."""
     return outcome_tests(design) | model_tests(design)
 
 
 def available_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """All tests that a plan may name: those that it must name, and those that it need not name."""
+    """All tests that a plan can name: required and optional ones."""
     return required_tests(design) | optional_tests(design)
 
 
 def _questions(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequence[str]]]:
-    """Each question with what its values may stand for, and its quantities."""
+    """Each question with its units of analysis and quantities."""
     rated = questionnaires_at(design, AFTER_TRIAL)
     for questionnaire in rated[:1]:
         yield midpoint_question(questionnaire), BOTH_UNITS, [questionnaire.items[0].id]
@@ -87,7 +87,7 @@ def _about_scores(design: Design) -> Iterator[tuple[Question, Sequence[str], Seq
 
 
 def suggested_hypotheses(design: Design) -> tuple[Hypothesis, ...]:
-    """The paper's expectations for a design, each value a participant, as a plan to begin with."""
+    """The paper's hypotheses for a design, tested by participant; a template for a plan."""
     rated = questionnaires_at(design, AFTER_TRIAL)
     expected = [_above_midpoint(rated[0])] if rated else []
     if rated and len(design.policies) > 1:
@@ -116,10 +116,10 @@ def _better_policy(design: Design, questionnaire: Questionnaire) -> Expected:
 
 @dataclass(frozen=True, eq=False)
 class FrozenPlan:
-    """A study's frozen plan, if it can still be told, and in what the study deviates from it.
+    """A study's frozen plan (``None`` if its contents are unknown), and the study's deviations from it.
 
-    ``words`` are what is known of its date. ``confirms``: it is known to be from before the first participant.
-    ``sha256`` is the checksum of the plan, ``record_sha256`` that of its frozen record.
+    ``words`` describe its date. ``confirms``: it is certainly older than the first participant. ``sha256``: checksum of
+    the plan. ``record_sha256``: checksum of its frozen record.
     """
 
     at: str
@@ -132,7 +132,7 @@ class FrozenPlan:
 
     @property
     def confirmed(self) -> Plan | None:
-        """The plan that makes tests confirmatory, if there is one."""
+        """The plan if it makes tests confirmatory."""
         return self.plan if self.confirms else None
 
 
@@ -157,7 +157,7 @@ def read_frozen_plan(store: Store, design: Design, observed: StudyData) -> Froze
 
 
 def label_by_plan(families: list[Family], plan: Plan, design: Design) -> list[Family]:
-    """The families with what each test is by the plan; what it need not name is exploratory."""
+    """The families with each test's status in the plan. Optional tests outside the plan are exploratory."""
     optional = optional_tests(design)
 
     def label(row: ComparisonRow) -> str:
@@ -188,7 +188,7 @@ NO_PLAN = (
 
 
 def plan_section(plan: FrozenPlan | None) -> Markup:
-    """The plan and the deviations from it; nothing where none was frozen."""
+    """The plan and the deviations from it; empty without a plan."""
     if plan is None:
         return Markup()
     parts = (_frozen_text(plan), _deviations(plan))
@@ -225,7 +225,7 @@ def _deviations(frozen: FrozenPlan) -> Markup:
 def confirmatory_section(
     plan: Plan | None, tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool
 ) -> Markup:
-    """The tests of the plan's hypotheses for a group of participants; nothing where no plan was frozen."""
+    """Tests of the plan's hypotheses for a group of participants; empty without a plan."""
     if plan is None:
         return Markup()
     shown = [_hypothesis(plan, each, tests, models, simulated) for each in plan.hypotheses]

@@ -1,8 +1,8 @@
-"""The primary result of each question of a study, corrected over all primary results.
+"""The primary results of a study, and their correction for multiple testing.
 
-Without a plan the primary results are the tests by participant of whether policies differ in each answer, score and
-objective measure, of the first answer against the middle of its scale, and of changes over sessions. With a plan they
-are the tests of its hypotheses. All other results are descriptive and have no stars.
+Without a plan the primary results are tests by participant: differences between policies in each answer, score and
+objective measure, the first answer against the midpoint of its scale, and changes over sessions. With a plan they are
+the tests of its hypotheses. All other results are descriptive and have no stars.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -45,7 +45,7 @@ Place = tuple[int, int]
 
 @dataclass(frozen=True)
 class ResultsWithRoles:
-    """The tests and effects of a study, each with its role, primary ones corrected and with stars."""
+    """Tests and effects of a study with their roles; primary results are corrected and have stars."""
 
     families: list[Family]
     models: list[ModelRow]
@@ -54,7 +54,7 @@ class ResultsWithRoles:
 def assign_roles(
     families: Sequence[Family], models: Sequence[ModelRow], plan: Plan | None
 ) -> ResultsWithRoles:
-    """Give every test and effect its role; people and simulated participants are corrected apart.
+    """Assign a role to every test and effect; people and simulated participants are corrected separately.
 
     Args:
         families: the tests.
@@ -96,7 +96,7 @@ def assign_roles(
 
 
 def _role_of_test(family: Family, row: ComparisonRow, plan: Plan | None) -> str:
-    """A hypothesis that names a test by trial is evaluated by the same test by participant."""
+    """The role of a test. A hypothesis that names a test by trial is tested by participant."""
     if row.unit == TRIAL:
         return SUPPLEMENT
     if plan is None:
@@ -121,7 +121,7 @@ def _p_and_differences(families: Sequence[Family], at: Place) -> Tested:
 
 
 def _corrected(tests: Sequence[Tested], effects: Sequence[float | None]) -> list[float | None]:
-    """p of tests, then of model effects, corrected for multiple testing.
+    """Corrected p of tests, then of model effects.
 
     Paired tests get the sign-flip permutation correction, all others Holm's. If there are both, each p is doubled
     (Bonferroni over the two parts).
@@ -226,7 +226,7 @@ def _model_cells(row: ModelRow) -> tuple[object, ...]:
 
 
 def _limits(tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool) -> Iterator[str]:
-    """Limits of tests with few participants."""
+    """Notes on tests with few participants."""
     rows = [*chain(*_primary_of_group(tests, models, simulated))]
     if any(row.note == TOO_FEW for row in rows):
         yield f"With fewer than {MIN_PARTICIPANTS} participants, results are described and not tested."

@@ -14,7 +14,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class RepeatRow:
-    """The attempts of one condition that repeats replaced for one cause."""
+    """Attempts of one condition that were replaced by repeats for one cause."""
 
     simulated: IsSimulated
     task: TaskName
@@ -39,7 +39,7 @@ class RepeatRow:
 
 
 def repeat_rows(tried: Iterable[AttemptedTrial]) -> list[RepeatRow]:
-    """The rows of all conditions in which something was repeated."""
+    """The rows of all conditions with repeats."""
     conditions = defaultdict[tuple[bool, str, str, str], list[AttemptedTrial]](list)
     for each in tried:
         condition = (each.participant.simulated, each.trial.task, each.trial.robot, each.trial.policy)
@@ -90,7 +90,7 @@ def repeats_section(
 
 
 def _letters(design: Design) -> list[Markup]:
-    """The letters that replace policies in the findings of a blind study."""
+    """The letters of the policies in a blind study, for the findings."""
     if not design.blind_experimenter:
         return []
     codes = [f"{letter} is {policy}" for policy, letter in design.policy_codes().items()]

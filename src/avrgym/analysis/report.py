@@ -1,4 +1,4 @@
-"""The report of a study: people first, then simulated participants, each with a section for each topic."""
+"""The report of a study: people first, then simulated participants, with a section for each topic."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -54,7 +54,7 @@ TITLES = {False: "People", True: "Simulated participants"}
 
 
 def write_report(path: Path, analysis: Analysis, drawings: Sequence[Drawing], study_link: str) -> None:
-    """Write the page; ``study_link`` leads from it to the study's folder. The same analysis gives the same bytes."""
+    """Write the page; ``study_link`` is the link to the study's folder. Equal analyses give equal bytes."""
     groups = sorted({row.simulated for row in analysis.observed.participants})
     header = [
         tag("p", "Analysis of the study in its current state."),
@@ -204,7 +204,7 @@ def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
 
 
 def _facts(analysis: Analysis) -> Markup:
-    """Facts for a publication that the data do not contain."""
+    """Information for a publication that is not in the data."""
     design, uses = analysis.design, analysis.uses
     given = {
         name.replace("_", " ").capitalize(): text or "missing; set it in [reporting] of study.toml"
@@ -250,7 +250,7 @@ def _problems(analysis: Analysis) -> Markup:
 
 
 def _problem(what: str, consequence: str, where: Sequence[str]) -> Markup:
-    """A problem, once for all places that have it; many places are listed in details."""
+    """A problem, once for all its places; many places are listed in details."""
     if len(where) == 1:
         return tag("span", f"{where[0]} {what}: {consequence}.")
     return tag("details", tag("summary", f"{len(where)} times: {what}: {consequence}."), bullet_list(where))

@@ -1,4 +1,4 @@
-"""Results by site, for studies with more than one. They describe how far sites agree and test nothing."""
+"""Results by site, for studies with several sites. They describe the agreement of sites and contain no tests."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass

@@ -1,4 +1,4 @@
-"""The analysis of a study: from its recordings to the paper's results."""
+"""The analysis of a study: all tables and tests from its recordings and database."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -87,11 +87,9 @@ FROM_FILE = "what recordings do not contain is taken from the study's present fi
 class Analysis:
     """The results of a study. ``groups`` are the groups of participants with recorded bodies.
 
-    ``design`` is the study's design with all items that participants answered. ``uses`` are the designs that people
-    took part with, as recorded, and ``differences`` their differences from the study's present design.
-    ``losses`` describe the consequences of a lost database.
-
-    ``repeat_findings`` are about simulated participants if ``repeats_about`` is true, else about people.
+    ``design`` is the study's design with all answered items. ``uses`` are the recorded designs of the participants, and
+    ``differences`` their differences from the present design. ``losses`` describe the consequences of a lost database.
+    ``repeat_findings`` are about simulated participants if ``repeats_about`` is true, otherwise about people.
     """
 
     design: Design
@@ -168,7 +166,7 @@ class Analysis:
         yield control_steps(seen.series, {row.participant: row for row in seen.participants}, self.design)
 
     def results(self) -> dict[str, Any]:
-        """Every number but those of single control steps and of the people drawn, which only tables hold."""
+        """Every result for ``results.json``. Control steps and sampled people are only in tables."""
         return {
             "format": FORMAT,
             "title": self.design.title,

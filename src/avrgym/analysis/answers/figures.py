@@ -53,7 +53,7 @@ MOST_BRACKETS = 6
 def trial_answers_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """The paper's figure for each questionnaire: its items with each policy, and which policies differ."""
+    """The paper's figure for each questionnaire: answers to its items by policy, and policies that differ."""
     for questionnaire in questionnaires_at(design, AFTER_TRIAL):
         own = [row for row in likert if (row.questionnaire, row.moment) == (questionnaire.name, AFTER_TRIAL)]
         groups = {policy: [row for row in own if row.policy == policy] for policy in design.policies}
@@ -68,7 +68,7 @@ def trial_answers_figures(
 def mean_answers_figures(
     design: Design, simulated: bool, rows: Sequence[SubjectiveRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """The paper's figure 8 as it was drawn: mean answers over all trials with each policy."""
+    """Figure 8 of the paper: mean answers over all trials with each policy."""
     for questionnaire in questionnaires_at(design, AFTER_TRIAL):
         items = {item.id: item for item in questionnaire.items}
         own = [
@@ -88,20 +88,20 @@ def mean_answers_figures(
 def _differences(
     design: Design, questionnaire: Questionnaire, tests: Sequence[ComparisonRow]
 ) -> list[ComparisonRow]:
-    """The tests between policies that a figure shows: each value is one participant's mean."""
+    """Tests between policies that a figure shows; each value is the mean of one participant."""
     family = policy_question(design, questionnaire).by(PARTICIPANT)
     return _shown(row for row in tests if row.family == family)
 
 
 def _shown(tests: Iterable[ComparisonRow]) -> list[ComparisonRow]:
-    """Primary results of enough participants: no other is in a figure."""
+    """Primary results with enough participants. Figures show no other results."""
     return [row for row in tests if row.role == PRIMARY and row.n_a >= MIN_PARTICIPANTS]
 
 
 def session_answers_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[Drawing]:
-    """For each questionnaire about sessions its items before and after, and which changed."""
+    """For each questionnaire about sessions: answers before and after, and items that changed."""
     for questionnaire in session_questionnaires(design):
         own = [row for row in likert if row.questionnaire == questionnaire.name]
         groups = {
@@ -117,12 +117,12 @@ def session_answers_figures(
 
 
 def trial_figure_name(design: Design, questionnaire: Questionnaire) -> str:
-    """The figure of answers after trials, named where there are several questionnaires."""
+    """The file name of the figure of answers after trials; with several questionnaires it contains the name."""
     return "likert" if len(questionnaires_at(design, AFTER_TRIAL)) == 1 else f"likert-{questionnaire.name}"
 
 
 def session_figure_name(questionnaire: Questionnaire) -> str:
-    """The figure of answers about sessions."""
+    """The file name of the figure of answers about sessions."""
     return f"sessions-{questionnaire.name}"
 
 
@@ -134,9 +134,9 @@ def _likert_figure(
     tests: Sequence[ComparisonRow],
     words: tuple[str, str],
 ) -> Drawing:
-    """Answers to each item of a questionnaire in each group, in its own words, and differences between groups.
+    """Distribution of the answers to each item of a questionnaire in each group, with differences between groups.
 
-    ``words`` name the groups, and the numbers in the bars.
+    ``words`` name the groups and describe the numbers in the bars.
     """
     what, counted = words
     by_item = {item.id: [row for row in tests if row.quantity == item.id] for item in questionnaire.items}
@@ -174,7 +174,7 @@ def _likert_figure(
 
 
 def _axis(axes: Axes, beside: float, label: str) -> None:
-    """Draw the axis of shares, with room ``beside`` it for tests."""
+    """Draw the axis of shares, with room for tests at its right."""
     axes.set(xlim=(-1.0, 1.04 + beside), xlabel=label)
     axes.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0], ["100", "50", "0", "50", "100"])
     axes.spines[["left", "bottom"]].set_visible(False)
@@ -197,13 +197,13 @@ def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
 
 
 def _common_scale(questionnaire: Questionnaire) -> str:
-    """The scale of all items in its words; empty where they differ."""
+    """The common scale of all items as text; empty if scales differ."""
     scales = dict.fromkeys(questionnaire.describe_scale(item) for item in questionnaire.items)
     return next(iter(scales)) if len(scales) == 1 else ""
 
 
 def _head(questionnaire: Questionnaire, item: Item, letters: int, common: str) -> str:
-    """An item's words in lines that fit the figure, with its scale unless all items have the same."""
+    """The text of an item in lines that fit the figure, with its scale unless all items have the same."""
     words = [f"{item.id}  {item.text}", *([] if common else [questionnaire.describe_scale(item)])]
     return "\n".join(line for each in words for line in wrap(each, letters))
 
@@ -223,7 +223,7 @@ def _bars(
 
 
 def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, share_in: float) -> None:
-    """A bar of shares by value, its neutral value centred on zero; a share is ``share_in`` long."""
+    """A bar of shares by value, centred at its neutral value; a share is ``share_in`` inches long."""
     below = sum(row.share for row in rows if row.value < neutral)
     at = sum(row.share for row in rows if row.value == neutral)
     left = -(below + at / 2)
@@ -240,7 +240,7 @@ def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, shar
 def _brackets(
     axes: Axes, top: float, groups: Sequence[str], tests: Sequence[ComparisonRow], width: float
 ) -> None:
-    """Which groups differ in an item, beside its bars."""
+    """Brackets at the bars of an item for groups that differ."""
     for index, row in enumerate(tests):
         first, second = (top + groups.index(group) for group in (row.group_b, row.group_a))
         x = 1.02 + width * index
@@ -260,7 +260,7 @@ def means_figure(
     rows: Sequence[SubjectiveRow],
     tests: Sequence[ComparisonRow],
 ) -> Figure:
-    """Mean answers to each item over all trials with each policy, in as many rows as they need."""
+    """Mean answers to each item over all trials with each policy, in one row or several."""
     items, count = questionnaire.items, _items_in_row(design, questionnaire.items)
     parts = [items[begin : begin + count] for begin in range(0, len(items), count)]
     with matplotlib.rc_context(STYLE):
@@ -275,7 +275,7 @@ def means_figure(
 
 
 def _items_in_row(design: Design, items: Sequence[Item]) -> int:
-    """How many items a row holds, by the width of their bars and names."""
+    """Number of items in a row; depends on the widths of bars and names."""
     item_in = max(
         BAR_WIDTH_IN * len(design.policies) / GROUP_WIDTH,
         LETTER_WIDTH_IN * (1 + max(len(item.id) for item in items)),
@@ -284,7 +284,7 @@ def _items_in_row(design: Design, items: Sequence[Item]) -> int:
 
 
 def _mean_bars(axes: Axes, design: Design, items: Sequence[Item], rows: Sequence[SubjectiveRow]) -> None:
-    """A bar for each item and policy, from the bottom of the axes on."""
+    """A bar for each item and policy, upwards from the bottom of the axes."""
     width = GROUP_WIDTH / len(design.policies)
     ids = [item.id for item in items]
     for index, policy in enumerate(design.policies):
@@ -300,7 +300,7 @@ def _mean_bars(axes: Axes, design: Design, items: Sequence[Item], rows: Sequence
 def _mean_axis(
     axes: Axes, questionnaire: Questionnaire, items: Sequence[Item], tests: Sequence[ComparisonRow]
 ) -> None:
-    """The ends of the items' scales, with the tests above them."""
+    """The range of the items' scales on the y axis, with the tests above."""
     scales = [questionnaire.scale_of(item) for item in items]
     least, most = min(scale.lowest for scale in scales), max(scale.highest for scale in scales)
     ids = [item.id for item in items]

@@ -67,7 +67,7 @@ class ScoreSummaryRow:
 
 
 def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[ScoreSummaryRow]:
-    """How each scale came out with each policy, before and after sessions, and how sessions changed it."""
+    """Summary of each scale with each policy, before and after sessions, and of its change."""
     rows: list[ScoreSummaryRow] = []
     for simulated, questionnaire, own in _by_questionnaire(design, scores):
         for scale, policy in product(_scales(own), design.policies):
@@ -81,10 +81,10 @@ def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[Score
 
 
 def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
-    """Wilcoxon's signed-rank tests of every scale, each questionnaire a family.
+    """Wilcoxon signed-rank tests of every scale; each questionnaire is a family.
 
-    Policies are paired within participant × task × robot, over trials and over participants; about sessions each
-    participant after against before.
+    Policies are paired within participant × task × robot, by trial and by participant. Scores about sessions are paired
+    within participant, after against before.
     """
     families: list[Family] = []
     for simulated, questionnaire, own in _by_questionnaire(design, scores):
@@ -102,20 +102,20 @@ def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
 
 
 def scores_policies_question(questionnaire: Questionnaire) -> Question:
-    """Whether policies differ in a questionnaire's scores."""
+    """The question whether policies differ in a questionnaire's scores."""
     return Question(
         f"policies, scores of {questionnaire.name}", score_tests_caption(questionnaire), primary=True
     )
 
 
 def scores_change_question(questionnaire: Questionnaire) -> Question:
-    """Whether sessions change a questionnaire's scores."""
+    """The question whether sessions change a questionnaire's scores."""
     name = f"before and after sessions, scores of {questionnaire.name}"
     return Question(name, score_tests_caption(questionnaire), primary=True)
 
 
 def score_tests_caption(questionnaire: Questionnaire) -> str:
-    """The caption of the table with the tests of a questionnaire's scores."""
+    """The caption of the table of tests of a questionnaire's scores."""
     return f"{questionnaire.name}: tests of scores"
 
 
@@ -132,7 +132,7 @@ def _policy_family(
 def _by_questionnaire(
     design: Design, scores: Sequence[ScoreRow]
 ) -> Iterator[tuple[bool, Questionnaire, list[ScoreRow]]]:
-    """For people and simulated participants each instrument's counted scores that there are."""
+    """The counted scores of each instrument, for people and for simulated participants."""
     counted = [row for row in scores if row.counted and row.score is not None]
     for simulated in sorted({row.simulated for row in counted}):
         for questionnaire in design.questionnaires:
@@ -174,7 +174,7 @@ def _summary_rows(
     policy: str | None,
     values: Sequence[float],
 ) -> list[ScoreSummaryRow]:
-    """One row, or none where nobody has a score."""
+    """One row; none without scores."""
     if not values:
         return []
     return [
@@ -202,7 +202,7 @@ def scores_section(
     simulated: bool,
     tests: TestTables,
 ) -> Markup:
-    """What each instrument's scales came out as, with tests; nothing where a study uses none."""
+    """Summaries and tests of each instrument's scales; empty if the study uses no instrument."""
     own_scores = [row for row in scores if row.simulated is simulated]
     own_summaries = [row for row in summaries if row.simulated is simulated]
     parts = [
@@ -256,7 +256,7 @@ def _summary_table(caption: str, rows: Sequence[ScoreSummaryRow], instrument: In
 
 
 def _range_cells(row: ScoreSummaryRow, instrument: Instrument) -> tuple[str, str]:
-    """Between which scores a scale's lie; changes have no ends of their own."""
+    """The lowest and highest possible score of a scale; empty for changes."""
     least, most = instrument.range_of(row.scale)
     return ("", "") if row.moment == CHANGE else (short_number(least), short_number(most))
 

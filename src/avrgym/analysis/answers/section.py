@@ -42,7 +42,7 @@ def answers_section(
     drawings: Drawings,
     tests: TestTables,
 ) -> Markup:
-    """How participants answered each questionnaire after trials, with the paper's tests, then about sessions."""
+    """Answers to each questionnaire after trials, with the paper's tests, then answers about sessions."""
     rated = [
         _after_trials(design, after_trials, simulated, drawings, tests, questionnaire)
         for questionnaire in questionnaires_at(design, AFTER_TRIAL)
@@ -118,7 +118,7 @@ def _moments(questionnaire: Questionnaire) -> list[str]:
 
 
 def _statements(questionnaire: Questionnaire) -> Markup:
-    """The items in their own words."""
+    """The texts of the items."""
     return bullet_list(
         [f"{item.id}: {item.text} ({questionnaire.describe_scale(item)})" for item in questionnaire.items]
     )
@@ -133,7 +133,7 @@ def _quartiles(row: SubjectiveRow | SessionAnswerRow) -> tuple[int, str, str, st
 
 
 def _brief_number(value: float) -> str:
-    """A number without needless digits."""
+    """A number without trailing zeros."""
     return f"{value:g}".replace("-", "−")
 
 

@@ -1,4 +1,4 @@
-"""What participants answered before and after sessions, and how that changed."""
+"""Answers of participants before and after sessions, and their changes."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -40,9 +40,9 @@ CHANGE = "change"
 
 @dataclass(frozen=True, kw_only=True)
 class SessionAnswerRow:
-    """Summary of the counted answers to one item before or after sessions, one value for each participant.
+    """Summary of the counted answers to one item before or after sessions; one value for each participant.
 
-    The change is the answer after minus the answer before, of participants who answered both times.
+    The change is the answer after minus the answer before, for participants with both answers.
     """
 
     simulated: IsSimulated
@@ -108,7 +108,7 @@ def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Famil
 
 
 def values_at(moment: str, quantity: str, given: SessionValues) -> list[float]:
-    """The values at a moment; for ``CHANGE`` after minus before, of participants with both answers."""
+    """The values at a moment. For ``CHANGE``: after minus before, for participants with both answers."""
     if moment != CHANGE:
         return list(given.get((moment, quantity), {}).values())
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
@@ -116,7 +116,7 @@ def values_at(moment: str, quantity: str, given: SessionValues) -> list[float]:
 
 
 def compare_before_after(quantity: str, given: SessionValues) -> Comparison:
-    """Values after sessions against values before, of participants with both answers."""
+    """Test values after sessions against values before, for participants with both answers."""
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
     both = [name for name in before if name in after]
     a, b = [after[name] for name in both], [before[name] for name in both]
@@ -142,7 +142,7 @@ def change_question(questionnaire: Questionnaire) -> Question:
 def _asked(
     design: Design, answers: Sequence[AnswerRow]
 ) -> Iterator[tuple[bool, Questionnaire, SessionValues]]:
-    """Each questionnaire about sessions with its counted answers, for people and simulated participants."""
+    """Each questionnaire about sessions with its counted answers, for people and for simulated participants."""
     counted = [row for row in answers if row.counted and row.moment in SESSION_MOMENTS]
     for simulated in sorted({row.simulated for row in counted}):
         given: dict[tuple[str, str], dict[str, float]] = {}

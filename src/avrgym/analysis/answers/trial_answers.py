@@ -1,4 +1,4 @@
-"""What participants answered: how answers are distributed, and the paper's two questions about them."""
+"""Answers of participants after trials: their distribution, and the paper's two tests."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ class SubjectiveRow:
 
 @dataclass(frozen=True, kw_only=True)
 class LikertRow:
-    """Frequency of one value among the answers to an item, with a policy or at a moment of sessions."""
+    """Frequency of one value among the answers to an item, with a policy or before or after sessions."""
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
@@ -130,12 +130,12 @@ def counts(
 
 
 def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
-    """The paper's tests, once over trials as in the paper and once over participants.
+    """The paper's tests, by trial (as in the paper) and by participant.
 
-    The first item asked after a trial (L1: success) against the middle of its scale, for each policy; each item
-    with one policy against another, paired within participant × task × robot, each questionnaire a family. Trials of
-    one participant are not independent, so that p over trials is too small where participants differ in general; over
-    participants each gives one value, the mean of their trials.
+    For each policy, the first item after a trial (L1: success) is tested against the midpoint of its scale. Each item
+    is tested between policies, paired within participant × task × robot; each questionnaire is a family. Trials of one
+    participant are not independent: if participants differ, p by trial is too small. By participant, each participant
+    gives one value, the mean over trials.
     """
     families: list[Family] = []
     for simulated in _groups(answers):
@@ -206,7 +206,7 @@ def _against_middle(
 def _values(
     answers: Sequence[AnswerRow], simulated: bool, item: str, policies: tuple[str, str]
 ) -> tuple[dict[Key, float], dict[Key, float]]:
-    """The answers to an item with each of two policies, by participant, task and robot."""
+    """Two lists of answers to an item, one for each policy, paired by participant, task and robot."""
     first, second = (_counted_answers(answers, simulated, item, policy) for policy in policies)
     return {_key(row): row.value for row in first}, {_key(row): row.value for row in second}
 

@@ -103,7 +103,7 @@ def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
 
 
 def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[BiomechanicsRow]:
-    """Torso heights, and head positions by posture: of participants, one value each, and of the training's people."""
+    """Torso heights, and head positions by posture, of participants (one value each) and training populations."""
     rows: list[BiomechanicsRow] = []
     for group in groups:
         own = torso_heights(group)
@@ -124,7 +124,7 @@ def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow])
 
 
 def torso_heights(group: BodyTrials, sex: str | None = None) -> list[float]:
-    """Torso heights of a group's participants, or those of one sex, metres; each the median of their trials."""
+    """Torso heights of a group's participants, or of one sex, in metres; each is the median over trials."""
     own = [row for row in group.trials if sex in (row.sex, None)]
     return [
         median(float(row.torso_height_m or 0.0) for row in own if row.participant == name)
@@ -133,7 +133,7 @@ def torso_heights(group: BodyTrials, sex: str | None = None) -> list[float]:
 
 
 def participant_head_positions(group: BodyTrials, posture: str) -> FloatArray:
-    """Head positions (n, 3) of a group's participants in a posture, each the mean of their trials; world frame."""
+    """Head positions (n, 3) of a group's participants in a posture, world frame; each is the mean over trials."""
     trials = group.in_posture(posture)
     who = dict.fromkeys(row.participant for row in trials)
     own = [np.array([head_position(row) for row in trials if row.participant == name]) for name in who]
@@ -164,9 +164,9 @@ def _distribution(
 
 
 def range_rows(groups: Sequence[BodyTrials]) -> list[RangeRow]:
-    """Ranges of torso heights by sex, and of the waist's angles, within which all participants lie.
+    """Ranges of torso heights by sex and of waist angles, over all participants.
 
-    Waists are looked at twice: by the means of the trials, and by all that was seen in a trial.
+    Waist angles have two ranges: of the means of trials, and of all angles in trials.
     """
     rows: list[RangeRow] = []
     for group in groups:

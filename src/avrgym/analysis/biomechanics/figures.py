@@ -26,7 +26,7 @@ BIN_M = 0.01
 
 
 def height_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
-    """Torso heights of the participants, one mark each, above those of the training's people."""
+    """Torso heights: one mark for each participant above the distribution of the training populations."""
     own = torso_heights(group)
     trained = {
         name: [row.torso_height_m for row in people if row.people == name] for name in HEIGHT_DISTRIBUTIONS
@@ -55,7 +55,7 @@ def height_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
 
 
 def head_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
-    """Where heads were, in the mean of each trial, among those of the training's people; from front and side."""
+    """Head positions (means of trials) with those of the training populations, from front and side."""
     postures = group.postures()
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 0.7 + 2.4 * len(postures)), layout="constrained")

@@ -27,7 +27,7 @@ def biomechanics_section(
     drawings: Drawings,
     tests: TestTables,
 ) -> Markup:
-    """Whether participants were like the people of the training, and which ranges would have covered them."""
+    """Comparison of participants with the training populations, and the ranges that cover the participants."""
     own_ranges = [row for row in ranges if row.simulated is simulated]
     if not own_ranges:
         return empty_section("Biomechanics", "No counted trial has a whole recording of a body.")

@@ -1,4 +1,4 @@
-"""People sampled from the populations that the policies trained with."""
+"""People sampled from the policies' training populations."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -66,7 +66,7 @@ def posture_of(task: str) -> str:
 
 
 def sample_training_people(design: Design) -> list[PersonRow]:
-    """``PEOPLE_PER_TASK`` people of each distribution for each task, as training finds them there."""
+    """``PEOPLE_PER_TASK`` people of each population for each task, sampled as in training."""
     return [
         row
         for name, task in product(TRAINING_PEOPLE, design.tasks)
@@ -75,7 +75,7 @@ def sample_training_people(design: Design) -> list[PersonRow]:
 
 
 def _people(name: str, task: str, robot: str) -> list[PersonRow]:
-    """They come from streams of their own, which depend on nothing but distribution and task."""
+    """The seeds depend only on population and task."""
     scene = TASKS[task].scene(ROBOTS[robot])
     rng = random_streams.training_people(list(TRAINING_PEOPLE).index(name), list(TASKS).index(task))
     uniforms = rng.random((PEOPLE_PER_TASK, NUM_UNIFORMS))
@@ -104,7 +104,7 @@ def _people(name: str, task: str, robot: str) -> list[PersonRow]:
 
 
 def training_head_positions(people: Sequence[PersonRow], name: str, posture: str) -> FloatArray:
-    """Head positions (n, 3) of a distribution's people in a posture, world frame."""
+    """Head positions (n, 3) of a population's people in a posture, world frame."""
     return np.array([head_position(row) for row in people if (row.people, row.posture) == (name, posture)])
 
 

@@ -1,4 +1,4 @@
-"""What a model says of a study's trials: the columns of its design matrix, and the effects that are looked at."""
+"""Effects in the regression models of a study, and their design matrix."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -24,9 +24,8 @@ Group = tuple[str, str]
 class TrialValue:
     """A value of one trial, with its position in the study.
 
-    ``block`` is when its task came, from 0 (first) to 1 (last), ``place`` when the trial came within its task.
-    ``before`` is the policy of the trial before, practice included; ``None`` where another task, or nothing, came
-    before.
+    ``block``: position of the task's block, from 0 (first) to 1 (last). ``place``: position of the trial in that block.
+    ``before``: policy of the previous trial of the block, with practice; ``None`` for the first.
     """
 
     participant: str
@@ -41,7 +40,7 @@ class TrialValue:
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect of interest: its kind, and the two groups it compares."""
+    """An effect of interest: its kind, and the two groups that it compares."""
 
     kind: str
     group_a: str
@@ -50,7 +49,7 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class DesignMatrix:
-    """The columns (n, p) of a model, without a constant, by kind and group; ``bases`` are what they compare with."""
+    """Columns (n, p) of a model without constant, by kind and group; ``bases`` are the reference groups."""
 
     names: tuple[Group, ...]
     bases: frozenset[Group]
@@ -118,7 +117,7 @@ def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tupl
 def _indicators(
     kind: str, groups: Sequence[str], given: Sequence[str | None]
 ) -> Iterator[tuple[Group, FloatArray | None]]:
-    """Indicator of a group: 1 or 0; trials without group get the mean of all groups."""
+    """Indicator of a group: 1 or 0. Trials without group get the mean of all groups."""
     present = [group for group in groups if group in given]
     for number, group in enumerate(present):
         share = 1.0 / len(present)

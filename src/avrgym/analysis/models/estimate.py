@@ -1,4 +1,4 @@
-"""Estimates of fitted models, or the reason why there are none."""
+"""Estimates from fitted models."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -17,9 +17,9 @@ class FitError(Exception):
 
 @dataclass(frozen=True)
 class Estimate:
-    """An effect, its standard error, Student's degrees of freedom, the ends of its 95 % interval, and p.
+    """An effect with standard error, degrees of freedom (Student's t), 95 % interval and p.
 
-    ``note`` is what a reader must know of the model, or empty.
+    ``note``: warnings about the model, or empty.
     """
 
     value: float

@@ -1,4 +1,4 @@
-"""Fitting the model that suits a quantity to its values, and reading every effect from it."""
+"""Select and fit the model of a quantity, and estimate every effect."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -21,10 +21,10 @@ UNRELIABLE = "p is unreliable: no variance of this effect between participants w
 
 
 def drop_constant_groups(model: str, observed: Sequence[TrialValue]) -> tuple[list[TrialValue], str]:
-    """The values that tell how others differ within a task and with a robot, and in words which do not.
+    """Values without tasks and robots that have all values at one end of the scale; and a note with their names.
 
-    Where all answers to a task are at the same end of the scale, its own effect has no bound, and nothing else follows
-    from it: the others are estimated as if it were not there.
+    The effect of such a task has no bound, and the task gives no information about the other effects. These are
+    estimated without it.
     """
     kept, left_out = list(observed), list[str]()
     if model == MIXED or len({each.value for each in observed}) < 2:
@@ -52,7 +52,7 @@ def _robot(observed: TrialValue) -> str:
 def estimate_effects(
     design: Design, model: str, observed: Sequence[TrialValue], wanted: Sequence[Effect]
 ) -> EffectEstimates:
-    """Each effect in a model of these values, or why there is none."""
+    """Each effect in a model of these values, or the error that prevents its estimate."""
     if len({each.value for each in observed}) < 2:
         return dict.fromkeys(wanted, FitError("all values are equal" if observed else "there are no values"))
     observed, _ = drop_constant_groups(model, observed)
@@ -76,7 +76,7 @@ def _estimate(fitted: Fitted, names: DesignMatrix, effect: Effect) -> Estimate |
 
 
 def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -> Fitted:
-    """Fit a model to values, each participant a cluster; raises ``FitError`` where they do not determine it."""
+    """Fit a model with participants as clusters; raises ``FitError`` if the values do not identify it."""
     participants = [each.participant for each in observed]
     if len(set(participants)) < MIN_PARTICIPANTS:
         raise FitError(f"fewer than {MIN_PARTICIPANTS} participants")
@@ -90,12 +90,12 @@ def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -
 
 
 def _singular(at_zero: Sequence[str]) -> str:
-    """What a reader must know of random effects at zero; nothing where there are none."""
+    """The warning about random effects with zero variance; empty without any."""
     return f"singular: random effect at zero: {', '.join(at_zero)}" if at_zero else ""
 
 
 class _WithConstant:
-    """A model whose first coefficient is a constant, which no effect is about; ``note`` goes with each estimate."""
+    """A model with a constant as its first coefficient; contrasts omit the constant. Estimates get ``note``."""
 
     def __init__(self, fitted: Fitted, note: str) -> None:
         self._fitted, self._note = fitted, note
@@ -105,9 +105,9 @@ class _WithConstant:
 
 
 def random_effects(observed: Sequence[TrialValue]) -> dict[str, list[str]]:
-    """How values of a participant are alike: all of them, those with a policy, with a robot, and of a task.
+    """Labels of the random effects: participant, and participant by policy, robot and task.
 
-    Left out is what all of a participant's values have in common, but for the first, and what no two have.
+    Effects without information are omitted: labels that equal the participant, and labels that no two values share.
     """
     whole = [each.participant for each in observed]
     finer = {

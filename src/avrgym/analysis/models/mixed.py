@@ -1,10 +1,10 @@
-"""A linear mixed model: values of participants who differ, in general and from condition to condition.
+"""Linear mixed models for values of participants with random effects of participants and conditions.
 
-y = X β + e, where the covariance of a cluster's values is a sum of known matrices, each times a variance that is
-estimated by restricted maximum likelihood (Patterson and Thompson, Biometrika 58, 1971) with Fisher's scoring. A
-variance may come out negative as long as all covariances stay positive definite: held at zero instead, tests of few
-participants find too much. Standard errors and degrees of freedom are those of Kenward and Roger (Biometrics 53,
-1997), which for one effect at a time are Satterthwaite's with their adjusted covariance.
+y = X β + e. The covariance of a cluster's values is a sum of known matrices, each multiplied by a variance. Restricted
+maximum likelihood estimates the variances (Patterson and Thompson, Biometrika 58, 1971) by Fisher scoring. A variance
+can be negative if all covariances are positive definite: with a bound at zero, tests of few participants have too many
+false positives. Standard errors and degrees of freedom are those of Kenward and Roger (Biometrics 53, 1997). For one
+effect at a time these are Satterthwaite's with the adjusted covariance.
 """
 
 from collections.abc import Sequence
@@ -26,10 +26,10 @@ NOT_CONVERGED = "the variances between and within participants cannot be told ap
 
 @dataclass(frozen=True, eq=False)
 class MixedFit:
-    """Coefficients (p,), variances (v,), that of single values last, and covariances.
+    """Coefficients (p,), variances (v,) with the residual variance last, and covariances.
 
-    ``covariance`` (p, p) takes the variances for known, ``adjusted`` does not. ``slopes`` (v, p, p) say how
-    ``covariance`` changes with each variance, ``of_variances`` (v, v) is the covariance of these.
+    ``covariance`` (p, p) ignores the uncertainty of the variances, ``adjusted`` includes it. ``slopes`` (v, p, p): the
+    derivatives of ``covariance`` by each variance. ``of_variances`` (v, v): the covariance of the variances.
     """
 
     coefficients: FloatArray
@@ -41,12 +41,12 @@ class MixedFit:
 
     @property
     def at_zero(self) -> list[int]:
-        """The places of the random effects whose variance is zero or negative: with any the fit is singular."""
+        """Indices of random effects with zero or negative variance; with any the fit is singular."""
         *groups, single = self.variances.tolist()
         return [place for place, variance in enumerate(groups) if variance <= SINGULAR * abs(single)]
 
     def estimate(self, contrast: FloatArray) -> Estimate:
-        """The effect of a contrast (p,), by Student's t."""
+        """Estimate of a contrast (p,), with Student's t."""
         plain = float(contrast @ self.covariance @ contrast)
         slopes = np.einsum("i,vij,j->v", contrast, self.slopes, contrast)
         spread = float(slopes @ self.of_variances @ slopes)
@@ -58,7 +58,7 @@ class MixedFit:
 
 @dataclass(frozen=True, eq=False)
 class _Cluster:
-    """Values (n,), their design (n, p), and what each variance multiplies (v, n, n)."""
+    """Values (n,), their design matrix (n, p), and the matrix (v, n, n) of each variance."""
 
     values: FloatArray
     design: FloatArray
@@ -67,7 +67,7 @@ class _Cluster:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """What follows from variances: the restricted log-likelihood, its score and information, and the estimates."""
+    """Restricted log-likelihood, score, information and estimates for given variances."""
 
     likelihood: float
     score: FloatArray
@@ -81,17 +81,17 @@ class _State:
 def fit_mixed(
     values: ArrayLike, design: FloatArray, clusters: ArrayLike, groupings: Sequence[ArrayLike]
 ) -> MixedFit:
-    """Fit values (n,) by a design matrix (n, p) with its constant.
+    """Fit values (n,) by a design matrix (n, p) with a constant.
 
     Args:
-        values: what was measured.
+        values: the dependent variable.
         design: the fixed effects.
-        clusters: whose they are (n,); values of different clusters are independent.
-        groupings: what values of a cluster have in common, each (n,) labels, whose values share one draw of their
-            own variance, or (n, k) covariates with a slope of their own variance.
+        clusters: cluster of each value (n,); values of different clusters are independent.
+        groupings: random effects within clusters. Labels (n,): equal labels share a random intercept. Covariates
+            (n, k): random slopes with one variance.
 
     Raises:
-        FitError: where effects or variances cannot be told apart.
+        FitError: if the values do not identify effects or variances.
     """
     given = np.asarray(values, float)
     if np.ptp(given) == 0.0:
@@ -128,14 +128,14 @@ def _clusters(
 
 
 def _part(grouping: FloatArray) -> FloatArray:
-    """What a variance multiplies in a cluster's covariance: 1 where labels are equal, or products of covariates."""
+    """The matrix that a variance multiplies: 1 for equal labels, or products of covariates."""
     if grouping.ndim == 1:
         return (grouping[:, None] == grouping).astype(float)
     return grouping @ grouping.T
 
 
 def _restricted(clusters: Sequence[_Cluster], count: int) -> tuple[_State, FloatArray]:
-    """State and variances of the greatest restricted likelihood."""
+    """State and variances at the maximum of the restricted likelihood."""
     variances = np.full(count, 0.5 / max(count - 1, 1))
     variances[-1] = 0.5
     state = _state(clusters, variances)
@@ -152,7 +152,7 @@ def _restricted(clusters: Sequence[_Cluster], count: int) -> tuple[_State, Float
 def _along(
     clusters: Sequence[_Cluster], variances: FloatArray, state: _State, step: FloatArray
 ) -> tuple[FloatArray, _State | None]:
-    """Variances and state after as much of a step as is no step back; no state where there is none."""
+    """Variances and state after a step, halved until the likelihood does not decrease; no state if it always does."""
     for _ in range(HALVINGS):
         tried = _state(clusters, variances + step)
         if tried is not None and tried.likelihood >= state.likelihood - 1e-12:
@@ -162,10 +162,10 @@ def _along(
 
 
 def _state(clusters: Sequence[_Cluster], variances: FloatArray) -> _State | None:
-    """``None`` where a covariance is not positive definite.
+    """The state for these variances; ``None`` if a covariance is not positive definite.
 
-    With W the inverse of a cluster's covariance and G_a what variance a multiplies there, ``singles`` sums
-    Xᵀ W G_a W X and ``pairs`` Xᵀ W G_a W G_b W X over clusters.
+    W is the inverse of a cluster's covariance, G_a the matrix of variance a. ``singles`` is the sum of Xᵀ W G_a W X
+    over clusters, ``pairs`` the sum of Xᵀ W G_a W G_b W X.
     """
     weights: list[FloatArray] = []
     determinant = 0.0

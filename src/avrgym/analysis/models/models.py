@@ -1,4 +1,4 @@
-"""What models are made of: each quantity that trials of a study give, and where in the study its trials stand."""
+"""Regression models of each quantity of a study's trials."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -114,9 +114,9 @@ TrialKey = tuple[str, int]
 
 @dataclass(frozen=True)
 class ModelGroup:
-    """Quantities that are looked at together, each with the model that suits it, and where their values stand.
+    """Quantities that are corrected together, the type of model of each, and the source of their values.
 
-    ``questionnaire`` is that of answers and scores.
+    ``questionnaire``: the questionnaire of answers and scores.
     """
 
     name: str
@@ -125,12 +125,12 @@ class ModelGroup:
     questionnaire: str = ""
 
     def family(self, kind: str) -> str:
-        """The family of one kind of effects, which are corrected together."""
+        """The family of effects of one kind. Its tests are corrected together."""
         return f"{kind}, {self.name}"
 
 
 def model_groups(design: Design) -> Iterator[ModelGroup]:
-    """What the trials of a design give."""
+    """The groups of quantities in a design."""
     rated = questionnaires_at(design, AFTER_TRIAL)
     for questionnaire in rated:
         models = {item.id: _model_of_item(item) for item in questionnaire.items}
@@ -151,7 +151,7 @@ def _model_of_item(item: Item) -> str:
 
 
 def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """The families of effects in models by name, each with its quantities: what a plan may name."""
+    """The families of model effects by name, each with its quantities. A plan can name them."""
     kinds = {effect.kind for effect in effects(design)}
     return {
         source.family(kind): tuple(source.models)
@@ -164,7 +164,7 @@ def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
 def trial_values(
     design: Design, seen: StudyData, simulated: bool, source: ModelGroup
 ) -> Mapping[str, list[TrialValue]]:
-    """The values of each quantity of a source in the counted trials of people, or of simulated participants."""
+    """Values of each quantity of a group in the counted trials of people, or of simulated participants."""
     counted = {
         (row.participant, row.position) for row in seen.trials if row.counted and row.simulated is simulated
     }
@@ -196,7 +196,7 @@ def _values(seen: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey
 
 
 def trial_places(design: Design, attempts: Sequence[AttemptRow]) -> dict[TrialKey, TrialValue]:
-    """Every completed trial but for practice, where it stood in its participant's course, still without a value."""
+    """Position of every completed trial in its participant's session, without practice; the values are still zero."""
     found: dict[TrialKey, TrialValue] = {}
     blocks, places = max(len(design.tasks) - 1, 1), max(len(design.conditions) - 1, 1)
     block, place = 0, 0
@@ -218,7 +218,9 @@ def trial_places(design: Design, attempts: Sequence[AttemptRow]) -> dict[TrialKe
 
 
 def model_rows(design: Design, seen: StudyData, plan: Plan | None = None) -> list[ModelRow]:
-    """Every effect of every quantity, people and simulated participants apart; those of a plan are confirmatory."""
+    """Every effect of every quantity, separately for people and simulated participants; those in a plan are
+    confirmatory.
+    """
     rows: list[ModelRow] = []
     for simulated in sorted({row.simulated for row in seen.trials if row.counted}):
         for source in model_groups(design):
@@ -229,7 +231,7 @@ def model_rows(design: Design, seen: StudyData, plan: Plan | None = None) -> lis
 def group_rows(
     design: Design, source: ModelGroup, simulated: bool, values: Mapping[str, Sequence[TrialValue]]
 ) -> list[ModelRow]:
-    """The effects of a source's quantities, by kind; those of a kind are corrected together."""
+    """The effects of a group's quantities, by kind. Effects of one kind are corrected together."""
     found = [row for each in values.items() for row in _quantity_rows(design, source, simulated, *each)]
     rows: list[ModelRow] = []
     for kind in EFFECTS:
@@ -273,7 +275,7 @@ def _quantity_rows(
 def _without_one(
     design: Design, model: str, observed: Sequence[TrialValue], wanted: Sequence[Effect]
 ) -> list[EffectEstimates]:
-    """The effects in models without each participant in turn."""
+    """The effects in leave-one-participant-out models."""
     people = dict.fromkeys(each.participant for each in observed)
     return [
         estimate_effects(design, model, [each for each in observed if each.participant != name], wanted)
@@ -301,7 +303,7 @@ def _estimated(row: ModelRow, found: Estimate) -> ModelRow:
 
 
 def _robust(row: ModelRow, without: Sequence[Estimate | FitError]) -> ModelRow:
-    """The row with what becomes of its effect without one participant."""
+    """The row with the range of its effect over leave-one-participant-out models."""
     fitted = [each for each in without if isinstance(each, Estimate)]
     if not fitted:
         return row
@@ -317,6 +319,6 @@ def _robust(row: ModelRow, without: Sequence[Estimate | FitError]) -> ModelRow:
 
 
 def _label(plan: Plan | None, row: ModelRow) -> str:
-    """What a plan has an effect as; whatever it does not name is exploratory."""
+    """Confirmatory if a hypothesis of the plan contains the effect, otherwise exploratory."""
     judged = plan is not None and plan.hypotheses_of(row.family, row.quantity)
     return CONFIRMATORY if judged else EXPLORATORY

@@ -1,11 +1,11 @@
-"""Proportional odds for ordered answers, and logistic regression where there are two, with participants as clusters.
+"""Proportional odds models for ordered answers (logistic regression for two), with participants as clusters.
 
-P(Y ≤ k) = 1 / (1 + exp(x β − θ_k)) (McCullagh, J. R. Statist. Soc. B 42, 1980): a positive β makes higher answers
-likelier, exp(β) is an odds ratio. Estimates are those of generalised estimating equations that take answers for
-independent of each other; their covariance allows for any dependence within a participant (Liang and Zeger,
-Biometrika 73, 1986). With few participants that covariance is too small, so that each one's residuals are divided by
-one minus their leverage (Mancl and DeRouen, Biometrics 57, 2001), or by its root (Kauermann and Carroll, J. Am.
-Statist. Assoc. 96, 2001).
+P(Y ≤ k) = 1 / (1 + exp(x β − θ_k)) (McCullagh, J. R. Statist. Soc. B 42, 1980). A positive β makes higher answers more
+probable; exp(β) is an odds ratio. Estimates are from generalised estimating equations with independence as the working
+correlation. The covariance is robust to any dependence within a participant (Liang and Zeger, Biometrika 73, 1986).
+With few participants that covariance is too small. Residuals of each participant are therefore divided by one minus
+their leverage (Mancl and DeRouen, Biometrics 57, 2001), or by its root (Kauermann and Carroll, J. Am. Statist. Assoc.
+96, 2001).
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0
 
 @dataclass(frozen=True, eq=False)
 class OrdinalFit:
-    """Thresholds (k,) between the categories, coefficients (p,), and the covariance (p, p) of the coefficients."""
+    """Thresholds (k,) between categories, coefficients (p,), and their covariance (p, p)."""
 
     thresholds: FloatArray
     coefficients: FloatArray
@@ -35,7 +35,7 @@ class OrdinalFit:
     clusters: int
 
     def estimate(self, contrast: FloatArray) -> Estimate:
-        """The effect of a contrast (p,) in log odds, by Student's t with one degree of freedom less than clusters."""
+        """Estimate of a contrast (p,) in log odds; Student's t with one degree of freedom less than clusters."""
         variance = float(contrast @ self.covariance @ contrast)
         return Estimate.of(float(contrast @ self.coefficients), variance, self.clusters - 1)
 
@@ -43,10 +43,10 @@ class OrdinalFit:
 def fit_ordinal(
     values: ArrayLike, design: FloatArray, clusters: ArrayLike, correction: float = KAUERMANN_CARROLL
 ) -> OrdinalFit:
-    """Fit answers (n,) by the columns of a design matrix (n, p) without a constant, with clusters (n,).
+    """Fit answers (n,) by a design matrix (n, p) without constant, with clusters (n,).
 
     Raises:
-        FitError: where all answers are equal, an effect is without bound, or one cluster alone determines one.
+        FitError: if all answers are equal, an effect has no bound, or one cluster alone determines an effect.
     """
     levels, answered = np.unique(np.asarray(values), return_inverse=True)
     if len(levels) < 2:
@@ -63,9 +63,9 @@ def fit_ordinal(
 
 
 def clustered_covariance(scores: FloatArray, information: FloatArray, correction: float) -> FloatArray:
-    """The covariance (p, p) of estimates from each cluster's score (c, p) and expected information (c, p, p).
+    """Covariance (p, p) of the estimates, from the score (c, p) and expected information (c, p, p) of each cluster.
 
-    With the root L of the inverse of all information, Lᵀ information L is a cluster's leverage.
+    L is the root of the inverse of the total information; Lᵀ information L is a cluster's leverage.
     """
     root = _root_of_inverse(information.sum(axis=0))
     leverage: FloatArray = root.T @ information @ root
@@ -86,7 +86,7 @@ def _root_of_inverse(matrix: FloatArray) -> FloatArray:
 
 
 def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> FloatArray:
-    """The parameters (thresholds, then coefficients) of the greatest likelihood, by Fisher's scoring."""
+    """Maximum likelihood estimates (thresholds, then coefficients), by Fisher scoring."""
     below = np.array([np.mean(answered <= k) for k in range(thresholds)])
     parameters: FloatArray = np.concatenate([np.log(below / (1.0 - below)), np.zeros(design.shape[1])])
     likelihood, scores, information = _derivatives(parameters, answered, design, thresholds)
@@ -117,7 +117,9 @@ def _solved(information: FloatArray, score: FloatArray) -> FloatArray:
 def _derivatives(
     parameters: FloatArray, answered: IntArray, design: FloatArray, thresholds: int
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Log-likelihood, each answer's score (n, q) and expected information (n, q, q); −∞ for disordered thresholds."""
+    """Log-likelihood, score (n, q) and expected information (n, q, q) of each answer; −∞ if thresholds are not in
+    order.
+    """
     count, width = design.shape
     below = 0.5 + 0.5 * np.tanh(0.5 * (parameters[:thresholds] - (design @ parameters[thresholds:])[:, None]))
     edges = np.hstack([np.zeros((count, 1)), below, np.ones((count, 1))])

@@ -27,7 +27,7 @@ NOTE = (
 
 
 def models_section(models: Sequence[ModelRow], simulated: bool) -> Markup:
-    """The models of a group of participants, policies first; empty without values."""
+    """The models of a group of participants, policy effects first; empty without values."""
     own = [row for row in models if row.simulated is simulated]
     kinds = [kind for kind in EFFECTS if any(row.effect == kind for row in own)]
     head = tag("h3", "Regression models")
@@ -58,7 +58,7 @@ def _family(rows: Sequence[ModelRow], kind: str, simulated: bool) -> Markup:
 
 
 def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
-    """Effects as a table. Columns that are equal in all rows are left out."""
+    """Effects as a table. Columns with equal values in all rows are omitted."""
     corrected = any(row.p_primary is not None for row in rows)
     planned, noted = any(row.planned != EXPLORATORY for row in rows), any(row.note for row in rows)
     heads = (

@@ -32,13 +32,13 @@ SIMULATION = "simulation"
 
 
 def success_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
-    """Success of each condition with its interval, beside simulation."""
+    """Success of each condition with its interval, next to simulation."""
     caption = _objective_caption("Success", simulated, rows)
     return _objective_figure(design, simulated, rows, "success", "success", "success_rate", caption)
 
 
 def reward_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
-    """Mean reward of each condition with its interval, beside simulation."""
+    """Mean reward of each condition with its interval, next to simulation."""
     caption = _objective_caption("Mean reward", simulated, rows)
     return _objective_figure(design, simulated, rows, "reward", "reward", "reward_mean", caption)
 

@@ -1,4 +1,4 @@
-"""Reward and success of each condition, next to the same policy in simulation, and tests between policies."""
+"""Reward and success of each condition, the same in simulation, and tests between policies."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -34,7 +34,7 @@ _NO_REWARDS = f"{_NOT_SIMULATED}, or all rewards are equal"
 class Outcome:
     """The counted trials of a condition.
 
-    The row of the task ``all`` has no reward, because rewards of different tasks cannot be compared.
+    Rows of all tasks have no reward, because rewards of different tasks are not comparable.
     """
 
     simulated: IsSimulated
@@ -69,7 +69,7 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationResult:
-    """The evaluation in simulation that the file of a policy contains."""
+    """Results in simulation from the file of a policy."""
 
     simulation_people: Annotated[
         str | None, Column("Population of the evaluation.", empty=_NOT_SIMULATED)
@@ -104,14 +104,15 @@ class SimulationResult:
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectiveRow(SimulationResult, Outcome):
-    """A condition's counted trials, then the same policy in simulation."""
+    """A condition's counted trials, and results of the same policy in simulation."""
 
 
 def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRow]:
-    """A row for each condition of the design, and for each robot and policy over all tasks; groups apart.
+    """A row for each condition, and for each robot and policy over all tasks; people and simulated participants
+    separately.
 
-    Reward intervals are Student's t over trials, each of another participant; success intervals take account of
-    participants who have several trials.
+    Reward intervals are Student's t over trials, each of another participant. Success intervals account for several
+    trials of one participant.
     """
     design = store.design
     beside = {
@@ -136,7 +137,7 @@ def _condition(
 
 
 def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str) -> Outcome:
-    """What a condition's trials gave; ``ALL`` tasks are taken together."""
+    """The outcome of a condition; ``ALL`` combines all tasks."""
     own = [row for row in trials if task in (row.task, ALL) and (row.robot, row.policy) == (robot, policy)]
     rewards = [row.reward for row in own if row.reward is not None] if task != ALL else []
     successes = sum(bool(row.success) for row in own)
@@ -159,7 +160,7 @@ def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, 
 
 
 def _by_participant(trials: Sequence[TrialRow]) -> list[list[bool]]:
-    """Whether each trial succeeded, in lists by participant."""
+    """Success of each trial, in lists by participant."""
     ordered = sorted(trials, key=_participant_key)
     return [[bool(row.success) for row in own] for _, own in groupby(ordered, _participant_key)]
 
@@ -169,7 +170,7 @@ def _participant_key(row: TrialRow) -> tuple[bool, str, str]:
 
 
 def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | None, float | None]:
-    """A mean and the ends of its 95 % interval; what too few values do not give is ``None``."""
+    """Mean and 95 % interval; ``None`` for results that need more values."""
     if not values:
         return None, None, None
     mean = fmean(values)
@@ -177,9 +178,9 @@ def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | N
 
 
 def simulation_result(store: Store, environment: str, policy: str) -> SimulationResult:
-    """What the study's policy for an environment did in simulation, with the people that it trained with.
+    """Results of the study's policy for an environment in simulation, with its training population.
 
-    The metrics are those that training measured and stored in the policy's file.
+    Training measured them and stored them in the policy's file.
     """
     try:
         source = store.policy_source(environment, policy)
@@ -198,7 +199,7 @@ def simulation_result(store: Store, environment: str, policy: str) -> Simulation
 
 
 def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
-    """Success over all tasks, where every task was measured; their rewards are not comparable."""
+    """Success over all tasks, if every task was measured; rewards of tasks are not comparable."""
     rates = [(each.simulation_success_rate, each.simulation_episodes) for each in measured]
     if any(rate is None or episodes is None for rate, episodes in rates):
         return SimulationResult(simulation_note="not every task was measured in simulation")
@@ -217,7 +218,7 @@ def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
 def _as_measured(
     people: str, episodes: int, rate: float, mean: float, deviation: float, trial_steps: int
 ) -> SimulationResult:
-    """``deviation`` is that of the episodes themselves, as evaluations have it."""
+    """Results with intervals; ``deviation`` is the population standard deviation of episodes, as in evaluations."""
     sample_deviation = deviation * (episodes / max(episodes - 1, 1)) ** 0.5
     low, high = t_interval(mean, sample_deviation, episodes)
     success_low, success_high = wilson_interval(round(rate * episodes), episodes)
@@ -253,12 +254,12 @@ MEASURES: Mapping[str, Callable[[TrialRow], float | None]] = {
 
 
 def outcome_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """The family of these tests by name, with its quantities; none with a single policy."""
+    """The family of these tests by name, with its quantities; empty for a single policy."""
     return {OBJECTIVE.by(PARTICIPANT): tuple(MEASURES)} if len(design.policies) > 1 else {}
 
 
 def outcome_families(design: Design, trials: Sequence[TrialRow]) -> list[Family]:
-    """Wilcoxon's signed-rank tests between policies, paired within participant × task × robot."""
+    """Wilcoxon signed-rank tests between policies, paired within participant × task × robot."""
     if not outcome_tests(design):
         return []
     counted = [row for row in trials if row.counted]

@@ -1,7 +1,7 @@
-"""The paper's tables: mean reward and success by task, robots side by side, mean success in the last row.
+"""The paper's tables: mean reward and success by task and robot, with mean success in the last row.
 
-Table I sets simulation beside virtual reality for one policy (the paper: Original), table II one policy beside another
-in virtual reality.
+Table I compares simulation with virtual reality for one policy (in the paper: Original). Table II compares policies in
+virtual reality.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -18,7 +18,7 @@ from avrgym.system.columns import columns_of
 
 @dataclass(frozen=True)
 class Cell:
-    """A mean reward and a success rate in 0..1; ``None`` where there is none."""
+    """A mean reward and a success rate in 0..1; ``None`` if unknown."""
 
     reward: float | None
     success: float | None
@@ -29,7 +29,7 @@ EMPTY = Cell(None, None)
 
 @dataclass(frozen=True)
 class PaperTable:
-    """One table of one group of participants: a row of cells for each task, and one for all."""
+    """A table for one group of participants: a row of cells for each task, and one for all tasks."""
 
     name: str
     caption: str
@@ -53,9 +53,9 @@ Column = tuple[str, str, Callable[[ObjectiveRow], Cell]]
 
 
 def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[PaperTable]:
-    """Table I for each policy, then table II, of each group of participants.
+    """Table I for each policy, then table II, for each group of participants.
 
-    Without any measurement in simulation, as of oracle and random, a robot has no column for it.
+    A robot without results in simulation has no column for simulation.
     """
     for simulated in sorted({row.simulated for row in rows}):
         own = {(row.task, row.robot, row.policy): row for row in rows if row.simulated is simulated}
@@ -84,7 +84,7 @@ def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[Paper
 def _cells(
     design: Design, rows: Mapping[tuple[str, str, str], ObjectiveRow], columns: Collection[Column]
 ) -> dict[str, tuple[Cell, ...]]:
-    """The cells of columns for each task, and for all; rows by task, robot and policy."""
+    """Cells by column for each task, and for all tasks. ``rows`` are by task, robot and policy."""
     return {
         task: tuple(read(rows[task, robot, policy]) for robot, policy, read in columns)
         for task in (*design.tasks, ALL)
@@ -92,7 +92,7 @@ def _cells(
 
 
 def as_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
-    """The same as files: a column for each reward and each success, groups of participants below each other."""
+    """The same tables for files: one column for each reward and success; groups of participants in successive rows."""
     for name in dict.fromkeys(table.name for table in tables):
         own = [table for table in tables if table.name == name]
         heads = [f"{column} {metric}" for column in own[0].columns for metric in ("reward", "success")]

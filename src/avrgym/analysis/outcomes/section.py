@@ -28,7 +28,7 @@ def outcomes_section(
     drawings: Drawings,
     tests: TestTables,
 ) -> Markup:
-    """Reward and success, as the paper's tables, then with intervals."""
+    """Reward and success: the paper's tables, then tables with intervals."""
     rows = [row for row in outcomes if row.simulated is simulated]
     if not rows:
         return empty_section("Objective measures", "No trial was completed yet.")
@@ -84,7 +84,7 @@ def _intervals(rows: Sequence[ObjectiveRow], simulated: bool) -> Markup:
 
 
 def _simulation_cells(row: ObjectiveRow) -> tuple[object, ...]:
-    """The cells about a condition in simulation."""
+    """The cells of a condition about simulation."""
     return (
         row.simulation_people or "–",
         row.simulation_episodes or "–",
@@ -99,7 +99,7 @@ def _simulation_cells(row: ObjectiveRow) -> tuple[object, ...]:
 
 
 def _remarks(rows: Sequence[ObjectiveRow]) -> Markup:
-    """What is to be said about simulation, each once, with the conditions that it is about."""
+    """Notes about simulation, each once, with its conditions."""
     about: dict[str, list[str]] = {}
     for row in rows:
         if row.simulation_note:
@@ -108,7 +108,7 @@ def _remarks(rows: Sequence[ObjectiveRow]) -> Markup:
 
 
 def _interval(mean: float | None, low: float | None, high: float | None, count: int) -> str:
-    """The mean of so many values with its interval; several values without one are all equal."""
+    """A mean with its interval and number of values. Several values without an interval are equal."""
     if mean is None:
         return "–"
     without = " (all equal)" if count > 1 else ""

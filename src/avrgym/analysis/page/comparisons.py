@@ -32,7 +32,7 @@ def tables_of_tests(families: Sequence[Family], simulated: bool) -> TestTables:
 
 
 def other_tests(tests: TestTables) -> Markup:
-    """The tables that no other section shows."""
+    """The tables of tests that no other section contains."""
     return tag("section", tag("h3", "Other tests"), *tests.values()) if tests else Markup()
 
 
@@ -78,7 +78,7 @@ def p_primary_text(p_primary: float | None) -> str:
 
 
 def n_text(row: ComparisonRow) -> str:
-    """Number of values in a test: of each group if unpaired, else of pairs, and of pairs without difference."""
+    """Number of values in a test: of each group if unpaired, otherwise of pairs, and of pairs with equal values."""
     if row.n_a != row.n_b:
         return f"{row.n_a} / {row.n_b}"
     return f"{row.n} + {row.zeros} zero" if row.zeros else str(row.n)

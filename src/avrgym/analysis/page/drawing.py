@@ -1,4 +1,4 @@
-"""The figures of a study, drawn once: as files of their own, and inside a page in its colours."""
+"""Figures of a study, as separate files and inside a page in its colours."""
 
 # Matplotlib's methods: their types are known only in part.
 # pyright: reportUnknownMemberType=false
@@ -56,19 +56,19 @@ STYLE: Any = {
 
 
 class Drawing:
-    """A figure with its name and caption; as SVG its text is text, as PDF its fonts are embedded."""
+    """A figure with name and caption. Text stays text in SVG; fonts are embedded in PDF."""
 
     def __init__(self, name: str, caption: str, figure: Figure) -> None:
-        """Take what was drawn; ``name`` is the file's, ``caption`` describes it in words."""
+        """Take a drawn figure. ``name``: the file name without suffix. ``caption``: a description in words."""
         self.name, self.caption, self.figure = name, caption, figure
         self._svg = self._saved("svg", Creator=None, Date=None, Format=None, Type=None)
 
     def svg(self) -> bytes:
-        """The file as SVG, in the colours of a white page."""
+        """The SVG file, in the colours of a white page."""
         return self._svg
 
     def pdf(self) -> bytes:
-        """The file as PDF, without a date: the same figure gives the same bytes."""
+        """The PDF file without a date: equal figures have equal bytes."""
         return self._saved("pdf", Creator=None, Producer=None, CreationDate=None)
 
     def write(self, folder: Path) -> None:
@@ -77,7 +77,7 @@ class Drawing:
         (folder / f"{self.name}.pdf").write_bytes(self.pdf())
 
     def inline(self) -> Markup:
-        """The figure as part of a page: its own ids, the page's colours, a name for screen readers."""
+        """The figure as part of a page: with unique ids, the page's colours, and a name for screen readers."""
         svg = self._svg.decode()
         svg = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>{self.name}-", svg[svg.index("<svg") :])
         for colour, shown in _IN_PAGE.items():
@@ -92,7 +92,7 @@ class Drawing:
 
 
 def add_legend(figure: Figure, columns: int) -> None:
-    """Add a legend below that names the marks which are drawn anywhere in a figure, each once; none without marks."""
+    """Add a legend below the figure with each label once; nothing without labels."""
     named: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -105,13 +105,13 @@ def add_legend(figure: Figure, columns: int) -> None:
 
 
 def label_x_ticks(axes: Axes, names: Sequence[str], width_in: float) -> None:
-    """Label the places 0, 1, … along the x axis; upright where their names do not fit side by side."""
+    """Label the positions 0, 1, … of the x axis; vertically if the names need more width."""
     longest = LETTER_WIDTH_IN * (1 + max(map(len, names)))
     axes.set_xticks(range(len(names)), names, rotation=90 if longest * len(names) > width_in else 0)
 
 
 def finish_figure(simulated: bool, kind: str, caption: str, figure: Figure) -> Drawing:
-    """Finish a figure: what was simulated says so in it."""
+    """Finish a figure; figures of simulated participants are marked."""
     if simulated:
         figure.suptitle("SIMULATED PARTICIPANTS", color=WARNING, fontsize=8, x=0.01, ha="left")
     suffix, group = ("simulated", "simulated participants") if simulated else ("people", "people")

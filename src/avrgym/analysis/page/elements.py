@@ -54,7 +54,7 @@ figure svg { display: block; width: 100%; height: auto; }
 
 
 class Markup(str):
-    """Text that is HTML already. Other text is escaped."""
+    """HTML text. Other text is escaped."""
 
 
 def tag(name: str, *children: Any, **attributes: Any) -> Markup:
@@ -96,7 +96,7 @@ def badge(text: str) -> Markup:
 
 
 def definition_list(metrics: Mapping[str, Any]) -> Markup:
-    """Metrics with names."""
+    """Names with values."""
     return tag("dl", *(tag("div", tag("dt", name), tag("dd", value)) for name, value in metrics.items()))
 
 

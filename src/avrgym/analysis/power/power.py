@@ -1,4 +1,4 @@
-"""How often a study's tests find an effect that is there: whole studies, simulated and tested as the analysis does."""
+"""Power of a study's tests, from simulated studies with the same analysis."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -38,9 +38,9 @@ Probabilities = Mapping[tuple[str, str], tuple[Probability, Probability]]
 class PowerRow:
     """Power of a test of ``measure`` to find an ``effect``, in points of a seven-point scale.
 
-    ``participants`` completed each study. ``power`` is the share with p below 0.05, ``corrected`` that with p below
-    0.05 after correction over all primary results; with Wilson's 95 % intervals. Models, which are sensitivity
-    analyses, are not corrected.
+    ``participants`` completed each study. ``power``: share of studies with p below 0.05. ``corrected``: the same after
+    correction over all primary results. Intervals are Wilson's, 95 %. Models are sensitivity analyses without
+    correction.
     """
 
     effect: float
@@ -57,7 +57,7 @@ class PowerRow:
 
 
 def default_sizes(design: Design) -> tuple[int, ...]:
-    """Numbers of participants to look at: whole rounds of the design's orders, and the number that is planned."""
+    """Default numbers of participants: multiples of the design's number of orders, and the planned number."""
     orders = len(cell_orders(design))
     step = orders * -(-_LEAST_STEP // orders)
     return tuple(sorted({design.participants, *(step * count_significant for count_significant in _STEPS)}))
@@ -75,20 +75,20 @@ def simulate_power(
 ) -> list[PowerRow]:
     """Power of the primary tests and of the model of the first item, for each effect and number of participants.
 
-    Without an effect it is simulated for the planned number.
+    Studies without an effect have the planned number of participants.
 
     Args:
-        design: the study's; its first questionnaire after trials is simulated.
+        design: the design; its first questionnaire after trials is simulated.
         assumptions: differences between answers apart from the effect.
         effects: in points of a seven-point scale.
-        sizes: how many participants complete a study.
-        simulations: how many studies each share is taken from.
-        seed: the same one gives the same figures, with any number of jobs.
-        jobs: how many processes.
+        sizes: numbers of participants who complete a study.
+        simulations: number of simulated studies for each effect and size.
+        seed: equal seeds give equal results, for any number of jobs.
+        jobs: number of processes.
         progress: called repeatedly with the number of finished studies and their total.
 
     Raises:
-        ValueError: if the design has no items after trials, and for an effect that is not valid.
+        ValueError: if the design has no items after trials, or an effect is out of range.
     """
     for effect in effects:
         if not 0 < effect < POINTS:
@@ -113,7 +113,7 @@ Counts = Mapping[tuple[str, str], tuple[int, int]]
 def power_rows(
     counts: Sequence[Counts], effect: float, participants: int, simulations: int
 ) -> list[PowerRow]:
-    """The rows of one effect and number of participants, from what parts of the simulations counted."""
+    """The rows of one effect and number of participants, from the counts of the chunks."""
     rows: list[PowerRow] = []
     for test, measure in counts[0]:
         plain, corrected = np.sum([each[test, measure] for each in counts], axis=0).tolist()
@@ -138,7 +138,7 @@ def _count_and_report(
 def count_significant(
     design: Design, assumptions: Assumptions, effect: float, participants: int, seed: int, numbers: range
 ) -> Counts:
-    """In how many of the studies with these numbers each test finds something."""
+    """Number of the simulated studies in which each test is significant."""
     studies = SimulatedStudies(design, assumptions, seed)
     first = studies.questionnaire.items[0].id
     found: dict[tuple[str, str], tuple[int, int]] = {}
@@ -162,8 +162,11 @@ def _finds(p: Probability) -> bool:
 def p_values(
     design: Design, questionnaire: Questionnaire, answers: Answers, objective: FloatArray
 ) -> Probabilities:
-    """What the analysis finds: the first item with the last policy against the middle, each item against the first
-    policy. Objective measures (participants, policies, measures) enter the correction alone."""
+    """p of each test with and without correction, as in the analysis.
+
+    The first item is tested against the midpoint with the last policy, each item between last and first policy.
+    Objective measures (participants, policies, measures) affect only the correction.
+    """
     exact: FloatArray = answers.mean(axis=(1, 2))
     means = np.round(exact, MEAN_DECIMALS)
     tests = list(_primary(design, questionnaire, means, objective))
@@ -207,8 +210,7 @@ def _primary(
 def required_participants(
     rows: Sequence[PowerRow], effect: float, test: str, measure: str, goal: float
 ) -> int | None:
-    """The least number of participants from which on a test, corrected, finds an effect with such a share; ``None``
-    where none that was simulated does."""
+    """The smallest simulated number of participants from which on the corrected power reaches ``goal``, or ``None``."""
     own = sorted(
         (row for row in rows if (row.effect, row.test, row.measure) == (effect, test, measure)),
         key=lambda row: row.participants,
@@ -224,7 +226,7 @@ def required_participants(
 def model_p_value(design: Design, answers: Answers, orders: Sequence[Order]) -> tuple[str, float | None]:
     """The family of the model of the first item after trials, and p of the last policy against the first.
 
-    p is ``None`` where the answers do not determine the model.
+    p is ``None`` if the answers do not identify the model.
     """
     source = next(model_groups(design))
     model = next(iter(source.models.values()))
@@ -237,7 +239,7 @@ def model_p_value(design: Design, answers: Answers, orders: Sequence[Order]) -> 
 
 
 def values_in_order(design: Design, values: FloatArray, orders: Sequence[Order]) -> list[TrialValue]:
-    """The trials with values (participants, tasks, robots, policies), each participant in an order."""
+    """The trials with values (participants, tasks, robots, policies), in the order of each participant."""
     return [
         observed
         for number, (own, order) in enumerate(zip(values, orders, strict=True), start=1)

@@ -21,12 +21,13 @@ POINTS = 7
 
 @dataclass(frozen=True)
 class Assumptions:
-    """How answers differ but for the effect itself, as standard deviations in points of a seven-point scale.
+    """Assumed variation of answers apart from the effect, as standard deviations in points of a seven-point scale.
 
-    ``participant_sd``: how leniently somebody rates everything. ``policy_sd``: how differently participants like a
-    policy. ``task_sd``: how differently tasks are rated, by all alike. ``noise_sd``: what is left. ``drift``: how many
-    points ratings rise from the first to the last trial of a session. ``dropout``: the share who withdraw, count
-    nowhere and are replaced. None of them is measured; together they spread answers by about 1.5 points.
+    ``participant_sd``: leniency of participants. ``policy_sd``: preferences of participants for policies. ``task_sd``:
+    differences of tasks that all participants share. ``noise_sd``: residual. ``drift``: rise of ratings from the first
+    to the last trial of a session, in points. ``dropout``: share of participants who withdraw and are replaced.
+
+    None of them is measured. Together they give answers a standard deviation of about 1.5 points.
     """
 
     participant_sd: float = 0.8
@@ -37,7 +38,7 @@ class Assumptions:
     dropout: float = 0.1
 
     def __post_init__(self) -> None:
-        """Raise ``ValueError`` for what cannot be."""
+        """Raise ``ValueError`` for values out of range."""
         for field in fields(self):
             value = getattr(self, field.name)
             if not np.isfinite(value) or (value < 0 and field.name != "drift"):
@@ -47,18 +48,18 @@ class Assumptions:
 
 
 def midpoint(item: Item) -> float:
-    """Midpoint of an item's scale, which starts at 1 here."""
+    """Midpoint of an item's scale; here every scale starts at 1."""
     return (1 + item.points) / 2
 
 
 class SimulatedStudies:
-    """Studies of one design, again and again: each number is another study, and the same for every effect.
+    """Simulated studies of one design, by number. A number gives the same random values for every effect.
 
-    What the first participants of a study are like does not depend on how many there are.
+    The first participants of a study do not depend on the number of participants.
     """
 
     def __init__(self, design: Design, assumptions: Assumptions, seed: int) -> None:
-        """Simulates studies; raises ``ValueError`` for a design without questionnaire after trials."""
+        """Raises ``ValueError`` for a design without questionnaire after trials."""
         asked = questionnaires_at(design, AFTER_TRIAL)
         if not asked:
             raise ValueError("the design asks nothing after trials: there is nothing to simulate")
@@ -70,7 +71,7 @@ class SimulatedStudies:
         self._points = np.array([item.points for item in asked[0].items])
 
     def answers(self, effect: float, participants: int, number: int) -> Answers:
-        """What a study that so many participants complete is answered, by its number.
+        """Answers of a study with this number of completed participants.
 
         Without noise, the last policy is rated ``effect`` points above the midpoint of the scale, all others at it.
         """
@@ -95,7 +96,7 @@ class SimulatedStudies:
         return np.clip(rated, 1, self._points).astype(int)[stays]
 
     def orders(self, participants: int, number: int) -> list[Order]:
-        """The order of each participant who completes a study, by its number."""
+        """The order of trials of each participant who completes a study."""
         stays, cells = self._session(participants, number)
         orders = cell_orders(self.design)
         return [orders[cell] for cell in cells[stays]]
@@ -106,9 +107,9 @@ class SimulatedStudies:
         return rng.standard_normal((participants, self._shape[2], 3))
 
     def _session(self, participants: int, number: int) -> tuple[BoolArray, IntArray]:
-        """Whether each enrolled participant stays (m,), until enough have, and the number of their order (m,).
+        """For enrolled participants (m,): whether they complete the study, and the numbers of their orders.
 
-        Orders are assigned as in a study: participants who withdraw free theirs.
+        Orders are assigned as in a study: a withdrawn participant's order becomes free.
         """
         rng = random_streams.simulated_study(self._seed, number, 2)
         stays: list[bool] = []
@@ -120,7 +121,7 @@ class SimulatedStudies:
         return np.array(stays), np.array(cells)
 
     def _places_in_session(self) -> FloatArray:
-        """When in the session, 0 to 1, each condition is met: (orders, tasks, robots, policies)."""
+        """Position of each condition in the session, from 0 to 1: (orders, tasks, robots, policies)."""
         tasks, robots, policies, _ = self._shape
         orders = cell_orders(self.design)
         places = np.zeros((len(orders), tasks, robots * policies))

@@ -1,4 +1,4 @@
-"""A simulation of power as JSON, as a table for the terminal, and as sentences."""
+"""Results of a power simulation as JSON, as a table for the terminal, and as sentences."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -14,7 +14,7 @@ from avrgym.study.design.design import Design
 def power_summary(
     design: Design, assumptions: Assumptions, rows: Sequence[PowerRow], seed: int
 ) -> dict[str, Any]:
-    """Assumptions, figures, needed numbers of participants and words, as JSON has them."""
+    """Assumptions, power, required numbers of participants and sentences, for JSON."""
     return {
         "title": design.title,
         "seed": seed,
@@ -26,7 +26,7 @@ def power_summary(
 
 
 def _needed(assumptions: Assumptions, rows: Sequence[PowerRow]) -> list[dict[str, Any]]:
-    """How many must complete the study, and be taken in for that; ``None`` where no number that was simulated does."""
+    """Required numbers of completed and of enrolled participants; ``None`` if no simulated number is enough."""
     found: list[dict[str, Any]] = []
     for effect, test, measure in _tests(rows):
         for goal in GOALS:
@@ -40,7 +40,7 @@ def _needed(assumptions: Assumptions, rows: Sequence[PowerRow]) -> list[dict[str
 
 
 def terminal_rows(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
-    """A row for each effect, test and measure: corrected power by number of participants, then the numbers needed."""
+    """A row for each effect, test and measure: corrected power by number of participants, then the required numbers."""
     sizes = sorted({row.participants for row in rows if row.effect})
     return [
         {"effect": f"{effect:g}", "test": _shown(test), "measure": measure}
@@ -72,9 +72,9 @@ def _number(rows: Sequence[PowerRow], effect: float, test: str, measure: str, go
 
 
 def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participants: int) -> Iterator[str]:
-    """Sentences on a study that so many participants complete, which must be among those of the ``rows``.
+    """Sentences about the power of a study; ``participants`` must be one of the simulated numbers.
 
-    They are about the first item; the others are imagined alike.
+    They are about the first item. The simulation treats all items alike.
     """
     own = [row for row in rows if row.participants == participants and row.measure == rows[0].measure]
     taken_in = ceil(participants / (1.0 - assumptions.dropout))
@@ -93,7 +93,7 @@ def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participa
 
 
 def min_p_value(participants: int) -> float:
-    """The least p that a signed-rank test of so many values can give, before and after correction."""
+    """The smallest possible p of a signed-rank test of this number of values, before and after correction."""
     return min(2.0 / 2.0**participants, 1.0)
 
 

@@ -1,6 +1,6 @@
-"""What reporting recommendations ask of a publication about people and robots: given, or missing.
+"""Checklist of reporting recommendations for human-robot interaction: fields of a publication, given or missing.
 
-The list is ours, after Cordero et al. (What and How Are We Reporting in HRI?, arXiv:2201.09114, 2022), Bagchi et al.
+Our selection follows Cordero et al. (What and How Are We Reporting in HRI?, arXiv:2201.09114, 2022), Bagchi et al.
 (Towards Improved Replicability of Human Studies in HRI, HRI 2023 Companion, doi 10.1145/3568294.3580162) and the flow
 of participants of CONSORT (Schulz et al., BMJ 340, 2010, c332).
 """
@@ -18,7 +18,7 @@ from avrgym.study.design.description import describe_blinding, describe_conditio
 
 @dataclass(frozen=True)
 class ChecklistField:
-    """A recommended field: its value, empty if missing, and where to set it."""
+    """A recommended field: its value (empty if missing), and where to set it."""
 
     field: str
     known: str

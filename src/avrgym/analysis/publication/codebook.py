@@ -15,7 +15,7 @@ PROFILE = "tabular-data-package"
 
 
 def codebook(tables: Sequence[Table]) -> Iterator[dict[str, Any]]:
-    """A row for every column of the tables, with the columns of the export's codebook."""
+    """A row for every column of the tables, in the format of the export's codebook."""
     for table in tables:
         for name, column in table.columns.items():
             yield {"table": table.name, "column": name, **asdict(column)}

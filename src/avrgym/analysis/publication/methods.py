@@ -1,4 +1,4 @@
-"""The methods section of a publication, in words, from what a study knows of itself."""
+"""Text of a publication's methods section, generated from a study."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -41,12 +41,12 @@ Sections = Mapping[str, list[str]]
 
 
 def missing(what: str) -> str:
-    """Stands where somebody has to write something."""
+    """Placeholder for text that an author must add."""
     return f"[MISSING: {what}]"
 
 
 def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
-    """The sections about people, or, of a study that no person takes part in, about simulated participants."""
+    """Sections about people; for a study without people, about simulated participants."""
     uses = uses_of(analysis, flow)
     sections = {
         "Participants": list(_participants(analysis, flow)),
@@ -69,7 +69,7 @@ def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
 
 
 def uses_of(analysis: Analysis, flow: ParticipantFlow) -> list[SessionDesign]:
-    """The designs with which those who are analysed took part, people or simulated participants."""
+    """The designs of the analysed people, or simulated participants."""
     analysed = {row.participant for row in analysis.observed.analysed_people(simulated=flow.simulated)}
     return [use for use in analysis.uses if use.participant.pseudonym in analysed]
 
@@ -120,7 +120,7 @@ def _who(flow: ParticipantFlow) -> str:
 
 
 def _came_how_far(flow: ParticipantFlow) -> Iterator[str]:
-    """The steps of the flow chart in words, each with those who left after it."""
+    """Sentences about the steps of the flow chart, each with the participants who left after it."""
     came = (
         f"{count_text(flow.enrolled, _who(flow))} enrolled",
         f"{flow.allocated} were given an order of trials",
@@ -207,7 +207,7 @@ def _withdrawal(design: Design) -> str:
 
 
 def _plugins(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
-    """What others than AVR Gym provided, as the recordings store it."""
+    """The plug-ins in the recordings."""
     used = Counter(
         f"{each.label}: {each.then}" for each in analysis.observed.plugins if each.simulated is flow.simulated
     )
@@ -238,7 +238,7 @@ def _inclusion(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
 
 
 def inclusion_answers(design: Design) -> str:
-    """Each inclusion question with the answer of everybody who took part."""
+    """Each inclusion question with the required answer."""
     return " ".join(f"{each.text} {'Yes' if each.required else 'No'}." for each in design.inclusion)
 
 
@@ -248,7 +248,7 @@ def _inclusion_questions(design: Design) -> str:
 
 
 def days_of(flow: ParticipantFlow) -> str:
-    """When sessions took place."""
+    """The days of sessions, as text."""
     return (
         f"on {flow.first_day}"
         if flow.first_day == flow.last_day
@@ -282,7 +282,7 @@ def _questionnaire(asked: Questionnaire) -> str:
 
 
 def _versions(analysis: Analysis) -> Iterator[str]:
-    """Each version of a changed item with the participants who answered it."""
+    """Each version of a changed item with its number of participants."""
     changed = {base_name(row.item) for row in analysis.items if row.version > 1}
     asked = [
         f"{row.item} (“{row.text}”, from {row.least}, {row.low}, to {row.most}, {row.high}) was answered by "
@@ -320,7 +320,7 @@ def _analysis(analysis: Analysis) -> Iterator[str]:
 
 
 def _others_corrected(analysis: Analysis) -> str:
-    """How the primary results are corrected that are not paired tests; only a plan has some."""
+    """The correction of primary results that are not paired tests. Only plans have such results."""
     if analysis.plan is None or analysis.plan.confirmed is None:
         return ""
     return "; models and unpaired tests by Holm, and next to paired tests both p are doubled"
@@ -342,5 +342,5 @@ def _deviations(analysis: Analysis) -> list[str]:
 
 
 def main_flow(analysis: Analysis) -> ParticipantFlow | None:
-    """That of people, or of simulated participants where no person takes part; ``None`` where nobody does."""
+    """The flow of people; without people, of simulated participants; ``None`` without participants."""
     return next(iter(analysis.flows), None)

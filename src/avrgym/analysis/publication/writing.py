@@ -1,4 +1,4 @@
-"""The reporting pack: what a publication needs beside the results, in files to copy from."""
+"""Files for a publication: methods section, tables, checklist and codebook."""
 
 import json
 import re
@@ -28,7 +28,7 @@ FILES = (
 
 
 def write_publication_files(analysis: Analysis, folder: Path, tables: Path) -> None:
-    """Write the pack into a new folder, and the description of the tables into theirs."""
+    """Write the publication files into a new folder, and the description of the tables into the tables' folder."""
     folder.mkdir()
     _write_codebook(analysis, folder, tables)
     flow = main_flow(analysis)

@@ -1,4 +1,4 @@
-"""Reading what a participant answered: which answers count, and the scores that they add up to."""
+"""Read a participant's answers, select those that count, and compute scores."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
@@ -35,20 +35,20 @@ class ParticipantAnswers:
         self._counted = of_trials | self._compared
 
     def rows(self) -> Iterator[AnswerRow]:
-        """Every answer, in the order they were given."""
+        """Every answer, in order of time."""
         for answer in self._answers:
             columns = {name: value for name, value in vars(answer.row()).items() if name in ANSWER_COLUMNS}
             yield AnswerRow(counted=answer.given.id in self._counted, **columns)
 
     def scores(self) -> Iterator[ScoreRow]:
-        """Every score; it counts if all its answers do."""
+        """Every score; it counts if all its answers count."""
         for score in scores_of(self._store, self._participant, self._answers, self._asked):
             counted = all(answer.given.id in self._counted for answer in score.answers)
             columns = {name: value for name, value in vars(score.row()).items() if name in SCORE_COLUMNS}
             yield ScoreRow(counted=counted, **columns)
 
     def problems(self) -> Iterator[ProblemRow]:
-        """Which items about sessions were answered more than once."""
+        """Items about sessions with several answers."""
         if self._participant.state not in PARTICIPATING:
             return
         for moment in SESSION_MOMENTS:
@@ -73,7 +73,7 @@ def _is_of_trial(answer: ExportedAnswer, counted_positions: set[int]) -> bool:
 
 
 def _compared(answers: Sequence[ExportedAnswer]) -> set[int]:
-    """The ids of the answers about sessions that count: of each item the latest after one, the latest before that."""
+    """Ids of counted answers about sessions: for each item the latest after a session, and the latest before that."""
     before, after = SESSION_MOMENTS
     ids: set[int] = set()
     for item in {answer.given.item for answer in answers}:

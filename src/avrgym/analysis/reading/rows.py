@@ -1,4 +1,4 @@
-"""Rows of the tables that come straight from a study: participants, trials, attempts, answers, scores and problems.
+"""Rows of tables read from a study: participants, trials, attempts, answers, scores and problems.
 
 Units are in the names of columns. Positions are in the world frame: z points up, the person faces −y.
 """
@@ -100,7 +100,7 @@ class ParticipantRow(OfParticipant):
 
 @dataclass(frozen=True, kw_only=True)
 class TrialRow(OfParticipant):
-    """A planned trial, run or not. Its outcome is that of its completed attempt."""
+    """A planned trial, also if it did not run. Its outcome is the outcome of its completed attempt."""
 
     participant_state: State
     sex: Sex
@@ -168,7 +168,7 @@ class TrialRow(OfParticipant):
 
 @dataclass(frozen=True, kw_only=True)
 class AttemptRow(OfParticipant):
-    """An attempt at a trial, with the outcome that was stored at its end."""
+    """An attempt at a trial, with its stored outcome."""
 
     session: Session
     position: Position
@@ -187,7 +187,7 @@ class AttemptRow(OfParticipant):
 
 @dataclass(frozen=True, kw_only=True)
 class _OfAnswer(OfParticipant):
-    """When, and after which trial, something was answered."""
+    """Time and trial of an answer."""
 
     counted: Counted
     session: Session
@@ -206,7 +206,7 @@ class _OfAnswer(OfParticipant):
 class AnswerRow(_OfAnswer):
     """An answer to one item.
 
-    An answer after a completed trial is counted if the trial is. About sessions, one answer is counted for each
+    An answer after a completed trial counts if the trial counts. About sessions, one answer counts for each
     participant, item and moment: the latest after a session, and the latest before that.
     """
 
@@ -222,7 +222,7 @@ class AnswerRow(_OfAnswer):
 class ScoreRow(_OfAnswer):
     """A scale of a validated questionnaire, scored from one participant's answers at one time.
 
-    It is counted if all its answers are.
+    It counts if all its answers count.
     """
 
     instrument: Annotated[str, _SCORES["instrument"]]

@@ -1,4 +1,4 @@
-"""Read a study for its analysis: every participant, trial, attempt and answer, and each completed recording once."""
+"""Read a study for analysis: participants, trials, attempts, answers and the recordings of completed trials."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -46,7 +46,7 @@ TrialKey = tuple[str, int]
 
 @dataclass(frozen=True)
 class StudyData:
-    """All that was observed in a study, in the order of participants and trials."""
+    """Data of a study, in the order of participants and trials."""
 
     participants: list[ParticipantRow] = field(default_factory=list[ParticipantRow])
     trials: list[TrialRow] = field(default_factory=list[TrialRow])
@@ -62,11 +62,11 @@ class StudyData:
 
     @property
     def analysed(self) -> set[str]:
-        """The pseudonyms of those who have a trial or an answer that counts."""
+        """Pseudonyms of participants with a counted trial or answer."""
         return {row.participant for row in (*self.trials, *self.answers) if row.counted}
 
     def analysed_people(self, *, simulated: bool) -> list[ParticipantRow]:
-        """Those of them who are people, or simulated."""
+        """The analysed people, or the analysed simulated participants."""
         analysed = self.analysed
         return [
             row for row in self.participants if row.simulated is simulated and row.participant in analysed
@@ -80,16 +80,16 @@ def read_study(
     skip_damaged: bool = False,
     asked: AnsweredItems | None = None,
 ) -> StudyData:
-    """Read a study; recordings that cannot be used are named among the problems.
+    """Read a study. Unusable recordings are in the table of problems.
 
     Args:
         store: the study.
         progress: called after each recording with the number of recordings read and their total.
-        skip_damaged: use nothing of recordings that are not as they were when their trials were completed.
-        asked: the items that participants answered, if they were read already.
+        skip_damaged: ignore recordings that changed after their trials.
+        asked: the items that participants answered; read from the study if absent.
 
     Raises:
-        StudyError: for such a recording, unless they are skipped; the message names them all.
+        StudyError: for recordings that changed, unless they are skipped; the message contains their names.
     """
     asked = asked or AnsweredItems(store)
     found = StudyData(problems=list(_site_problems(store)))
@@ -120,7 +120,7 @@ def read_study(
 
 
 def _site_problems(store: Store) -> Iterator[ProblemRow]:
-    """In what the sites differ that a study was merged from."""
+    """Differences between the sites of a merged study."""
     for event in store.events():
         if event.name == SITE_DIFFERS:
             what = f"were merged although {event.detail}"
@@ -128,7 +128,7 @@ def _site_problems(store: Store) -> Iterator[ProblemRow]:
 
 
 def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[ProblemRow]:
-    """Which plug-ins were not the same in all trials, are no longer, or were not stored."""
+    """Plug-ins that differ between trials, are no longer installed, or were not stored."""
     for simulated in (False, True):
         for found in plugin_findings(each for each in plugins if each.simulated is simulated):
             yield ProblemRow(
@@ -172,9 +172,9 @@ def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAt
 def _observe_recording(
     exported: ExportedAttempt, row: TrialRow, found: StudyData, *, changed: bool
 ) -> TrialRow:
-    """The row with what the recording adds; its time series, reward terms and problems go to ``found``.
+    """The row with metrics of its recording; time series, reward terms and problems are added to ``found``.
 
-    ``changed``: it is not as it was when the trial was completed, and adds nothing.
+    ``changed``: the recording changed after the trial; it is not used.
     """
     row = replace(row, recording=exported.attempt.recording, **asdict(exported.attempt.metrics))
 
@@ -217,7 +217,7 @@ def _observe_recording(
 
 
 def _without_path(error: Exception, exported: ExportedAttempt) -> str:
-    """The error's words without the folder's name, so that they are the same wherever the study lies."""
+    """The error message without the path of the study's folder; results then do not depend on the folder."""
     return str(error).replace(f"{exported.store.path(exported.attempt.recording)}: ", "")
 
 
@@ -270,7 +270,7 @@ def _streams(row: TrialRow, recording: Recording) -> list[StreamRow]:
 
 
 def guard_interventions(recording: Recording) -> int | None:
-    """How often a force guard acted; ``None`` where there was none."""
+    """Number of interventions of the force guard; ``None`` without a guard."""
     if not recording.configuration.force_guard:
         return None
     return sum(event.name == INTERVENTION_EVENT for _, event in recording.topics["/events"])
@@ -340,5 +340,5 @@ def _participant(store: Store, participant: Participant, found: StudyData) -> Pa
 
 
 def _added(values: Iterable[float]) -> float:
-    """The sum as sessions add it up, value by value: since Python 3.12 ``sum`` rounds otherwise."""
+    """The sum in the order of values, as in sessions; ``sum`` rounds differently since Python 3.12."""
     return reduce(add, values, 0.0)

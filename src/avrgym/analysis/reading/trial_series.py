@@ -1,4 +1,4 @@
-"""What one trial's recording gives: metrics over its control steps, and how the person held themselves in them."""
+"""Time series of a trial from its recording: control steps and body posture."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """The person in a trial: their torso height, and per control step the head's centre (n, 3) and waist (n, 3)."""
+    """A person's torso height in a trial, and head centre (n, 3) and waist angles (n, 3) at each control step."""
 
     torso_height_m: float
     head_centre_w: FloatArray
@@ -28,7 +28,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class TrialSeries:
-    """A recording's control steps with their times in seconds, the reward's weights, and the body, if it is whole."""
+    """Control steps of a recording with times in seconds, reward weights, and the body (``None`` if incomplete)."""
 
     times_s: Sequence[float]
     steps: Sequence[Control]
@@ -37,7 +37,7 @@ class TrialSeries:
 
 
 def read_trial_series(recording: Recording, posture: Posture) -> TrialSeries:
-    """Measure a trial; what a recording does not hold is absent."""
+    """Read the time series of a trial. Data that the recording does not contain are absent."""
     control = recording.topics["/control"]
     return TrialSeries(
         [time_ns / 1e9 for time_ns, _ in control],
@@ -48,7 +48,7 @@ def read_trial_series(recording: Recording, posture: Posture) -> TrialSeries:
 
 
 def version_differences(recording: Recording) -> str:
-    """With which versions the trial was recorded, if they are not those that run now; else nothing."""
+    """Versions of the recording that differ from the present ones, as text; empty if all are equal."""
     recorded, present = recording.configuration.versions, versions()
     pairs = [
         ("AVR Gym", recorded.avrgym, present.avrgym),
@@ -65,7 +65,7 @@ def head_centres(people: People, posture: Posture) -> FloatArray:
 
 
 def _body(recording: Recording, posture: Posture) -> Body | None:
-    """From what the body is driven to: calibration and inverse kinematics put the head's centre where it is."""
+    """The body from the recorded joint targets, by forward kinematics. The calibration puts the head's centre there."""
     configuration = recording.configuration
     person = configuration.person
     control, targets = recording.topics["/control"], recording.topics["/body_targets"]
@@ -81,7 +81,7 @@ def _body(recording: Recording, posture: Posture) -> Body | None:
 
 
 def _held(targets: Sequence[tuple[int, Any]], times_ns: Sequence[int]) -> FloatArray:
-    """The targets (n, 20) in force at each time; before the first one, the first."""
+    """The last targets (n, 20) before each time; before the first ones, the first."""
     begins_ns = [time_ns for time_ns, _ in targets]
     present = np.maximum(np.searchsorted(begins_ns, times_ns, side="right") - 1, 0)
     return np.array([targets[int(index)][1].joint_targets for index in present])

@@ -35,7 +35,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonRow:
-    """A statistical test of ``group_a`` against ``group_b``, or their description where nothing could be tested."""
+    """A test of ``group_a`` against ``group_b``; with too few values only their description."""
 
     simulated: IsSimulated
     family: columns.Family
@@ -88,15 +88,15 @@ class Question:
     primary: bool = False
 
     def by(self, unit: str) -> str:
-        """The name of its family whose values each stand for a ``unit``."""
+        """The name of its family of tests with this unit of analysis."""
         return f"{self.name}, by {unit}"
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """The result of a comparison of a quantity between two groups of values of some ``participants``.
+    """The result of a comparison of a quantity between two groups.
 
-    ``differences`` are those of a paired test by participant; other tests have none.
+    ``differences`` are the differences by participant of a paired test; other tests have none.
     """
 
     quantity: str
@@ -109,7 +109,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Family:
-    """The rows of tests that were corrected together, each with its differences by participant."""
+    """Rows of tests that are corrected together, each with its differences by participant."""
 
     simulated: bool
     question: Question
@@ -118,7 +118,7 @@ class Family:
 
 
 def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequence[Comparison]) -> Family:
-    """A family: all tests of a question with a unit, by people or by simulated participants, corrected by Holm."""
+    """A family: tests of one question and unit, of people or simulated participants, with Holm's correction."""
     allowed = [_with_enough(test) for test in tests]
     adjusted = holm([test.found.p for test in allowed])
     name = question.by(unit)
@@ -127,7 +127,7 @@ def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequ
 
 
 def _with_enough(test: Comparison) -> Comparison:
-    """The test, or of too few participants its groups and effect alone."""
+    """The test; with too few participants only its groups and effect."""
     if test.participants >= MIN_PARTICIPANTS:
         return test
     found = test.found
@@ -175,7 +175,7 @@ Key = tuple[str, ...]
 def compare_policies(
     name: str, policies: tuple[str, str], given: tuple[Mapping[Key, float], Mapping[Key, float]], unit: str
 ) -> Comparison:
-    """A quantity with the second policy against the first; ``given`` holds its value in each participant's trials."""
+    """Test a quantity with the second policy against the first; ``given`` contains each participant's values."""
     first, second = policies
     a, b = given
     pairs = [key for key in a if key in b]
@@ -190,7 +190,7 @@ def compare_policies(
 
 
 def values_by_unit(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
-    """The values of trials, or their means for each participant."""
+    """The values of trials, or the mean of each participant."""
     if unit == TRIAL:
         return {key: float(value) for key, value in values.items()}
     own: dict[Key, list[float]] = {}
@@ -200,7 +200,7 @@ def values_by_unit(unit: str, values: Mapping[Key, float]) -> dict[Key, float]:
 
 
 def differences_by_participant(unit: str, differences: Mapping[Key, float]) -> tuple[int, dict[str, float]]:
-    """The number of participants, and for a test by participant the difference of each."""
+    """The number of participants, and the difference of each for a test by participant."""
     participants = len({key[0] for key in differences})
     if unit == TRIAL:
         return participants, {}

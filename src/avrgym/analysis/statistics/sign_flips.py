@@ -65,7 +65,7 @@ def sign_flips(participants: int) -> FloatArray:
 
 
 def step_down(statistics: FloatArray) -> FloatArray:
-    """Corrected p (tests,) from statistics (combinations, tests), whose first row was observed."""
+    """Corrected p (tests,) from statistics (combinations, tests); the first row contains the observed statistics."""
     observed = statistics[0]
     order = np.argsort(-observed, kind="stable")
     found = np.zeros(len(order))

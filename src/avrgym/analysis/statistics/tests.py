@@ -1,7 +1,7 @@
-"""Rank tests, corrections and intervals, as the analysis of a study needs them.
+"""Rank tests, corrections and intervals. All tests are two-sided.
 
-SciPy computes where it can; exact probabilities with ties, rank-biserial effect sizes, Holm's correction and the energy
-test in several dimensions are ours. All tests are two-sided.
+SciPy computes what it contains. Exact probabilities with ties, rank-biserial effect sizes, Holm's correction and the
+energy test in several dimensions are our code.
 """
 
 from collections.abc import Sequence
@@ -19,15 +19,15 @@ from avrgym.learning.evaluation import wilson_interval
 from avrgym.system import random_streams
 
 EXACT_SIGNED_RANK = 50
-"""Up to so many differences the signed-rank probability is exact: their 2**n signs count exactly in doubles."""
+"""Largest number of differences with an exact signed-rank p; doubles can count the 2**n sign combinations."""
 EXACT_RANK_SUM = 8
-"""The rank-sum probability is exact where the smaller sample has at most so many values."""
+"""Largest size of the smaller sample with an exact rank-sum p."""
 PERMUTATIONS = 9_999
 MARKS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 
 def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
-    """Number, mean, extremes and quartiles of answers, by the names that rows have; quartiles are interpolated."""
+    """Number, mean, extremes and quartiles of values, by column name; quartiles are interpolated."""
     lower, median, upper = np.percentile(values, [25, 50, 75])
     return {
         "n": len(values),
@@ -42,12 +42,12 @@ def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class StatisticalTest:
-    """What a test found.
+    """The result of a test.
 
-    ``n`` values went into it, ``zeros`` differences of zero did not. ``p`` is ``None`` where nothing could be
-    tested; then ``note`` says why. ``effect`` is a rank-biserial correlation in −1..1 with the ends of its 95 %
-    interval, or for the energy test, without an interval, the share in 0..1 of the distance between the samples that
-    is not distance within them.
+    ``n``: number of values. ``zeros``: number of omitted zero differences. ``p`` is ``None`` without a test; ``note``
+    then contains the reason. ``effect`` is a rank-biserial correlation in −1..1 with its 95 % interval. For the energy
+    test it is the share (0..1) of the distance between samples that exceeds the distance within samples, without
+    interval.
     """
 
     test: str
@@ -63,12 +63,13 @@ class StatisticalTest:
 
 
 def signed_rank(differences: ArrayLike) -> StatisticalTest:
-    """Wilcoxon's signed-rank test of whether differences lie around zero (Biometrics Bulletin 1, 1945).
+    """Wilcoxon signed-rank test of the hypothesis that differences are symmetric around zero (Biometrics Bulletin 1,
+    1945).
 
-    Zeros are left out first, as Wilcoxon did; equal sizes share their mean rank. With at most
-    ``EXACT_SIGNED_RANK`` differences that are not zero, p is exact given these ranks: every choice of signs is as
-    likely. With more it is SciPy's normal approximation, whose variance allows for ties, without continuity
-    correction. The statistic is the smaller sum of ranks; the effect is (W₊ − W₋) / (W₊ + W₋).
+    Zeros are omitted, as in Wilcoxon's paper; equal sizes have their mean rank. With at most ``EXACT_SIGNED_RANK``
+    differences p is exact for these ranks: all combinations of signs are equally probable. With more differences it is
+    SciPy's normal approximation with correction for ties and without continuity correction. The statistic is the
+    smaller sum of ranks; the effect is (W₊ − W₋) / (W₊ + W₋).
     """
     given = np.asarray(differences, float)
     used = given[given != 0.0]
@@ -90,9 +91,9 @@ def signed_rank(differences: ArrayLike) -> StatisticalTest:
 
 
 def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
-    """Twice the share of all choices of signs whose sum of positive ranks is at most ``smaller``.
+    """Twice the share of sign combinations whose sum of positive ranks is at most ``smaller``.
 
-    ``ways[s]`` counts the choices among the ranks so far with the doubled sum s; doubled mean ranks are whole.
+    ``ways[s]``: number of combinations of the previous ranks with the doubled sum s. Doubled mean ranks are integers.
     """
     doubled = np.rint(2.0 * ranks).astype(int)
     ways = np.zeros(doubled.sum() + 1)
@@ -104,11 +105,12 @@ def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
 
 
 def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
-    """Mann and Whitney's test of whether values of one sample tend to be larger (Ann. Math. Stat. 18, 1947).
+    """Mann-Whitney test of whether values of one sample tend to be larger (Ann. Math. Stat. 18, 1947).
 
-    Exact as ``EXACT_RANK_SUM`` says: given the ranks, ties sharing their mean, every division into two samples is
-    as likely; SciPy's where there are no ties. Else SciPy's normal approximation with corrections for ties and
-    continuity. The statistic is U of ``a``; the effect 2 U / (n m) − 1 is positive where ``a`` is larger.
+    p is exact if the smaller sample has at most ``EXACT_RANK_SUM`` values: all divisions of the ranks into two samples
+    are equally probable; ties have their mean rank. Without ties SciPy computes it. Otherwise p is SciPy's normal
+    approximation with corrections for ties and continuity. The statistic is U of ``a``; the effect 2 U / (n m) − 1 is
+    positive if ``a`` is larger.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     test, n = "Mann-Whitney", len(a) + len(b)
@@ -134,19 +136,19 @@ def _size_of_rank_sum(n: int, m: int, pooled: FloatArray) -> float:
 
 
 def effect_interval(effect: float, size: float) -> tuple[float, float]:
-    """The 95 % interval of a rank-biserial correlation r: Wilson's of the share (1 + r) / 2.
+    """The 95 % interval of a rank-biserial correlation r: Wilson's interval of the share (1 + r) / 2.
 
-    ``size`` is the number of independent yes-or-no values whose share varies as much without an effect: for signed
-    ranks (sum of ranks)² / sum of squared ranks. Unlike Fisher's z, the interval has a width at r = ±1.
+    ``size``: number of independent binary values whose share has the same variance without an effect. For signed ranks
+    it is (sum of ranks)² / sum of squared ranks. Unlike Fisher's z, the interval has a width at r = ±1.
     """
     low, high = wilson_interval(size * (1.0 + effect) / 2.0, size)
     return 2.0 * low - 1.0, 2.0 * high - 1.0
 
 
 def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
-    """Twice the share of all choices of as many values as the smaller sample has with as low, or high, a rank sum.
+    """Twice the share of samples of the smaller size with a rank sum at least as extreme.
 
-    ``ways[k, s]`` counts the choices of k among the ranks so far with the doubled sum s.
+    ``ways[k, s]``: number of choices of k of the previous ranks with the doubled sum s.
     """
     smaller, larger = sorted((a, b), key=len)
     doubled = np.rint(2.0 * stats.rankdata(np.concatenate([smaller, larger]))).astype(int)
@@ -161,11 +163,11 @@ def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
 
 
 def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMUTATIONS) -> StatisticalTest:
-    """Whether points (n, d) and (m, d) come from one distribution (Székely and Rizzo, InterStat 5, 2004).
+    """Energy test of the hypothesis that points (n, d) and (m, d) have one distribution (Székely and Rizzo, InterStat
+    5, 2004).
 
-    The statistic is the energy distance 2 E|A − B| − E|A − A′| − E|B − B′|, in the points' unit, over all pairs.
-    p is the share of random divisions of all points into n and m, the given one among them, with at least this
-    distance.
+    The statistic is the energy distance 2 E|A − B| − E|A − A′| − E|B − B′| over all pairs, in the points' unit. p is
+    the share of random divisions of all points into n and m, with the observed one, that have at least this distance.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     count, total = len(a), len(a) + len(b)
@@ -186,7 +188,9 @@ def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMU
 
 
 def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Energy distances (k,) between chosen points, by index (k, n), and all others; and the mean distances between."""
+    """Energy distances (k,) between chosen points, by index (k, n), and all others; and the mean distances between
+    them.
+    """
     inner = np.array([apart[np.ix_(indices, indices)].sum() for indices in chosen])
     between = apart.sum(axis=1)[chosen].sum(axis=1) - inner
     outer = apart.sum() - inner - 2.0 * between
@@ -196,7 +200,7 @@ def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray
 
 
 def holm(probabilities: Sequence[float | None]) -> list[float | None]:
-    """Probabilities adjusted for being tested together (Holm, Scand. J. Statist. 6, 1979); ``None`` is no test."""
+    """Holm's correction of probabilities for multiple testing (Scand. J. Statist. 6, 1979); ``None`` is no test."""
     present = [i for i, p in enumerate(probabilities) if p is not None]
     ordered = sorted(present, key=lambda i: probabilities[i] or 0.0)
     adjusted: list[float | None] = [None] * len(probabilities)
@@ -208,18 +212,18 @@ def holm(probabilities: Sequence[float | None]) -> list[float | None]:
 
 
 def significance_stars(p: float | None) -> str:
-    """Stars for a probability: * below 0.05, ** below 0.01, *** below 0.001."""
+    """Stars of a probability: * below 0.05, ** below 0.01, *** below 0.001."""
     return next((stars for limit, stars in MARKS if p is not None and p < limit), "")
 
 
 def clustered_wilson_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float | None, float | None]:
-    """The 95 % interval of a proportion of trials, of which each cluster is one participant's.
+    """The 95 % interval of a proportion of trials; each cluster contains the trials of one participant.
 
-    Wilson's interval with the effective sample size, which is the number of trials over the design effect, and
-    Student's quantile for the number of clusters (Korn and Graubard, Survey Methodology 24, 1998, p. 193; Kott, Survey
-    Methodology 43, 2017, p. 245). The design effect is the variance of the proportion between clusters over
-    that of independent trials. With one trial in each cluster this is Wilson's interval; one cluster alone, of
-    several trials, has none.
+    It is Wilson's interval with the effective sample size, which is the number of trials divided by the design effect,
+    and Student's quantile for the number of clusters (Korn and Graubard, Survey Methodology 24, 1998, p. 193; Kott,
+    Survey Methodology 43, 2017, p. 245). The design effect is the variance of the proportion between clusters, divided
+    by that of independent trials. With one trial in each cluster it is Wilson's interval. A single cluster of several
+    trials has none.
     """
     sizes = np.array([len(each) for each in clusters])
     successes = np.array([sum(each) for each in clusters])
@@ -238,7 +242,7 @@ LEAST_DESIGN_EFFECT = 0.25
 
 
 def _design_effect(residuals: FloatArray, count: int, share: float) -> float:
-    """``residuals`` (K,) are the successes of each cluster minus those expected; 1 where all trials end alike."""
+    """``residuals`` (K,): observed minus expected successes of each cluster; 1 if all trials have the same result."""
     if share in (0.0, 1.0):
         return 1.0
     clusters = len(residuals)
@@ -253,8 +257,8 @@ EQUAL = 1e-12
 def t_interval(mean: float, deviation: float, count: int) -> tuple[float | None, float | None]:
     """The 95 % interval of a mean by Student's t (Biometrika 6, 1908).
 
-    ``deviation`` is the standard deviation with ``count − 1`` degrees of freedom. Fewer than two values, and values
-    that are all equal, have no interval: they give no information about the error of the mean.
+    ``deviation``: standard deviation with ``count − 1`` degrees of freedom. Fewer than two values, or equal values,
+    have no interval: they contain no information about the error of the mean.
     """
     if count < 2 or deviation <= EQUAL * abs(mean):
         return None, None

@@ -144,7 +144,7 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
 
 
 def _write_series(series: Series, exported: ExportedAttempt, path: Path) -> None:
-    """Write compressed samples without heading and date: the same study gives the same bytes."""
+    """Write compressed samples without name and date in the header: equal studies give equal bytes."""
     lines = ("\t".join(tsv_cell(value) for value in row) + "\n" for row in series.rows())
     data = gzip.compress("".join(lines).encode(), mtime=0)
     path.with_suffix(".tsv.gz").write_bytes(data)
@@ -235,7 +235,7 @@ def _row(frame: TrackingFrame, first: TrackingFrame) -> list[float | None]:
 
 
 def _is_followed(frame: TrackingFrame, field: str) -> bool:
-    """Whether the simulated person followed the pose of a part: it was not lost, repeated or jumped."""
+    """Whether the tracked pose of a part moved the simulated person: it was not lost, repeated or a jump."""
     return not (frame.held or field in frame.held_parts or field in frame.untracked_parts)
 
 

@@ -16,7 +16,7 @@ NOT_ASKED = "not asked"
 
 
 def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
-    """The number of analysed people for each possible answer to each question."""
+    """The number of analysed people with each possible answer to each question."""
     given = [_answers(person) for person in store.participants() if _is_analysed(store, person)]
     for question in QUESTIONS:
         levels = [answers.levels[question] if answers else NOT_ASKED for answers in given]

@@ -108,9 +108,9 @@ def _episode(
 
 
 def statistics(values: NumpyArray) -> dict[str, list[float]]:
-    """The statistics of a feature over all these frames, each a list of the feature's size.
+    """The statistics of a feature over all frames; each is a list of the feature's size.
 
-    Quantiles of a data set are those of its frames. They are not averages over episodes, which are too narrow.
+    Quantiles of a data set are those of its frames. Averages of the episodes' quantiles would be too narrow.
     """
     numbers = values.reshape(len(values), -1).astype(np.float64)
     return {
@@ -172,7 +172,7 @@ def _feature(values: NumpyArray, names: Sequence[str] | None) -> dict[str, Any]:
 
 
 def _names(exported: ExportedAttempt) -> dict[str, list[str]]:
-    """Names of a feature's numbers; none for recordings of another version with another size."""
+    """Names of a feature's components; none for recordings of a version with another size."""
     task = TASKS[exported.trial.task]
     scene = task.scene(find_robot(exported.trial.robot))
     return {"observation.state": number_names(task.observation(scene)), "action": list(scene.arm.joints)}

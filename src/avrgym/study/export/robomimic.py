@@ -51,7 +51,7 @@ def _write_file(file: h5py.File, attempts: Sequence[ExportedAttempt]) -> None:
 
 
 def _masks(attempts: Sequence[ExportedAttempt]) -> dict[str, list[bool]]:
-    """Which demonstrations are in each of robomimic's filters."""
+    """The demonstrations in each of robomimic's filters."""
     practice = [exported.trial.practice for exported in attempts]
     simulated = [exported.participant.simulated for exported in attempts]
     success = [bool(exported.attempt.metrics.success) for exported in attempts]
@@ -71,7 +71,7 @@ def _masks(attempts: Sequence[ExportedAttempt]) -> dict[str, list[bool]]:
 
 
 def _write_demonstration(group: h5py.Group, exported: ExportedAttempt) -> int:
-    """Write one trial; the number of its samples."""
+    """Write one trial; returns the number of samples."""
     steps = [control for _, control in exported.control_steps()]
     observations = np.array([control.observation for control in steps])
     for name, value in vars(exported.labels()).items():

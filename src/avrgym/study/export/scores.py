@@ -50,8 +50,8 @@ def scores_of(
 ) -> list[Score]:
     """Every score of a participant, in the order of their answers.
 
-    After a crash, the next session asks the remaining items: all answers of one visit count together. Weights are those
-    of the design, else the participant's answers at the same time, else the participant's latest.
+    After a crash, the next session asks the remaining items: all answers of one visit count together. The weights are
+    those of the design; otherwise the participant's answers at the same time; otherwise the latest ones.
     """
     sessions = store.sessions(participant.pseudonym)
     asked: dict[tuple[str, When], list[ExportedAnswer]] = {}

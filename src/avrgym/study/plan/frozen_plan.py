@@ -1,7 +1,7 @@
 """The frozen plan of a study, made before the first participant, and the proof of its date.
 
-``plan-frozen.json`` contains plan, design and texts with all checksums and versions. An event in the database contains
-its SHA-256. The plan is confirmatory if that event is older than the first participant and the database was not
+``plan-frozen.json`` contains plan, design and texts with all checksums and versions. The database contains an event
+with its SHA-256. The plan is confirmatory if that event is older than the first participant and the database was not
 rebuilt, or if a trusted time stamp is older than all recordings. Otherwise all results are exploratory.
 """
 
