@@ -276,7 +276,7 @@ def state_examples() -> str:
             simulation_time_s=0.01 * number,
             tracking_sequence=-1,
             joint_targets=targets.astype("<f4").tobytes(),
-            held=[],
+            deviating_parts=[],
             poses=poses.astype("<f4").tobytes(),
         )
         change = encoder.encode(state)

@@ -35,7 +35,7 @@ class DemoResult:
     without_browser: str | None
 
 
-def run_demo(out: Path, seed: int, say: Callable[[str], None]) -> DemoResult:
+def run_demo(out: Path, seed: int, print_line: Callable[[str], None]) -> DemoResult:
     """Runs a trial of each task with its questionnaire, and writes recordings, pictures and pages into ``out``."""
     plan = SessionPlan(
         trials=[
@@ -58,11 +58,11 @@ def run_demo(out: Path, seed: int, say: Callable[[str], None]) -> DemoResult:
 
     without_browser = None
     try:
-        recordings = _in_browser(make_session, participant, pictures, say)
+        recordings = _in_browser(make_session, participant, pictures, print_line)
     except BrowserMissingError as error:
         without_browser = str(error)
-        say(f"no browser: {error}; running the same session in one process")
-        recordings = _in_process(make_session, participant, say)
+        print_line(f"no browser: {error}; running the same session in one process")
+        recordings = _in_process(make_session, participant, print_line)
     return DemoResult(_write_pages(recordings, out), recordings, without_browser)
 
 
@@ -70,25 +70,27 @@ def _in_browser(
     make_session: Callable[[Callable[[Message], None], Executor], Session],
     participant: SimulatedParticipant,
     pictures: Path,
-    say: Callable[[str], None],
+    print_line: Callable[[str], None],
 ) -> list[Path]:
     with (
         ThreadPoolExecutor(1) as workers,
         LiveServer(lambda send: make_session(send, workers), "127.0.0.1", 0) as server,
         EmulatedHeadset(server.url) as headset,
     ):
-        say(f"the server listens on http://{server.host}:{server.port}, a headset is emulated in Chromium")
-        BrowserClient(headset, server.session, participant, pictures, say).run()
+        print_line(
+            f"the server listens on http://{server.host}:{server.port}, a headset is emulated in Chromium"
+        )
+        BrowserClient(headset, server.session, participant, pictures, print_line).run()
         return list(server.session.recordings)
 
 
 def _in_process(
     make_session: Callable[[Callable[[Message], None]], Session],
     participant: SimulatedParticipant,
-    say: Callable[[str], None],
+    print_line: Callable[[str], None],
 ) -> list[Path]:
     """Run the session without browser and server, faster than real time."""
-    client = InProcessClient(participant, say)
+    client = InProcessClient(participant, print_line)
     session = make_session(client.hear)
     client.run(session)
     return list(session.recordings)

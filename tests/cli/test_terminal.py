@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
 from avrgym.cli.progress import progress_bar
-from avrgym.cli.terminal import print_table, printable, say
+from avrgym.cli.terminal import print_line, print_table, printable
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import make_study, run_participant, take_in
@@ -46,7 +46,7 @@ def shown_by(action: Callable[[], object], monkeypatch: pytest.MonkeyPatch, enco
 
 def test_a_line_is_shown_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     for text in hostile_texts():
-        shown = shown_by(lambda text=text: say(text), monkeypatch)
+        shown = shown_by(lambda text=text: print_line(text), monkeypatch)
         assert shown == printable(text, "utf-8") + "\n"
         if (
             not any(ord(character) < 32 or 0x7F <= ord(character) < 0xA0 for character in text)
@@ -57,7 +57,7 @@ def test_a_line_is_shown_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_no_control_character_reaches_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     for text in hostile_texts():
-        shown = shown_by(lambda text=text: say(text), monkeypatch)
+        shown = shown_by(lambda text=text: print_line(text), monkeypatch)
         assert not {ord(character) for character in shown} & {*range(9), *range(11, 32), *range(127, 160)}
 
 
@@ -74,7 +74,8 @@ def test_a_table_is_shown_in_every_encoding(encoding: str, monkeypatch: pytest.M
 def test_what_an_encoding_lacks_is_named(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for text in hostile_texts():
         assert (
-            shown_by(lambda text=text: say(text), monkeypatch, encoding) == printable(text, encoding) + "\n"
+            shown_by(lambda text=text: print_line(text), monkeypatch, encoding)
+            == printable(text, encoding) + "\n"
         )
 
 

@@ -92,7 +92,7 @@ def test_a_scale_is_named_with_its_words() -> None:
 def test_a_stop_rule_names_the_answer_on_its_scale() -> None:
     questionnaire = asked(INSTRUMENTS["ipq"])
     rules = StopRules((StopRule("ipq_g1", 4.0, "pause"),), (questionnaire,))
-    verdict = rules.verdict("ipq_g1", 5)
-    assert verdict is not None
-    assert "was answered '4 of 6'; the limit of its stop rule is 4" in verdict.why
-    assert rules.verdict("ipq_g1", 4) is None
+    decision = rules.decide("ipq_g1", 5)
+    assert decision is not None
+    assert "was answered '4 of 6'; the limit of its stop rule is 4" in decision.why
+    assert rules.decide("ipq_g1", 4) is None

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.questionnaires.stop_rules import Verdict
+from avrgym.questionnaires.stop_rules import StopDecision
 from avrgym.recording.reader import read_recording
 from avrgym.study.checking.checks import check_study
 from avrgym.study.design.design import DesignError, default_text, parse_design
@@ -84,20 +84,22 @@ def test_rules_that_cannot_be_followed_are_named_with_their_line(
 
 def test_the_strongest_rule_that_is_met_says_what_happens() -> None:
     rules = parse_design(default_text() + TABLES).rules
-    then = [rules.verdict("nausea", value) for value in (1, 2, 3, 4)]
-    assert then[:3] == [None, None, Verdict("pause", WHY)]
+    then = [rules.decide("nausea", value) for value in (1, 2, 3, 4)]
+    assert then[:3] == [None, None, StopDecision("pause", WHY)]
     assert then[3] is not None
     assert then[3].then == "end"
-    assert rules.verdict("L1", 7) is None
+    assert rules.decide("L1", 7) is None
 
 
 def test_rules_count_answers_as_their_instrument_does() -> None:
     used = '\n[[questionnaires]]\nuse = "ssq"\nwhen = "after_trial"\n'
     rule = '\n[[stop_rules]]\nitem = "ssq_nausea"\nat_least = 2\nthen = "pause"\n'
     rules = parse_design(default_text() + used + rule).rules
-    assert rules.verdict("ssq_nausea", 2) is None
-    verdict = rules.verdict("ssq_nausea", 3)
-    assert verdict == Verdict("pause", "'Nausea' was answered 'moderate'; the limit of its stop rule is 2")
+    assert rules.decide("ssq_nausea", 2) is None
+    decision = rules.decide("ssq_nausea", 3)
+    assert decision == StopDecision(
+        "pause", "'Nausea' was answered 'moderate'; the limit of its stop rule is 2"
+    )
 
 
 # In VR

@@ -116,4 +116,6 @@ def test_a_missing_client_is_reported_with_a_fix(wheel: Path, tmp_path: Path) ->
     )
     assert served.returncode == 1
     (line,) = served.stderr.splitlines()
-    assert line.startswith("avrgym: the browser client is missing; run `pip install --force-reinstall avrgym`")
+    assert line.startswith(
+        "avrgym: the browser client is missing; run `pip install --force-reinstall avrgym`"
+    )

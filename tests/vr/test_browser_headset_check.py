@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.texts.interface_texts import ENGLISH
-from avrgym.vr.headset_check import fault_text, verdict
+from avrgym.vr.headset_check import fault_text, result_message
 from avrgym.vr.latency import STAGES
 from avrgym.vr.session import events
 from avrgym.vr.session.phases.checking import MAX_FAULTS_SHOWN
@@ -38,7 +38,7 @@ def test_the_headset_check_reports_problems(tmp_path: Path) -> None:
             headset.answer(value)
         journey.await_phase("headset")
         (check,) = [each.check for each in journey.observed if isinstance(each, events.HeadsetChecked)]
-        told = ENGLISH.render_for_page(verdict(check, MAX_FAULTS_SHOWN))
+        told = ENGLISH.render_for_page(result_message(check, MAX_FAULTS_SHOWN))
         headset.page.get_by_text(told).first.wait_for(state="attached")
         headset.screenshot(tmp_path / "result.png")
     assert "The buzz was not felt" in fault_text(check)

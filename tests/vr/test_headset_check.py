@@ -1,4 +1,4 @@
-"""Laws of a headset check's verdict: each fault in words, with what to do, and nothing else keeps a session waiting."""
+"""Laws of a headset check's result: each fault in words, with what to do, and nothing else keeps a session waiting."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,7 +8,14 @@ import pytest
 
 from avrgym.recording.configuration import HeadsetCheck, TrackedPart
 from avrgym.texts.interface_texts import included_languages, read_texts
-from avrgym.vr.headset_check import fault_text, faults, is_ready, measurement_text, verdict, verdict_text
+from avrgym.vr.headset_check import (
+    fault_text,
+    faults,
+    is_ready,
+    measurement_text,
+    result_message,
+    result_text,
+)
 from avrgym.vr.latency import STAGES
 
 READY = HeadsetCheck(
@@ -43,7 +50,7 @@ def late(stage: str) -> Mapping[str, Mapping[str, float]]:
 
 def test_a_headset_without_faults_is_ready() -> None:
     assert is_ready(READY)
-    assert verdict_text(READY) == "Go: the headset is ready."
+    assert result_text(READY) == "Go: the headset is ready."
     for asked_nobody in (None, True):
         assert is_ready(but(haptics=asked_nobody, sound=asked_nobody))
 
@@ -76,19 +83,19 @@ def test_each_fault_is_told_alone_with_what_to_do(check: HeadsetCheck, what: str
     assert not is_ready(check)
     assert what in fault_text(check)
     assert what_to_do in fault_text(check)
-    assert verdict_text(check) == f"No-go. {fault_text(check)}"
+    assert result_text(check) == f"No-go. {fault_text(check)}"
 
 
 def test_who_reads_in_vr_is_told_the_first_faults_and_how_many_more_there_are() -> None:
     bad = but(haptics=False, sound=False, dropped_share=0.2)
     assert len(faults(bad)) == 3
     for texts in map(read_texts, included_languages()):
-        told, third = texts.render(verdict(bad, 2)), texts.render(faults(bad)[2])
+        told, third = texts.render(result_message(bad, 2)), texts.render(faults(bad)[2])
         assert all(texts.render(fault) in told for fault in faults(bad)[:2])
         assert "1" in told
         assert third not in told
-        assert third in texts.render(verdict(bad, 3))
-        assert all(texts.render(verdict(each, 9)) for each in ALL)
+        assert third in texts.render(result_message(bad, 3))
+        assert all(texts.render(result_message(each, 9)) for each in ALL)
 
 
 def test_a_bare_hand_may_tremble_more_than_a_controller() -> None:

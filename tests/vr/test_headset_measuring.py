@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace as replace_frame
 
 from avrgym.array_types import FloatArray
-from avrgym.vr.headset_check import fault_text, is_ready, measurement_text, verdict_text
+from avrgym.vr.headset_check import fault_text, is_ready, measurement_text, result_text
 from avrgym.vr.latency import STAGES
 from avrgym.vr.protocol.messages import (
     Answer,
@@ -23,7 +23,7 @@ from avrgym.vr.protocol.messages import (
     Question,
     Ready,
     Stop,
-    StopWay,
+    StopMethod,
     Tracking,
     XRPose,
 )
@@ -91,7 +91,7 @@ def measure(visit: Visit) -> None:
 def check(visit: Visit, haptics: int = 1, sound: int = 1) -> None:
     """From entering VR, or from a failed check, to its result."""
     measure(visit)
-    visit.tell(Stop(way="palm"))
+    visit.tell(Stop(method="palm"))
     answer(visit, haptics, sound)
 
 
@@ -108,7 +108,7 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     visit.tell(Entered())
     check(visit)
     result = next(each for each in visit.observed if isinstance(each, events.HeadsetChecked)).check
-    assert is_ready(result), verdict_text(result)
+    assert is_ready(result), result_text(result)
     assert result.emulated
     assert result.frame_rate_hz == pytest.approx(90.0)
     assert result.left.reach_m is not None
@@ -127,8 +127,8 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     assert recording.configuration.headset_check.stop == "palm"
 
 
-@pytest.mark.parametrize("way", get_args(StopWay))
-def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way: StopWay) -> None:
+@pytest.mark.parametrize("way", get_args(StopMethod))
+def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way: StopMethod) -> None:
     visit = Visit(tmp_path, CHECKED)
     visit.tell(Entered())
     measure(visit)
@@ -136,13 +136,13 @@ def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way
     visit.tell(Command("stop"))
     assert visit.phase == "headset_stop"
     visit.tick(25)
-    visit.tell(Stop(way=way))
+    visit.tell(Stop(method=way))
     assert visit.phase == "headset_check"
     answer(visit)
     (result,) = [each.check for each in visit.observed if isinstance(each, events.HeadsetChecked)]
     assert (result.stop, result.stop_after_s) == (way, pytest.approx(0.25, abs=0.02))
     assert f"{way} after 0." in measurement_text(result)
-    assert is_ready(result), verdict_text(result)
+    assert is_ready(result), result_text(result)
 
 
 def test_a_stop_that_was_not_tried_is_told_and_may_be_skipped(tmp_path: Path) -> None:
@@ -167,11 +167,11 @@ def test_a_check_of_earlier_versions_lacks_no_stop() -> None:
     assert "stop" not in fault_text(check)
 
 
-@pytest.mark.parametrize("way", [None, *get_args(StopWay)])
-def test_every_way_stops_a_trial_at_once_and_is_stored(tmp_path: Path, way: StopWay | None) -> None:
+@pytest.mark.parametrize("way", [None, *get_args(StopMethod)])
+def test_every_way_stops_a_trial_at_once_and_is_stored(tmp_path: Path, way: StopMethod | None) -> None:
     visit = Visit(tmp_path, plan())
     visit.go_to("trial")
-    visit.tell(Stop(way=way))
+    visit.tell(Stop(method=way))
     assert visit.phase == "paused"
     assert [each.way for each in visit.observed if isinstance(each, events.Stopped)] == [way]
 

@@ -41,7 +41,7 @@ def test_what_a_person_can_do_is_followed_exactly() -> None:
         pose, now_s = towards(pose, passed_s, rng), now_s + passed_s
         limb.see(pose, now_s, now_s)
         assert limb.follow(now_s) == pose
-        assert not limb.held
+        assert not limb.deviates
 
 
 def test_a_jump_is_held_and_the_limb_comes_at_leisure() -> None:
@@ -57,7 +57,7 @@ def test_a_jump_is_held_and_the_limb_comes_at_leisure() -> None:
     assert max(steps_s) == pytest.approx(RETURN_SHARE * TICK_S)
     assert len(moved) == pytest.approx(min_duration_s(REST, away) / (RETURN_SHARE * TICK_S), abs=2)
     assert followed[-1] == away
-    assert not limb.held
+    assert not limb.deviates
 
 
 def test_who_teleports_at_90_hz_moves_nothing() -> None:

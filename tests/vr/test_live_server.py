@@ -530,7 +530,7 @@ def test_a_client_that_does_not_listen_is_not_remembered_for_ever() -> None:
 
 
 def state_of(sequence: int) -> State:
-    numbers: dict[str, Any] = {"joint_targets": b"", "held": [], "poses": b""}
+    numbers: dict[str, Any] = {"joint_targets": b"", "deviating_parts": [], "poses": b""}
     return State(sequence=sequence, simulation_time_s=0.0, tracking_sequence=-1, **numbers)
 
 

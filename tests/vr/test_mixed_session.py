@@ -14,7 +14,7 @@ from avrgym.models import human
 from avrgym.models.human import SEATED_RAD
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
-from avrgym.vr.live_world.arm_touch import ArmTouch
+from avrgym.vr.live_world.arm_contact import ArmContactMonitor
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import (
     Command,
@@ -428,7 +428,7 @@ def test_a_torso_height_that_nobody_has_is_refused(visit: Callable[..., Visit], 
 def test_touches_are_felt_on_the_arm_that_is_touched() -> None:
     """The tool is put onto one hand after the other."""
     world = LiveWorld(FEEDING, human.Person())
-    touch, simulation = ArmTouch(world.simulation), world.simulation
+    touch, simulation = ArmContactMonitor(world.simulation), world.simulation
     assert touch.sides() == (False, False)
     model = simulation.batch.get_model(0)
     base = model.body("robot/" + world.scene_config.robot.base).id
@@ -445,7 +445,7 @@ def test_feedback_is_told_when_something_changes(visit: Callable[..., Visit], mo
     session.go_to("free_before")
     told = len(session.said(Feedback))
     with monkeypatch.context() as touched:
-        touched.setattr(ArmTouch, "sides", lambda self: (True, False))
+        touched.setattr(ArmContactMonitor, "sides", lambda self: (True, False))
         session.tick(40)
     session.tick(40)
     assert session.said(Feedback)[told:] == [Feedback(True, False, 0), Feedback(False, False, 0)]

@@ -166,7 +166,7 @@ class Walk:
             asked = self.visit.said(Question)[-1]
             self._tell(Answer(asked.item, self._chance.randint(1, asked.points), 1.0))
         elif self.visit.phase == "headset_stop":
-            self._tell(Stop(way="palm"))
+            self._tell(Stop(method="palm"))
         elif self.visit.phase == "confirm":
             self._tell(self._chance.choice([Ready(), Ready(), Back()]))
 

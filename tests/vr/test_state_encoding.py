@@ -37,8 +37,8 @@ def numbers(data: bytes, columns: int) -> np.ndarray:
 
 def check(sent: State, told: State) -> None:
     """The decoded state equals the sent one, within half a step."""
-    assert (told.sequence, told.simulation_time_s, told.tracking_sequence, told.held) == (
-        *(sent.sequence, sent.simulation_time_s, sent.tracking_sequence, sent.held),
+    assert (told.sequence, told.simulation_time_s, told.tracking_sequence, told.deviating_parts) == (
+        *(sent.sequence, sent.simulation_time_s, sent.tracking_sequence, sent.deviating_parts),
     )
     targets = numbers(told.joint_targets, 1) - numbers(sent.joint_targets, 1)
     assert np.abs(targets).max(initial=0.0) <= 0.5 * JOINT_STEP_RAD + SINGLE

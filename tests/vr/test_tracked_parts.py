@@ -145,7 +145,7 @@ def test_a_part_that_the_task_does_not_need_ends_nothing(
     visit.spoil = SPOILS[kind](part)
     visit.go_to("questionnaire")
     assert visit.said(Status)[-1].untracked_parts == [part]
-    assert part in visit.said(State)[-1].held
+    assert part in visit.said(State)[-1].deviating_parts
     visit.answer(4, 4, 4, 4)
     (recording,) = visit.recordings()
     assert ended(recording) == "completed"

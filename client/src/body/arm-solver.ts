@@ -48,13 +48,13 @@ export function solveArm(lengths: ArmLengths, hand: Hand, start: ArmAngles, turn
 
 /** Whether limits clip the angles of a target that is close to the start. */
 function isShort(aim: ArmAngles, angles: ArmAngles, start: ArmAngles): boolean {
-  let [way, missing] = [0, 0];
+  let [largest, missing] = [0, 0];
   for (let joint = 0; joint < JOINTS; joint++) {
     const within = clip(aim[joint]!, ARM.lower_rad[joint]!, ARM.upper_rad[joint]!);
-    way = Math.max(way, Math.abs(within - start[joint]!));
+    largest = Math.max(largest, Math.abs(within - start[joint]!));
     missing = Math.max(missing, Math.abs(angles[joint]! - aim[joint]!));
   }
-  return way < ARM.detour_rad && missing > ARM.exact_rad;
+  return largest < ARM.detour_rad && missing > ARM.exact_rad;
 }
 
 /** The hand's centre, moved on the line from shoulder to wrist into the reach of the elbow. */

@@ -12,11 +12,11 @@ interface Link {
   offset: Vector3;
 }
 
-/** Connected bodies. `held`: 0 to draw them as tracked, 1 as simulated. */
+/** Connected bodies. `simulatedShare`: 0 to draw them as tracked, 1 as simulated. */
 export interface Chain {
   part: Part;
   links: [Link, ...Link[]];
-  held: number;
+  simulatedShare: number;
 }
 
 /** A pose in the world frame. */
@@ -47,16 +47,16 @@ export function chainsOf(skeleton: Skeleton, bodies: readonly string[]): [trunk:
 }
 
 function chain(part: Part, links: Chain["links"]): Chain {
-  return { part, links, held: 1 };
+  return { part, links, simulatedShare: 1 };
 }
 
 /**
- * Blends the poses of a chain with these joint angles into the simulated `poses`, by its `held`.
+ * Blends the poses of a chain with these joint angles into the simulated `poses`, by its `simulatedShare`.
  *
  * `root`: the pose of its parent. Returns the tracked pose of its first body.
  */
-export function drawChain({ links, held }: Chain, poses: Float32Array, angles: JointAngles, root: Place): Place {
-  const share = held * held * (3 - 2 * held);
+export function drawChain({ links, simulatedShare }: Chain, poses: Float32Array, angles: JointAngles, root: Place): Place {
+  const share = simulatedShare * simulatedShare * (3 - 2 * simulatedShare);
   const [first, ...others] = links;
   const tracked = next(root, first, turnOf(first, angles));
   const drawn: Place = {

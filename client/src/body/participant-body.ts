@@ -5,7 +5,7 @@ import { chainsOf, drawChain, type Chain, type Place } from "./kinematic-chain";
 import { TICK_S, type Part, type Scene } from "../generated/messages";
 import type { State } from "../session/state-decoder";
 
-/** Time for blending a held part from the tracked to the simulated pose, and back. */
+/** Time for blending a deviating part from the tracked to the simulated pose, and back. */
 export const BLEND_MS = 100;
 /** Fraction of the difference to the server's angles that each frame's start angles add. It makes elbows converge. */
 const PULL = 0.2;
@@ -14,7 +14,7 @@ const LONGEST_LAG_MS = 1000;
 /**
  * The participant's trunk and arms, drawn at the poses of headset and controllers of the same frame.
  *
- * The server simulates them later. Parts that it holds are drawn at their simulated pose.
+ * The server simulates them with a delay. Parts that deviate from tracking are drawn at their simulated pose.
  */
 export class ParticipantBody {
   private readonly solver: BodySolver;
@@ -22,7 +22,7 @@ export class ParticipantBody {
   private readonly chains: [trunk: Chain, ...arms: Chain[]];
   private targets: JointAngles | null = null;
   private angles: JointAngles | null = null;
-  private held: ReadonlySet<Part> = new Set();
+  private deviating: ReadonlySet<Part> = new Set();
   private lastMs: number | null = null;
 
   constructor({ skeleton, bodies }: Scene) {
@@ -32,16 +32,16 @@ export class ParticipantBody {
     this.chains = chainsOf(skeleton, bodies);
   }
 
-  /** Stores the joint targets and held parts of the newest state. */
-  take({ joint_targets: targets, held }: State): void {
+  /** Stores the joint targets and deviating parts of the newest state. */
+  take({ joint_targets: targets, deviating_parts: deviating }: State): void {
     this.targets = targets.length ? targets : null;
-    this.held = new Set(held);
+    this.deviating = new Set(deviating);
   }
 
   /** Resets while nobody is tracked. The next participant is blended in from the simulated pose. */
   rest(): void {
     this.angles = this.lastMs = null;
-    for (const chain of this.chains) chain.held = 1;
+    for (const chain of this.chains) chain.simulatedShare = 1;
   }
 
   /**
@@ -55,8 +55,8 @@ export class ParticipantBody {
     const share = Math.min(Math.max(nowMs - (this.lastMs ?? nowMs), 0) / BLEND_MS, 1);
     this.lastMs = nowMs;
     for (const chain of this.chains) {
-      const way = (this.held.has(chain.part) ? 1 : 0) - chain.held;
-      chain.held += Math.min(Math.max(way, -share), share);
+      const difference = (this.deviating.has(chain.part) ? 1 : 0) - chain.simulatedShare;
+      chain.simulatedShare += Math.min(Math.max(difference, -share), share);
     }
     const [trunk, ...arms] = this.chains;
     const torso = drawChain(trunk, poses, this.angles, this.hips);

@@ -46,8 +46,8 @@ export interface EmulatorControls {
   lookAt(point: Triple): void;
   /** Raises an open bare hand before the face, palm away from it. */
   raisePalm(hand: Hand): void;
-  /** The displayed way to stop, its progress, and the position of a sign in the room. */
-  stop(): { way: string; progress: number; sign: Triple | null };
+  /** The displayed stop method, its progress, and the position of a sign in the room. */
+  stop(): { method: string; progress: number; sign: Triple | null };
   /** The visible buttons on the panel, of a question or of the body choice. */
   buttons(): EmulatedButton[];
   phase(): Phase | null;
@@ -124,8 +124,8 @@ export function exposeEmulator(app: App, emulator: Emulator): void {
     lookAt: (point) => turnTo(device, new Vector3(...point)),
     raisePalm: (hand) => raisePalm(device, hand),
     stop: () => {
-      const { way, progress, sign } = app.stopControl;
-      return { way, progress, sign: sign.middle?.toArray() ?? null };
+      const { method, progress, sign } = app.stopControl;
+      return { method, progress, sign: sign.middle?.toArray() ?? null };
     },
     buttons: () => shownButtons(app),
     phase: () => app.phase,

@@ -28,7 +28,7 @@ export type Shares = [number, number, number];
 
 export type Modality = "controller" | "hand" | "mouse" | "none";
 
-export type StopWay = "button" | "gaze" | "key" | "page" | "palm" | "select" | "squeeze" | "triggers";
+export type StopMethod = "button" | "gaze" | "key" | "page" | "palm" | "select" | "squeeze" | "triggers";
 
 export type Visibility = "context-lost" | "hidden" | "visible" | "visible-blurred";
 
@@ -129,10 +129,10 @@ export interface SceneLoaded {
   url: string;
 }
 
-/** The emergency stop: the robot must hold still immediately. `way`: the participant's action. */
+/** The emergency stop: the robot must hold still immediately. `method`: the participant's action. */
 export interface Stop {
   type: "stop";
-  way: StopWay | null;
+  method: StopMethod | null;
 }
 
 /** The visibility of the scene has changed. After each welcome it is `visible`. */
@@ -316,8 +316,9 @@ export interface Passed {
 /** The state of the world at one time, as the difference to the previous state of this connection.
  *
  * The first state after a scene is complete. `tracking_sequence`: the newest tracking frame that this state
- * includes, -1 before the first. `joint_targets`: target angles of the person's joints. `held`: parts of the body
- * that cannot follow tracking, because of an obstacle or lost tracking; they are displayed as simulated.
+ * includes, -1 before the first. `joint_targets`: target angles of the person's joints. `deviating_parts`: parts
+ * of the body that cannot follow tracking, because of an obstacle or lost tracking; the client draws the simulated
+ * poses of these parts.
  *
  * `joint_targets` has steps of 1e-5 rad and one row per joint. `poses` has steps of 0.1 mm and 5e-5, and one row
  * x, y, z, w, x, y, z per body or mark. Unchanged rows are omitted: each row begins with the number of omitted rows,
@@ -327,7 +328,7 @@ export interface StateChange {
   sequence: number;
   simulation_time_s: number;
   tracking_sequence: number;
-  held: Part[];
+  deviating_parts: Part[];
   joint_targets: Uint8Array;
   poses: Uint8Array;
 }

@@ -44,8 +44,8 @@ export function isPalmRaised(side: Side, joints: Float32Array, eyes: Vector3): b
 function isStraightUp(joints: Float32Array, finger: readonly number[]): boolean {
   const places = finger.map((joint) => at(joints, joint, new Vector3()));
   const length = places.slice(1).reduce((sum, place, before) => sum + place.distanceTo(places[before]!), 0);
-  const way = along.copy(places.at(-1)!).sub(places[0]!);
-  return way.length() > STRAIGHT * length && way.normalize().dot(UP) > UPRIGHT;
+  const span = along.copy(places.at(-1)!).sub(places[0]!);
+  return span.length() > STRAIGHT * length && span.normalize().dot(UP) > UPRIGHT;
 }
 
 function at(joints: Float32Array, joint: number, into: Vector3): Vector3 {

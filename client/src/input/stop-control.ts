@@ -1,6 +1,6 @@
 import { Quaternion, Vector3 } from "three";
 import type { TrackedHands } from "../body/bare-hands";
-import { StopGestures, type StopWayInVR } from "./stop-gestures";
+import { StopGestures, type VrStopMethod } from "./stop-gestures";
 import { StopSign } from "./stop-sign";
 import type { Texts } from "../page/texts";
 
@@ -14,9 +14,9 @@ export class StopControl {
   private readonly turn = new Quaternion();
   private readonly gaze = new Vector3();
 
-  /** The way to stop with the present inputs. */
-  get way(): StopWayInVR {
-    return this.stopping.way;
+  /** The stop method of the present inputs. */
+  get method(): VrStopMethod {
+    return this.stopping.method;
   }
 
   /** The progress of the stop, 0 to 1. */
@@ -28,7 +28,7 @@ export class StopControl {
     this.stopping.listen(session);
   }
 
-  /** The way of a completed stop, or null. `possible`: whether the robot can be stopped now. */
+  /** The method of a completed stop, or null. `possible`: whether the robot can be stopped now. */
   watch(
     frame: XRFrame,
     space: XRReferenceSpace,
@@ -36,7 +36,7 @@ export class StopControl {
     hands: TrackedHands,
     possible: boolean,
     texts: Texts,
-  ): StopWayInVR | null {
+  ): VrStopMethod | null {
     const { sign, stopping, eyes } = this;
     const sources = frame.session.inputSources;
     const seen = this.look(frame, space, sources);
@@ -47,8 +47,8 @@ export class StopControl {
     );
     if (!possible) sign.hide();
     else if (seen) {
-      sign.show(stopping.way, stopping.progress, texts);
-      sign.place(stopping.way, eyes, this.turn);
+      sign.show(stopping.method, stopping.progress, texts);
+      sign.place(stopping.method, eyes, this.turn);
     }
     return stopped;
   }

@@ -1,15 +1,15 @@
 import { Vector3 } from "three";
 import type { TrackedHands } from "../body/bare-hands";
-import type { StopWay } from "../generated/messages";
+import type { StopMethod } from "../generated/messages";
 import { isPalmRaised } from "./palm-gesture";
 import type { Key } from "../page/texts";
 
 /** Ways to stop the robot in VR. */
-export type StopWayInVR = Exclude<StopWay, "page" | "key">;
-type HeldStopWay = Exclude<StopWayInVR, "button">;
+export type VrStopMethod = Exclude<StopMethod, "page" | "key">;
+type HeldStopMethod = Exclude<VrStopMethod, "button">;
 
-/** For each way to stop: its text, and the time for which it is held. */
-export const STOP_WAYS: Readonly<Record<StopWayInVR, { text: Key; heldMs: number }>> = {
+/** For each stop method: its text, and the time for which it is held. */
+export const STOP_METHODS: Readonly<Record<VrStopMethod, { text: Key; heldMs: number }>> = {
   button: { text: "stop_by_button", heldMs: 0 },
   triggers: { text: "stop_by_triggers", heldMs: 700 },
   squeeze: { text: "stop_by_triggers", heldMs: 700 },
@@ -24,7 +24,7 @@ const MENU_BUTTONS = [4, 5];
 export const HAND_PROFILE = "generic-hand-select";
 /** Maximum interruption of tracked gestures that is ignored. */
 const FLICKER_MS = 150;
-/** Without any input source for this time, the way to stop is the gaze. */
+/** Without any input source for this time, the stop method is the gaze. */
 const ALONE_MS = 1000;
 /** Maximum angle between the gaze and the middle of the stop sign. */
 export const SIGN_RADIUS_RAD = (6 * Math.PI) / 180;
@@ -38,8 +38,8 @@ export function kindOf({ hand, profiles, gamepad, targetRayMode }: XRInputSource
   return MENU_BUTTONS.some((index) => gamepad?.buttons[index]) ? "button" : "trigger";
 }
 
-/** The way to stop that is displayed; null without input sources. */
-export function wayOf(sources: Iterable<XRInputSource>): StopWayInVR | null {
+/** The displayed stop method; null without input sources. */
+export function stopMethodFor(sources: Iterable<XRInputSource>): VrStopMethod | null {
   const kinds = Array.from(sources, kindOf);
   if (kinds.includes("button")) return "button";
   const triggers = kinds.filter((kind) => kind === "trigger").length;
@@ -111,22 +111,22 @@ export interface Seen {
   sign: Vector3 | null;
 }
 
-/** Detects all ways to stop that are held for a time. */
+/** Detects all stop methods that are held for a time. */
 export class StopGestures {
-  /** The way to stop with the present inputs. */
-  way: StopWayInVR = "gaze";
+  /** The stop method of the present inputs. */
+  method: VrStopMethod = "gaze";
   /** The progress of the stop, 0 to 1. */
   progress = 0;
   /** Sequence numbers of the present presses of each source. */
   private readonly selecting = new Map<XRInputSource, number>();
   private readonly squeezing = new Map<XRInputSource, number>();
   private presses = 0;
-  private readonly holds: Readonly<Record<HeldStopWay, Hold>> = {
-    triggers: new Hold(STOP_WAYS.triggers.heldMs, 0, true),
-    squeeze: new Hold(STOP_WAYS.squeeze.heldMs, 0, true),
-    select: new Hold(STOP_WAYS.select.heldMs, 0, true),
-    palm: new Hold(STOP_WAYS.palm.heldMs, FLICKER_MS, false),
-    gaze: new Hold(STOP_WAYS.gaze.heldMs, FLICKER_MS, false),
+  private readonly holds: Readonly<Record<HeldStopMethod, Hold>> = {
+    triggers: new Hold(STOP_METHODS.triggers.heldMs, 0, true),
+    squeeze: new Hold(STOP_METHODS.squeeze.heldMs, 0, true),
+    select: new Hold(STOP_METHODS.select.heldMs, 0, true),
+    palm: new Hold(STOP_METHODS.palm.heldMs, FLICKER_MS, false),
+    gaze: new Hold(STOP_METHODS.gaze.heldMs, FLICKER_MS, false),
   };
   private sourcesMs = -Infinity;
 
@@ -140,25 +140,25 @@ export class StopGestures {
     session.addEventListener("squeezeend", ({ inputSource }) => this.squeezing.delete(inputSource));
   }
 
-  /** The way of a completed stop, or null. `possible`: whether the robot can be stopped now. */
-  watch(seen: Seen, possible: boolean, nowMs: number): HeldStopWay | null {
+  /** The method of a completed stop, or null. `possible`: whether the robot can be stopped now. */
+  watch(seen: Seen, possible: boolean, nowMs: number): HeldStopMethod | null {
     const sources = Array.from(seen.sources);
-    this.chooseWay(sources, nowMs);
+    this.chooseMethod(sources, nowMs);
     const held = this.held(seen, sources);
-    const ways = Object.entries(this.holds) as [HeldStopWay, Hold][];
-    const shares = ways.map(([way, hold]) => hold.share(held[way], possible, nowMs));
+    const methods = Object.entries(this.holds) as [HeldStopMethod, Hold][];
+    const shares = methods.map(([method, hold]) => hold.share(held[method], possible, nowMs));
     this.progress = Math.max(...shares);
-    return ways[shares.indexOf(1)]?.[0] ?? null;
+    return methods[shares.indexOf(1)]?.[0] ?? null;
   }
 
-  private chooseWay(sources: XRInputSource[], nowMs: number): void {
-    const way = wayOf(sources);
-    if (way) this.sourcesMs = nowMs;
-    if (way) this.way = way;
-    else if (nowMs - this.sourcesMs > ALONE_MS) this.way = "gaze";
+  private chooseMethod(sources: XRInputSource[], nowMs: number): void {
+    const method = stopMethodFor(sources);
+    if (method) this.sourcesMs = nowMs;
+    if (method) this.method = method;
+    else if (nowMs - this.sourcesMs > ALONE_MS) this.method = "gaze";
   }
 
-  private held({ eyes, gaze, hands, sign }: Seen, sources: XRInputSource[]): Record<HeldStopWay, Press> {
+  private held({ eyes, gaze, hands, sign }: Seen, sources: XRInputSource[]): Record<HeldStopMethod, Press> {
     const triggers = sources.filter((source) => kindOf(source) === "trigger");
     const selects = pressesOf(triggers, this.selecting);
     const squeezes = pressesOf(triggers, this.squeezing);
@@ -169,7 +169,7 @@ export class StopGestures {
       squeeze: squeezes.length > 0 ? Math.min(...squeezes) : null,
       select: triggers.length === 1 ? all : null,
       palm: eyes !== null && (raised("left") || raised("right")) ? 0 : null,
-      gaze: this.way === "gaze" && looksAt(eyes, gaze, sign) ? 0 : null,
+      gaze: this.method === "gaze" && looksAt(eyes, gaze, sign) ? 0 : null,
     };
   }
 }

@@ -1,7 +1,7 @@
 import { Quaternion, Vector3 } from "three";
 import { CanvasPlane } from "../panel/canvas-plane";
 import { wrap } from "../panel/paint-panel";
-import { STOP_WAYS, type StopWayInVR } from "./stop-gestures";
+import { STOP_METHODS, type VrStopMethod } from "./stop-gestures";
 import type { Texts } from "../page/texts";
 
 /** Size of the sign's canvas in pixels, and of the sign in metres. */
@@ -21,7 +21,7 @@ const DISTANCE_M = 1.1;
 const ASIDE = new Vector3(-0.62, 0.36, -1).normalize().multiplyScalar(DISTANCE_M);
 const COLOUR = { sign: "#c62828", ring: "#ffd36b", quiet: "#5b1717", text: "#ffffff", plate: "rgba(15, 42, 49, 0.85)" };
 
-/** A sign in VR with the way to stop the robot, and a progress ring. */
+/** A sign in VR with the method to stop the robot, and a progress ring. */
 export class StopSign {
   private readonly plane = new CanvasPlane(WIDTH, HEIGHT, WIDTH_M);
   readonly mesh = this.plane.mesh;
@@ -38,24 +38,24 @@ export class StopSign {
     this.stands = null;
   }
 
-  /** Shows the way to stop and its progress. */
-  show(way: StopWayInVR, progress: number, texts: Texts): void {
+  /** Shows the stop method and its progress. */
+  show(method: VrStopMethod, progress: number, texts: Texts): void {
     this.mesh.visible = true;
-    this.mesh.material.depthTest = progress === 0 && way !== "gaze";
-    if (way !== "gaze") this.stands = null;
+    this.mesh.material.depthTest = progress === 0 && method !== "gaze";
+    if (method !== "gaze") this.stands = null;
     const step = Math.round(progress * STEPS);
-    const wanted = `${way} ${step} ${texts.language}`;
+    const wanted = `${method} ${step} ${texts.language}`;
     if (wanted === this.painted) return;
     this.painted = wanted;
-    const [sign, how] = [texts.get("stop_sign"), texts.get(STOP_WAYS[way].text)];
+    const [sign, how] = [texts.get("stop_sign"), texts.get(STOP_METHODS[method].text)];
     this.plane.paint((context) => paintSign(context, sign, how, step / STEPS));
   }
 
   /** Moves the sign with the head; a sign for the gaze stays in the room. */
-  place(way: StopWayInVR, eyes: Vector3, turn: Quaternion): void {
+  place(method: VrStopMethod, eyes: Vector3, turn: Quaternion): void {
     if (this.stands) return;
     const { mesh } = this;
-    if (way === "gaze") {
+    if (method === "gaze") {
       this.stands = standingMiddle(eyes, turn);
       mesh.position.copy(this.stands).setY(this.stands.y - MIDDLE_M);
     } else mesh.position.copy(ASIDE).applyQuaternion(turn).add(eyes);

@@ -8,7 +8,7 @@ import { DesktopControls } from "../input/desktop-controls";
 import { XRFrameHandler } from "../session/xr-frame";
 import type { Outgoing } from "../session/connection";
 import { LatencyMeter } from "../session/latency";
-import type { Body, Phase, Scene, ServerMessage, StopWay, Visibility, Welcome } from "../generated/messages";
+import type { Body, Phase, Scene, ServerMessage, StopMethod, Visibility, Welcome } from "../generated/messages";
 import { Notice } from "./notice";
 import { Page, isStopKey } from "./participant-page";
 import { AGAIN, BACK, DONE } from "../panel/paint-panel";
@@ -377,16 +377,16 @@ export class App {
     return true;
   }
 
-  private stop(way: StopWay): void {
-    if (!this.isSpectator) this.send({ type: "stop", way });
+  private stop(method: StopMethod): void {
+    if (!this.isSpectator) this.send({ type: "stop", method });
     else if (this.page.commands) this.send({ type: "command", name: "stop" });
   }
 
   /** Stops the robot after a stop gesture in VR. */
   private checkStopGesture(frame: XRFrame, space: XRReferenceSpace, timeMs: number): void {
     const { phase, texts, xrFrames, stopControl } = this;
-    const way = stopControl.watch(frame, space, timeMs, xrFrames.bareHands, canBeStopped(phase), texts);
-    if (way) this.stop(way);
+    const method = stopControl.watch(frame, space, timeMs, xrFrames.bareHands, canBeStopped(phase), texts);
+    if (method) this.stop(method);
   }
 
   /** Updates the texts for the participant's select input. */

@@ -19,9 +19,9 @@ export class StateDecoder {
     this.poses = new DeltaRows(POSE_STEPS);
   }
 
-  decode({ sequence, simulation_time_s, tracking_sequence, held, joint_targets, poses }: StateChange): State {
+  decode({ sequence, simulation_time_s, tracking_sequence, deviating_parts, joint_targets, poses }: StateChange): State {
     return {
-      ...{ sequence, simulation_time_s, tracking_sequence, held },
+      ...{ sequence, simulation_time_s, tracking_sequence, deviating_parts },
       joint_targets: this.targets.changedBy(joint_targets),
       poses: this.numbers(this.poses.changedBy(poses)),
     };

@@ -49,11 +49,11 @@ export class HandFollower {
   }
 
   private fade(grip: Place, { at, turn }: Place): void {
-    const way = grip.at.distanceTo(this.rested);
-    if (way <= SWITCHES.rest_radius_m) return;
+    const distance = grip.at.distanceTo(this.rested);
+    if (distance <= SWITCHES.rest_radius_m) return;
     this.rested.copy(grip.at);
     const size = Math.max(at.length(), SWITCHES.metres_per_radian * turn.angleTo(STRAIGHT));
-    const left = size > 0 ? 1 - (SWITCHES.fading_per_metre * way) / size : 0;
+    const left = size > 0 ? 1 - (SWITCHES.fading_per_metre * distance) / size : 0;
     if (left > 0) this.correction = { at: at.multiplyScalar(left), turn: turn.slerp(STRAIGHT, 1 - left) };
     else this.correction = null;
   }

@@ -30,8 +30,8 @@ function simulated(angles: JointAngles): Float32Array {
   const [trunk, ...arms] = chainsOf(skeleton, SCENE.bodies);
   const [w, x, y, z] = skeleton.hips_q_w;
   const hips = { origin: new Vector3(...skeleton.hips_pos_w), turn: new Quaternion(x, y, z, w) };
-  const torso = drawChain({ ...trunk, held: 0 }, poses, angles, hips);
-  for (const arm of arms) drawChain({ ...arm, held: 0 }, poses, angles, torso);
+  const torso = drawChain({ ...trunk, simulatedShare: 0 }, poses, angles, hips);
+  for (const arm of arms) drawChain({ ...arm, simulatedShare: 0 }, poses, angles, torso);
   return poses;
 }
 
@@ -65,8 +65,8 @@ function apart(a: Pose, b: Pose): { m: number; deg: number } {
   return { m, deg: (turn(a.q).angleTo(turn(b.q)) * 180) / Math.PI };
 }
 
-function state(targets: JointAngles, held: Part[] = []): State {
-  return { joint_targets: targets, held } as unknown as State;
+function state(targets: JointAngles, deviating: Part[] = []): State {
+  return { joint_targets: targets, deviating_parts: deviating } as unknown as State;
 }
 
 /** A person who waves both arms and leans, at up to 1.5 m/s. */
@@ -103,8 +103,8 @@ class Client {
   }
 
   /** What is drawn of a pose, over what is simulated for the server's targets of some frames ago. */
-  draw(pose: BodyPose, targets: JointAngles, held: Part[] = [], where: JointAngles = targets): Float32Array {
-    this.own.take(state(targets, held));
+  draw(pose: BodyPose, targets: JointAngles, deviating: Part[] = [], where: JointAngles = targets): Float32Array {
+    this.own.take(state(targets, deviating));
     const poses = simulated(where);
     this.own.draw(poses, pose, FRAME_MS * this.frames++, LATE * FRAME_MS);
     return poses;
@@ -161,8 +161,8 @@ describe("the participant's own arms", () => {
     const pose = poseOf(reaching);
     const gap = apart(handOf(simulated(blocked), "right"), pose.right!).m;
     const frames = Math.ceil(BLEND_MS / FRAME_MS) + 1;
-    const show = (count: number, held: Part[]) =>
-      Array.from({ length: count }, () => client.draw(pose, reaching, held, blocked));
+    const show = (count: number, deviating: Part[]) =>
+      Array.from({ length: count }, () => client.draw(pose, reaching, deviating, blocked));
     const [free, over, back] = [show(60, []), show(frames, ["right"]), show(frames, [])];
     expect(apart(handOf(free.at(-1)!, "right"), pose.right!).m).toBeLessThan(0.01);
     for (const name of ["upper_arm", "forearm", "hand"].map((part) => `right_${part}`))

@@ -4,7 +4,7 @@ import { DEVICES } from "../../src/generated/body-model";
 import { NO_TRACKED_HANDS, type TrackedHands } from "../../src/body/bare-hands";
 import type { Side } from "../../src/body/body-solver";
 import { standingMiddle } from "../../src/input/stop-sign";
-import { StopGestures, type StopWayInVR } from "../../src/input/stop-gestures";
+import { StopGestures, type VrStopMethod } from "../../src/input/stop-gestures";
 import { handJoints, placed } from "../helpers/hand-joints";
 import KEPT from "../data/motions.json";
 
@@ -64,7 +64,7 @@ function stopsIn(
   sources: XRInputSource[],
   hands: (frame: readonly number[]) => TrackedHands = () => NO_TRACKED_HANDS,
   before: (session: EventTarget, nowMs: number) => void = () => undefined,
-): StopWayInVR[] {
+): VrStopMethod[] {
   const [session, stopping] = [new EventTarget(), new StopGestures()];
   stopping.listen(session as XRSession);
   let sign: Vector3 | null = null;
@@ -73,8 +73,8 @@ function stopsIn(
     if (at % 25 === 0) sign = standingMiddle(eyes, turn);
     before(session, at * everyMs);
     const gaze = FORWARD.clone().applyQuaternion(turn);
-    const way = stopping.watch({ sources, eyes, gaze, hands: hands(frame), sign }, true, at * everyMs);
-    return way ? [way] : [];
+    const method = stopping.watch({ sources, eyes, gaze, hands: hands(frame), sign }, true, at * everyMs);
+    return method ? [method] : [];
   });
 }
 

@@ -1,7 +1,7 @@
 import { Vector3 } from "three";
 import { describe, expect, it } from "vitest";
 import { NO_TRACKED_HANDS, type TrackedHands } from "../../src/body/bare-hands";
-import { SIGN_RADIUS_RAD, StopGestures, STOP_WAYS, kindOf, menuIsDown, wayOf, type Seen, type StopWayInVR } from "../../src/input/stop-gestures";
+import { SIGN_RADIUS_RAD, StopGestures, STOP_METHODS, kindOf, menuIsDown, stopMethodFor, type Seen, type VrStopMethod } from "../../src/input/stop-gestures";
 import { TEXTS } from "../../src/generated/interface-texts";
 import { raisedHand } from "../helpers/hand-joints";
 import PROFILES from "../data/profiles.json";
@@ -52,17 +52,17 @@ class Participant {
       this.session.dispatchEvent(Object.assign(new Event(kind + (down ? "start" : "end")), { inputSource }));
   }
 
-  frame(): StopWayInVR | null {
+  frame(): VrStopMethod | null {
     this.nowMs += FRAME_MS;
     const seen: Seen = { sources: this.sources, eyes: EYES, gaze: this.gaze, hands: this.hands, sign: SIGN };
     return this.stopping.watch(seen, this.possible, this.nowMs);
   }
 
   /** All ways in which the robot was stopped within so many seconds. */
-  wait(seconds: number): StopWayInVR[] {
+  wait(seconds: number): VrStopMethod[] {
     const ends = this.nowMs + 1000 * seconds;
-    const stops: StopWayInVR[] = [];
-    while (this.nowMs < ends) stops.push(...[this.frame()].filter((way) => way !== null));
+    const stops: VrStopMethod[] = [];
+    while (this.nowMs < ends) stops.push(...[this.frame()].filter((method) => method !== null));
     return stops;
   }
 }
@@ -76,11 +76,11 @@ function sourcesOf({ profiles, hands, buttons }: (typeof PROFILES)[number], join
 }
 
 /** Does what the sign says. */
-function obey(participant: Participant, way: StopWayInVR): void {
+function obey(participant: Participant, method: VrStopMethod): void {
   const { sources } = participant;
-  if (way === "triggers" || way === "select") participant.press("select", true, ...sources);
-  if (way === "palm") participant.hands = { left: null, right: raisedHand("right", EYES) };
-  if (way === "gaze") participant.gaze = AT_SIGN;
+  if (method === "triggers" || method === "select") participant.press("select", true, ...sources);
+  if (method === "palm") participant.hands = { left: null, right: raisedHand("right", EYES) };
+  if (method === "gaze") participant.gaze = AT_SIGN;
 }
 
 describe("of every input profile in the registry", () => {
@@ -91,17 +91,17 @@ describe("of every input profile in the registry", () => {
       for (const count of [2, 1]) {
         const sources = sourcesOf(profile, joints).slice(0, count);
         const participant = new Participant(sources);
-        const { way } = participant.stopping;
-        expect(wayOf(sources)).toBe(way);
-        if (way === "button") {
+        const { method } = participant.stopping;
+        expect(stopMethodFor(sources)).toBe(method);
+        if (method === "button") {
           sources.at(-1)!.pressed.add(profile.buttons > 4 ? 4 : 5);
           expect(menuIsDown(sources)).toBe(true);
           continue;
         }
-        obey(participant, way);
-        expect(participant.wait(STOP_WAYS[way].heldMs / 1000 - 0.05)).toEqual([]);
+        obey(participant, method);
+        expect(participant.wait(STOP_METHODS[method].heldMs / 1000 - 0.05)).toEqual([]);
         expect(participant.stopping.progress).toBeGreaterThan(0.9);
-        expect(participant.wait(3)).toEqual([way]);
+        expect(participant.wait(3)).toEqual([method]);
       }
   });
 
@@ -126,23 +126,23 @@ describe("of every input profile in the registry", () => {
 
 describe("sources that are there for a moment or not at all", () => {
   it.each(["transient-pointer", "gaze", "screen"] as const)("with a ray of kind %s stop by looking at the sign", (mode) => {
-    expect(wayOf([source({ mode, handedness: "none" })])).toBe("gaze");
+    expect(stopMethodFor([source({ mode, handedness: "none" })])).toBe("gaze");
   });
 
   it("leave the eyes after a second", () => {
     const participant = new Participant([source({ buttons: 6 })]);
     participant.sources = [];
     participant.wait(0.9);
-    expect(participant.stopping.way).toBe("button");
+    expect(participant.stopping.method).toBe("button");
     participant.wait(0.2);
-    expect(participant.stopping.way).toBe("gaze");
+    expect(participant.stopping.method).toBe("gaze");
     participant.gaze = AT_SIGN;
     expect(participant.wait(1.2)).toEqual(["gaze"]);
   });
 
   it("leave the palm to hands beside which a pinch comes and goes", () => {
     const hand = source({ joints: true });
-    expect(wayOf([hand, source({ mode: "transient-pointer", handedness: "none" })])).toBe("palm");
+    expect(stopMethodFor([hand, source({ mode: "transient-pointer", handedness: "none" })])).toBe("palm");
   });
 });
 
@@ -173,8 +173,8 @@ describe("a stop", () => {
     expect(participant.wait(0.2)).toEqual(["squeeze"]);
   });
 
-  it.each(["triggers", "select"] as const)("with %s is not made by the press that began the trial", (way) => {
-    const participant = new Participant(way === "triggers" ? vive() : vive().slice(1));
+  it.each(["triggers", "select"] as const)("with %s is not made by the press that began the trial", (method) => {
+    const participant = new Participant(method === "triggers" ? vive() : vive().slice(1));
     participant.possible = false;
     participant.press("select", true, ...participant.sources);
     participant.wait(0.2);
@@ -183,7 +183,7 @@ describe("a stop", () => {
     participant.press("select", false, ...participant.sources);
     participant.wait(0.1);
     participant.press("select", true, ...participant.sources);
-    expect(participant.wait(1)).toEqual([way]);
+    expect(participant.wait(1)).toEqual([method]);
   });
 
   it("is made once, until it is let go", () => {
@@ -222,7 +222,7 @@ describe("a stop", () => {
 
   it("is said in every language, in words of its own for each way but the squeeze, which is said with the triggers", () => {
     for (const { words } of Object.values(TEXTS)) {
-      const said = Object.values(STOP_WAYS).map(({ text: key }) => words[key]);
+      const said = Object.values(STOP_METHODS).map(({ text: key }) => words[key]);
       expect(new Set(said).size).toBe(said.length - 1);
     }
   });

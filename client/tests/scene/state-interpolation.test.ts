@@ -9,7 +9,7 @@ const UPRIGHT = [1, 0, 0, 0] as const;
 
 function state(sequence: number, timeS: number, ...poses: Pose[]): State {
   const numbers = new Float32Array(poses.flat());
-  return { sequence, simulation_time_s: timeS, tracking_sequence: -1, joint_targets: new Float64Array(), held: [], poses: numbers };
+  return { sequence, simulation_time_s: timeS, tracking_sequence: -1, joint_targets: new Float64Array(), deviating_parts: [], poses: numbers };
 }
 
 function at(x: number): Pose {

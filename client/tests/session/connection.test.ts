@@ -105,7 +105,7 @@ describe("a connection", () => {
     newest().receive(WELCOME);
     newest().readyState = 2;
     expect(made.connected).toBe(false);
-    expect(made.send({ type: "stop", way: "key" })).toBe(false);
+    expect(made.send({ type: "stop", method: "key" })).toBe(false);
   });
 
   it("comes back within two seconds, ever more slowly while the server is away", () => {

@@ -7,7 +7,7 @@ import typer
 
 from avrgym.cli.activity_log import log
 from avrgym.cli.progress import progress_bar
-from avrgym.cli.terminal import JsonFile, check_json, plain_errors, say, write_json
+from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_line, write_json
 from avrgym.study.storage.analysis_files import FOLDER
 
 
@@ -40,6 +40,6 @@ def analyze(
         with progress_bar("writing tables, figures and report"):
             report = write_analysis(analysis, folder, place)
         write_json(json_file, analysis.results())
-    say(f"report    {report}")
+    print_line(f"report    {report}")
     if problems := len(analysis.observed.problems) + len(analysis.differences):
-        say(f"problems: {problems}; the report lists each")
+        print_line(f"problems: {problems}; the report lists each")

@@ -13,9 +13,9 @@ from avrgym.cli.terminal import (
     JsonFile,
     check_json,
     plain_errors,
+    print_line,
+    print_skipped,
     print_table,
-    say,
-    say_left_out,
     write_json,
 )
 from avrgym.policies.names import CHOICES
@@ -70,7 +70,7 @@ def bench_vr(
     from avrgym.vr.benchmark.live_latency import measure_vr
 
     def row(environment: str) -> Row:
-        say(f"measuring {environment} for {duration(seconds)}")
+        print_line(f"measuring {environment} for {duration(seconds)}")
         with progress_bar(environment):
             return asdict(measure_vr(environment, seconds, policy))
 
@@ -124,7 +124,7 @@ def _tabulate(
             if not every:
                 raise
             failed.append(error)
-            say_left_out(environment, error)
+            print_skipped(environment, error)
     if not rows:
         raise failed[0]
     print_table([shown(each) for each in rows])

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from avrgym.cli.options import Seed
-from avrgym.cli.terminal import plain_errors, say
+from avrgym.cli.terminal import plain_errors, print_line
 
 
 def demo(
@@ -20,16 +20,16 @@ def demo(
     from avrgym.demo import run_demo
 
     with plain_errors():
-        result = run_demo(_unused_folder(out), seed, lambda text: say(f"  {text}"))
+        result = run_demo(_unused_folder(out), seed, lambda text: print_line(f"  {text}"))
     for recording in result.recordings:
-        say(f"recorded  {recording}")
+        print_line(f"recorded  {recording}")
     for page in result.pages:
-        say(f"page      {page}")
+        print_line(f"page      {page}")
     if result.without_browser:
-        say("There was no browser: there are no pictures of the participant's view.")
+        print_line("There was no browser: there are no pictures of the participant's view.")
     else:
-        say(f"pictures  {result.pages[0].parent / 'pictures'}, the participant's view")
-    say(
+        print_line(f"pictures  {result.pages[0].parent / 'pictures'}, the participant's view")
+    print_line(
         f"Open {result.pages[0]} in a browser: the trial in 3D. `avrgym serve` starts the server for a headset."
     )
 

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 import typer
 
-from avrgym.cli.terminal import JsonFile, check_json, plain_errors, say, write_json
+from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_line, write_json
 
 
 def doctor(json_file: JsonFile = None) -> None:
@@ -19,9 +19,9 @@ def doctor(json_file: JsonFile = None) -> None:
     width = max(len(check.name) for check in CHECKS)
 
     def tell(name: str, finding: Finding) -> None:
-        say(f"{finding.state:8} {name:{width}}  {finding.message}")
+        print_line(f"{finding.state:8} {name:{width}}  {finding.message}")
         if finding.fix:
-            say(f"{'':8} {'':{width}}  → {finding.fix}")
+            print_line(f"{'':8} {'':{width}}  → {finding.fix}")
 
     with plain_errors():
         check_json(json_file)
@@ -31,6 +31,6 @@ def doctor(json_file: JsonFile = None) -> None:
             found.append((name, finding))
         write_json(json_file, [{"check": name, **asdict(finding)} for name, finding in found])
     states = [finding.state for _, finding in found]
-    say(f"errors: {states.count('error')}, warnings: {states.count('warning')}")
+    print_line(f"errors: {states.count('error')}, warnings: {states.count('warning')}")
     if "error" in states:
         raise typer.Exit(1)

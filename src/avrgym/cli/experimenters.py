@@ -6,7 +6,7 @@ import typer
 
 from avrgym.cli.activity_log import log
 from avrgym.cli.plan import Folder
-from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, say, write_json
+from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_line, print_table, write_json
 from avrgym.vr.server.addresses import PORT
 
 Name = Annotated[str, typer.Argument(help="Name of the experimenter: at most 40 letters, digits, - and _.")]
@@ -24,8 +24,8 @@ def add_experimenter(folder: Folder, name: Name) -> None:
     with plain_errors(), Store(folder) as store:
         token = add(store, name)
         log(store, ADD_EXPERIMENTER, detail=name)
-    say(f"token     {token} (shown only once)")
-    say(
+    print_line(f"token     {token} (shown only once)")
+    print_line(
         f"dashboard http://localhost:{PORT}/dashboard#token={token} while `avrgym serve --study {folder}` runs"
     )
 
@@ -46,7 +46,7 @@ def experimenters(folder: Folder, json_file: JsonFile = None) -> None:
     if rows:
         print_table(rows)
     else:
-        say(f"no experimenter has a token; `avrgym study add-experimenter {folder} NAME` creates one")
+        print_line(f"no experimenter has a token; `avrgym study add-experimenter {folder} NAME` creates one")
 
 
 def revoke_experimenter(folder: Folder, name: Name) -> None:
@@ -61,4 +61,4 @@ def revoke_experimenter(folder: Folder, name: Name) -> None:
     with plain_errors(), Store(folder) as store:
         revoke(store, name)
         log(store, REVOKE_EXPERIMENTER, detail=name)
-    say(f"the token of {name} is revoked")
+    print_line(f"the token of {name} is revoked")

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from avrgym.cli.options import PEOPLE, Impairment, Seed
-from avrgym.cli.terminal import plain_errors, say
+from avrgym.cli.terminal import plain_errors, print_line
 
 app = typer.Typer(no_args_is_help=True, help="Write policies and scenes for other programs.")
 
@@ -33,9 +33,9 @@ def export_policy(
                 f"{policy} is no trained policy; allowed: original, revised or a .safetensors file"
             )
         write_onnx(found, out)
-        say(f"policy    {out}: {found.observation_size} numbers in, {found.action_size} out")
+        print_line(f"policy    {out}: {found.observation_size} numbers in, {found.action_size} out")
         if found.action_std:
-            say(
+            print_line(
                 f"It was trained with exploration noise (standard deviation {found.action_std:g}); "
                 "the file returns mean actions."
             )
@@ -67,9 +67,9 @@ def export_scene(
         episodes = Episodes(env, 1, people=people, impairment=impairment, num_threads=1)
         episodes.reset(np.array([0]), [random_streams.episode(seed)])
         write_scene(episodes, out)
-        say(f"MJB       {out / MJB}: the physics model, without appearance")
-        say(f"MJCF      {out / MJCF}: with appearance; the person's body is stiffer")
-        say(f"start     {out / START}")
+        print_line(f"MJB       {out / MJB}: the physics model, without appearance")
+        print_line(f"MJCF      {out / MJCF}: with appearance; the person's body is stiffer")
+        print_line(f"start     {out / START}")
         if usd:
             write_usd(episodes, out / USD)
-            say(f"USD       {out / USD}: appearance at the start")
+            print_line(f"USD       {out / USD}: appearance at the start")

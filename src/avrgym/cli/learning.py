@@ -27,10 +27,10 @@ from avrgym.cli.terminal import (
     JsonFile,
     check_json,
     plain_errors,
+    print_line,
     print_regions,
+    print_skipped,
     print_table,
-    say,
-    say_left_out,
     warn,
     write_json,
 )
@@ -86,7 +86,7 @@ def envs(json_file: JsonFile = None) -> None:
     ]
     print_table(rows)
     for reason in skipped_plugins():
-        say(f"skipped {reason}")
+        print_line(f"skipped {reason}")
     with plain_errors():
         write_json(json_file, rows)
 
@@ -188,7 +188,7 @@ def train(
     with plain_errors():
         find_environment(env)
         if help_config:
-            say(hyperparameters_text(env))
+            print_line(hyperparameters_text(env))
             return
         given = {
             "--config": config is not None,
@@ -238,9 +238,9 @@ def train(
                 training.resume(folder, report, steps, cluster=workers)
             else:
                 training.train(configuration, folder, report, cluster=workers)
-    say(f"policy    {folder / training.POLICY_FILE}")
+    print_line(f"policy    {folder / training.POLICY_FILE}")
     if recipe == PAIR or (folder / HUMAN_FILE).exists():
-        say(f"human     {folder / HUMAN_FILE}")
+        print_line(f"human     {folder / HUMAN_FILE}")
 
 
 def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> None:
@@ -335,7 +335,7 @@ def _progress(env: str, steps: int, folder: Path, recipe: str | None) -> "Genera
         def report(now: "training.Progress") -> None:
             nonlocal log_is_shown
             if log.exists() and not log_is_shown:
-                say(f"log       {log}; `tensorboard --logdir {shlex.quote(str(log))}` shows it")
+                print_line(f"log       {log}; `tensorboard --logdir {shlex.quote(str(log))}` shows it")
                 log_is_shown = True
             results = ""
             if now.reward_mean is not None:
@@ -371,9 +371,9 @@ def fit_people(
             fit = fit_people(study, bar.show)
         write_people(fit, out)
     for recording in fit.left_out:
-        say(f"left out  {recording}")
-    say(fit.remarks)
-    say(f"people    {out}")
+        print_line(f"left out  {recording}")
+    print_line(fit.remarks)
+    print_line(f"people    {out}")
 
 
 def evaluate(
@@ -458,7 +458,7 @@ def evaluate(
                 force_guard=force_guard,
                 withdraw_after_success=withdraw_after_success,
                 engine=engine,
-                leave_out=say_left_out if all_environments else None,
+                leave_out=print_skipped if all_environments else None,
             )
         rows = [asdict(each) for each in metrics]
         if cross_play:

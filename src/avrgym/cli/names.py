@@ -9,7 +9,7 @@ import typer
 
 from avrgym.cli.activity_log import log
 from avrgym.cli.plan import Folder
-from avrgym.cli.terminal import plain_errors, print_table, say
+from avrgym.cli.terminal import plain_errors, print_line, print_table
 
 KEY_ADVICE = "Store a copy of it outside the study: without it the names are lost, but no other data."
 
@@ -24,7 +24,7 @@ def names(folder: Folder) -> None:
         known = identity_file.read_identities(store.folder)
         log(store, "read names")
     if not known:
-        say("no names are stored")
+        print_line("no names are stored")
         return
     print_table(
         [
@@ -53,7 +53,7 @@ def encrypt_names(
         log(store, "encrypt names")
     print_key(folder)
     if was_plain:
-        say(
+        print_line(
             "The unencrypted file is removed. Snapshots, backups and free space of the disk may still contain it: "
             "delete old copies yourself."
         )
@@ -80,7 +80,7 @@ def print_key(folder: Path) -> None:
     if lock is None:
         return
     what = "a passphrase" if lock.kind == "passphrase" else f"the key file {identity_keys.key_path(lock)}"
-    say(f"names     are encrypted with {what}. {KEY_ADVICE}")
+    print_line(f"names     are encrypted with {what}. {KEY_ADVICE}")
 
 
 def _new_passphrase(folder: Path) -> str:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from avrgym.cli.terminal import plain_errors, say
+from avrgym.cli.terminal import plain_errors, print_line
 
 if TYPE_CHECKING:
     from avrgym.skeletons.writing import Kind
@@ -50,6 +50,6 @@ def _write(kind: "Kind", name: str, out: Path | None) -> None:
 
     with plain_errors():
         for path in write_skeleton(kind, name, out):
-            say(f"written   {path}")
+            print_line(f"written   {path}")
     folder = out or Path(distribution(name))
-    say(f"Next: `pip install -e '{folder}'`, then read {folder / 'README.md'}")
+    print_line(f"Next: `pip install -e '{folder}'`, then read {folder / 'README.md'}")

@@ -10,7 +10,7 @@ import typer
 from avrgym.cli.activity_log import log
 from avrgym.cli.names import unlock
 from avrgym.cli.plan import Folder
-from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_table, say, write_json
+from avrgym.cli.terminal import JsonFile, check_json, plain_errors, print_line, print_table, write_json
 
 if TYPE_CHECKING:
     from avrgym.study.storage.store import Store
@@ -80,9 +80,9 @@ def record_adverse_event(
         )
         log(store, "record adverse event", participant)
     if follow_up is None:
-        say(f"recorded  adverse event {number} of {participant}")
+        print_line(f"recorded  adverse event {number} of {participant}")
     else:
-        say(f"recorded  a follow-up of adverse event {follow_up} of {participant}")
+        print_line(f"recorded  a follow-up of adverse event {follow_up} of {participant}")
 
 
 def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, Any]:
@@ -137,17 +137,17 @@ def adverse_events(
                 log(store, "export", detail="adverse events")
         write_json(json_file, {"adverse_events": rows, "safety_events": noticed})
     latest = {row["event"]: row for row in rows}
-    say(f"{len(latest)} adverse events" if latest else "No adverse events were recorded.")
+    print_line(f"{len(latest)} adverse events" if latest else "No adverse events were recorded.")
     if latest:
         shown = ("event", "report", "participant", "began_at", "position", "severity", "seriousness")
         more = ("relatedness", "outcome", "description")
         print_table([{name: row[name] for name in (*shown, *more)} for row in latest.values()])
-        say(SOURCES)
+        print_line(SOURCES)
     if noticed:
-        say("Safety events that sessions reported; record those that are adverse events:")
+        print_line("Safety events that sessions reported; record those that are adverse events:")
         print_table(noticed)
     if out is not None:
-        say(f"reports   {out}: they contain free text and names of experimenters")
+        print_line(f"reports   {out}: they contain free text and names of experimenters")
 
 
 def retention(
@@ -183,14 +183,16 @@ def retention(
             if rows:
                 print_table(rows)
             else:
-                say("No data are due on any day: set periods and ended_on in [retention] of study.toml.")
+                print_line(
+                    "No data are due on any day: set periods and ended_on in [retention] of study.toml."
+                )
             if not delete:
                 for words in describe_due(store, day):
-                    say(f"due       {words}")
+                    print_line(f"due       {words}")
                 return
             for what, pseudonym in delete_due(store, day):
                 log(store, "delete by schedule", pseudonym, detail=DATA_NAMES[what])
-                say(f"deleted   {DATA_NAMES[what]} of {pseudonym}")
+                print_line(f"deleted   {DATA_NAMES[what]} of {pseudonym}")
 
 
 def participant_data(
@@ -212,11 +214,11 @@ def participant_data(
         log(store, "export", participant, detail="data of the participant")
         is_named, sites = participant in named_pseudonyms(store.folder), store.sites()
     if is_named:
-        say(f"{number} files in {out}, with name, contact and free text.")
+        print_line(f"{number} files in {out}, with name, contact and free text.")
     else:
         where = "names are in the studies of the sites" if sites else "the identity file has none"
-        say(f"{number} files in {out}, with free text and without name and contact: {where}.")
-    say("Read notes and descriptions for names of other people before you hand it over.")
+        print_line(f"{number} files in {out}, with free text and without name and contact: {where}.")
+    print_line("Read notes and descriptions for names of other people before you hand it over.")
 
 
 def data_protection(folder: Folder) -> None:
@@ -231,7 +233,7 @@ def data_protection(folder: Folder) -> None:
 
     with plain_errors(), Store(folder) as store:
         for path in write_data_protection(store):
-            say(f"draft     {path}")
+            print_line(f"draft     {path}")
 
 
 def functioning(folder: Folder, participant: Pseudonym) -> None:
@@ -254,16 +256,16 @@ def functioning(folder: Folder, participant: Pseudonym) -> None:
         texts = participant_texts(store, store.participant(participant))
         levels: dict[str, str] = {}
         for question, text in QUESTIONS.items():
-            say(texts.translate(text))
+            print_line(texts.translate(text))
             for key, word in LEVELS.items():
-                say(f"  {key}: {texts.translate(word)}")
+                print_line(f"  {key}: {texts.translate(word)}")
             levels[question] = typer.prompt(question)
-        say(texts.translate(DEVICES_QUESTION))
+        print_line(texts.translate(DEVICES_QUESTION))
         for key, word in DEVICES.items():
-            say(f"  {key}: {texts.translate(word)}")
+            print_line(f"  {key}: {texts.translate(word)}")
         devices = typer.prompt("numbers with commas between", default="", show_default=False)
         diagnosis = typer.prompt(texts.translate(DIAGNOSIS_QUESTION), default="", show_default=False)
         named = tuple(each.strip() for each in devices.split(",") if each.strip())
         record_functioning(store, participant, Functioning(levels, named, diagnosis))
         log(store, "record functioning", participant)
-    say(f"{participant}: the answers are stored")
+    print_line(f"{participant}: the answers are stored")

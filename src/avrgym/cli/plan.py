@@ -15,8 +15,8 @@ from avrgym.cli.terminal import (
     JsonFile,
     check_json,
     plain_errors,
+    print_line,
     print_table,
-    say,
     write_json,
 )
 
@@ -72,28 +72,30 @@ def freeze(
 
     with plain_errors(), Store(folder) as store:
         if form is not None:
-            say(f"fields    {write_preregistration(store, available_tests(store.design), form)}")
+            print_line(f"fields    {write_preregistration(store, available_tests(store.design), form)}")
         elif timestamp is not None or registered is not None:
             _store_evidence(store, timestamp, registered, registered_on)
             log(store, "store evidence of plan")
         elif may_adopt(store) and not template:
-            say(f"adopted   {store.folder / FROZEN}, frozen at {adopt_plan(store).frozen_at} elsewhere")
+            print_line(
+                f"adopted   {store.folder / FROZEN}, frozen at {adopt_plan(store).frozen_at} elsewhere"
+            )
             log(store, "adopt plan")
         elif template or not (store.folder / FILE).exists():
-            say(f"plan      {_write_template(store)}: edit it, then freeze it")
+            print_line(f"plan      {_write_template(store)}: edit it, then freeze it")
         else:
             record = freeze_plan(store, available_tests(store.design))
             log(store, "freeze plan")
-            say(f"frozen    {store.folder / FROZEN} at {record.frozen_at}")
-            _say_deposit(store.folder / FROZEN)
+            print_line(f"frozen    {store.folder / FROZEN} at {record.frozen_at}")
+            _print_deposit(store.folder / FROZEN)
 
 
-def _say_deposit(record: Path) -> None:
+def _print_deposit(record: Path) -> None:
     """Print how to prove the date of the plan."""
     from avrgym.study.plan.frozen_plan import sha256
 
-    say(f"SHA-256   {sha256(record.read_bytes())}")
-    say(
+    print_line(f"SHA-256   {sha256(record.read_bytes())}")
+    print_line(
         "deposit   put this SHA-256 into a registration (osf.io, aspredicted.org), or have it time-stamped: "
         f"openssl ts -query -data {record} -sha256 -cert -out plan.tsq, send plan.tsq to an authority (RFC 3161); then "
         f"avrgym study freeze {record.parent} --registered URL, or --timestamp FILE.tsr"
@@ -115,12 +117,12 @@ def _store_evidence(
     if timestamp is not None:
         stamp = store_time_stamp(store.folder, timestamp.read_bytes(), record.read_bytes())
         known = "knows" if stamp.is_trusted else "does not know"
-        say(
+        print_line(
             f"stamped   at {stamp.at.isoformat()} by {stamp.authority}; this computer {known} its root certificate"
         )
     if registered is not None:
         store_registration(store.folder, registered, (registered_on or datetime.now()).date())
-        say(f"claimed   registration at {registered}; the report names it as your claim")
+        print_line(f"claimed   registration at {registered}; the report names it as your claim")
 
 
 def _write_template(store: "Store") -> Path:
@@ -193,7 +195,7 @@ def power(
         write_json(json_file, found)
     print_table(terminal_rows(rows))
     for sentence in found["words"]:
-        say(sentence)
+        print_line(sentence)
 
 
 def plan_of(store: "Store", left_out: "Sequence[ExcludedTrial]" = ()) -> "tuple[str | None, list[Finding]]":

@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from avrgym.cli.terminal import console, printable, say
+from avrgym.cli.terminal import console, print_line, printable
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -66,12 +66,12 @@ class Bar:
         self._progress.update(self._task.id, left=self._left())
         if not self._progress.console.is_terminal and now_s - self._line_s >= LINE_INTERVAL_S:
             self._line_s = now_s
-            say(self._line())
+            print_line(self._line())
 
     def end(self) -> None:
         """Print the duration, if lines were printed."""
         if self._line_s > self._started_s:
-            say(f"{self._label}: done in {duration(self._progress.get_time() - self._started_s)}")
+            print_line(f"{self._label}: done in {duration(self._progress.get_time() - self._started_s)}")
 
     def _left(self) -> str:
         per_s, total = self._rate.per_s, self._task.total

@@ -13,9 +13,9 @@ from avrgym.cli.terminal import (
     JsonFile,
     check_json,
     plain_errors,
+    print_line,
     print_regions,
     print_table,
-    say,
     write_json,
 )
 from avrgym.vr.server.addresses import PORT
@@ -124,7 +124,7 @@ def _read(file: Path) -> "Recording":
     if file.is_dir():
         raise ValueError(f"{file}: a folder; {WHERE_RECORDINGS_ARE}")
     recording = read_recording(file)
-    say(f"{title(recording)}, {recording.result or 'broken off'} after {recording.duration_s:.2f} s")
+    print_line(f"{title(recording)}, {recording.result or 'broken off'} after {recording.duration_s:.2f} s")
     return recording
 
 
@@ -144,9 +144,9 @@ def _verify(recording: "Recording", json_file: Path | None) -> None:
         found = verify(recording, advance)
     write_json(json_file, msgspec.to_builtins(found))
     if not found.complete:
-        say(f"The recording is not complete: compared up to its end at {found.until_s:.2f} s.")
+        print_line(f"The recording is not complete: compared up to its end at {found.until_s:.2f} s.")
     if found.identical:
-        say(f"{found.states} states bit-identical, {found.steps} control steps identical")
+        print_line(f"{found.states} states bit-identical, {found.steps} control steps identical")
     else:
         _print_differences(found)
 
@@ -156,26 +156,26 @@ def _print_differences(found: "Verification") -> None:
     from avrgym.replay.playback import ReplayError
     from avrgym.vr.session.attempt import versions
 
-    say(
+    print_line(
         f"{found.states - found.identical_states} of {found.states} states differ, "
         f"{found.steps - found.identical_steps} of {found.steps} control steps"
     )
     print_table([asdict(difference) for difference in found.differences])
     if found.agrees and not found.same_rounding:
-        say(
+        print_line(
             f"It agrees: each tick from a recorded state leads to the next one within {found.tick_error:.1g}. "
             "The C library of this computer rounds differently."
         )
         return
     for difference in found.plugin_differences:
-        say(f"A plug-in has changed: {difference}.")
+        print_line(f"A plug-in has changed: {difference}.")
     if found.plugin_differences:
         return
     if found.same_versions:
         raise ReplayError(
             f"it differs although it was recorded with the present versions, {found.recorded_with}"
         )
-    say(f"It was recorded with {found.recorded_with}; this is {versions()}.")
+    print_line(f"It was recorded with {found.recorded_with}; this is {versions()}.")
 
 
 def _show_regions(recording: "Recording", json_file: Path | None) -> None:
@@ -194,7 +194,7 @@ def _write_video(recording: "Recording", video: Path, first_person: bool) -> Non
 
     with _progress(recording, "rendering") as advance:
         write_video(recording, video, first_person=first_person, progress=advance)
-    say(f"video     {video}")
+    print_line(f"video     {video}")
 
 
 def _write_gif(recording: "Recording", gif: Path, first_person: bool) -> None:
@@ -202,7 +202,7 @@ def _write_gif(recording: "Recording", gif: Path, first_person: bool) -> None:
 
     with _progress(recording, "rendering") as advance:
         write_gif(recording, gif, first_person=first_person, progress=advance)
-    say(f"animation {gif}")
+    print_line(f"animation {gif}")
 
 
 def _write_mcap(recording: "Recording", mcap: Path) -> None:
@@ -211,7 +211,7 @@ def _write_mcap(recording: "Recording", mcap: Path) -> None:
     with _progress(recording, "recomputing") as advance:
         write_foxglove(recording, mcap, advance)
     when = f"{recording.began_at:%Y-%m-%d %H:%M:%S} UTC"
-    say(f"3D        {mcap}, {mcap.stat().st_size / 1e6:.1f} MB, from {when}")
+    print_line(f"3D        {mcap}, {mcap.stat().st_size / 1e6:.1f} MB, from {when}")
 
 
 def _draw_strip(recording: "Recording", count: int, out: Path, first_person: bool) -> None:
@@ -219,7 +219,7 @@ def _draw_strip(recording: "Recording", count: int, out: Path, first_person: boo
 
     with _progress(recording, "drawing") as advance:
         times_s = draw_strip(recording, count, out, first_person=first_person, progress=advance)
-    say(f"pictures  {out}, at {', '.join(f'{time_s:.1f}' for time_s in times_s)} s")
+    print_line(f"pictures  {out}, at {', '.join(f'{time_s:.1f}' for time_s in times_s)} s")
 
 
 def _named(file: Path | None) -> list[tuple[Path, "Recording"]]:
@@ -239,7 +239,7 @@ def _write_page(recordings: list[tuple[Path, "Recording"]], html: Path) -> None:
         with _with_file_name(file), _progress(recording, "recomputing") as advance:
             trials.append(ReplayedTrial(recording, *timeline_of(recording, advance)))
     write_page(trials, html)
-    say(f"page      {html}, {html.stat().st_size / 1e6:.1f} MB")
+    print_line(f"page      {html}, {html.stat().st_size / 1e6:.1f} MB")
 
 
 def _show(recording: "Recording", port: int) -> None:
@@ -249,6 +249,6 @@ def _show(recording: "Recording", port: int) -> None:
     with _progress(recording, "recomputing") as advance:
         timeline, poses = timeline_of(recording, advance)
     with ReplayServer(recording, timeline, poses, port) as server:
-        say("Open this address in a browser; Space plays and pauses. Stop with Ctrl+C.")
-        say(f"    {server.url}")
+        print_line("Open this address in a browser; Space plays and pauses. Stop with Ctrl+C.")
+        print_line(f"    {server.url}")
         server.wait()

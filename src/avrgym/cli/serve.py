@@ -12,7 +12,7 @@ import typer
 from avrgym.cli.activity_log import logged
 from avrgym.cli.names import unlock
 from avrgym.cli.options import PEOPLE, ForceGuard, Impairment, Policy, Seed
-from avrgym.cli.terminal import plain_errors, say, warn
+from avrgym.cli.terminal import plain_errors, print_line, warn
 from avrgym.models.body_names import SEXES, Sex
 from avrgym.policies.names import CHOICES, OPERATOR
 from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
@@ -221,7 +221,7 @@ def _serve_study(
         server.export_next_scene()
         _explain(server, "dashboard", server.urls(token=links.link) if links.link else server.pages())
         if links.link is None:
-            say(
+            print_line(
                 "Each session has a link of its own. Begin one on the dashboard, and enter its code on the headset."
             )
         _wait(server)
@@ -296,36 +296,40 @@ def _free_session(
 
 def _tell_check(happened: "SessionEvent") -> None:
     """Print the result of a headset check."""
-    from avrgym.vr.headset_check import measurement_text, verdict_text
+    from avrgym.vr.headset_check import measurement_text, result_text
     from avrgym.vr.session.events import HeadsetChecked
 
     if isinstance(happened, HeadsetChecked):
-        say(f"Headset check: {verdict_text(happened.check)}")
-        say(f"    {measurement_text(happened.check)}")
+        print_line(f"Headset check: {result_text(happened.check)}")
+        print_line(f"    {measurement_text(happened.check)}")
 
 
 def _explain(server: "LiveServer[Any]", experimenters_page: str, participants: list[str]) -> None:
     """Print the addresses to open; ``participants`` are those of the participant's page."""
     own, *in_network = participants
-    say("No headset, or one connected to this computer (SteamVR, Rift S): open this in Chrome here")
-    say(f"    {own}")
-    say("Headset on a USB cable (Quest, Pico): run this first, then open the same address in its browser")
-    say(f"    adb reverse tcp:{server.port} tcp:{server.port}")
+    print_line("No headset, or one connected to this computer (SteamVR, Rift S): open this in Chrome here")
+    print_line(f"    {own}")
+    print_line(
+        "Headset on a USB cable (Quest, Pico): run this first, then open the same address in its browser"
+    )
+    print_line(f"    adb reverse tcp:{server.port} tcp:{server.port}")
     if in_network:
         _explain_network(in_network)
-    say("Experimenter (do not give this address to the participant)")
-    say(f"    {server.urls(experimenters_page, server.tokens.experimenter)[0]}")
-    say("Spectators")
-    say(f"    {server.urls('spectator', server.tokens.spectator)[0]}")
-    say("Stop with Ctrl+C.")
+    print_line("Experimenter (do not give this address to the participant)")
+    print_line(f"    {server.urls(experimenters_page, server.tokens.experimenter)[0]}")
+    print_line("Spectators")
+    print_line(f"    {server.urls('spectator', server.tokens.spectator)[0]}")
+    print_line("Stop with Ctrl+C.")
 
 
 def _explain_network(urls: list[str]) -> None:
     import segno
 
-    say("Headset in this network: open one of these; its browser asks once whether to trust the certificate")
+    print_line(
+        "Headset in this network: open one of these; its browser asks once whether to trust the certificate"
+    )
     for url in urls:
-        say(f"    {url}")
+        print_line(f"    {url}")
     segno.make(urls[0]).terminal(compact=True)
 
 
@@ -359,8 +363,8 @@ def view(
         ) as server,
     ):
         server.export_next_scene()
-        say("Open this address in a browser; drag to look around. Stop with Ctrl+C.")
-        say(f"    {server.urls('spectator', server.tokens.experimenter)[0]}")
+        print_line("Open this address in a browser; drag to look around. Stop with Ctrl+C.")
+        print_line(f"    {server.urls('spectator', server.tokens.experimenter)[0]}")
         _wait(server)
 
 
@@ -368,6 +372,6 @@ def _wait(server: "LiveServer[Any]") -> None:
     try:
         server.wait()
     except KeyboardInterrupt:
-        say("stopped")
+        print_line("stopped")
     if server.loop.error is not None:
         raise RuntimeError(f"the simulation failed: {server.loop.error!r}")

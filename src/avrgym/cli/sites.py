@@ -12,8 +12,8 @@ from avrgym.cli.terminal import (
     JsonFile,
     check_json,
     plain_errors,
+    print_line,
     print_table,
-    say,
     write_json,
 )
 
@@ -64,12 +64,12 @@ def merge(
                 log(merged, "merge", detail=", ".join(site.site for site in sites))
         write_json(json_file, [asdict(site) for site in sites])
     for words in told:
-        say(f"note      {words}")
+        print_line(f"note      {words}")
     print_table([asdict(site) for site in sites])
-    say(f"merged    {out}; names and contacts stay in the sites' identity files")
+    print_line(f"merged    {out}; names and contacts stay in the sites' identity files")
 
 
-def say_sites(summary: "StudySummary") -> None:
+def print_sites(summary: "StudySummary") -> None:
     """Print the filled orders of each site."""
     for site, filled in summary.filled_by_site.items():
-        say(f"at {site}  {', '.join(map(str, filled))}")
+        print_line(f"at {site}  {', '.join(map(str, filled))}")

@@ -20,15 +20,15 @@ from avrgym.cli.participant_records import (
 )
 from avrgym.cli.plan import Folder, checked, freeze, plan_of, power
 from avrgym.cli.progress import CONTINUES, progress_bar
-from avrgym.cli.sites import merge, say_sites
+from avrgym.cli.sites import merge, print_sites
 from avrgym.cli.terminal import (
     Jobs,
     JsonFile,
     check_json,
     confirm,
     plain_errors,
+    print_line,
     print_table,
-    say,
     write_json,
 )
 from avrgym.models.body_names import SEXES
@@ -53,7 +53,7 @@ def new(folder: Folder) -> None:
 
     with plain_errors():
         path = create_study(folder)
-    say(f"design    {path}")
+    print_line(f"design    {path}")
 
 
 app.command()(power)
@@ -88,20 +88,20 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
             frozen_at, deviations = plan_of(store)
         plan = {"plan_frozen_at": frozen_at, "deviations": [asdict(each) for each in deviations]}
         write_json(json_file, asdict(summary) | plan)
-    say(f"{summary.title}")
-    say(
+    print_line(f"{summary.title}")
+    print_line(
         f"{summary.completed} of {summary.planned} participants completed, {summary.withdrawn} withdrew, "
         f"{summary.excluded} excluded, {summary.deleted} deleted; {summary.simulated} are simulated"
         + (f"; consent or withdrawal of {summary.unknown} is unknown" if summary.unknown else "")
     )
-    say(f"participants per order  {', '.join(map(str, summary.filled))}")
-    say_sites(summary)
+    print_line(f"participants per order  {', '.join(map(str, summary.filled))}")
+    print_sites(summary)
     if summary.participants:
         print_table([_row(participant) for participant in summary.participants])
     if frozen_at is not None:
-        say(f"plan frozen at {frozen_at}, deviations: {len(deviations)}")
+        print_line(f"plan frozen at {frozen_at}, deviations: {len(deviations)}")
     for each in deviations:
-        say(f"deviation  {each.where}: {each.what}")
+        print_line(f"deviation  {each.where}: {each.what}")
 
 
 def _row(participant: "ParticipantSummary") -> dict[str, Any]:
@@ -151,7 +151,7 @@ def enrol(
             confirm_duplicate=confirm_duplicate,
         )
         log(store, "enrol", pseudonym)
-    say(f"enrolled  {pseudonym}")
+    print_line(f"enrolled  {pseudonym}")
     if first:
         print_key(folder)
 
@@ -191,17 +191,17 @@ def _ask_again(store: "Store", person: "Participant") -> bool:
     """Ask for re-consent to a new version of the text; returns whether the participant still takes part."""
     from avrgym.study.people.participants import decline_consent, record_consent
 
-    say(f"{person} agreed to version {person.consent_version} at {person.consented_at}")
+    print_line(f"{person} agreed to version {person.consent_version} at {person.consented_at}")
     if _agrees(store, person):
         record_consent(store, person.pseudonym)
         log(store, "consent", person.pseudonym)
-        say(f"{person} agrees to version {store.design.consent.version}")
+        print_line(f"{person} agrees to version {store.design.consent.version}")
         return True
     if not confirm(f"Store that {person} does not agree and withdraws? This is final."):
         raise RuntimeError(f"{person} has not decided. Nothing was stored")
     decline_consent(store, person.pseudonym)
     log(store, "declined-consent", person.pseudonym)
-    say(f"{person} has withdrawn; `avrgym study delete-participant` deletes their data")
+    print_line(f"{person} has withdrawn; `avrgym study delete-participant` deletes their data")
     return False
 
 
@@ -209,7 +209,7 @@ def _agrees(store: "Store", person: "Participant") -> bool:
     from avrgym.study.people.participants import consent_text
 
     shown = consent_text(store, person)
-    say(f"Consent, version {shown.version}\n\n{shown.text.strip()}\n")
+    print_line(f"Consent, version {shown.version}\n\n{shown.text.strip()}\n")
     return confirm("Do you agree?")
 
 
@@ -220,7 +220,7 @@ def _ask_for_inclusion(store: "Store", person: "Participant") -> None:
     answers = {question.id: confirm(texts.translate(question.text)) for question in store.design.inclusion}
     fits = record_inclusion(store, participant, answers)
     log(store, "inclusion", participant)
-    say(f"{participant} takes part" if fits else f"{participant} cannot take part")
+    print_line(f"{participant} takes part" if fits else f"{participant} cannot take part")
 
 
 @app.command()
@@ -239,7 +239,7 @@ def withdraw(
     with plain_errors(), Store(folder) as store:
         end_participation(store, participant, reason)
         log(store, "withdraw", participant)
-    say(f"{participant} has withdrawn")
+    print_line(f"{participant} has withdrawn")
 
 
 @app.command("confirm-participation")
@@ -259,7 +259,7 @@ def confirm_participation(
 
     with plain_errors(), Store(folder) as store:
         state = confirm_by(store, participant, evidence)
-    say(f"{participant} is {state}; `check` and the report state that the experimenter confirmed it")
+    print_line(f"{participant} is {state}; `check` and the report state that the experimenter confirmed it")
 
 
 @app.command()
@@ -294,7 +294,7 @@ def simulate(
             log(store, "simulate", detail=f"{participants} participants, seed {seed}")
             summary = summarise_study(store)
         write_json(json_file, asdict(summary))
-    say(
+    print_line(
         f"{summary.completed} of {summary.planned} planned participants completed, {summary.simulated} simulated"
     )
 
@@ -324,10 +324,10 @@ def check(
             head = store.database.head()
         write_json(json_file, [asdict(finding) for finding in findings])
     for finding in findings:
-        say(f"{'error' if finding.wrong else 'note '}  {finding.where}: {finding.what}")
-    say(f"hash chain {head.number} entries, last digest {head.digest or 'none'}")
+        print_line(f"{'error' if finding.wrong else 'note '}  {finding.where}: {finding.what}")
+    print_line(f"hash chain {head.number} entries, last digest {head.digest or 'none'}")
     wrong = sum(finding.wrong for finding in findings)
-    say(f"{wrong} errors" if wrong else "no errors")
+    print_line(f"{wrong} errors" if wrong else "no errors")
     if wrong:
         raise typer.Exit(1)
 
@@ -346,18 +346,18 @@ def rebuild(folder: Folder) -> None:
         rebuilt = rebuild_study(folder)
         with Store(folder) as store:
             log(store, "rebuild")
-    say(f"{rebuilt.participants} participants, {rebuilt.attempts} attempts, {rebuilt.answers} answers")
-    say(f"lost      {rebuilt.lost}")
+    print_line(f"{rebuilt.participants} participants, {rebuilt.attempts} attempts, {rebuilt.answers} answers")
+    print_line(f"lost      {rebuilt.lost}")
     if rebuilt.unknown:
-        say(
+        print_line(
             f"unknown   consent or withdrawal of {rebuilt.unknown} participants: they are in no analysis until you "
             "confirm each with `avrgym study confirm-participation`"
         )
-    say(
+    print_line(
         "marked    `check` and the report state that the database was rebuilt; it proves the date of no plan any more"
     )
     for each in rebuilt.left_out:
-        say(f"left out  {each}")
+        print_line(f"left out  {each}")
 
 
 @app.command()
@@ -408,10 +408,10 @@ def export(
         )
         log(store, "export", detail=data_format, shows_results=True)
     for why in left_out:
-        say(f"left out  {why}")
-    say(f"{files} files in {out}. They are pseudonymised, not anonymous.")
+        print_line(f"left out  {why}")
+    print_line(f"{files} files in {out}. They are pseudonymised, not anonymous.")
     if free_text:
-        say("They contain free text, which may contain names: read it before you share them.")
+        print_line("They contain free text, which may contain names: read it before you share them.")
 
 
 @app.command("delete-participant")
@@ -429,4 +429,4 @@ def delete_participant(
     with plain_errors(), Store(folder) as store:
         delete(store, participant)
         log(store, "delete participant", participant)
-    say(f"{participant} is deleted. Delete earlier exports and copies outside the study yourself.")
+    print_line(f"{participant} is deleted. Delete earlier exports and copies outside the study yourself.")

@@ -10,7 +10,7 @@ import typer
 
 from avrgym.cli.options import Cluster, on_cluster
 from avrgym.cli.progress import progress_bar
-from avrgym.cli.terminal import Jobs, JsonFile, check_json, plain_errors, print_table, say, write_json
+from avrgym.cli.terminal import Jobs, JsonFile, check_json, plain_errors, print_line, print_table, write_json
 
 
 def sweep(
@@ -56,7 +56,7 @@ def sweep(
             rows = [asdict(each) for each in sweeps.run(folder, jobs, report)]
         print_table([{name: row[name] for name in row if name != "policy"} for row in rows])
         write_json(json_file, rows)
-    say(f"trainings {folder}")
+    print_line(f"trainings {folder}")
 
 
 def _sweeps() -> ModuleType:

@@ -42,12 +42,12 @@ def plain_errors() -> Generator[None]:
     try:
         yield
     except (ValueError, OSError, RuntimeError) as error:
-        line = " ".join(f"avrgym: {_words(error)}".splitlines())
+        line = " ".join(f"avrgym: {_error_text(error)}".splitlines())
         typer.echo(printable(line, sys.stderr.encoding), err=True)
         raise typer.Exit(1) from error
 
 
-def _words(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     """The message of an error; for errors of the system, the file and the reason without its number."""
     if not isinstance(error, OSError) or error.strerror is None:
         return str(error)
@@ -86,12 +86,12 @@ def printable(text: str, encoding: str | None = None) -> str:
     return text.translate(_CONTROLS).encode(known, "backslashreplace").decode(known)
 
 
-def say(text: str) -> None:
+def print_line(text: str) -> None:
     """Print a line without wrapping, so that paths and addresses can be copied."""
     typer.echo(printable(text))
 
 
-def say_left_out(what: str, error: Exception) -> None:
+def print_skipped(what: str, error: Exception) -> None:
     """Print on stderr what a command skips, and the reason, in one line."""
     reason = (
         str(error) if isinstance(error, ValueError | RuntimeError) else f"{type(error).__name__}: {error}"
@@ -140,7 +140,7 @@ def print_regions(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None
     if rows:
         print_table(rows)
     else:
-        say("Nobody was touched.")
+        print_line("Nobody was touched.")
 
 
 def _cell(value: Any) -> str:

@@ -22,7 +22,7 @@ class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     then: str
 
 
-class Verdict(NamedTuple):
+class StopDecision(NamedTuple):
     """The action of the session (one of ``THEN``), and the reason as text for the experimenter."""
 
     then: str
@@ -36,7 +36,7 @@ class StopRules:
     rules: tuple[StopRule, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()
 
-    def verdict(self, item_id: str, value: int) -> Verdict | None:
+    def decide(self, item_id: str, value: int) -> StopDecision | None:
         """Returns the strongest action of all rules that an answer meets; ``None`` if it meets none."""
         met = [rule for rule in self.rules if rule.item == item_id and self._is_met(rule, value)]
         if not met:
@@ -44,7 +44,7 @@ class StopRules:
         rule = max(met, key=lambda each: THEN.index(each.then))
         questionnaire, item = self.find(item_id)
         answer = item.labels[value - 1] if item.labels else _value_text(questionnaire, item, value)
-        return Verdict(
+        return StopDecision(
             rule.then,
             f"{item.text!r} was answered {answer!r}; the limit of its stop rule is {rule.at_least:g}",
         )

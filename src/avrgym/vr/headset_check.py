@@ -30,7 +30,7 @@ def faults(check: HeadsetCheck) -> list[Text]:
     return [fault for faults_of in of_parts for fault in faults_of(check)]
 
 
-def verdict(check: HeadsetCheck, most: int) -> Text:
+def result_message(check: HeadsetCheck, most: int) -> Text:
     """The result for the participant, with at most ``most`` faults and the number of further ones."""
     found = faults(check)
     if not found:
@@ -41,7 +41,7 @@ def verdict(check: HeadsetCheck, most: int) -> Text:
     return Text("headset_not_ready", {"faults": text})
 
 
-def verdict_text(check: HeadsetCheck) -> str:
+def result_text(check: HeadsetCheck) -> str:
     """The result for experimenters, with all faults."""
     return "Go: the headset is ready." if is_ready(check) else f"No-go. {fault_text(check)}"
 

@@ -249,8 +249,8 @@ class StudySessions:
             return
         self._questions = None
         if questions.when == "before_session" and not questions.ended:
-            if self._session is not None and questions.verdict is not None:
-                self._session.hold_back(questions.verdict)
+            if self._session is not None and questions.decision is not None:
+                self._session.prevent_trials(questions.decision)
             self._greet_all(now_s)
         else:
             self._session = None

@@ -2,7 +2,7 @@
 
 from concurrent.futures import Future
 
-from avrgym.questionnaires.stop_rules import THEN, Verdict
+from avrgym.questionnaires.stop_rules import THEN, StopDecision
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage.states import StudyError
 from avrgym.texts.interface_texts import Text
@@ -27,8 +27,8 @@ WORDS = {"before_session": Text("questions_before"), "after_session": Text("ques
 class SessionQuestions:
     """Shows one item after another until all answers are stored and confirmed.
 
-    The participant can go back. The experimenter can skip the remaining items or end the session. ``verdict`` is the
-    strictest verdict of the stop rules so far; it does not shorten the questionnaire.
+    The participant can go back. The experimenter can skip the remaining items or end the session. ``decision`` is the
+    strictest decision of the stop rules so far; it does not shorten the questionnaire.
     """
 
     def __init__(self, visit: StudyVisit, when: str, send: Send) -> None:
@@ -36,7 +36,7 @@ class SessionQuestions:
         self.when = when
         self._visit, self._send = visit, send
         self._questions = Questions(visit.items(when))
-        self.verdict: Verdict | None = None
+        self.decision: StopDecision | None = None
         self._over = self._ended = False
         self._given: Answer | None = None
         self._stored: Future[None] | None = None
@@ -49,7 +49,7 @@ class SessionQuestions:
     @property
     def ended(self) -> bool:
         """Whether the session has ended: by the experimenter, by another process or by a stop rule."""
-        by_rule = self._over and self.verdict is not None and self.verdict.then == "end"
+        by_rule = self._over and self.decision is not None and self.decision.then == "end"
         return self._ended or by_rule or self._visit.called_off
 
     def begin(self) -> None:
@@ -130,14 +130,14 @@ class SessionQuestions:
 
     def _heed(self, answer: Answer) -> None:
         """Apply the stop rules to an answer; an end replaces a pause."""
-        verdict = self._visit.store.design.rules.verdict(answer.item, answer.value)
-        if verdict is None:
+        decision = self._visit.store.design.rules.decide(answer.item, answer.value)
+        if decision is None:
             return
-        if self.verdict is None or THEN.index(verdict.then) >= THEN.index(self.verdict.then):
-            self.verdict = verdict
-        self._visit.tell("stop rule met", f"then {verdict.then}, why {verdict.why}")
-        before = f"the session {verdict.then}s: " if self.when == "before_session" else ""
-        self._send(Problem(before + verdict.why, "experimenter"))
+        if self.decision is None or THEN.index(decision.then) >= THEN.index(self.decision.then):
+            self.decision = decision
+        self._visit.tell("stop rule met", f"then {decision.then}, why {decision.why}")
+        before = f"the session {decision.then}s: " if self.when == "before_session" else ""
+        self._send(Problem(before + decision.why, "experimenter"))
 
     def _take(self, answer: Answer) -> None:
         """Store an answer; refuse an invalid one."""

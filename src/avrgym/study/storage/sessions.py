@@ -27,7 +27,7 @@ from avrgym.study.storage.store import (
     subject_of,
 )
 from avrgym.system.processes import is_running
-from avrgym.vr.headset_check import measurement_text, verdict_text
+from avrgym.vr.headset_check import measurement_text, result_text
 
 
 def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> StudySession:
@@ -125,7 +125,7 @@ def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> N
     with store.database.write() as connection:
         session = find_open_session(connection, session_id)
         hash_chain.update(connection, schema.SESSION, session.id, headset_check=msgspec.to_builtins(check))
-        detail = f"{verdict_text(check)} {measurement_text(check)}"
+        detail = f"{result_text(check)} {measurement_text(check)}"
         record_event(connection, "headset checked", detail, subject_of(session))
 
 

@@ -71,7 +71,7 @@ class InProcessClient:
         ):
             self._press_trigger(session)
         if session.phase == "headset_stop":
-            session.receive(messages.Stop(way="button"), self._now_s)
+            session.receive(messages.Stop(method="button"), self._now_s)
         if session.phase == "loading":
             session.receive(messages.SceneLoaded(url=self._scene_url), self._now_s)
         question = self._question

@@ -40,11 +40,11 @@ class Outlets:
             "forces", "Force", {region.name: "N" for region in BODY_REGIONS}, RATE_HZ, pylsl.cf_float32
         )
 
-    def tell(self, event: SessionEvent, time_s: float) -> None:
+    def send_event(self, event: SessionEvent, time_s: float) -> None:
         """Send an event; ``time_s`` is on Lab Streaming Layer's clock."""
         self._events.push_sample([event_text(event)], time_s)
 
-    def show(self, world: LiveWorld, time_s: float) -> None:
+    def send_state(self, world: LiveWorld, time_s: float) -> None:
         """Send poses and forces; ``time_s`` is on Lab Streaming Layer's clock."""
         simulation = world.simulation
         rows = [world.bodies.index(body) for body in POSED.values()]

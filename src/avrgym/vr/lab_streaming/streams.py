@@ -26,7 +26,7 @@ class LabStreams:
 
     def __init__(self, choice: StreamChoice) -> None:
         """Start to send, and to search for the streams to receive."""
-        self._ahead_s: float | None = None
+        self._clock_offset_s: float | None = None
         self._inlets = [Inlet(name, query) for name, query in choice.receive.items()]
         self._outlets = Outlets() if choice.send else None
 
@@ -37,24 +37,26 @@ class LabStreams:
 
     def take(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
         """The samples received since the last call, with times on the session's clock."""
-        ahead_s = self._ahead_s = self._aligned(now_s)
+        clock_offset_s = self._clock_offset_s = self._aligned(now_s)
         return [
-            (stream, _later(samples, ahead_s)) for inlet in self._inlets for stream, samples in inlet.take()
+            (stream, _later(samples, clock_offset_s))
+            for inlet in self._inlets
+            for stream, samples in inlet.take()
         ]
 
-    def tell(self, event: SessionEvent) -> None:
+    def send_event(self, event: SessionEvent) -> None:
         """Send an event. Events before the first tick of a session have the present time."""
         if self._outlets is None:
             return
-        if self._ahead_s is None or event.time_s == 0.0:
-            self._outlets.tell(event, pylsl.local_clock())
+        if self._clock_offset_s is None or event.time_s == 0.0:
+            self._outlets.send_event(event, pylsl.local_clock())
         else:
-            self._outlets.tell(event, event.time_s - self._ahead_s)
+            self._outlets.send_event(event, event.time_s - self._clock_offset_s)
 
-    def show(self, world: LiveWorld, now_s: float) -> None:
+    def send_state(self, world: LiveWorld, now_s: float) -> None:
         """Send poses and forces."""
-        if self._outlets is not None and self._ahead_s is not None:
-            self._outlets.show(world, now_s - self._ahead_s)
+        if self._outlets is not None and self._clock_offset_s is not None:
+            self._outlets.send_state(world, now_s - self._clock_offset_s)
 
     def close(self) -> None:
         """Stop to receive and send."""
@@ -67,7 +69,7 @@ class LabStreams:
     def _aligned(self, now_s: float) -> float:
         """The offset of the session's clock, now at least ``now_s``, to that of Lab Streaming Layer."""
         seen_s = now_s - pylsl.local_clock()
-        return seen_s if self._ahead_s is None else max(self._ahead_s - DRIFT_S, seen_s)
+        return seen_s if self._clock_offset_s is None else max(self._clock_offset_s - DRIFT_S, seen_s)
 
 
 def _later(samples: StreamSamples, by_s: float) -> StreamSamples:

@@ -31,7 +31,7 @@ Share = Annotated[float, msgspec.Meta(ge=-1, le=1)]
 Shares = tuple[Share, Share, Share]
 Modality = Literal["controller", "hand", "mouse", "none"]
 """The device that tracks a hand."""
-StopWay = Literal["button", "triggers", "squeeze", "select", "palm", "gaze", "page", "key"]
+StopMethod = Literal["button", "triggers", "squeeze", "select", "palm", "gaze", "page", "key"]
 """How a participant stops the robot: with a menu button; by holding both triggers, a grip button (squeeze) or the only
 select button; with a raised palm; by looking at the stop sign; with the page's button or a key."""
 Visibility = Literal["visible", "visible-blurred", "hidden", "context-lost"]
@@ -140,9 +140,9 @@ class SceneLoaded(Message, frozen=True, tag="scene_loaded"):
 
 
 class Stop(Message, frozen=True, tag="stop"):
-    """The emergency stop: the robot must hold still immediately. ``way``: the participant's action."""
+    """The emergency stop: the robot must hold still immediately. ``method``: the participant's action."""
 
-    way: StopWay | None = None
+    method: StopMethod | None = None
 
 
 class VisibilityChanged(Message, frozen=True, tag="visibility_changed"):
@@ -362,7 +362,7 @@ class State(Message, frozen=True):
     simulation_time_s: float
     tracking_sequence: int
     joint_targets: bytes
-    held: list[Part]
+    deviating_parts: list[Part]
     poses: bytes
 
 
@@ -370,8 +370,9 @@ class StateChange(Message, frozen=True, tag="state"):
     """The state of the world at one time, as the difference to the previous state of this connection.
 
     The first state after a scene is complete. ``tracking_sequence``: the newest tracking frame that this state
-    includes, -1 before the first. ``joint_targets``: target angles of the person's joints. ``held``: parts of the body
-    that cannot follow tracking, because of an obstacle or lost tracking; they are displayed as simulated.
+    includes, -1 before the first. ``joint_targets``: target angles of the person's joints. ``deviating_parts``: parts
+    of the body that cannot follow tracking, because of an obstacle or lost tracking; the client draws the simulated
+    poses of these parts.
 
     ``joint_targets`` has steps of 1e-5 rad and one row per joint. ``poses`` has steps of 0.1 mm and 5e-5, and one row
     x, y, z, w, x, y, z per body or mark. Unchanged rows are omitted: each row begins with the number of omitted rows,
@@ -381,7 +382,7 @@ class StateChange(Message, frozen=True, tag="state"):
     sequence: int
     simulation_time_s: float
     tracking_sequence: int
-    held: list[Part]
+    deviating_parts: list[Part]
     joint_targets: bytes
     poses: bytes
 

@@ -40,7 +40,7 @@ class StateEncoder:
             sequence=state.sequence,
             simulation_time_s=state.simulation_time_s,
             tracking_sequence=state.tracking_sequence,
-            held=state.held,
+            deviating_parts=state.deviating_parts,
             joint_targets=self._targets.encode(state.joint_targets),
             poses=self._poses.encode(state.poses),
         )
@@ -63,7 +63,7 @@ class StateDecoder:
             simulation_time_s=change.simulation_time_s,
             tracking_sequence=change.tracking_sequence,
             joint_targets=self._targets.decode(change.joint_targets),
-            held=change.held,
+            deviating_parts=change.deviating_parts,
             poses=self._poses.decode(change.poses),
         )
 

@@ -49,7 +49,7 @@ class ConnectionEnd(Exception):
 class Outbox:
     """Waiting messages of one connection: all messages in order, and the newest state of the newest scene.
 
-    The first message is the welcome; messages before it are discarded. ``made_s`` is the time at which the state
+    The first message is the welcome; messages before it are discarded. ``created_s`` is the time at which the state
     that was sent last was computed.
 
     Flow control: at most ``MAX_UNACKNOWLEDGED_STATES`` states are sent before the client acknowledges them. Otherwise
@@ -59,19 +59,19 @@ class Outbox:
     def __init__(self) -> None:
         self._messages: deque[Message] = deque(maxlen=OUTBOX_MESSAGES)
         self._state: tuple[State, float] | None = None
-        self.made_s = 0.0
+        self.created_s = 0.0
         self._sent_states = self._received_states = 0
         self._welcomed = False
         self._farewell: ConnectionEnd | None = None
         self._filled = asyncio.Event()
 
-    def push(self, message: Message, made_s: float = 0.0) -> None:
-        """Add a message; ``made_s`` is the time at which it was computed."""
+    def push(self, message: Message, created_s: float = 0.0) -> None:
+        """Add a message; ``created_s`` is the time at which it was computed."""
         self._welcomed = self._welcomed or isinstance(message, Welcome)
         if not self._welcomed or self._farewell is not None:
             return
         if isinstance(message, State):
-            self._state = message, made_s
+            self._state = message, created_s
         else:
             self._messages.append(message)
             self._state = None if isinstance(message, Scene) else self._state
@@ -97,7 +97,7 @@ class Outbox:
                 and self._sent_states < self._received_states + MAX_UNACKNOWLEDGED_STATES
             ):
                 self._sent_states += 1
-                (state, self.made_s), self._state = self._state, None
+                (state, self.created_s), self._state = self._state, None
                 return state
             if self._farewell is not None:
                 raise self._farewell
@@ -121,7 +121,7 @@ class Broadcast:
     def send(self, message: Message) -> None:
         """Send a message to all connections whose role receives it; called from the simulation's thread."""
         if self._participant is not None or self._watchers:
-            self._call(lambda made_s: self._deliver(message, made_s), time.monotonic())
+            self._call(lambda created_s: self._deliver(message, created_s), time.monotonic())
 
     def sender(self, outbox: Outbox) -> Callable[[Message], None]:
         """A function that sends to one connection from the simulation's thread."""
@@ -167,9 +167,9 @@ class Broadcast:
             self._participant = None
         self._watchers = [each for each in self._watchers if each[1] is not outbox]
 
-    def _deliver(self, message: Message, made_s: float) -> None:
+    def _deliver(self, message: Message, created_s: float) -> None:
         if self._participant is not None and is_for_role(message, "participant"):
-            self._participant.push(message, made_s)
+            self._participant.push(message, created_s)
         for role, watcher in self._watchers:
             if is_for_role(message, role):
                 watcher.push(message)

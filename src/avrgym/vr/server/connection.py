@@ -82,12 +82,12 @@ class FrameTimes:
         if len(self._received_s) > FRAMES_REMEMBERED:
             del self._received_s[next(iter(self._received_s))]
 
-    def times_of(self, state: State, made_s: float) -> Passed | None:
+    def times_of(self, state: State, created_s: float) -> Passed | None:
         """The times of the newest frame in a state that is sent now; ``None`` if an earlier state included it."""
         received_s = self._received_s.pop(state.tracking_sequence, None)
         if received_s is None:
             return None
-        return Passed(state.tracking_sequence, received_s, made_s, time.monotonic())
+        return Passed(state.tracking_sequence, received_s, created_s, time.monotonic())
 
 
 FRAMES_REMEMBERED = 1000
@@ -259,7 +259,7 @@ async def _send(socket: WebSocket, outbox: Outbox, frame_times: FrameTimes) -> N
                 if isinstance(message, Scene):
                     encoder.begin_scene()
                 if isinstance(message, State):
-                    passed = frame_times.times_of(message, outbox.made_s)
+                    passed = frame_times.times_of(message, outbox.created_s)
                     if passed is not None:
                         await socket.send_bytes(messages.encode(passed))
                     message = encoder.encode(message)

@@ -214,7 +214,7 @@ class EnvironmentViewer:
                 simulation_time_s=self._ticks * TICK_S,
                 tracking_sequence=-1,
                 joint_targets=b"",
-                held=[],
+                deviating_parts=[],
                 poses=poses(self._episodes),
             )
         )

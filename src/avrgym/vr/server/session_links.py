@@ -52,10 +52,10 @@ class _CurrentLink:
 @dataclass
 class _Code:
     digits: str
-    made_s: float = field(default_factory=lambda: time.monotonic())
+    created_s: float = field(default_factory=lambda: time.monotonic())
 
     def is_younger(self, seconds: float) -> bool:
-        return time.monotonic() - self.made_s < seconds
+        return time.monotonic() - self.created_s < seconds
 
 
 class SessionLinks:

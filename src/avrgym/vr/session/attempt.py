@@ -160,7 +160,7 @@ class Attempt:
         """Record tracking frames in the order of arrival; the newest one moved the person, except for parts that are
         held.
         """
-        held = [part for part in PARTS if part in followed.held or part in followed.lost]
+        deviating = [part for part in PARTS if part in followed.deviating or part in followed.lost]
         for frame in followed.arrived:
             tracking, applied = frame.tracking, frame is followed.newest
             record = schema.TrackingFrame(
@@ -169,7 +169,7 @@ class Attempt:
                 received_time_s=frame.received_s - self.began_s,
                 applied=applied,
                 held=followed.silent or not frame.usable,
-                held_parts=held if applied else [],
+                held_parts=deviating if applied else [],
                 untracked_parts=list(followed.untracked) if applied else [],
                 left_modality=tracking.left_modality,
                 right_modality=tracking.right_modality,

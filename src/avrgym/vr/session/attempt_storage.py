@@ -57,7 +57,7 @@ class AttemptStorage:
         self.answering = Answering(attempt.trial, attempt.number, attempt.path)
         self.failing = False
         self.recordings.append(attempt.path)
-        self._sink.tell(events.TrialBegun(now_s, attempt.trial, attempt.number, attempt.path))
+        self._sink.report(events.TrialBegun(now_s, attempt.trial, attempt.number, attempt.path))
         return attempt
 
     def record_event(self, name: str, detail: str, now_s: float) -> None:
@@ -89,7 +89,7 @@ class AttemptStorage:
         sums = attempt.steps, attempt.reward, attempt.success
         whose = attempt.trial, attempt.number, attempt.path
         kept = "failed" if result == "completed" and failure is not None else result
-        self._sink.tell(events.TrialEnded(now_s, *whose, kept, failure is None, *sums))
+        self._sink.report(events.TrialEnded(now_s, *whose, kept, failure is None, *sums))
         return failure
 
     def take_failure(self) -> Exception | None:

@@ -37,7 +37,7 @@ def take_message(phase: Phase, message: Received) -> Phase:
         case messages.Back():
             return phase.go_back()
         case messages.Stop():
-            return phase.stop("participant", message.way)
+            return phase.stop("participant", message.method)
         case messages.ChooseTheirBody():
             return phase.choose_body(message, "experimenter")
         case messages.ChooseBody():
@@ -47,7 +47,7 @@ def take_message(phase: Phase, message: Received) -> Phase:
         case messages.Drive():
             phase.drive(message)
         case messages.Command():
-            return obey(phase, message.name)
+            return execute_command(phase, message.name)
         case messages.SceneWatched():
             pass
         case messages.Hello() | messages.Receipt():
@@ -57,7 +57,7 @@ def take_message(phase: Phase, message: Received) -> Phase:
     return phase
 
 
-def obey(phase: Phase, command: CommandName) -> Phase:
+def execute_command(phase: Phase, command: CommandName) -> Phase:
     """Pass a command of the experimenter to a phase; returns the phase that follows."""
     match command:
         case "stop":
@@ -65,7 +65,7 @@ def obey(phase: Phase, command: CommandName) -> Phase:
         case "pause":
             return phase.pause()
         case "continue":
-            return phase.go_on()
+            return phase.resume()
         case "repeat":
             return phase.repeat()
         case "skip":
@@ -73,4 +73,4 @@ def obey(phase: Phase, command: CommandName) -> Phase:
         case "end":
             return phase.end()
         case "recalibrate":
-            return phase.measure_again()
+            return phase.repeat_measurement()

@@ -13,7 +13,7 @@ from avrgym.models.body_names import Part
 from avrgym.models.human import Sex
 from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.schema import Answer, AttemptEnd
-from avrgym.vr.protocol.messages import PhaseName, StopWay, Visibility
+from avrgym.vr.protocol.messages import PhaseName, StopMethod, Visibility
 
 Who = Literal["participant", "experimenter"]
 
@@ -140,7 +140,7 @@ class Stopped(SessionEvent):
     """The robot was stopped; ``way`` is the participant's way to stop it."""
 
     by: Who
-    way: StopWay | None = None
+    way: StopMethod | None = None
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,7 @@ class EventSink:
         self.failure: Exception | None = None
         self._observe, self._stored = observe, stored
 
-    def tell(self, event: SessionEvent) -> None:
+    def report(self, event: SessionEvent) -> None:
         """Report an event to the observer; ``failure`` is its error, if it raises one."""
         try:
             self._observe(event)

@@ -9,7 +9,7 @@ from avrgym.array_types import FloatArray
 from avrgym.recording.configuration import HeadsetCheck, TrackedPart
 from avrgym.recording.schema import Latency
 from avrgym.vr.latency import percentiles_ms
-from avrgym.vr.protocol.messages import HeadsetFrames, StopWay, Tracking, XRPose
+from avrgym.vr.protocol.messages import HeadsetFrames, StopMethod, Tracking, XRPose
 
 Take = Callable[[Tracking], XRPose | None]
 
@@ -51,9 +51,9 @@ class HeadsetMeasurement:
         """Add the times at which frames were rendered."""
         self._drawn.append(drawn)
 
-    def take_stop(self, way: StopWay | Literal["none"], after_s: float | None = None) -> None:
-        """Add the way of the test stop, and its time after the request; ``none``: not within the limit."""
-        self._stop, self._stop_after_s = way, after_s
+    def take_stop(self, method: StopMethod | Literal["none"], after_s: float | None = None) -> None:
+        """Add the method of the test stop, and its time after the request; ``none``: not within the limit."""
+        self._stop, self._stop_after_s = method, after_s
 
     @property
     def has_motors(self) -> bool:

@@ -30,20 +30,20 @@ TIMED_OUT: Mapping[Part, str] = {
 
 @dataclass(frozen=True)
 class Interruption:
-    """``name`` and ``why`` are recorded, ``event`` is stored; the participant reads ``says``."""
+    """``name`` and ``why`` are recorded, ``event`` is stored; the participant reads ``message``."""
 
     name: str
     why: str
     event: events.SessionEvent
-    says: Text
+    message: Text
 
 
 def lost_tracking(now_s: float, part: Part) -> Interruption:
     """A part of the body that the task needs has not been measured for ``UNTRACKED_LIMIT_S``."""
     seconds = f"{UNTRACKED_LIMIT_S:g}"
-    says = Text(TIMED_OUT[part], {"seconds": seconds})
+    message = Text(TIMED_OUT[part], {"seconds": seconds})
     why = f"tracking was lost for {seconds} s: {PART_LABELS[part]}"
-    return Interruption("tracking_timed_out", why, events.TrackingTimedOut(now_s, part), says)
+    return Interruption("tracking_timed_out", why, events.TrackingTimedOut(now_s, part), message)
 
 
 def lost_visibility(now_s: float, visibility: Visibility) -> Interruption:
@@ -57,5 +57,5 @@ def lost_visibility(now_s: float, visibility: Visibility) -> Interruption:
 def lost_time(now_s: float, seconds: float) -> Interruption:
     """The process or its machine was suspended."""
     why = f"the computer stood still for {seconds:.1f} s"
-    says = Text("time_lost", {"seconds": f"{seconds:.1f}"})
-    return Interruption("time_lost", why, events.TimeLost(now_s, seconds), says)
+    message = Text("time_lost", {"seconds": f"{seconds:.1f}"})
+    return Interruption("time_lost", why, events.TimeLost(now_s, seconds), message)

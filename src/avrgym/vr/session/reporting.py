@@ -3,7 +3,7 @@
 from avrgym.models.body_names import PARTS
 from avrgym.models.scene import SUBSTEPS
 from avrgym.tasks.control_loop import ControlStep
-from avrgym.vr.live_world.arm_touch import ArmTouch
+from avrgym.vr.live_world.arm_contact import ArmContactMonitor
 from avrgym.vr.live_world.drivers import Driver, Operator
 from avrgym.vr.live_world.obstruction import ObstructionMonitor
 from avrgym.vr.live_world.scene_message import most_loaded_region
@@ -38,7 +38,7 @@ class Reporter:
         """Send the state after a tick, in which the body followed the tracking."""
         self._ticks += 1
         if world is not self._world:
-            self._world, self._touch = world, ArmTouch(world.simulation)
+            self._world, self._touch = world, ArmContactMonitor(world.simulation)
             self._obstruction = ObstructionMonitor(world.simulation, world.skeleton)
         if self._ticks % SUBSTEPS == 0:
             self._touched = self._touch.sides()
@@ -48,13 +48,13 @@ class Reporter:
             self._send(self._state(world, tracking))
 
     def _state(self, world: LiveWorld, tracking: TrackingState) -> messages.State:
-        held = {*tracking.held, *self._obstruction.parts()}
+        deviating = {*tracking.deviating, *self._obstruction.parts()}
         return messages.State(
             sequence=self._ticks,
             simulation_time_s=self._ticks * TICK_S,
             tracking_sequence=tracking.followed,
             joint_targets=world.joint_targets_rad.astype("<f4").tobytes(),
-            held=[part for part in PARTS if part in held],
+            deviating_parts=[part for part in PARTS if part in deviating],
             poses=world.body_poses(),
         )
 

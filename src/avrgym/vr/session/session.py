@@ -14,7 +14,7 @@ from pathlib import Path
 from avrgym.models import human
 from avrgym.models.body_names import PARTS, Part
 from avrgym.models.human import Person
-from avrgym.questionnaires.stop_rules import Verdict
+from avrgym.questionnaires.stop_rules import StopDecision
 from avrgym.tasks.control_loop import ControlStep
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
@@ -83,7 +83,7 @@ class Session:
         worlds = TrialWorlds(
             plan, trial, person, workers or ImmediateExecutor(), [] if scenes is None else scenes
         )
-        sink = EventSink(observe if streams is None else _both(streams.tell, observe), kept)
+        sink = EventSink(observe if streams is None else _both(streams.send_event, observe), kept)
         storage = AttemptStorage(folder, sink)
         drivers = Drivers(policies, background=workers is not None)
         versions()  # reads files the first time, for which no tick may wait
@@ -160,14 +160,14 @@ class Session:
         if role == "participant":
             state.worlds.forget_client()
             state.visibility = "visible"
-            state.sink.tell(events.ConnectionFound(now_s))
+            state.sink.report(events.ConnectionFound(now_s))
         plan = state.plan
         how = {"haptics": plan.haptics, "sounds": plan.sounds}
         send(messages.Welcome(messages.PROTOCOL, state.identifier, role, **how))
         send(state.language_message())
         send(state.body_message())
         send(state.scene_message())
-        state.tell_placed(send)
+        state.send_placed(send)
         self._announce(send)
 
     def receive(self, message: Received, now_s: float) -> None:
@@ -181,7 +181,7 @@ class Session:
         before_s, self._ticked_s = self._ticked_s, now_s
         state.now_s = now_s
         if self._called_off() or self._is_over():
-            self._go_to(self._phase.call_off())
+            self._go_to(self._phase.cancel())
         if storage.attempt is not None:
             self._check_continuity(0.0 if before_s is None else now_s - before_s)
         self._follow()
@@ -202,7 +202,7 @@ class Session:
         if self._streams is not None:
             self._streams.tick()
         if self._ends_at is not None and now_s >= self._ends_at and state.sink.all_stored():
-            self._go_to(self._phase.time_over())
+            self._go_to(self._phase.on_timeout())
         if storage.attempt is not None:
             storage.attempt.hand_over()
 
@@ -214,19 +214,19 @@ class Session:
     def close(self, now_s: float) -> None:
         """End the session. A running trial is stored as interrupted, or as completed if the robot has finished."""
         self._state.now_s = now_s
-        if self._phase.helped:
+        if self._phase.robot_finished:
             self._state.complete_attempt()
         self._state.abandon("interrupted")
         self._state.drivers.close()
 
-    def hold_back(self, verdict: Verdict) -> None:
+    def prevent_trials(self, decision: StopDecision) -> None:
         """Let no trial start, because of an answer before the session."""
-        self._state.hold_back(verdict)
+        self._state.prevent_trials(decision)
 
     def _is_over(self) -> bool:
         """Whether a stop rule ends the session, and the last trial is stored."""
         storage = self._state.storage
-        idle = storage.attempt is None and storage.completing is None and not self._phase.helped
+        idle = storage.attempt is None and storage.completing is None and not self._phase.robot_finished
         return self._state.ending and idle
 
     def _reopened(self, left: OpenQuestionnaire) -> Questionnaire:
@@ -249,18 +249,18 @@ class Session:
         self._ends_at = None if phase.seconds is None else state.now_s + phase.seconds
         self._message = messages.Phase(
             phase.name,
-            texts.render(phase.says),
+            texts.render(phase.message),
             trial,
             trials,
             state.current.practice,
             phase.seconds,
-            texts.render_for_page(phase.says),
-            texts.render_by_input(phase.says),
+            texts.render_for_page(phase.message),
+            texts.render_by_input(phase.message),
         )
         state.record_event("phase", phase.name)
-        state.sink.tell(events.PhaseEntered(state.now_s, phase.name, trial))
+        state.sink.report(events.PhaseEntered(state.now_s, phase.name, trial))
         self._announce(state.send)
-        phase.entered()
+        phase.on_enter()
 
     def _announce(self, send: Send) -> None:
         send(self._message)
@@ -278,8 +278,8 @@ class Session:
         for part in PARTS:
             if (part in followed.lost) != (part in followed.lost_before):
                 self._tell_tracking(part, lost=part in followed.lost)
-            if (part in followed.held) != (part in followed.held_before):
-                state.record_event("pose_held" if part in followed.held else "pose_followed", part)
+            if (part in followed.deviating) != (part in followed.deviating_before):
+                state.record_event("pose_held" if part in followed.deviating else "pose_followed", part)
         if attempt is None:
             return
         attempt.record_frames(followed)
@@ -290,7 +290,7 @@ class Session:
         state = self._state
         state.record_event("tracking_lost" if lost else "tracking_found", part)
         kind = events.TrackingLost if lost else events.TrackingFound
-        state.sink.tell(kind(state.now_s, part))
+        state.sink.report(kind(state.now_s, part))
 
     def _check_continuity(self, since_last_tick_s: float) -> None:
         """Interrupt an attempt in which the participant was untracked or time was lost."""

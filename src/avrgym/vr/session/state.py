@@ -9,7 +9,7 @@ import numpy as np
 from avrgym.models import human
 from avrgym.models.body_names import Part
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
-from avrgym.questionnaires.stop_rules import Verdict
+from avrgym.questionnaires.stop_rules import StopDecision
 from avrgym.recording import schema
 from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.reader import RecordingError
@@ -74,7 +74,7 @@ class SessionState:
     now_s: float = 0.0
 
     def __post_init__(self) -> None:
-        self._told_scene = self.scene_message()
+        self._sent_scene = self.scene_message()
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
         self._latencies: deque[schema.Latency] = deque(maxlen=LATENCY_SECONDS)
         self.latency: list[messages.StageLatency] = []
@@ -136,15 +136,15 @@ class SessionState:
         tones = list(SKIN_TONES), list(SKIN_TONES.values())
         return messages.Body(self.person.sex, self.person.skin_tone, *tones)
 
-    def tell_scene(self) -> None:
+    def send_changed_scene(self) -> None:
         """Send the scene if it has changed."""
         scene = self.scene_message()
-        if scene != self._told_scene:
-            self._told_scene = scene
+        if scene != self._sent_scene:
+            self._sent_scene = scene
             self.send(scene)
-            self.tell_placed(self.send)
+            self.send_placed(self.send)
 
-    def tell_placed(self, send: Send) -> None:
+    def send_placed(self, send: Send) -> None:
         """Send the world's new place, if it follows a participant who has slid."""
         placed = self.tracking.placed
         if placed is not None:
@@ -157,31 +157,31 @@ class SessionState:
         if glide is not None:
             way_m = float(np.linalg.norm(glide.shift_w))
             self.record_event("seat_followed", f"{way_m:.2f} m")
-            self.sink.tell(events.SeatFollowed(self.now_s, way_m))
-            self.tell_placed(self.send)
+            self.sink.report(events.SeatFollowed(self.now_s, way_m))
+            self.send_placed(self.send)
         after = self.tracking.registration
         if after is not None and after is not before:
             place = after.xr_from_world()
-            self._told_scene = msgspec.structs.replace(self._told_scene, xr_from_world=place)
+            self._sent_scene = msgspec.structs.replace(self._sent_scene, xr_from_world=place)
             if self.storage.attempt is not None:
                 pose = schema.Pose(list(place.position), list(place.orientation))
                 self.storage.attempt.record("/placement", schema.Placement(pose), self.now_s)
 
-    def obey(self, verdict: Verdict) -> None:
+    def apply_stop_rule(self, decision: StopDecision) -> None:
         """Let no further trial start, because of an answer; the present questionnaire is completed first."""
-        self.hold_back(verdict)
-        self.record_event("stop_rule_met", verdict.why)
-        self.sink.tell(events.StopRuleMet(self.now_s, verdict.then, verdict.why))
-        self.report(f"the session {verdict.then}s: {verdict.why}")
+        self.prevent_trials(decision)
+        self.record_event("stop_rule_met", decision.why)
+        self.sink.report(events.StopRuleMet(self.now_s, decision.then, decision.why))
+        self.report(f"the session {decision.then}s: {decision.why}")
 
-    def hold_back(self, verdict: Verdict) -> None:
+    def prevent_trials(self, decision: StopDecision) -> None:
         """Let no further trial start, without a report."""
-        self.on_hold, self.pause_reason = True, verdict.why
-        self.ending = self.ending or verdict.then == "end"
+        self.on_hold, self.pause_reason = True, decision.why
+        self.ending = self.ending or decision.then == "end"
 
     # The participant's body --------------------------------------------------------------------------------------
 
-    def give_torso_height(self, torso_height_m: float) -> None:
+    def set_torso_height(self, torso_height_m: float) -> None:
         """Change the body's size, in its place.
 
         Raises:
@@ -191,19 +191,19 @@ class SessionState:
         self.height_known = True
         self.tracking.place_again(self.person)
 
-    def give_arm_scale(self, arm_scale: float) -> None:
+    def set_arm_scale(self, arm_scale: float) -> None:
         """Change the length of the body's arms; raises ``ValueError`` outside the range of adults."""
         self.person = replace(self.person, arm_scale=arm_scale)
-        self.sink.tell(events.ReachMeasured(self.now_s, arm_scale))
+        self.sink.report(events.ReachMeasured(self.now_s, arm_scale))
 
     def correct_torso_height(self, torso_height_m: float) -> bool:
         """Set the torso height that the experimenter entered; returns whether it is valid, and reports if not."""
         try:
-            self.give_torso_height(torso_height_m)
+            self.set_torso_height(torso_height_m)
         except ValueError as error:
             self.report(str(error))
             return False
-        self.sink.tell(events.TorsoHeightCorrected(self.now_s, torso_height_m))
+        self.sink.report(events.TorsoHeightCorrected(self.now_s, torso_height_m))
         return True
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> bool:
@@ -225,7 +225,7 @@ class SessionState:
         else:
             self.height_known = False
         self.person = chosen
-        self.sink.tell(events.BodyChosen(self.now_s, chosen.sex, chosen.skin_tone))
+        self.sink.report(events.BodyChosen(self.now_s, chosen.sex, chosen.skin_tone))
         self.send(self.body_message())
         return True
 
@@ -237,7 +237,7 @@ class SessionState:
             return visibility != before
         if before != "visible":
             self.record_event("visibility_found", "")
-            self.sink.tell(events.VisibilityFound(self.now_s))
+            self.sink.report(events.VisibilityFound(self.now_s))
         return False
 
     def forget_place(self) -> None:
@@ -295,7 +295,7 @@ class SessionState:
         kind = failure.partition(":")[0]
         if kind and kind not in self.drivers.kinds_told:
             self.drivers.kinds_told.add(kind)
-            self.sink.tell(events.ControllerFailed(self.now_s, failure))
+            self.sink.report(events.ControllerFailed(self.now_s, failure))
             self.report(f"the robot holds still, its controller failed: {failure}")
 
     def record_guard_interventions(self) -> None:

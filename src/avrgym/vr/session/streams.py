@@ -27,11 +27,11 @@ class Streams(Protocol):
         """Returns the samples since the last call, each chunk with its stream."""
         ...
 
-    def tell(self, event: SessionEvent) -> None:
+    def send_event(self, event: SessionEvent) -> None:
         """Send an event."""
         ...
 
-    def show(self, world: LiveWorld, now_s: float) -> None:
+    def send_state(self, world: LiveWorld, now_s: float) -> None:
         """Send poses and forces."""
         ...
 
@@ -57,7 +57,7 @@ class StreamRecording:
         arrived = self._streams.take(now_s)
         self._ticks += 1
         if self._ticks % SEND_EVERY_TICKS == 0:
-            self._streams.show(state.world, now_s)
+            self._streams.send_state(state.world, now_s)
         if state.storage.attempt is not self._attempt:
             self._begin()
         self._notice_changes()
@@ -79,7 +79,7 @@ class StreamRecording:
                 continue
             self._present[name] = present
             state.record_event("stream_found" if present else "stream_lost", name)
-            state.sink.tell((StreamFound if present else StreamLost)(state.now_s, name))
+            state.sink.report((StreamFound if present else StreamLost)(state.now_s, name))
             if not present:
                 state.report(f"the stream {name} has vanished; the session goes on without it")
 

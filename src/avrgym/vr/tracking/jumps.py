@@ -43,10 +43,10 @@ def between(one: XRPose, other: XRPose, share: float) -> XRPose:
 
 
 class Limb:
-    """A head or a hand as the body follows it. ``held``: it is not, or not yet, at its tracked pose."""
+    """A head or a hand as the body follows it. ``deviates``: it is not, or not yet, at its tracked pose."""
 
     def __init__(self) -> None:
-        self.held = False
+        self.deviates = False
         self._tracked: XRPose | None = None
         self._followed: XRPose | None = None
         self._captured_s = self._measured_s = self._believed_s = 0.0
@@ -62,19 +62,19 @@ class Limb:
             jumped = min_duration_s(self._tracked, tracked) > passed_s + ROUNDING_S
             absent = measured and captured_s - self._measured_s > ABSENT_AFTER_S
             self._believed_s = now_s + SETTLED_S if jumped else self._believed_s
-            self.held = self.held or jumped or absent
+            self.deviates = self.deviates or jumped or absent
         self._tracked, self._captured_s = tracked, captured_s
         self._measured_s = captured_s if measured else self._measured_s
 
     def follow(self, now_s: float) -> XRPose:
         """Returns the body's pose for this tick; there must have been a frame."""
         assert self._tracked is not None
-        if self._followed is None or not self.held:
+        if self._followed is None or not self.deviates:
             self._followed = self._tracked
         elif now_s >= self._believed_s:
             share = RETURN_SHARE * TICK_S / max(min_duration_s(self._followed, self._tracked), ROUNDING_S)
-            self.held = share < 1.0
-            self._followed = between(self._followed, self._tracked, share) if self.held else self._tracked
+            self.deviates = share < 1.0
+            self._followed = between(self._followed, self._tracked, share) if self.deviates else self._tracked
         return self._followed
 
 
@@ -85,9 +85,9 @@ class Limbs:
         self._limbs: dict[Part, Limb] = {part: Limb() for part in PARTS}
 
     @property
-    def held(self) -> tuple[Part, ...]:
+    def deviating(self) -> tuple[Part, ...]:
         """The parts that are not at their tracked poses."""
-        return tuple(part for part, limb in self._limbs.items() if limb.held)
+        return tuple(part for part, limb in self._limbs.items() if limb.deviates)
 
     def see(self, tracking: Tracking, captured_s: float, now_s: float) -> None:
         """Take a new frame; see ``Limb``."""

@@ -23,17 +23,17 @@ from avrgym.vr.tracking.switches import Hands
 class TrackingUpdate:
     """One tick of tracking: frames that arrived, the newest frame, and changes.
 
-    ``newest`` is ``None`` without a fresh usable frame, and ``silent`` is true then. ``held`` are the parts of the body
-    that jumped and are not at their tracked poses. ``untracked`` are all parts with stale poses, ``lost`` those of them
-    that the task needs. ``held_before`` and ``lost_before`` are of the tick before. ``pose`` is the pose to follow, if
-    there is one.
+    ``newest`` is ``None`` without a fresh usable frame, and ``silent`` is true then. ``deviating`` are the parts of the
+    body that jumped and are not at their tracked poses. ``untracked`` are all parts with stale poses, ``lost`` those of
+    them that the task needs. ``deviating_before`` and ``lost_before`` are of the previous tick. ``pose`` is the pose to
+    follow, if there is one.
     """
 
     arrived: Sequence[Frame]
     newest: Frame | None = None
     silent: bool = False
-    held: tuple[Part, ...] = ()
-    held_before: tuple[Part, ...] = ()
+    deviating: tuple[Part, ...] = ()
+    deviating_before: tuple[Part, ...] = ()
     untracked: tuple[Part, ...] = ()
     lost: tuple[Part, ...] = ()
     lost_before: tuple[Part, ...] = ()
@@ -85,11 +85,11 @@ class TrackingState:
         return -1 if self._followed is None else self._followed.tracking.sequence
 
     @property
-    def held(self) -> tuple[Part, ...]:
+    def deviating(self) -> tuple[Part, ...]:
         """The parts of the body that are not at their tracked poses."""
         if self._followed is None or self.registration is None:
             return PARTS
-        return tuple(part for part in PARTS if part in self._limbs.held or part in self.untracked)
+        return tuple(part for part in PARTS if part in self._limbs.deviating or part in self.untracked)
 
     @property
     def modalities(self) -> tuple[messages.Modality, messages.Modality]:
@@ -124,7 +124,7 @@ class TrackingState:
     def follow(self, needed: Collection[Part], now_s: float) -> TrackingUpdate:
         """Follow the newest frame, unless it is stale; ``needed`` are the parts of the body that the task needs."""
         newest, silent = self._feed.newest, self._feed.is_stale(now_s)
-        arrived, held_before, lost_before = self._feed.take_arrived(), self._limbs.held, self.lost
+        arrived, deviating_before, lost_before = self._feed.take_arrived(), self._limbs.deviating, self.lost
         self.untracked = self._feed.freshness.stale(now_s)
         self.lost = tuple(part for part in self.untracked if part in needed)
         if newest is not None and not silent and self.registration is not None:
@@ -135,15 +135,15 @@ class TrackingState:
             arrived,
             None if silent else newest,
             silent,
-            self._limbs.held,
-            held_before,
+            self._limbs.deviating,
+            deviating_before,
             self.untracked,
             self.lost,
             lost_before,
             pose,
         )
 
-    # Who slides on the seat ----------------------------------------------------------------------------------------
+    # Sliding on the seat -------------------------------------------------------------------------------------------
 
     @property
     def placed(self) -> messages.Placed | None:
@@ -169,7 +169,7 @@ class TrackingState:
             or self._resting is None
         ):
             return None
-        if "head" in self.held:
+        if "head" in self.deviating:
             self._sliding.forget()
             return None
         assert self.registration is not None
@@ -199,7 +199,7 @@ class TrackingState:
             self._tracked = self._hands.follow(newest.tracking, newest.captured_s)
             self._limbs.see(self._tracked, newest.captured_s, now_s)
             self._pose = None
-        if self._pose is None or self._limbs.held:
+        if self._pose is None or self._limbs.deviating:
             assert self._tracked is not None
             self._pose = body_pose(registration, self._limbs.follow(self._tracked, now_s))
         return self._pose

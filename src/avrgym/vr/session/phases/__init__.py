@@ -8,10 +8,10 @@ cycles, so their modules import each other through this one.
 from avrgym.vr.protocol.messages import PhaseName
 from avrgym.vr.session.phases.checking import (
     CheckAtRest,
-    CheckBegins,
     CheckMoving,
     CheckResult,
     CheckSenses,
+    CheckStart,
     CheckStop,
     CheckStretched,
 )
@@ -24,8 +24,8 @@ from avrgym.vr.session.phases.preparing import (
     LoadCalibration,
     LoadCheck,
     LoadTrial,
-    ReachAhead,
-    ReachAside,
+    ReachForward,
+    ReachSideways,
     Storing,
     Waiting,
 )
@@ -39,24 +39,24 @@ from avrgym.vr.session.phases.running import (
     Trial,
 )
 
-Begins = LoadTrial | Calibration | Storing | Waiting | Paused | RecordingFailed | AskReady | FreeBefore
+TrialStart = LoadTrial | Calibration | Storing | Waiting | Paused | RecordingFailed | AskReady | FreeBefore
 """Phases that may follow when a trial is to start."""
-Ended = Finished | RecordingFailed
+SessionEnd = Finished | RecordingFailed
 """Phases that may follow after the last trial, when an answered trial is completed first."""
-Asks = Begins | Finished | Questionnaire
+AfterRobot = TrialStart | Finished | Questionnaire
 """Phases that may follow when the robot has finished, in VR or not."""
-Enters = CheckBegins | Calibration | LoadCalibration | Ended
+AfterEntering = CheckStart | Calibration | LoadCalibration | SessionEnd
 """Phases that may follow when the participant enters VR."""
-Gone = Waiting | Ended
+AfterLeaving = Waiting | SessionEnd
 """Phases that may follow when the participant leaves."""
-Anew = Calibration | LoadCalibration | Ended
+AfterRecalibration = Calibration | LoadCalibration | SessionEnd
 """Phases that may follow a request for a new calibration."""
-Loaded = Begins | Check
+Loaded = TrialStart | Check
 """Phases that may follow when a world is shown."""
 
 PHASES: tuple[type[Phase], ...] = (
-    Waiting, CheckBegins, CheckAtRest, CheckStretched, CheckMoving, CheckStop, CheckSenses, CheckResult, Calibration,
-    ReachAhead, ReachAside, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, AskReady, FreeBefore, Countdown,
+    Waiting, CheckStart, CheckAtRest, CheckStretched, CheckMoving, CheckStop, CheckSenses, CheckResult, Calibration,
+    ReachForward, ReachSideways, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, AskReady, FreeBefore, Countdown,
     Trial, Retreat, FreeAfter, Questionnaire, Confirm, Paused, RecordingFailed, Finished,
 )  # fmt: skip
 """All phases, in the order of a session."""

@@ -7,7 +7,7 @@ from typing import Self
 
 from avrgym.questionnaires.questionnaire import Item, translate
 from avrgym.texts.interface_texts import Text
-from avrgym.vr.headset_check import is_ready, verdict
+from avrgym.vr.headset_check import is_ready, result_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.headset_measuring import HeadsetMeasurement
@@ -49,7 +49,7 @@ class Checking(InVR):
         if frame.usable and self.state.tracking.registration is None:
             assert tracking.head is not None
             self.state.tracking.place(tracking.head, self.state.person, self.state.world.scene_config.posture)
-            self.state.tell_scene()
+            self.state.send_changed_scene()
 
     @property
     def _durations(self) -> HeadsetCheckPlan:
@@ -58,7 +58,7 @@ class Checking(InVR):
 
     def skip(self) -> phases.Calibration | phases.LoadCalibration:
         self.state.headset_checked = True
-        self.state.sink.tell(events.HeadsetCheckSkipped(self.state.now_s))
+        self.state.sink.report(events.HeadsetCheckSkipped(self.state.now_s))
         return self._calibrate_again()
 
     def _ask_senses(self) -> CheckSenses | CheckResult:
@@ -70,11 +70,11 @@ class Checking(InVR):
         return CheckResult(self.state, self._measurement, {})
 
 
-class CheckBegins(Checking):
+class CheckStart(Checking):
     """The participant gets ready; the trigger starts the check and is tested by it."""
 
     name = "headset"
-    says = Text("headset_check")
+    message = Text("headset_check")
     awaits_ready = True
     moves = False
 
@@ -106,21 +106,21 @@ class Measuring(Checking, ABC):
         self._measurement.take_frames(drawn)
 
     @abstractmethod
-    def time_over(self) -> CheckStretched | CheckMoving | CheckStop:
+    def on_timeout(self) -> CheckStretched | CheckMoving | CheckStop:
         """The next measurement."""
 
 
 class CheckAtRest(Measuring):
     """Measures the jitter of tracking."""
 
-    says = Text("headset_at_rest")
+    message = Text("headset_at_rest")
     at_rest = True
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state, measurement)
         self.seconds = self._durations.at_rest_s
 
-    def time_over(self) -> CheckStretched | CheckMoving:
+    def on_timeout(self) -> CheckStretched | CheckMoving:
         """Without a headset there are no arms to stretch."""
         with_mouse = "mouse" in self.state.tracking.modalities
         return (CheckMoving if with_mouse else CheckStretched)(self.state, self._measurement)
@@ -129,27 +129,27 @@ class CheckAtRest(Measuring):
 class CheckStretched(Measuring):
     """Measures the range of hand tracking."""
 
-    says = Text("headset_stretched")
+    message = Text("headset_stretched")
     stretching = True
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state, measurement)
         self.seconds = self._durations.stretched_s
 
-    def time_over(self) -> CheckMoving:
+    def on_timeout(self) -> CheckMoving:
         return CheckMoving(self.state, self._measurement)
 
 
 class CheckMoving(Measuring):
     """Measures dropped frames during motion."""
 
-    says = Text("headset_moving")
+    message = Text("headset_moving")
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state, measurement)
         self.seconds = self._durations.moving_s
 
-    def time_over(self) -> CheckStop:
+    def on_timeout(self) -> CheckStop:
         return CheckStop(self.state, self._measurement)
 
 
@@ -157,7 +157,7 @@ class CheckStop(Checking):
     """The participant tests the emergency stop."""
 
     name = "headset_stop"
-    says = Text("headset_stop")
+    message = Text("headset_stop")
     can_be_stopped = True
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
@@ -165,14 +165,16 @@ class CheckStop(Checking):
         self.seconds = self._durations.stop_s
         self._asked_s = state.now_s
 
-    def stop(self, by: events.Who, way: messages.StopWay | None = None) -> CheckSenses | CheckResult | Self:
+    def stop(
+        self, by: events.Who, method: messages.StopMethod | None = None
+    ) -> CheckSenses | CheckResult | Self:
         """Take the participant's test stop and continue; the experimenter cannot test it for them."""
         if by == "experimenter":
             return self._report("the participant tries the stop; skip the check to go on without")
-        self._measurement.take_stop(way or "page", self.state.now_s - self._asked_s)
+        self._measurement.take_stop(method or "page", self.state.now_s - self._asked_s)
         return self._ask_senses()
 
-    def time_over(self) -> CheckSenses | CheckResult:
+    def on_timeout(self) -> CheckSenses | CheckResult:
         self._measurement.take_stop("none")
         return self._ask_senses()
 
@@ -181,7 +183,7 @@ class CheckSenses(Checking):
     """The participant answers whether haptics and sound work."""
 
     name = "headset_check"
-    says = Text("questionnaire")
+    message = Text("questionnaire")
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement, asked: list[Item]) -> None:
         super().__init__(state, measurement)
@@ -233,14 +235,14 @@ class CheckResult(Checking):
     ) -> None:
         super().__init__(state, measurement)
         self._check = measurement.result(haptics=answers.get(BUZZ.id), sound=answers.get(CHIME.id))
-        self.says = verdict(self._check, MAX_FAULTS_SHOWN)
+        self.message = result_message(self._check, MAX_FAULTS_SHOWN)
 
-    def entered(self) -> None:
+    def on_enter(self) -> None:
         self.state.headset = self._check
-        self.state.sink.tell(events.HeadsetChecked(self.state.now_s, self._check))
+        self.state.sink.report(events.HeadsetChecked(self.state.now_s, self._check))
 
-    def ready(self) -> CheckBegins | phases.Calibration | phases.LoadCalibration:
+    def ready(self) -> CheckStart | phases.Calibration | phases.LoadCalibration:
         if not is_ready(self._check):
-            return CheckBegins(self.state)
+            return CheckStart(self.state)
         self.state.headset_checked = True
         return self._calibrate_again()

@@ -17,18 +17,18 @@ class Paused(Resting):
 
     name = "paused"
 
-    def __init__(self, state: SessionState, says: Text) -> None:
+    def __init__(self, state: SessionState, message: Text) -> None:
         super().__init__(state)
-        self.says = says
+        self.message = message
 
-    def ready(self) -> phases.Begins | Self:
+    def ready(self) -> phases.TrialStart | Self:
         if self.state.on_hold:
             return self._refuse("paused_by_experimenter")
         return super().ready()
 
-    def go_on(self) -> phases.Begins | Self:
+    def resume(self) -> phases.TrialStart | Self:
         held = self.state.on_hold
-        super().go_on()
+        super().resume()
         return self._begin_trial() if held else self
 
 
@@ -38,7 +38,7 @@ class RecordingFailed(Paused):
     def __init__(self, state: SessionState) -> None:
         super().__init__(state, Text("recording_failed"))
 
-    def entered(self) -> None:
+    def on_enter(self) -> None:
         self.state.storage.give_up()
 
 
@@ -47,11 +47,11 @@ class Finished(Phase):
 
     name = "finished"
 
-    def __init__(self, state: SessionState, says: Text) -> None:
+    def __init__(self, state: SessionState, message: Text) -> None:
         super().__init__(state)
-        self.says = says
+        self.message = message
 
-    def entered(self) -> None:
+    def on_enter(self) -> None:
         self.state.drivers.close()
 
     def interrupt(self, interruption: Interruption) -> Self:

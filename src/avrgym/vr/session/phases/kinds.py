@@ -19,27 +19,27 @@ from avrgym.vr.session.questions import Questions
 class Ongoing(Phase):
     """Base of all phases but the last."""
 
-    def enter_vr(self) -> phases.Enters:
+    def enter_vr(self) -> phases.AfterEntering:
         state = self.state
         state.away = None
         state.abandon("interrupted")
         if state.plan.headset_check is None or state.headset_checked:
             return self._calibrate_again()
         state.forget_place()
-        return phases.CheckBegins(state)
+        return phases.CheckStart(state)
 
-    def leave_vr(self) -> phases.Gone:
-        return self._wait_for_them(Text("waiting_left"))
+    def leave_vr(self) -> phases.AfterLeaving:
+        return self._wait_for_return(Text("waiting_left"))
 
-    def disconnect(self) -> phases.Gone:
+    def disconnect(self) -> phases.AfterLeaving:
         super().disconnect()
-        return self._wait_for_them(Text("waiting_lost"))
+        return self._wait_for_return(Text("waiting_lost"))
 
-    def end(self) -> phases.Ended:
+    def end(self) -> phases.SessionEnd:
         self.state.abandon("ended")
         return self._finish("ended")
 
-    def call_off(self) -> phases.Ended:
+    def cancel(self) -> phases.SessionEnd:
         return self.end()
 
     def fail(self, error: Exception) -> phases.RecordingFailed:
@@ -51,7 +51,7 @@ class Ongoing(Phase):
     def trial_stored(self) -> phases.Finished | Self:
         return self._finish("finished") if self.state.trial == len(self.state.plan.trials) else self
 
-    def _wait_for_them(self, why: Text) -> phases.Waiting:
+    def _wait_for_return(self, why: Text) -> phases.Waiting:
         self.state.away = why
         self.state.abandon("interrupted")
         return phases.Waiting(self.state, why)
@@ -66,13 +66,13 @@ class Ongoing(Phase):
         in_place = self.state.world.environment == self.state.current.environment
         return phases.Calibration(self.state) if in_place else phases.LoadCalibration(self.state)
 
-    def _next_trial(self) -> phases.Begins | phases.Finished:
+    def _next_trial(self) -> phases.TrialStart | phases.Finished:
         """Continue with the next trial, or finish after the last."""
         self.state.trial = self.state.following
         more = self.state.trial < len(self.state.plan.trials)
         return self._begin_trial() if more else self._finish("finished")
 
-    def _begin_trial(self) -> phases.Begins:
+    def _begin_trial(self) -> phases.TrialStart:
         """Start the next attempt if its world is made and the participant is ready and tracked, without a pause."""
         state = self.state
         if state.storage.completing is not None:
@@ -97,7 +97,7 @@ class Ongoing(Phase):
             return self.fail(error)
         return phases.FreeBefore(state)
 
-    def _complete_trial(self) -> phases.Begins | phases.Finished:
+    def _complete_trial(self) -> phases.TrialStart | phases.Finished:
         """End the attempt as completed, unless it cannot be stored, and continue."""
         state = self.state
         recording_failure = state.end_attempt("completed")
@@ -114,7 +114,7 @@ class Ongoing(Phase):
 class InVR(Ongoing):
     """The participant is in VR."""
 
-    def reset_origin(self) -> phases.Enters:
+    def reset_origin(self) -> phases.AfterEntering:
         return self.enter_vr()
 
 
@@ -123,16 +123,16 @@ class InPlace(InVR):
 
     in_place = True
 
-    def repeat(self) -> phases.Begins:
+    def repeat(self) -> phases.TrialStart:
         self.state.abandon("repeated")
         return self._begin_trial()
 
-    def skip(self) -> phases.Begins | phases.Finished:
+    def skip(self) -> phases.TrialStart | phases.Finished:
         self.state.abandon("skipped")
-        self.state.sink.tell(events.TrialSkipped(self.state.now_s, self.state.trial + 1))
+        self.state.sink.report(events.TrialSkipped(self.state.now_s, self.state.trial + 1))
         return self._next_trial()
 
-    def measure_again(self) -> phases.Calibration | phases.LoadCalibration:
+    def repeat_measurement(self) -> phases.Calibration | phases.LoadCalibration:
         self.state.abandon("interrupted")
         self.state.height_known = False
         return self._calibrate_again()
@@ -144,39 +144,39 @@ class InPlace(InVR):
         return phases.LoadCheck(self.state)
 
 
-class Helped(InPlace):
+class RobotFinished(InPlace):
     """The robot has finished: the trial counts in any case. A returning participant answers the open questions."""
 
-    helped = True
+    robot_finished = True
 
-    def enter_vr(self) -> phases.Asks:
+    def enter_vr(self) -> phases.AfterRobot:
         self.state.away = None
         self.state.forget_place()
         return self._ask()
 
-    def reset_origin(self) -> phases.Asks:
+    def reset_origin(self) -> phases.AfterRobot:
         return self.enter_vr()
 
-    def leave_vr(self) -> phases.Asks:
-        return self._go_on_without_them(Text("waiting_left"))
+    def leave_vr(self) -> phases.AfterRobot:
+        return self._continue_without_participant(Text("waiting_left"))
 
-    def disconnect(self) -> phases.Asks:
+    def disconnect(self) -> phases.AfterRobot:
         Phase.disconnect(self)
-        return self._go_on_without_them(Text("waiting_lost"))
+        return self._continue_without_participant(Text("waiting_lost"))
 
-    def end(self) -> phases.Ended:
+    def end(self) -> phases.SessionEnd:
         failure = self.state.complete_attempt()
         return self._finish("ended") if failure is None else self.fail(failure)
 
-    def call_off(self) -> phases.Ended:
+    def cancel(self) -> phases.SessionEnd:
         return self.end()
 
-    def repeat(self) -> phases.Begins | Self:
+    def repeat(self) -> phases.TrialStart | Self:
         if self.state.storage.attempt is None:
             return self._report("the trial is complete; only its questions are open")
         return super().repeat()
 
-    def skip(self) -> phases.Begins | phases.Finished:
+    def skip(self) -> phases.TrialStart | phases.Finished:
         """Continue without the missing answers."""
         answering = self.state.storage.answering
         assert answering is not None
@@ -185,10 +185,10 @@ class Helped(InPlace):
         if left:
             event = events.QuestionsLeft(self.state.now_s, answering.trial, answering.attempt, left)
             self.state.record_event("questions_left", ", ".join(left))
-            self.state.sink.tell(event)
+            self.state.sink.report(event)
         return self._complete_trial()
 
-    def measure_again(self) -> Self:
+    def repeat_measurement(self) -> Self:
         self.state.height_known, self.state.calibrated_for = False, None
         return self._report("the participant is measured after the questions")
 
@@ -200,7 +200,7 @@ class Helped(InPlace):
     def _unanswered(self) -> list[str]:
         return [item.id for item in self.state.plan.items_after(self.state.current)]
 
-    def _go_on_without_them(self, why: Text) -> phases.Asks:
+    def _continue_without_participant(self, why: Text) -> phases.AfterRobot:
         """Close the recording. After a return, the participant answers first and is then calibrated again."""
         self.state.away = why
         failure = self.state.complete_attempt()
@@ -209,7 +209,7 @@ class Helped(InPlace):
         self.state.forget_place()
         return self._ask()
 
-    def _ask(self) -> phases.Asks:
+    def _ask(self) -> phases.AfterRobot:
         """Start the questionnaire of the trial, or continue without one."""
         items = self.state.plan.items_after(self.state.current)
         return phases.Questionnaire(self.state, Questions(items)) if items else self._complete_trial()
@@ -231,7 +231,7 @@ class Resting(InPlace):
             return self
         return phases.LoadCheck(self.state) if self.state.height_known else self._calibrate_again()
 
-    def ready(self) -> phases.Begins | Self:
+    def ready(self) -> phases.TrialStart | Self:
         self.state.ready_for = self.state.trial
         return self._begin_trial()
 
@@ -241,10 +241,12 @@ class Stoppable(InPlace):
 
     moves = can_be_stopped = True
 
-    def stop(self, by: events.Who, way: messages.StopWay | None = None) -> phases.Paused:
-        return self._break_off("stopped", events.Stopped(self.state.now_s, by, way), Text("stopped"))
+    def stop(self, by: events.Who, method: messages.StopMethod | None = None) -> phases.Paused:
+        return self._interrupt_attempt(
+            "stopped", events.Stopped(self.state.now_s, by, method), Text("stopped")
+        )
 
-    def pause(self) -> phases.Begins | Self:
+    def pause(self) -> phases.TrialStart | Self:
         if self.state.on_hold:
             return self
         super().pause()
@@ -254,11 +256,13 @@ class Stoppable(InPlace):
     def interrupt(self, interruption: Interruption) -> phases.Paused:
         self.state.record_event(interruption.name, interruption.why)
         self.state.report(f"{interruption.why}: the attempt is interrupted, and the trial is repeated")
-        return self._break_off("interrupted", interruption.event, interruption.says)
+        return self._interrupt_attempt("interrupted", interruption.event, interruption.message)
 
-    def _break_off(self, result: AttemptEnd, event: events.SessionEvent, says: Text) -> phases.Paused:
+    def _interrupt_attempt(
+        self, result: AttemptEnd, event: events.SessionEvent, message: Text
+    ) -> phases.Paused:
         """Stop the robot and end the attempt; the participant's trigger repeats the trial."""
         self.state.abandon(result)
-        self.state.sink.tell(event)
+        self.state.sink.report(event)
         self.state.worlds.prepare(self.state.trial, self.state.person)
-        return phases.Paused(self.state, says)
+        return phases.Paused(self.state, message)

@@ -8,27 +8,27 @@ from avrgym.tasks.control_loop import ControlStep
 from avrgym.texts.interface_texts import ENGLISH, Text
 from avrgym.vr.live_world.drivers import Driver
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import PhaseName, StopWay
+from avrgym.vr.protocol.messages import PhaseName, StopMethod
 from avrgym.vr.session import events
 from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.state import SessionState
 
 
 class Phase:
-    """A phase. The participant reads ``says``; the phase ends after ``seconds``, if they are given.
+    """A phase. The participant reads ``message``; the phase ends after ``seconds``, if they are given.
 
     ``moves``: the participant or the robot moves. ``can_be_stopped``: the robot moves or is about to, and an emergency
-    stop holds it. ``helped``: the robot has finished, and the trial counts. ``in_place``: the participant is in place,
-    so a trial can start. ``awaits_ready``: a trigger continues. ``can_recalibrate``: the participant may be calibrated
-    again. ``can_choose_body``: no trial runs that another body would interrupt.
+    stop holds it. ``robot_finished``: the robot has finished, and the trial counts. ``in_place``: the participant is in
+    place, so a trial can start. ``awaits_ready``: a trigger continues. ``can_recalibrate``: the participant may be
+    calibrated again. ``can_choose_body``: no trial runs that another body would interrupt.
     """
 
     name: ClassVar[PhaseName]
-    says: Text
+    message: Text
     seconds: float | None = None
     moves: ClassVar[bool] = False
     can_be_stopped: ClassVar[bool] = False
-    helped: ClassVar[bool] = False
+    robot_finished: ClassVar[bool] = False
     in_place: ClassVar[bool] = False
     awaits_ready: ClassVar[bool] = False
     can_recalibrate: ClassVar[bool] = False
@@ -37,7 +37,7 @@ class Phase:
     def __init__(self, state: SessionState) -> None:
         self.state = state
 
-    def entered(self) -> None:
+    def on_enter(self) -> None:
         """Called once, after the phase is announced."""
 
     @property
@@ -45,7 +45,7 @@ class Phase:
         """The current question."""
         return None
 
-    # What the participant's client tells -------------------------------------------------------------------------
+    # Messages of the participant's client -------------------------------------------------------------------------
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
         """Take a tracking frame."""
@@ -68,7 +68,7 @@ class Phase:
 
     def disconnect(self) -> Phase:
         """The participant's connection is lost."""
-        self.state.sink.tell(events.ConnectionLost(self.state.now_s))
+        self.state.sink.report(events.ConnectionLost(self.state.now_s))
         return self
 
     def reset_origin(self) -> Phase:
@@ -91,12 +91,12 @@ class Phase:
         """The participant wants to change an earlier answer."""
         return self._refuse("no_way_back")
 
-    # What participant or experimenter ask ------------------------------------------------------------------------
+    # Messages of participant or experimenter ------------------------------------------------------------------------
 
-    def stop(self, by: events.Who, way: StopWay | None = None) -> Phase:
+    def stop(self, by: events.Who, method: StopMethod | None = None) -> Phase:
         """The emergency stop: stop the robot immediately; the running trial may be repeated.
 
-        ``way`` is the participant's way to stop it.
+        ``method`` is how the participant stops it.
         """
         return self._refuse("holds_already", by)
 
@@ -104,23 +104,23 @@ class Phase:
         """Change the participant's body."""
         return self._refuse("body_between_trials", by)
 
-    # What the experimenter asks ----------------------------------------------------------------------------------
+    # Commands of the experimenter ----------------------------------------------------------------------------------
 
     def pause(self) -> Phase:
-        """Let no trial start before ``go_on``. A trial in which the robot moves or is about to move ends, and is
+        """Let no trial start before ``resume``. A trial in which the robot moves or is about to move ends, and is
         repeated later.
         """
         if not self.state.on_hold:
             self.state.on_hold = True
-            self.state.sink.tell(events.Paused(self.state.now_s))
+            self.state.sink.report(events.Paused(self.state.now_s))
         return self
 
-    def go_on(self) -> Phase:
+    def resume(self) -> Phase:
         """Let trials start again."""
         if not self.state.on_hold:
             return self._report("the session is not paused")
         self.state.on_hold, self.state.pause_reason = False, ""
-        self.state.sink.tell(events.Continued(self.state.now_s))
+        self.state.sink.report(events.Continued(self.state.now_s))
         return self
 
     def repeat(self) -> Phase:
@@ -131,7 +131,7 @@ class Phase:
         """Skip the current trial."""
         return self._refuse_out_of_place()
 
-    def measure_again(self) -> Phase:
+    def repeat_measurement(self) -> Phase:
         """Calibrate the participant again."""
         return self._refuse_out_of_place()
 
@@ -147,16 +147,16 @@ class Phase:
         """End the session."""
         return self._report("the session is finished")
 
-    # What happens in a tick, in this order -----------------------------------------------------------------------
+    # Called in each tick, in this order -----------------------------------------------------------------------
 
-    def call_off(self) -> Phase:
+    def cancel(self) -> Phase:
         """The session was ended elsewhere."""
         return self
 
     def interrupt(self, interruption: Interruption) -> Phase:
         """The participant cannot act, or time was lost. If the robot has finished, the attempt continues."""
         self.state.record_event(interruption.name, interruption.why)
-        self.state.sink.tell(interruption.event)
+        self.state.sink.report(interruption.event)
         return self._report(interruption.why)
 
     @property
@@ -181,7 +181,7 @@ class Phase:
         """Check for the event that the phase waits for."""
         return self
 
-    def time_over(self) -> Phase:
+    def on_timeout(self) -> Phase:
         """The phase's ``seconds`` are over."""
         return self
 

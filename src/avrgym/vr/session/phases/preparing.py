@@ -28,9 +28,9 @@ class Waiting(Ongoing):
     name = "waiting"
     can_choose_body = True
 
-    def __init__(self, state: SessionState, says: Text = _PUT_ON) -> None:
+    def __init__(self, state: SessionState, message: Text = _PUT_ON) -> None:
         super().__init__(state)
-        self.says = says
+        self.message = message
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> Self:
         self.state.choose_body(choice, by)
@@ -46,7 +46,7 @@ class Calibration(InVR):
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
         seated = state.world.scene_config.posture is human.SEATED
-        self.says = Text("calibration_seated" if seated else "calibration_lying")
+        self.message = Text("calibration_seated" if seated else "calibration_lying")
         state.tracking.forget_place()
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
@@ -55,15 +55,15 @@ class Calibration(InVR):
         if frame.usable and self.state.tracking.registration is None:
             assert tracking.head is not None
             self.state.tracking.place(tracking.head, self.state.person, self.state.world.scene_config.posture)
-            self.state.tell_scene()
+            self.state.send_changed_scene()
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> Self:
         if self.state.choose_body(choice, by):
             self.state.tracking.place_again(self.state.person)
-            self.state.tell_scene()
+            self.state.send_changed_scene()
         return self
 
-    def ready(self) -> LoadCheck | ReachAhead | Self:
+    def ready(self) -> LoadCheck | ReachForward | Self:
         """Calibrate height, place and direction from the last half second of tracking.
 
         Without a headset there are no arms to stretch.
@@ -74,15 +74,15 @@ class Calibration(InVR):
             head = state.tracking.steady_head(state.now_s)
             if measured:
                 height_m = measure_torso_height(state.person.sex, posture, head, state.plan.furniture)
-                state.give_torso_height(height_m)
+                state.set_torso_height(height_m)
         except TextError as error:
             state.explain(error.text)
             return self
         state.calibrated_for = posture
         state.tracking.place(head, state.person, posture)
-        state.sink.tell(events.Calibrated(state.now_s, state.person.torso_height_m, measured))
+        state.sink.report(events.Calibrated(state.now_s, state.person.torso_height_m, measured))
         measures_reach = measured and state.plan.measure_reach and "mouse" not in state.tracking.modalities
-        return ReachAhead(state) if measures_reach else LoadCheck(state)
+        return ReachForward(state) if measures_reach else LoadCheck(state)
 
 
 class Reaching(InVR, ABC):
@@ -117,30 +117,30 @@ class Reaching(InVR, ABC):
         return (*self._reached_m, median(self._seen_m)) if self._seen_m else ()
 
 
-class ReachAhead(Reaching):
+class ReachForward(Reaching):
     """The arms are stretched to the front."""
 
-    says = Text("reach_ahead")
+    message = Text("reach_ahead")
 
-    def time_over(self) -> ReachAside | LoadCheck:
+    def on_timeout(self) -> ReachSideways | LoadCheck:
         if self._all_m:
-            return ReachAside(self.state, self._all_m)
+            return ReachSideways(self.state, self._all_m)
         self.state.explain(Text("reach_unseen"))
         return LoadCheck(self.state)
 
 
-class ReachAside(Reaching):
+class ReachSideways(Reaching):
     """The arms are stretched out to the sides."""
 
-    says = Text("reach_aside")
+    message = Text("reach_aside")
 
-    def time_over(self) -> LoadCheck:
+    def on_timeout(self) -> LoadCheck:
         state = self.state
         if not self._all_m:
             state.explain(Text("reach_unseen"))
             return LoadCheck(state)
         try:
-            state.give_arm_scale(measure_arm_scale(state.person, self._all_m))
+            state.set_arm_scale(measure_arm_scale(state.person, self._all_m))
         except ValueError as error:
             state.explain(Text("reach_unlikely"))
             state.report(str(error))
@@ -151,9 +151,9 @@ class Loading(InVR, ABC):
     """The current trial's world is being made and shown."""
 
     name = "loading"
-    says = Text("loading")
+    message = Text("loading")
 
-    def entered(self) -> None:
+    def on_enter(self) -> None:
         self.state.worlds.prepare(self.state.trial, self.state.person)
 
     def wait(self) -> phases.Loaded | Self:
@@ -171,7 +171,7 @@ class Loading(InVR, ABC):
             except Exception as error:  # whatever a compiler or a file may raise
                 state.report(f"the scene cannot be made: {error}")
                 return phases.Paused(state, Text("scene_failed"))
-        state.tell_scene()
+        state.send_changed_scene()
         return self.loaded() if state.worlds.is_shown else self
 
     @abstractmethod
@@ -182,7 +182,7 @@ class Loading(InVR, ABC):
 class LoadTrial(Loading):
     """The trial starts when its world is shown."""
 
-    def loaded(self) -> phases.Begins:
+    def loaded(self) -> phases.TrialStart:
         return self._begin_trial()
 
 
@@ -204,9 +204,9 @@ class Storing(InVR):
     """A completed trial is being stored."""
 
     name = "loading"
-    says = Text("storing")
+    message = Text("storing")
 
-    def wait(self) -> phases.Begins | Self:
+    def wait(self) -> phases.TrialStart | Self:
         return self if self.state.storage.completing is not None else self._begin_trial()
 
 
@@ -214,7 +214,7 @@ class Check(Resting):
     """The participant checks whether body and seat fit."""
 
     name = "check"
-    says = Text("check")
+    message = Text("check")
 
 
 class AskReady(Resting):
@@ -224,7 +224,7 @@ class AskReady(Resting):
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        self.says = trial_text("ready", state)
+        self.message = trial_text("ready", state)
 
 
 def trial_text(key: str, state: SessionState) -> Text:

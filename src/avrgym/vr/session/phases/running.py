@@ -11,7 +11,7 @@ from avrgym.vr.live_world.drivers import Driver, Operator
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
-from avrgym.vr.session.phases.kinds import Helped, Stoppable
+from avrgym.vr.session.phases.kinds import RobotFinished, Stoppable
 from avrgym.vr.session.phases.preparing import trial_text
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
@@ -24,10 +24,10 @@ class FreeBefore(Stoppable):
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        self.says = trial_text("free_before", state)
+        self.message = trial_text("free_before", state)
         self.seconds = state.plan.free_movement_s
 
-    def time_over(self) -> Countdown:
+    def on_timeout(self) -> Countdown:
         return Countdown(self.state)
 
 
@@ -35,13 +35,13 @@ class Countdown(Stoppable):
     """The robot is about to start; it waits while the participant is untracked."""
 
     name = "countdown"
-    says = Text("countdown")
+    message = Text("countdown")
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
         self.seconds = state.plan.countdown_s
 
-    def time_over(self) -> Trial | Self:
+    def on_timeout(self) -> Trial | Self:
         if self.state.tracking.lost:
             return self
         self.state.worlds.use_up()
@@ -52,7 +52,7 @@ class Trial(Stoppable):
     """The robot moves."""
 
     name = "trial"
-    says = Text("helping")
+    message = Text("helping")
 
     @property
     def driver(self) -> Driver:
@@ -76,11 +76,11 @@ class Trial(Stoppable):
         return Retreat(self.state)
 
 
-class Retreat(Helped):
+class Retreat(RobotFinished):
     """The robot moves its tool away from the person; the trial's results are stored in any case."""
 
     name = "retreat"
-    says = Text("retreat")
+    message = Text("retreat")
     moves = can_be_stopped = True
 
     def __init__(self, state: SessionState) -> None:
@@ -90,9 +90,9 @@ class Retreat(Helped):
     def wait(self) -> FreeAfter | Self:
         return self if self.state.world.retreating else self._hold()
 
-    def stop(self, by: events.Who, way: messages.StopWay | None = None) -> FreeAfter:
+    def stop(self, by: events.Who, method: messages.StopMethod | None = None) -> FreeAfter:
         self.state.record_event("retreat_stopped", by)
-        self.state.sink.tell(events.Stopped(self.state.now_s, by, way))
+        self.state.sink.report(events.Stopped(self.state.now_s, by, method))
         return self._hold()
 
     def pause(self) -> FreeAfter:
@@ -108,18 +108,18 @@ class Retreat(Helped):
         return FreeAfter(self.state)
 
 
-class FreeAfter(Helped):
+class FreeAfter(RobotFinished):
     """The participant moves freely after the robot has finished. The next world is made."""
 
     name = "free_after"
-    says = Text("free_after")
+    message = Text("free_after")
     moves = True
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
         self.seconds = state.plan.free_movement_s
 
-    def entered(self) -> None:
+    def on_enter(self) -> None:
         upcoming = self.state.trial + 1
         if upcoming == len(self.state.plan.trials):
             return
@@ -128,15 +128,15 @@ class FreeAfter(Helped):
         if url is not None:
             self.state.send(messages.Upcoming(url=url))
 
-    def time_over(self) -> phases.Asks:
+    def on_timeout(self) -> phases.AfterRobot:
         return self._ask()
 
 
-class Questionnaire(Helped):
+class Questionnaire(RobotFinished):
     """The participant rates the trial, one item after another."""
 
     name = "questionnaire"
-    says = Text("questionnaire")
+    message = Text("questionnaire")
 
     def __init__(self, state: SessionState, questions: Questions) -> None:
         super().__init__(state)
@@ -166,10 +166,10 @@ class Questionnaire(Helped):
                 return self._report(f"the answer cannot be stored: {error}")
             happened = events.Answered if earlier is None else events.AnswerChanged
             whose = storage.answering.trial, storage.answering.attempt
-            self.state.sink.tell(happened(now_s, *whose, given))
-            verdict = self.state.plan.stop_rules.verdict(given.item, given.value)
-            if verdict is not None:
-                self.state.obey(verdict)
+            self.state.sink.report(happened(now_s, *whose, given))
+            decision = self.state.plan.stop_rules.decide(given.item, given.value)
+            if decision is not None:
+                self.state.apply_stop_rule(decision)
         if self._questions.done:
             return Confirm(self.state, self._questions)
         self.state.send(self.question)
@@ -189,18 +189,18 @@ class Questionnaire(Helped):
         return self
 
 
-class Confirm(Helped):
+class Confirm(RobotFinished):
     """Every question is answered; the participant confirms the answers, or goes back to change some."""
 
     name = "confirm"
-    says = Text("confirm")
+    message = Text("confirm")
     awaits_ready = True
 
     def __init__(self, state: SessionState, questions: Questions) -> None:
         super().__init__(state)
         self._questions = questions
 
-    def ready(self) -> phases.Begins | phases.Finished:
+    def ready(self) -> phases.TrialStart | phases.Finished:
         return self._complete_trial()
 
     def go_back(self) -> Questionnaire:
@@ -211,5 +211,5 @@ class Confirm(Helped):
     def _unanswered(self) -> list[str]:
         return []
 
-    def _ask(self) -> phases.Asks:
+    def _ask(self) -> phases.AfterRobot:
         return self._complete_trial()

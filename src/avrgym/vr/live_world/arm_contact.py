@@ -10,7 +10,7 @@ from avrgym.simulation.worlds import Simulation
 ARM_BODIES = ("upper_arm", "forearm", "hand")
 
 
-class ArmTouch:
+class ArmContactMonitor:
     """Detects which of the person's arms robot or tool touch."""
 
     def __init__(self, simulation: Simulation) -> None:
