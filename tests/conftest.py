@@ -70,10 +70,10 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="module")
 def unhurried() -> Iterator[None]:
     """For tests in real time: no trial ends because a busy machine stands still or tracks late."""
-    from helpers.vr.time_limits import UNHURRIED, set_limits
+    from helpers.vr.time_limits import RELAXED_LIMITS, set_limits
 
     with pytest.MonkeyPatch.context() as patch:
-        set_limits(UNHURRIED, patch)
+        set_limits(RELAXED_LIMITS, patch)
         yield
 
 

@@ -23,7 +23,7 @@ from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
-from helpers.studies.known_results import random_answer, read_table, record_trial, run_trials, take_part
+from helpers.studies.known_results import enrol_included, random_answer, read_table, record_trial, run_trials
 from helpers.studies.small_studies import make_study
 
 STORED = "reward and success are those that were stored with the trial"
@@ -101,7 +101,7 @@ def test_an_empty_study(words: Callable[[], str], tmp_path: Path) -> None:
 
 
 def test_someone_enrolled_without_any_trial(store: Store, words: Callable[[], str]) -> None:
-    take_part(store, simulated=False)
+    enrol_included(store, simulated=False)
     said = words()
     assert "No trial was completed yet." in said
     assert "No statement was rated yet." in said
@@ -109,7 +109,7 @@ def test_someone_enrolled_without_any_trial(store: Store, words: Callable[[], st
 
 
 def test_one_participant(store: Store, words: Callable[[], str], tmp_path: Path) -> None:
-    run_trials(store, take_part(store, simulated=False))
+    run_trials(store, enrol_included(store, simulated=False))
     assert "SIMULATED" not in words()
     (row,) = rows_of(tmp_path, "objective", policy="revised", task="Feeding")
     assert (row["trials"], row["reward_low"], row["reward_high"]) == ("1", "", "")
@@ -119,7 +119,7 @@ def test_one_participant(store: Store, words: Callable[[], str], tmp_path: Path)
 
 def test_all_answers_equal(store: Store, words: Callable[[], str], tmp_path: Path) -> None:
     for _ in range(2):
-        run_trials(store, take_part(store), rate=lambda *_: 4)
+        run_trials(store, enrol_included(store), rate=lambda *_: 4)
     assert "Wilcoxon signed-rank, all differences are zero" in words()
     rows = [row for row in read_table(tmp_path / "out", "tests") if row["quantity"] in ("L1", "L2")]
     assert {(row["n"], row["p"], row["p_holm"], row["mark"]) for row in rows} == {("0", "", "", "")}
@@ -128,8 +128,8 @@ def test_all_answers_equal(store: Store, words: Callable[[], str], tmp_path: Pat
 def test_a_trial_without_its_partner_is_left_out_of_pairs(
     store: Store, words: Callable[[], str], tmp_path: Path
 ) -> None:
-    run_trials(store, take_part(store))
-    run_trials(store, take_part(store), 1)
+    run_trials(store, enrol_included(store))
+    run_trials(store, enrol_included(store), 1)
     words()
     rows = [row for row in read_table(tmp_path / "out", "tests") if row["family"] == "policies, by trial"]
     assert {row["n_a"] for row in rows} == {"1"}
@@ -152,7 +152,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
     with pytest.MonkeyPatch.context() as monkeypatch, Store(make_study(folder / "study", **DESIGN)) as store:
         monkeypatch.setattr(training_people, "PEOPLE_PER_TASK", 20)
         for simulated in (True, True, False, True):
-            run_trials(store, take_part(store, simulated=simulated))
+            run_trials(store, enrol_included(store, simulated=simulated))
         cut = recording(store, "sub-001", 1)
         cut.write_bytes(cut.read_bytes()[: cut.stat().st_size * 2 // 3])
         recording(store, "sub-001", 2).unlink()
@@ -228,7 +228,7 @@ def test_answers_to_a_trial_that_does_not_count_do_not_count(broken: Broken) -> 
 
 
 def test_changed_recordings_are_named_and_nothing_is_analysed(store: Store, tmp_path: Path) -> None:
-    run_trials(store, take_part(store))
+    run_trials(store, enrol_included(store))
     for position in (1, 2):
         rewrite(store, "sub-001", position, other_course=9)
     result = avrgym("analyze", store.folder, "--out", tmp_path / "out")
@@ -241,7 +241,7 @@ def test_changed_recordings_are_named_and_nothing_is_analysed(store: Store, tmp_
 
 
 def test_nothing_of_changed_recordings_is_used_where_they_are_skipped(store: Store, tmp_path: Path) -> None:
-    run_trials(store, take_part(store))
+    run_trials(store, enrol_included(store))
     rewrite(store, "sub-001", 1, other_course=9)
     assert avrgym("analyze", store.folder, "--out", tmp_path / "out", "--skip-damaged").exit_code == 0
     changed, whole = read_table(tmp_path / "out", "trials")
@@ -258,7 +258,7 @@ def test_nothing_of_changed_recordings_is_used_where_they_are_skipped(store: Sto
 
 def test_a_policy_that_is_not_found(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "other", **DESIGN, policies='["original", "mine"]')) as other:
-        run_trials(other, take_part(other))
+        run_trials(other, enrol_included(other))
         page = write_analysis(analyse(other), other.folder, tmp_path / "out")
     said = " ".join(Page(page).text.split())
     assert "Simulation of Feeding Jaco mine: no policy 'mine' for avrgym/FeedingJaco-v1" in said
@@ -278,7 +278,7 @@ def test_files_of_an_earlier_analysis_are_replaced_and_others_stay(
     words()
     own = tmp_path / "out" / "figures" / "mine.svg"
     own.write_text("mine")
-    run_trials(store, take_part(store))
+    run_trials(store, enrol_included(store))
     words()
     assert own.read_text() == "mine"
     assert len(read_table(tmp_path / "out", "trials")) == 2
@@ -299,7 +299,7 @@ def test_a_folder_with_tables_of_other_origin_is_refused(store: Store, tmp_path:
 
 
 def test_deleting_a_participant_deletes_the_analysis_in_the_study(store: Store) -> None:
-    run_trials(store, take_part(store))
+    run_trials(store, enrol_included(store))
     out = store.folder / "analysis"
     write_analysis(analyse(store), store.folder, out)
     (out / "notes.txt").write_text("mine")
@@ -315,7 +315,7 @@ def avrgym(*arguments: str | Path) -> Result:
 
 
 def test_the_command_writes_into_the_study_and_its_figures_to_a_file(store: Store, tmp_path: Path) -> None:
-    run_trials(store, take_part(store), rate=random_answer)
+    run_trials(store, enrol_included(store), rate=random_answer)
     recording(store, "sub-001", 1).unlink()
     result = avrgym("analyze", store.folder, "--json", tmp_path / "figures.json")
     assert result.exit_code == 0

@@ -14,7 +14,7 @@ from avrgym.study.people.participants import withdraw
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
-from helpers.studies.known_results import STEPS, read_table, run_trials, take_part
+from helpers.studies.known_results import STEPS, enrol_included, read_table, run_trials
 from helpers.studies.small_studies import make_study
 
 PLANNED = ["L1 against the middle, by participant", "policies, by participant"]
@@ -29,7 +29,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         assert CliRunner().invoke(app, ["study", "freeze", str(folder)]).exit_code == 0
     with Store(folder) as store:
         for sex in ("man", "woman"):
-            run_trials(store, take_part(store, sex, simulated=False))
+            run_trials(store, enrol_included(store, sex, simulated=False))
     return folder
 
 
@@ -74,7 +74,7 @@ def test_a_model_is_confirmatory_where_the_plan_names_it_and_no_deviation_where_
     assert CliRunner().invoke(app, ["study", "freeze", str(folder)]).exit_code == 0
     with Store(folder) as store:
         for sex in ("man", "woman"):
-            run_trials(store, take_part(store, sex, simulated=False))
+            run_trials(store, enrol_included(store, sex, simulated=False))
     analysis, page = analysed(folder, tmp_path / "out")
     assert analysis.plan is not None
     assert analysis.plan.deviations == []
@@ -90,8 +90,8 @@ def test_the_report_lists_the_deviations_that_the_check_lists(folder: Path, tmp_
     design = folder / "study.toml"
     design.write_text(design.read_text().replace("blind_experimenter = false", "blind_experimenter = true"))
     with Store(folder) as store:
-        run_trials(store, take_part(store, simulated=False), held={2: STEPS})
-        withdraw(store, take_part(store, simulated=False))
+        run_trials(store, enrol_included(store, simulated=False), held={2: STEPS})
+        withdraw(store, enrol_included(store, simulated=False))
     analysis, page = analysed(folder, tmp_path / "out")
     assert analysis.plan is not None
     listed = [f"{each.where}: {each.what}" for each in analysis.plan.deviations]

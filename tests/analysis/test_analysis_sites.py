@@ -13,7 +13,7 @@ from avrgym.study.export import export_study
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
-from helpers.studies.known_results import run_trials, take_part
+from helpers.studies.known_results import enrol_included, run_trials
 from helpers.studies.small_studies import small_study
 
 SITES = {"atlanta": 4, "berlin": 3}
@@ -29,7 +29,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Analysis, Path
         with Store(folder) as store:
             for site, people in SITES.items():
                 for _ in range(people):
-                    run_trials(store, take_part(store, simulated=False, site=site))
+                    run_trials(store, enrol_included(store, simulated=False, site=site))
             analysis = analyse(store)
             export_study(store, "csv", folder / "export")
     out = tmp_path_factory.mktemp("out")
@@ -92,9 +92,9 @@ def test_the_report_describes_the_sites(made: tuple[Path, Analysis, Path]) -> No
 def test_a_study_without_sites_or_of_one_has_nothing_by_site(tmp_path: Path) -> None:
     with Store(small_study(tmp_path / "study")) as store:
         for site in ("", ""):
-            run_trials(store, take_part(store, simulated=False, site=site))
+            run_trials(store, enrol_included(store, simulated=False, site=site))
         assert analyse(store).site_effects == []
-        run_trials(store, take_part(store, site="atlanta"))
+        run_trials(store, enrol_included(store, site="atlanta"))
         found = analyse(store)
     assert found.site_outcomes == found.site_effects == []
     assert "site_effects" not in {table.name for table in found.tables()}

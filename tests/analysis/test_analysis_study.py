@@ -23,7 +23,7 @@ from avrgym.study.people.participants import withdraw
 from avrgym.study.storage.store import Store
 from avrgym.vr.latency import STAGES, TOTAL
 from helpers.browser.html_page import Page
-from helpers.studies.known_results import ITEMS, break_off, latency_of, run_trials, take_part
+from helpers.studies.known_results import ITEMS, enrol_included, interrupt_trial, latency_of, run_trials
 from helpers.studies.small_studies import small_study
 
 PEOPLE, SIMULATED = 3, 5
@@ -36,13 +36,13 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
     with Store(small_study(tmp_path_factory.mktemp("analysed"))) as opened:
         for number in range(PEOPLE + SIMULATED):
             simulated = number >= PEOPLE
-            run_trials(opened, take_part(opened, "man" if number % 2 else "woman", simulated=simulated))
-        gone = take_part(opened, simulated=False)
+            run_trials(opened, enrol_included(opened, "man" if number % 2 else "woman", simulated=simulated))
+        gone = enrol_included(opened, simulated=False)
         run_trials(opened, gone, 3)
         withdraw(opened, gone)
-        pausing = take_part(opened)
+        pausing = enrol_included(opened)
         run_trials(opened, pausing, 2)
-        break_off(opened, pausing)
+        interrupt_trial(opened, pausing)
         yield opened
 
 

@@ -29,7 +29,7 @@ from avrgym.study.storage.session_designs import session_designs
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
-from helpers.studies.known_results import ITEMS, record_trial, run_trials, take_part
+from helpers.studies.known_results import ITEMS, enrol_included, record_trial, run_trials
 from helpers.studies.small_studies import make_study
 
 EDITS = {
@@ -81,7 +81,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def take_two(folder: Path) -> None:
     with Store(folder) as store:
         for sex in ("man", "woman"):
-            run_trials(store, take_part(store, sex, simulated=False), rate=rate)
+            run_trials(store, enrol_included(store, sex, simulated=False), rate=rate)
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +190,7 @@ def test_practice_has_the_items_of_its_session_where_only_recordings_report_them
 ) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]')
     with Store(folder) as store:
-        pseudonym = take_part(store, simulated=False)
+        pseudonym = enrol_included(store, simulated=False)
         session = open_session(store, pseudonym)
         for trial in store.remaining_trials(pseudonym):
             attempt = begin_attempt(store, session.id, trial.position)
@@ -277,7 +277,7 @@ def test_recordings_report_what_was_asked(
 
 
 def take_part_with_items(store: Store) -> None:
-    participant = store.participant(take_part(store, "woman", simulated=False))
+    participant = store.participant(enrol_included(store, "woman", simulated=False))
     session = open_session(store, participant.pseudonym)
     for trial in store.remaining_trials(participant.pseudonym):
         attempt = begin_attempt(store, session.id, trial.position)

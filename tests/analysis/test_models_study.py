@@ -26,7 +26,12 @@ from avrgym.analysis.statistics.tests import holm
 from avrgym.study.design.allocation import plan_trials
 from avrgym.study.design.design import Design, default_text, parse_design
 from avrgym.tasks.registry import find_environment
-from helpers.studies.simulated_results import answered, rewarded, succeeded, with_values
+from helpers.studies.simulated_results import (
+    simulated_answers,
+    simulated_rewards,
+    simulated_successes,
+    trial_values,
+)
 
 DESIGN = parse_design(default_text())
 STUDIES = 60
@@ -78,7 +83,7 @@ def test_a_course_is_told_from_the_trials_as_they_were_run() -> None:
 def test_an_effect_is_found_where_it_is_and_nowhere_else(kind: str) -> None:
     """Rewards that follow one effect alone: its estimate is that effect, and all others are none."""
     (wanted,) = (effect for effect in effects(DESIGN) if effect.kind == kind)
-    plain = rewarded(DESIGN, 12, 0)
+    plain = simulated_rewards(DESIGN, 12, 0)
     size = {
         POLICIES: lambda each: each.policy == "revised",
         "robots": lambda each: each.robot == DESIGN.robots[1],
@@ -99,7 +104,10 @@ def test_an_effect_is_found_where_it_is_and_nowhere_else(kind: str) -> None:
 
 
 def test_better_answers_and_successes_have_odds_ratios_above_one() -> None:
-    for model, observed in ((ORDINAL, answered(DESIGN, 16, 1, 1.5)), (LOGISTIC, succeeded(DESIGN, 16, 1))):
+    for model, observed in (
+        (ORDINAL, simulated_answers(DESIGN, 16, 1, 1.5)),
+        (LOGISTIC, simulated_successes(DESIGN, 16, 1)),
+    ):
         if model == LOGISTIC:
             observed = [
                 replace(each, value=max(each.value, each.policy == "revised")) for each in observed[:200]
@@ -123,7 +131,8 @@ def test_better_answers_and_successes_have_odds_ratios_above_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("model", "imagine"), [(ORDINAL, answered), (LOGISTIC, succeeded), (MIXED, rewarded)]
+    ("model", "imagine"),
+    [(ORDINAL, simulated_answers), (LOGISTIC, simulated_successes), (MIXED, simulated_rewards)],
 )
 def test_where_policies_do_not_differ_models_seldom_say_so(model: str, imagine: Imagine) -> None:
     """At 5 % more than 9 of 60 happen once in 2,000 times; uncorrected tests by trial find 30 %. `make soak` counts
@@ -205,9 +214,9 @@ def test_whatever_data_do_not_tell_is_a_sentence_and_no_number(
     design: Design, shape: Callable[[list[TrialValue]], list[TrialValue]]
 ) -> None:
     kinds = {
-        ORDINAL: answered(design, 5, 0),
-        LOGISTIC: succeeded(design, 5, 0),
-        MIXED: rewarded(design, 5, 0),
+        ORDINAL: simulated_answers(design, 5, 0),
+        LOGISTIC: simulated_successes(design, 5, 0),
+        MIXED: simulated_rewards(design, 5, 0),
     }
     for model, observed in kinds.items():
         given = shape(observed)
@@ -237,7 +246,9 @@ def check_row(row: ModelRow, given: list[TrialValue]) -> None:
 
 def test_a_task_in_which_all_succeed_is_left_out_and_named() -> None:
     task = DESIGN.tasks[0]
-    observed = [replace(each, value=1.0) if each.task == task else each for each in succeeded(DESIGN, 12, 3)]
+    observed = [
+        replace(each, value=1.0) if each.task == task else each for each in simulated_successes(DESIGN, 12, 3)
+    ]
     others = [each for each in observed if each.task != task]
     found, expected = rows(LOGISTIC, observed), rows(LOGISTIC, others)
     for row, other in zip(found, expected, strict=True):
@@ -247,7 +258,7 @@ def test_a_task_in_which_all_succeed_is_left_out_and_named() -> None:
 
 def test_effects_of_a_kind_are_corrected_together() -> None:
     design = DESIGNS["three policies, no practice"]
-    found = rows(ORDINAL, answered(design, 8, 0), design)
+    found = rows(ORDINAL, simulated_answers(design, 8, 0), design)
     own = [row for row in found if row.effect == POLICIES]
     assert len(own) == 3
     assert [row.p_holm for row in own] == holm([row.p for row in own])
@@ -261,7 +272,7 @@ def test_long_scales_are_taken_for_numbers() -> None:
 
 def test_values_stand_with_their_conditions() -> None:
     values = np.arange(2 * 4 * 2 * 2, dtype=float).reshape(2, 4, 2, 2)
-    for each in with_values(DESIGN, values):
+    for each in trial_values(DESIGN, values):
         at = (
             int(each.participant[-1]) - 1, DESIGN.tasks.index(each.task), DESIGN.robots.index(each.robot),
             DESIGN.policies.index(each.policy),
@@ -270,7 +281,7 @@ def test_values_stand_with_their_conditions() -> None:
 
 
 def test_a_pair_of_groups_is_estimated_against_each_other_only_if_both_are_there() -> None:
-    observed = one_policy(answered(DESIGN, 8, 0))
+    observed = one_policy(simulated_answers(DESIGN, 8, 0))
     found = estimate_effects(DESIGN, ORDINAL, observed, [Effect(POLICIES, "revised", "original")])
     (reason,) = found.values()
     assert isinstance(reason, FitError)

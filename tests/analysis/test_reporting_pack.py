@@ -29,8 +29,8 @@ from avrgym.analysis.study import Analysis, analyse
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
 from avrgym.study.storage.store import Store
-from helpers.studies.known_results import run_trials, take_part
-from helpers.studies.small_studies import fitting_answers, small_study
+from helpers.studies.known_results import enrol_included, run_trials
+from helpers.studies.small_studies import eligible_answers, small_study
 
 PEOPLE = 5
 
@@ -40,17 +40,19 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
     """Five people who finished; one who withdrew, one excluded, one without consent, one deleted; a simulated one."""
     with Store(small_study(tmp_path_factory.mktemp("reported"))) as opened:
         for number in range(PEOPLE):
-            run_trials(opened, take_part(opened, "man" if number % 2 else "woman", simulated=False))
-        gone = take_part(opened, simulated=False)
+            run_trials(opened, enrol_included(opened, "man" if number % 2 else "woman", simulated=False))
+        gone = enrol_included(opened, simulated=False)
         run_trials(opened, gone, 2)
         withdraw(opened, gone, "felt sick")
         excluded = enrol(opened, "man", age_years=30)
         record_consent(opened, excluded)
-        record_inclusion(opened, excluded, {name: not fits for name, fits in fitting_answers(opened).items()})
+        record_inclusion(
+            opened, excluded, {name: not fits for name, fits in eligible_answers(opened).items()}
+        )
         enrol(opened, "man", age_years=None)
-        deleted = take_part(opened, simulated=False)
+        deleted = enrol_included(opened, simulated=False)
         delete_participant(opened, deleted)
-        run_trials(opened, take_part(opened, simulated=True))
+        run_trials(opened, enrol_included(opened, simulated=True))
         yield opened
 
 
@@ -160,7 +162,7 @@ def test_the_list_of_fields_shows_in_red_what_is_missing(analysis: Analysis, out
 
 def test_a_dry_run_is_called_simulated_everywhere(tmp_path: Path) -> None:
     with Store(small_study(tmp_path / "dry")) as store:
-        run_trials(store, take_part(store, simulated=True))
+        run_trials(store, enrol_included(store, simulated=True))
         write_analysis(analyse(store), store.folder, tmp_path / "out")
     folder = tmp_path / "out" / "reporting"
     text = (folder / "methods.md").read_text()
@@ -249,12 +251,12 @@ def test_a_flow_without_anybody_leaving_tells_of_nobody() -> None:
 def test_the_flow_names_why_people_left_and_who_is_analysed(tmp_path: Path) -> None:
     """One finished, one has a trial left, one left in the first; one was too young, and one changed their mind."""
     with Store(small_study(tmp_path)) as store:
-        run_trials(store, take_part(store, "man", simulated=False))
-        run_trials(store, take_part(store, "woman", simulated=False), 3)
-        take_part(store, "woman", simulated=False)
+        run_trials(store, enrol_included(store, "man", simulated=False))
+        run_trials(store, enrol_included(store, "woman", simulated=False), 3)
+        enrol_included(store, "woman", simulated=False)
         young = enrol(store, "woman", age_years=17)
         record_consent(store, young)
-        record_inclusion(store, young, fitting_answers(store) | {"adult": False})
+        record_inclusion(store, young, eligible_answers(store) | {"adult": False})
         withdraw(store, enrol(store, "man", age_years=70), "no time")
         found = analyse(store)
     (flow,) = found.flows

@@ -24,7 +24,7 @@ from avrgym.study.design.design import default_text, parse_design
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
-from helpers.studies.known_results import read_table, run_trials, take_part
+from helpers.studies.known_results import enrol_included, read_table, run_trials
 from helpers.studies.small_studies import make_study
 
 DESIGN = parse_design(default_text())
@@ -62,7 +62,7 @@ def analysis(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Analysi
         folder = make_study(tmp_path_factory.mktemp("study"), tasks='["Feeding"]', policies=policies)
         with Store(folder) as store:
             for _ in range(4):
-                run_trials(store, take_part(store, "man"))
+                run_trials(store, enrol_included(store, "man"))
             found = analyse(store)
         out = tmp_path_factory.mktemp("out") / "analysis"
         write_analysis(found, folder, out)

@@ -8,7 +8,7 @@ import pytest
 from typer.main import get_command
 
 from avrgym.cli.main import app
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 REQUIRED = ("cff-version", "message", "title", "authors")
 REQUIRED_OF_REFERENCES = ("type", "title", "authors")

@@ -18,8 +18,8 @@ from typer.testing import CliRunner, Result
 from avrgym.cli.learning import OMITTED
 from avrgym.cli.main import app
 from avrgym.tasks.registry import ENVIRONMENTS
-from helpers.system.processes import AVRGYM, die_with_parent
-from helpers.vr.visit import ENVIRONMENT, drive
+from helpers.system.processes import AVRGYM, kill_with_parent
+from helpers.vr.visit import ENVIRONMENT, constant_policy
 
 FIGURES = [
     "env", "policy", "people", "impairment", "stream", "episodes", "reward_mean", "reward_std", "success_rate",
@@ -179,7 +179,7 @@ def test_evaluate_shows_who_gets_on_with_whom(tmp_path: Path) -> None:
 
 def test_evaluate_takes_a_policy_file(tmp_path: Path) -> None:
     file = tmp_path / "drive.safetensors"
-    drive(ENVIRONMENT).save(file)
+    constant_policy(ENVIRONMENT).save(file)
     result = avrgym(
         "evaluate", ENVIRONMENT, "--policy", file, "--episodes", 1, "--json", tmp_path / "rows.json"
     )
@@ -315,7 +315,7 @@ def test_wrong_usage_is_named(arguments: list[str], named: str) -> None:
 def test_serve_prints_its_address_and_stops_on_request(tmp_path: Path) -> None:
     command = [AVRGYM, "serve", "--port", "0", "--study", tmp_path / "study"]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=die_with_parent
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=kill_with_parent
     ) as running:
         assert running.stdout is not None
         address = next(line.strip() for line in running.stdout if "/#token=" in line)

@@ -21,8 +21,8 @@ from typer.testing import CliRunner
 from avrgym.cli.main import app
 from avrgym.study.design.design import default_text, parse_design
 from helpers.browser.documentation import DOCS, DOCUMENTS, blocks, commands, name_of
-from helpers.learning.small_training import train_little
-from helpers.system.places import OLD_RECORDING, ROOT
+from helpers.learning.small_training import shorten_training
+from helpers.system.paths import OLD_RECORDING, ROOT
 
 SMALLER = {"--episodes": "1", "--steps": "1", "--participants": "2", "--simulations": "4"}
 ENDLESS = ("serve", "view")
@@ -34,7 +34,7 @@ RECORDING = OLD_RECORDING
 
 @pytest.fixture(autouse=True)
 def _small_and_quiet(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    train_little(monkeypatch)
+    shorten_training(monkeypatch)
     matplotlib.use("agg")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

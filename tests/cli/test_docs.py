@@ -14,7 +14,7 @@ from avrgym.tasks.constants import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.tasks.task import Task
 from helpers.browser.documentation import DOCUMENTS, anchors, missing_rows, name_of
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 README = (ROOT / "README.md").read_text()
 ENVIRONMENT_PAGE = (ROOT / "docs" / "reference" / "environments.md").read_text()

@@ -10,8 +10,8 @@ from pathlib import Path
 import matplotlib
 import pytest
 
-from helpers.learning.small_training import train_little
-from helpers.system.places import OLD_RECORDING, ROOT
+from helpers.learning.small_training import shorten_training
+from helpers.system.paths import OLD_RECORDING, ROOT
 
 EXAMPLES = ROOT / "examples"
 RECORDING = OLD_RECORDING
@@ -37,7 +37,7 @@ NEEDED = {"10_rllib": "ray.rllib", "11_torchrl": "torchrl"}
 @pytest.fixture(autouse=True)
 def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.chdir(tmp_path)
-    train_little(monkeypatch)
+    shorten_training(monkeypatch)
     matplotlib.use("agg")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the libraries that examples choose

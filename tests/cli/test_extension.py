@@ -8,10 +8,10 @@ import httpx
 import pytest
 
 from helpers.browser.glb import GlbFile
-from helpers.system.example_package import avrgym, environment_with, install, python, train_and_study
-from helpers.system.places import ROOT
-from helpers.system.processes import served
-from helpers.vr.time_limits import UNHURRIED
+from helpers.system.example_package import avrgym, environment_variables, install, python, train_and_study
+from helpers.system.paths import ROOT
+from helpers.system.processes import running_server
+from helpers.vr.time_limits import RELAXED_LIMITS
 
 TASK, ROBOT = "ArmManipulation", "Jaco"
 ENVIRONMENT = f"avrgym/{TASK}{ROBOT}-v1"
@@ -90,9 +90,9 @@ def test_it_is_trained_studied_reported_and_verified(installed: Path) -> None:
 @pytest.mark.slow
 def test_a_browser_is_served_its_scene(installed: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", environment_with(installed)["PYTHONPATH"])
-        with served(
-            installed / "served", "--env", ENVIRONMENT, "--policy", "hold-still", limits=UNHURRIED
+        patch.setenv("PYTHONPATH", environment_variables(installed)["PYTHONPATH"])
+        with running_server(
+            installed / "served", "--env", ENVIRONMENT, "--policy", "hold-still", limits=RELAXED_LIMITS
         ) as running:
             address, token = running.participant.split("/#token=")
             allowed = {"authorization": f"Bearer {token}"}

@@ -17,7 +17,7 @@ from avrgym.cli.main import app
 from avrgym.learning import evaluation
 from avrgym.tasks import registry
 from avrgym.tasks.task import Expert
-from helpers.system.example_package import environment_with
+from helpers.system.example_package import environment_variables
 
 OURS, THEIRS = "avrgym/FeedingJaco-v1", "avrgym/StirJaco-v1"
 
@@ -148,7 +148,7 @@ def test_a_plug_in_that_raises_system_exit_is_skipped(tmp_path: Path) -> None:
     (tmp_path / "leaver.py").write_text("raise SystemExit('no licence')\n")
     ran = subprocess.run(
         [sys.executable, "-c", "from avrgym.cli import app; app()", "envs"],
-        env=environment_with(tmp_path), cwd=tmp_path, capture_output=True, text=True, check=False,
+        env=environment_variables(tmp_path), cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr
     assert OURS in ran.stdout

@@ -11,7 +11,7 @@ import pytest
 from avrgym.cli import progress
 from avrgym.cli.progress import Rate, duration, progress_bar
 from avrgym.cli.terminal import print_table
-from helpers.system.processes import die_with_parent
+from helpers.system.processes import kill_with_parent
 
 STOPPED = """
 import os, signal
@@ -133,7 +133,7 @@ def test_stopped_work_says_in_one_line_how_it_goes_on(number: signal.Signals) ->
         [sys.executable, "-c", STOPPED.replace("{signal}", number.name)],
         capture_output=True,
         text=True,
-        preexec_fn=die_with_parent,
+        preexec_fn=kill_with_parent,
     )
     assert ran.returncode == 128 + number
     assert ran.stderr == "avrgym: stopped; `work --resume` goes on\n"

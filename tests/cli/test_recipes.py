@@ -13,7 +13,7 @@ from avrgym.learning import recurrent_recipe, training
 from avrgym.learning.configuration import AnyConfiguration, RecurrentConfiguration, stored_configuration
 from avrgym.learning.hyperparameters import PAPER_STEPS, RECURRENT
 from avrgym.policies.trained import Policy
-from helpers.learning.small_training import train_little
+from helpers.learning.small_training import shorten_training
 from helpers.vr.visit import ENVIRONMENT
 
 
@@ -64,7 +64,7 @@ def test_options_that_do_not_fit_a_recipe_are_refused(arguments: list[str], told
 @pytest.mark.slow
 def test_the_papers_recipe_is_ppo_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    train_little(monkeypatch)
+    shorten_training(monkeypatch)
     for steps, more in ((400, []), (800, ["--resume"])):
         result = train("--people", "revised", "--recipe", "paper", "--steps", str(steps), *more)
         assert result.exit_code == 0, result.stderr

@@ -15,7 +15,7 @@ from playwright.sync_api import sync_playwright
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from helpers.browser.accessibility import violations
 from helpers.browser.documentation import DOCS
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 SITE = ROOT / "build" / "site"
 LOADED = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}

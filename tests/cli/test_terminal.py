@@ -15,7 +15,7 @@ from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import print_line, print_table, printable
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from helpers.studies.small_studies import make_study, run_participant, take_in
+from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant
 
 HOSTILE = (
     "[red]", "[/]", "[/red]", "[bold", "bold]", "[link=https://example.org]here[/link]", "[@click=quit]", "\\[x]",
@@ -129,7 +129,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     text = text.replace("Are you 18 years", "Are [you] 18 [/] years")
     design.write_text(text)
     with Store(folder) as store:
-        run_participant(store, take_in(store), trials=2)
+        run_participant(store, enrol_with_consent(store), trials=2)
     return folder
 
 

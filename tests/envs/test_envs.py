@@ -14,7 +14,7 @@ from avrgym.envs.single import AssistiveEnv
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.models.human import Person
 from avrgym.tasks.registry import ENVIRONMENTS
-from helpers.simulation.vector_environments import unusable
+from helpers.simulation.vector_environments import invalid_actions
 
 FEEDING = "avrgym/FeedingJaco-v1"
 EPISODE_STEPS = 200
@@ -107,7 +107,7 @@ def test_an_episode_may_be_made_shorter():
 # Actions
 
 
-@pytest.mark.parametrize("action", unusable((7,)))
+@pytest.mark.parametrize("action", invalid_actions((7,)))
 def test_an_action_that_is_none_is_refused_before_anything_moves(action, rng):
     """The step after it is the one that would have been, had nobody asked."""
     asked, alone = (gym.make(FEEDING, people="participants") for _ in range(2))

@@ -21,8 +21,8 @@ from avrgym.models.scene import TOOL
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import MAX_LEAD_RAD, Simulation
 from avrgym.tasks.registry import TASKS
-from helpers.simulation.pressing_robots import MOST_FORCE_N, pressed
-from helpers.simulation.starts import at_once, begun
+from helpers.simulation.contact_forces import MAX_FORCE_N, peak_forces
+from helpers.simulation.initial_states import first_step_forces, reset_episodes
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 STRIKE = """
@@ -91,7 +91,10 @@ def test_motors_press_with_no_more_than_their_lead_nor_than_they_have(robot):
 
 
 def test_who_trembles_presses_with_a_third_of_the_strength():
-    trembling, calm = begun(SCRATCHING, 2, impairment="tremor"), begun(SCRATCHING, 2, impairment="weakness")
+    trembling, calm = (
+        reset_episodes(SCRATCHING, 2, impairment="tremor"),
+        reset_episodes(SCRATCHING, 2, impairment="weakness"),
+    )
     for episodes, share in ((trembling, TREMOR_STRENGTH_SHARE), (calm, 1.0)):
         model = episodes.simulation.batch.get_model(1)
         ranges = [model.actuator(human.PREFIX + joint).forcerange[1] for joint in human.JOINTS]
@@ -109,8 +112,8 @@ def test_people_touch_a_box_in_place_of_the_spoons_thin_walls():
 
 def test_a_hand_inside_a_link_that_cannot_give_way_is_pressed_as_by_flesh():
     """Even where a start is false, no solver makes 10⁸ N of it: link 2 stands in the hand and cannot go anywhere."""
-    episodes = begun(SCRATCHING, 128, "revised", "limits", checked=False)
-    assert 1.0 < at_once(episodes).max() < MOST_FORCE_N
+    episodes = reset_episodes(SCRATCHING, 128, "revised", "limits", checked=False)
+    assert 1.0 < first_step_forces(episodes).max() < MAX_FORCE_N
 
 
 @pytest.mark.parametrize("task", ["Feeding", "ScratchItch", "BedBathing"])
@@ -118,19 +121,19 @@ def test_a_hand_inside_a_link_that_cannot_give_way_is_pressed_as_by_flesh():
 @pytest.mark.parametrize("how", ["constant", "at the person"])
 def test_no_jam_grows(task, robot, how):
     """Arms that push on for 6 s, every joint one way, or straight at the person."""
-    peak = pressed(f"avrgym/{task}{robot}-v1", 24, "revised", "none", how, steps=60)
-    assert peak.max() < MOST_FORCE_N
+    peak = peak_forces(f"avrgym/{task}{robot}-v1", 24, "revised", "none", how, steps=60)
+    assert peak.max() < MAX_FORCE_N
 
 
 @pytest.mark.parametrize("task", ["Feeding", "BedBathing"])
 def test_people_who_tremble_are_not_jammed_either(task):
-    peak = pressed(f"avrgym/{task}PR2-v1", 24, "participants", "tremor", "at the person", steps=40)
-    assert peak.max() < MOST_FORCE_N
+    peak = peak_forces(f"avrgym/{task}PR2-v1", 24, "participants", "tremor", "at the person", steps=40)
+    assert peak.max() < MAX_FORCE_N
 
 
 def test_people_who_do_not_move_give_way_as_softly_as_they_would_alone():
     """The softness of a person's contacts does not depend on sex or size of the person before."""
-    episodes = begun(SCRATCHING, 4)
+    episodes = reset_episodes(SCRATCHING, 4)
     bodies = [episodes.simulation.model.body(human.PREFIX + name).id for name in human.BODIES]
     for _ in range(2):
         episodes.reset(np.arange(4), [np.random.default_rng(seed) for seed in range(4)])

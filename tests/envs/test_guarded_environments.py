@@ -13,7 +13,7 @@ from numpy.testing import assert_array_equal
 import avrgym
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.tasks.episodes import Episodes
-from helpers.simulation.pressing_robots import towards
+from helpers.simulation.contact_forces import actions_towards
 from helpers.simulation.vector_environments import assert_same_pair
 
 SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"
@@ -22,7 +22,7 @@ WORLDS, STEPS = 4, 25
 
 def pressing(episodes: Episodes) -> np.ndarray:
     """Actions that move each robot towards a part of its person."""
-    return towards(episodes, np.arange(episodes.simulation.num_worlds) % 4).astype(np.float32)
+    return actions_towards(episodes, np.arange(episodes.simulation.num_worlds) % 4).astype(np.float32)
 
 
 def test_guarded_worlds_get_the_same_bits_in_gymnasium_and_in_evaluation() -> None:

@@ -106,7 +106,7 @@ def test_each_may_pay_for_its_own_effort():
 
 def test_an_episode_ends_for_both_and_the_next_is_another():
     env = avrgym.parallel_env(SCRATCHING)
-    begun = env.reset(seed=4)[0][HUMAN]
+    observation = env.reset(seed=4)[0][HUMAN]
     still = {agent: np.zeros(7, np.float32) for agent in env.agents}
     for left in range(EPISODE_STEPS - 1, -1, -1):
         _, _, terminated, truncated, infos = env.step(still)
@@ -116,8 +116,8 @@ def test_an_episode_ends_for_both_and_the_next_is_another():
     assert env.agents == []
     with pytest.raises(ResetNeeded, match="no episode is running"):
         env.step(still)
-    assert not np.array_equal(env.reset()[0][HUMAN], begun)
-    assert_array_equal(env.reset(seed=4)[0][HUMAN], begun)
+    assert not np.array_equal(env.reset()[0][HUMAN], observation)
+    assert_array_equal(env.reset(seed=4)[0][HUMAN], observation)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ SCENES = {"avrgym/FeedingPR2-v1": "none", "avrgym/BedBathingJaco-v1": "tremor"}
 CHAIR, BED = SCENES
 
 
-def begun(environment: str, impairment: str = "none") -> Episodes:
+def reset_episodes(environment: str, impairment: str = "none") -> Episodes:
     episodes = Episodes(environment, 1, people="revised", impairment=impairment, num_threads=1)
     episodes.reset(np.array([0]), [np.random.default_rng(3)])
     return episodes
@@ -40,7 +40,7 @@ def written(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Episodes, Path]:
     """A scene at its start, and the folder it is written into."""
-    episodes = begun(request.param, SCENES[request.param])
+    episodes = reset_episodes(request.param, SCENES[request.param])
     folder = tmp_path_factory.mktemp("scene") / "out"
     write_scene(episodes, folder)
     return episodes, folder
@@ -91,7 +91,7 @@ def test_the_mjb_steps_to_the_same_bits(written: tuple[Episodes, Path]) -> None:
 def test_usd_shows_the_scene_where_it_stands(tmp_path: Path) -> None:
     Usd = pytest.importorskip("pxr.Usd", reason="`pip install avrgym[usd]` brings what reads USD")
     UsdGeom = import_module("pxr.UsdGeom")
-    episodes = begun(BED)
+    episodes = reset_episodes(BED)
     write_usd(episodes, tmp_path / USD)
     stage = Usd.Stage.Open(str(tmp_path / USD))
     assert UsdGeom.GetStageUpAxis(stage) == "Z"

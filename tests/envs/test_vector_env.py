@@ -10,7 +10,13 @@ from numpy.testing import assert_array_equal
 
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.tasks.registry import ENVIRONMENTS
-from helpers.simulation.vector_environments import assert_same, assert_same_pair, compare, make_both, unusable
+from helpers.simulation.vector_environments import (
+    assert_same,
+    assert_same_pair,
+    compare,
+    invalid_actions,
+    make_both,
+)
 
 FEEDING = "avrgym/FeedingJaco-v1"
 STILL = np.zeros((3, 7), np.float32)
@@ -227,7 +233,7 @@ def test_an_action_that_is_none_is_refused_before_anything_moves(mode, rng):
     )
     for env in (asked, alone):
         env.reset(seed=1)
-    for action in unusable((3, 7)):
+    for action in invalid_actions((3, 7)):
         with pytest.raises(ValueError, match=r"allowed: finite numbers of shape \(3, 7\), -1 to 1"):
             asked.step(action)
     for actions in rng.uniform(-1, 1, (3, 3, 7)):

@@ -18,7 +18,7 @@ from avrgym.learning.configuration import FeedforwardConfiguration
 from avrgym.learning.evaluation import evaluate_all
 from avrgym.learning.training import resume, train
 from avrgym.system.cluster import Cluster, connected
-from helpers.learning.ray_nodes import assert_same_training, ray_nodes, refuse, where
+from helpers.learning.ray_nodes import assert_same_training, process_and_node, raise_error, ray_nodes
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes and files end with its shutdown
 FEEDING = "avrgym/FeedingJaco-v1"
@@ -70,7 +70,7 @@ def test_cluster_and_killed_workers_do_not_change_weights(whole, cluster, tmp_pa
     killed: set[int] = set()
 
     def kill(progress: training.Progress) -> None:
-        processes = [process for process, _ in cluster.run_all(where, [(), ()])]
+        processes = [process for process, _ in cluster.run_all(process_and_node, [(), ()])]
         killed.add(processes[0])
         threading.Timer(0.3, os.kill, (processes[0], signal.SIGKILL)).start()
 
@@ -104,7 +104,7 @@ def test_rows_are_the_same_from_a_cluster(cluster) -> None:
 
 def test_the_error_of_a_call_is_raised(cluster) -> None:
     with pytest.raises(ValueError, match="2 is refused"):
-        cluster.run_all(refuse, [(2,)])
+        cluster.run_all(raise_error, [(2,)])
 
 
 def test_too_many_worlds_are_refused_before_anything_is_written(cluster, tmp_path) -> None:

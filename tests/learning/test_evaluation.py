@@ -11,7 +11,7 @@ from avrgym.learning.evaluation import Evaluation, evaluate, evaluate_all, wilso
 from avrgym.policies.trained import packaged_policies
 from avrgym.safety.limits import BODY_REGIONS
 from avrgym.tasks.constants import EPISODE_STEPS
-from helpers.vr.visit import ENVIRONMENT, drive
+from helpers.vr.visit import ENVIRONMENT, constant_policy
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 
@@ -112,7 +112,7 @@ def test_progress_counts_environment_steps() -> None:
 
 def test_errors_name_what_is_allowed(tmp_path: Path) -> None:
     file = tmp_path / "drive.safetensors"
-    drive(ENVIRONMENT).save(file)
+    constant_policy(ENVIRONMENT).save(file)
     with pytest.raises(ValueError, match="at least 1"):
         evaluate(ENVIRONMENT, "zero", "original", 0, 0)
     with pytest.raises(ValueError, match=ENVIRONMENT):

@@ -30,7 +30,7 @@ from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, sizes
-from helpers.learning.random_networks import network, saved
+from helpers.learning.random_networks import random_network, save_network
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -169,7 +169,7 @@ def test_agents_alternate_after_equal_numbers_of_updates(alternate):
 def test_rollouts_of_a_pair_equal_the_parallel_environment(environment, monkeypatch):
     """With the same actions of both; observations and rewards of both, and those of each agent's own effort."""
     monkeypatch.setattr("avrgym.learning.rollouts.EPISODE_STEPS", 6)
-    networks = [network(environment, of_human=of_human, deviation=0.3) for of_human in (False, True)]
+    networks = [random_network(environment, of_human=of_human, deviation=0.3) for of_human in (False, True)]
     place = WorldSettings(environment, TransferredFile.read("zoo/train"), "tremor", 1, "threads")
     request = RolloutRequest(place, 0, np.array([7, 8]), noise_seed=(1, 2), shared_reward=False)
     robot, human = roll_out_all(networks, request)
@@ -193,8 +193,10 @@ def test_rollouts_of_a_pair_equal_the_parallel_environment(environment, monkeypa
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_trained_human_acts_as_in_the_parallel_environment(environment, tmp_path, monkeypatch):
     """The same start, the actions that the network says there, and the same worlds after them."""
-    human = network(environment, people="zoo/train", impairment="tremor", deviation=0.0)
-    worlds = Episodes(environment, 2, people=saved(tmp_path / "human.safetensors", human), num_threads=1)
+    human = random_network(environment, people="zoo/train", impairment="tremor", deviation=0.0)
+    worlds = Episodes(
+        environment, 2, people=save_network(tmp_path / "human.safetensors", human), num_threads=1
+    )
     envs = [avrgym.parallel_env(environment, people="zoo/train", impairment="tremor") for _ in range(2)]
     commanded: list[np.ndarray] = []
     steer = worlds.command_people
@@ -214,7 +216,7 @@ def test_a_trained_human_acts_as_in_the_parallel_environment(environment, tmp_pa
 
 
 def test_a_human_s_noise_follows_from_the_world_s_stream(tmp_path):
-    path = saved(tmp_path / "human.safetensors", network(SCRATCHING, deviation=0.5))
+    path = save_network(tmp_path / "human.safetensors", random_network(SCRATCHING, deviation=0.5))
 
     def states(seeds: list[int]) -> list[np.ndarray]:
         worlds = Episodes(SCRATCHING, len(seeds), people=path, num_threads=1)
@@ -226,7 +228,7 @@ def test_a_human_s_noise_follows_from_the_world_s_stream(tmp_path):
     two, turned, calm = states([1, 2]), states([2, 1, 1]), tmp_path / "calm.safetensors"
     for one, other in ((two[0], turned[1]), (two[1], turned[0]), (two[0], turned[2])):
         assert_array_equal(one, other)
-    path = saved(calm, network(SCRATCHING, deviation=0.0))
+    path = save_network(calm, random_network(SCRATCHING, deviation=0.0))
     assert not np.array_equal(states([1, 2])[0], two[0])
 
 
@@ -234,7 +236,7 @@ def test_a_copy_of_worlds_with_trained_humans_continues_equally(tmp_path):
     import copy
 
     for seed in range(3):
-        saved(tmp_path / f"{seed}.safetensors", network(SCRATCHING, seed=seed, deviation=0.5))
+        save_network(tmp_path / f"{seed}.safetensors", random_network(SCRATCHING, seed=seed, deviation=0.5))
     worlds = Episodes(SCRATCHING, 3, people=str(tmp_path), num_threads=1)
     worlds.reset(np.arange(3), [np.random.default_rng(seed) for seed in range(3)])
     action = np.full((3, worlds.action_size), 0.2)
@@ -250,10 +252,13 @@ def test_a_copy_of_worlds_with_trained_humans_continues_equally(tmp_path):
 
 def test_each_world_has_one_human_of_a_population_with_its_own_body(tmp_path):
     """Still people of the same height, others who tremble, and robots' policies that lie beside are passed over."""
-    saved(tmp_path / "a" / "human.safetensors", network(SCRATCHING, people="original"))
-    saved(tmp_path / "b" / "human.safetensors", network(SCRATCHING, people="revised", impairment="tremor"))
+    save_network(tmp_path / "a" / "human.safetensors", random_network(SCRATCHING, people="original"))
+    save_network(
+        tmp_path / "b" / "human.safetensors",
+        random_network(SCRATCHING, people="revised", impairment="tremor"),
+    )
     for place in ("a/policy.safetensors", "robot.safetensors"):
-        saved(tmp_path / place, network(SCRATCHING, of_human=False))
+        save_network(tmp_path / place, random_network(SCRATCHING, of_human=False))
     kinds = find_populations(str(tmp_path), TASKS)
     assert [Path(kind.name).parent.name for kind in kinds] == ["a", "b"]
     together = Episodes(SCRATCHING, 12, people=str(tmp_path), num_threads=1)
@@ -273,7 +278,7 @@ def test_each_world_has_one_human_of_a_population_with_its_own_body(tmp_path):
 
 
 def test_a_given_impairment_replaces_that_of_the_human(tmp_path):
-    path = saved(tmp_path / "human.safetensors", network(SCRATCHING, impairment="weakness"))
+    path = save_network(tmp_path / "human.safetensors", random_network(SCRATCHING, impairment="weakness"))
 
     def people(impairment: str):
         worlds = Episodes(SCRATCHING, 4, people=path, impairment=impairment, num_threads=1)
@@ -290,8 +295,8 @@ def test_a_given_impairment_replaces_that_of_the_human(tmp_path):
 def test_people_are_transferred_with_their_files(tmp_path, monkeypatch):
     from avrgym.people.populations import transferred_people
 
-    saved(tmp_path / "here" / "a" / "human.safetensors", network(SCRATCHING))
-    saved(tmp_path / "here" / "b.safetensors", network(SCRATCHING, seed=1))
+    save_network(tmp_path / "here" / "a" / "human.safetensors", random_network(SCRATCHING))
+    save_network(tmp_path / "here" / "b.safetensors", random_network(SCRATCHING, seed=1))
     found = [each.trained for each in find_populations(str(tmp_path / "here"), TASKS)]
     carried = transferred_people(str(tmp_path / "here"))
     assert carried.local_path() == str(tmp_path / "here")
@@ -307,7 +312,7 @@ def test_people_are_transferred_with_their_files(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_a_training_with_trained_humans_resumes_without_their_files(tmp_path):
     for seed in range(2):
-        saved(tmp_path / "humans" / f"{seed}.safetensors", network(SCRATCHING, seed=seed))
+        save_network(tmp_path / "humans" / f"{seed}.safetensors", random_network(SCRATCHING, seed=seed))
     alone = replace(PAIR, people=str(tmp_path / "humans"), impairment="none", pairing=None)
 
     def kill(progress: Progress) -> None:
@@ -365,12 +370,12 @@ def assert_refused(result: Result, said: str) -> None:
 
 
 def test_unsuitable_people_are_refused_in_one_line(tmp_path):
-    human = saved(tmp_path / "human.safetensors", network(SCRATCHING))
-    robot = saved(tmp_path / "robot.safetensors", network(SCRATCHING, of_human=False))
+    human = save_network(tmp_path / "human.safetensors", random_network(SCRATCHING))
+    robot = save_network(tmp_path / "robot.safetensors", random_network(SCRATCHING, of_human=False))
     damaged = tmp_path / "damaged.safetensors"
     damaged.write_bytes(Path(human).read_bytes()[:-40])
-    resized = replace(network(FEEDING), metadata=network(SCRATCHING).metadata)
-    resized_path = saved(tmp_path / "resized.safetensors", resized)
+    resized = replace(random_network(FEEDING), metadata=random_network(SCRATCHING).metadata)
+    resized_path = save_network(tmp_path / "resized.safetensors", resized)
     (tmp_path / "empty").mkdir()
     evaluation = "evaluate", SCRATCHING, "--episodes", 1, "--people"
     assert_refused(
@@ -393,11 +398,11 @@ def test_unsuitable_people_are_refused_in_one_line(tmp_path):
 def test_a_recurrent_human_is_refused(tmp_path):
     from avrgym.networks.layers import Memory
 
-    plain = network(SCRATCHING)
+    plain = random_network(SCRATCHING)
     size, joints = plain.observation_size, plain.action_size
     memory = Memory(np.zeros((size, 3)), np.zeros(3), np.zeros((1, 3)), np.zeros(3))
     remembering = replace(plain, weights=(np.zeros((size + 1, joints)),), memory=memory)
-    path = saved(tmp_path / "human.safetensors", remembering)
+    path = save_network(tmp_path / "human.safetensors", remembering)
     with pytest.raises(PolicyError, match="a recurrent policy; allowed"):
         find_populations(path, TASKS)
 
@@ -428,6 +433,6 @@ def test_a_task_without_human_actions_trains_no_human(tmp_path, monkeypatch):
 
 def test_files_of_robots_contain_no_human_metadata(tmp_path):
     path = tmp_path / "robot.safetensors"
-    saved(path, network(SCRATCHING, of_human=False))
+    save_network(path, random_network(SCRATCHING, of_human=False))
     assert b'"human"' not in path.read_bytes()
-    assert Policy.load(path).metadata == network(SCRATCHING, of_human=False).metadata
+    assert Policy.load(path).metadata == random_network(SCRATCHING, of_human=False).metadata

@@ -6,7 +6,7 @@ import pytest
 from avrgym.learning.evaluation import evaluate
 from avrgym.system import random_streams
 from avrgym.system.random_streams import SPLITS, TEST, VALIDATION, Split, evaluation_episodes, split_of
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 ENVIRONMENT = "avrgym/ScratchItchJaco-v1"
 

@@ -13,7 +13,7 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 from avrgym.cli.main import app
 from avrgym.learning.configuration import configuration_for
 from avrgym.learning.sweep_file import planned, read_sweep
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 LITTLE = """
 environments = ["avrgym/ScratchItchJaco-v1"]

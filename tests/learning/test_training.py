@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from typer.testing import CliRunner
 
-from helpers.system.places import DATA
+from helpers.system.paths import DATA
 
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 

@@ -9,7 +9,7 @@ import pytest
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import SEATED, Person
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 EXAMPLE = runpy.run_path(str(ROOT / "scripts" / "figures" / "body_alignment.py"))
 WAYS, HEADS = EXAMPLE["WAYS"], EXAMPLE["people_in_poses"](np.random.default_rng(1), 1500)

@@ -27,8 +27,8 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS
 from helpers.studies.configurations import configuration
-from helpers.studies.small_studies import METRICS, fitting_answers, make_study
-from helpers.system.places import ROOT
+from helpers.studies.small_studies import METRICS, eligible_answers, make_study
+from helpers.system.paths import ROOT
 
 TASK = "Feeding"
 REST_DEG = np.degrees(TASKS[TASK].pose.rest_rad)
@@ -89,7 +89,7 @@ def take_part(
     """Somebody completes their trials."""
     pseudonym = enrol(store, sex, age_years=22, simulated=simulated)
     record_consent(store, pseudonym)
-    assert record_inclusion(store, pseudonym, fitting_answers(store))
+    assert record_inclusion(store, pseudonym, eligible_answers(store))
     session = open_session(store, pseudonym)
     for trial in store.remaining_trials(pseudonym):
         attempt = begin_attempt(store, session.id, trial.position)

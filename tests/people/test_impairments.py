@@ -24,7 +24,7 @@ def impaired(group: People, name: str, rng: np.random.Generator) -> People:
     return impairments.apply_impairment(group, impairments.find_impairment(name), uniforms)
 
 
-def begun(impairment: str, people: str = "original") -> Episodes:
+def reset_episodes(impairment: str, people: str = "original") -> Episodes:
     episodes = Episodes(ENVIRONMENT, 4, people=people, impairment=impairment, num_threads=1)
     episodes.reset(np.arange(4), [np.random.default_rng(i) for i in range(4)])
     return episodes
@@ -68,7 +68,7 @@ def followed_of_the_reference(target: float) -> float:
 
 
 def test_joints_tremble_with_their_amplitude():
-    episodes, angles = begun("tremor"), []
+    episodes, angles = reset_episodes("tremor"), []
     for _ in range(12):
         episodes.command(STILL)
         for _ in range(SUBSTEPS):
@@ -82,7 +82,7 @@ def test_joints_tremble_with_their_amplitude():
 
 
 def test_the_tremor_of_the_head_alternates_every_control_step():
-    episodes = begun("tremor")
+    episodes = reset_episodes("tremor")
     heads = []
     for _ in range(12):
         episodes.step(STILL)
@@ -92,7 +92,7 @@ def test_the_tremor_of_the_head_alternates_every_control_step():
 
 
 def test_weak_people_have_less_torque_and_hold_their_pose():
-    episodes = begun("weakness")
+    episodes = reset_episodes("weakness")
     before = episodes.simulation.person_angles_rad()
     torque = episodes.simulation.batch.expanded("actuator_forcerange")
     assert torque is not None
@@ -106,7 +106,7 @@ def test_weak_people_have_less_torque_and_hold_their_pose():
 
 @pytest.mark.parametrize("name", IMPAIRMENTS)
 def test_the_same_seed_gives_the_same_impaired_people(name):
-    first, second = begun(name, "revised"), begun(name, "revised")
+    first, second = reset_episodes(name, "revised"), reset_episodes(name, "revised")
     for _ in range(3):
         assert_array_equal(first.step(STILL).observation, second.step(STILL).observation)
 

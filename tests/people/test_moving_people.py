@@ -16,7 +16,7 @@ ARRIVED = 8
 """Control steps after which an arm that nothing holds has arrived."""
 
 
-def begun(environment: str, *, moving: bool) -> Episodes:
+def reset_episodes(environment: str, *, moving: bool) -> Episodes:
     episodes = Episodes(environment, WORLDS, people="revised", moving=moving, num_threads=1)
     episodes.reset(np.arange(WORLDS), [np.random.default_rng(i) for i in range(WORLDS)])
     return episodes
@@ -24,7 +24,7 @@ def begun(environment: str, *, moving: bool) -> Episodes:
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_static_and_moving_people_have_head_and_arm_in_the_same_place(environment):
-    static, moving = (begun(environment, moving=moves).simulation.state() for moves in (False, True))
+    static, moving = (reset_episodes(environment, moving=moves).simulation.state() for moves in (False, True))
     for part in ("head_pos_w", "head_q_w", "mouth_pos_w", "right_arm_pos_w", "right_arm_q_w"):
         assert_allclose(getattr(moving, part), getattr(static, part), atol=1e-6, err_msg=part)
     assert_allclose(moving.person_segment_w, static.person_segment_w, atol=1e-6)
@@ -33,7 +33,7 @@ def test_static_and_moving_people_have_head_and_arm_in_the_same_place(environmen
 
 @pytest.mark.parametrize("environment", ["avrgym/FeedingJaco-v1", "avrgym/BedBathingJaco-v1"])
 def test_per_world_fields_equal_the_compiled_person(environment):
-    episodes = begun(environment, moving=True)
+    episodes = reset_episodes(environment, moving=True)
     for world in range(WORLDS):
         person = episodes.person_in(world)
         alone = build_spec(episodes.scene, person, moving=True, appearance=False).compile()
@@ -63,7 +63,7 @@ def test_static_and_moving_people_weigh_the_same_in_every_part(sex, torso_height
 
 @pytest.mark.parametrize("moving", [False, True])
 def test_the_whole_body_weighs_what_the_table_says(moving):
-    episodes = begun("avrgym/FeedingJaco-v1", moving=moving)
+    episodes = reset_episodes("avrgym/FeedingJaco-v1", moving=moving)
     for world in range(WORLDS):
         model = episodes.simulation.batch.get_model(world)
         mass = sum(float(model.body(human.PREFIX + name).mass[0]) for name in human.BODIES)
@@ -73,7 +73,7 @@ def test_the_whole_body_weighs_what_the_table_says(moving):
 
 def test_robot_and_arm_move_each_other():
     """A person's hand that wants to go through the robot's arm moves it, and is held off."""
-    episodes = begun("avrgym/FeedingJaco-v1", moving=True)
+    episodes = reset_episodes("avrgym/FeedingJaco-v1", moving=True)
     simulation = episodes.simulation
     targets = episodes.people.joint_angles_rad.copy()
     reach = [human.JOINT_INDEX["right_shoulder_x"], human.JOINT_INDEX["right_elbow_x"]]

@@ -23,7 +23,7 @@ from avrgym.people.zoo.styles import STYLES
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS
-from helpers.simulation.worlds import still_world
+from helpers.simulation.worlds import resting_state
 
 FEEDING = "avrgym/FeedingJaco-v1"
 ALL = np.arange(len(PARTNERS))
@@ -37,7 +37,7 @@ def rows(zoo: str, style: str) -> np.ndarray:
     return np.array([i for i, one in enumerate(PARTNERS) if (one.zoo, one.style) == (zoo, style)])
 
 
-def begun(partners: np.ndarray, uniforms: float | np.ndarray = 0.3) -> tuple[People, PartnerState]:
+def reset_episodes(partners: np.ndarray, uniforms: float | np.ndarray = 0.3) -> tuple[People, PartnerState]:
     people = apply_partner_bodies(distributions.repeat_person(Person("man", 0.6), len(partners)), partners)
     return people, partner_behaviour.initial_state(
         people, partners, np.broadcast_to(uniforms, (len(partners), 4))
@@ -51,7 +51,7 @@ def seeing(offset: tuple[float, ...] | np.ndarray) -> State:
         np.array([[[-0.2, 0.0, 1.1], [-0.2, 0.0, 0.85], [-0.2, -0.3, 0.85]]]),
     )
     return replace(
-        still_world(),
+        resting_state(),
         tool_pos_w=mouth + offset,
         mouth_pos_w=mouth,
         head_pos_w=mouth + np.array([0.0, 0.1, 0.0]),
@@ -146,7 +146,7 @@ def test_unknown_zoos_and_styles_list_the_names(name):
 
 @pytest.mark.parametrize("offered", ["mouth", "arm", "nothing"])
 def test_speeds_and_accelerations_stay_within_limits(offered: OfferedPart, rng):
-    people, mind = begun(ALL, rng.random((len(ALL), 4)))
+    people, mind = reset_episodes(ALL, rng.random((len(ALL), 4)))
     possible = possible_for(people)
     tool = np.array(FAR) + np.zeros((len(ALL), 3))
     for _ in range(150):
@@ -172,7 +172,7 @@ def test_speeds_and_accelerations_stay_within_limits(offered: OfferedPart, rng):
 
 
 def test_all_partners_start_at_rest_in_their_pose():
-    _, mind = begun(ALL)
+    _, mind = reset_episodes(ALL)
     assert_array_equal(mind.targets_rad, mind.rest_rad)
     assert_allclose(partner_behaviour.oscillation_rad(mind), 0.0, atol=1e-12)
 
@@ -180,7 +180,7 @@ def test_all_partners_start_at_rest_in_their_pose():
 @pytest.mark.parametrize("style", ["cooperating", "startled", "talking", "weak"])
 def test_no_partner_reacts_before_the_reaction_time(style):
     partners = rows("zoo/unseen", style)
-    people, mind = begun(partners, 0.0)
+    people, mind = reset_episodes(partners, 0.0)
     steps = np.floor(PARTNER_PARAMETERS.of(partners).reaction_s / CONTROL_STEP_S)
     before = stepped(mind, people, NEAR, int(steps.min()) + 1)
     assert_array_equal(before.targets_rad[:, WAIST_X], mind.rest_rad[:, WAIST_X])
@@ -190,13 +190,13 @@ def test_no_partner_reacts_before_the_reaction_time(style):
 
 def test_still_partners_keep_their_pose():
     partners = rows("zoo/train", "still")
-    people, mind = begun(partners)
+    people, mind = reset_episodes(partners)
     assert_array_equal(stepped(mind, people, NEAR, 60).targets_rad, mind.rest_rad)
 
 
 def test_cooperating_partners_lean_to_the_tool_and_averse_ones_away():
     for style, sign in (("cooperating", 1.0), ("averse", -1.0)):
-        people, mind = begun(rows("zoo/unseen", style))
+        people, mind = reset_episodes(rows("zoo/unseen", style))
         moved = stepped(mind, people, NEAR, 40).targets_rad - mind.rest_rad
         assert (moved[:, WAIST_X] > np.radians(4.0)).all() == (sign > 0.0)
         assert (moved[:, WAIST_Y] > np.radians(1.5)).all() == (sign < 0.0)
@@ -206,7 +206,7 @@ def test_cooperating_partners_lean_to_the_tool_and_averse_ones_away():
 
 def test_hesitant_partners_wait_and_stop_half_way():
     partners = rows("zoo/unseen", "hesitant")
-    people, mind = begun(partners)
+    people, mind = reset_episodes(partners)
     goal = PARTNER_PARAMETERS.of(partners).approach_share * np.radians(10.0)
     leans, wait_s, reaction_s = (
         [],
@@ -227,7 +227,7 @@ def test_hesitant_partners_wait_and_stop_half_way():
 
 def test_startled_partners_withdraw_return_and_habituate():
     partners = rows("zoo/unseen", "startled")
-    people, mind = begun(partners)
+    people, mind = reset_episodes(partners)
     peaks = []
     for _ in range(3):
         extent = np.zeros(len(partners))
@@ -244,14 +244,14 @@ def test_startled_partners_withdraw_return_and_habituate():
 
 def test_startled_and_averse_partners_withdraw_the_arm():
     for style in ("startled", "averse"):
-        people, mind = begun(rows("zoo/train", style))
+        people, mind = reset_episodes(rows("zoo/train", style))
         drawn = stepped(mind, people, (-0.2, 0.1, -0.35), 10, "arm").targets_rad - mind.rest_rad
         assert (drawn[:, ELBOW] < -np.radians(2.0)).all()
 
 
 def heads(style: str, steps: int = 200) -> np.ndarray:
     """Where the heads of a style turn, (steps, N, 3), degrees from where they were found, the tool far ahead."""
-    people, mind = begun(rows("zoo/unseen", style))
+    people, mind = reset_episodes(rows("zoo/unseen", style))
     turned = []
     for _ in range(steps):
         mind = stepped(mind, people, (0.0, -0.9, 0.1), 1)
@@ -279,7 +279,7 @@ def test_chewing_partners_chew_at_their_frequency():
 
 def test_restless_partners_shift_every_few_seconds():
     partners = rows("zoo/unseen", "restless")
-    people, mind = begun(partners)
+    people, mind = reset_episodes(partners)
     waists = []
     for _ in range(200):
         mind = stepped(mind, people, FAR, 1)

@@ -31,10 +31,10 @@ from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, load_policies
 from avrgym.vr.session.session import Session
 from helpers.learning import failing_controllers
-from helpers.learning.onnx_files import as_onnx
+from helpers.learning.onnx_files import save_onnx
 from helpers.studies.small_studies import make_study
-from helpers.system.places import ROOT
-from helpers.vr.visit import ENVIRONMENT, Visit, drive, plan
+from helpers.system.paths import ROOT
+from helpers.vr.visit import ENVIRONMENT, Visit, constant_policy, plan
 
 FAILURES = {
     "NotFinite": "not_finite",
@@ -61,7 +61,7 @@ def driven_by(name: str, **changes) -> SessionPlan:
 
 def completed(visit: Visit) -> list[Recording]:
     """Run a visit to its end, in real time if controllers run in threads."""
-    visit.sit_down()
+    visit.calibrate()
     while visit.phase != "finished":
         if visit.phase == "questionnaire":
             visit.answer(1)
@@ -132,7 +132,7 @@ def test_after_a_failure_the_robot_stops_and_the_session_completes(
     visit = Visit(tmp_path, driven_by(name), load_policies(driven_by(name)))
     (recording,) = completed(visit)
     check_held(recording, name, kind)
-    (problem,) = visit.said(Problem)
+    (problem,) = visit.received(Problem)
     assert (problem.role, kind in problem.message) == ("experimenter", True)
     (told,) = [each for each in visit.observed if isinstance(each, events.ControllerFailed)]
     assert told.reason.startswith(f"{kind}: ")
@@ -272,7 +272,7 @@ def test_a_packaged_policy_as_onnx_acts_the_same(tmp_path: Path, policy: str, ro
     expected = np.clip(packaged.mean(observations), -1, 1)
     for double, tolerance in ((True, 1e-6), (False, 2e-4)):
         path = tmp_path / f"{double}.onnx"
-        as_onnx(packaged, path, rows, double=double)
+        save_onnx(packaged, path, rows, double=double)
         found = find(str(path), ENVIRONMENT)
         assert isinstance(found, ExternalController)
         actions = [controllers.act(found.make(), observation, 7) for observation in observations]
@@ -281,7 +281,7 @@ def test_a_packaged_policy_as_onnx_acts_the_same(tmp_path: Path, policy: str, ro
 
 def test_an_onnx_file_drives_a_session_and_an_evaluation(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
     path = tmp_path / "calm.onnx"
-    as_onnx(replace(drive(ENVIRONMENT), action_std=0.0), path, 1, double=False)
+    save_onnx(replace(constant_policy(ENVIRONMENT), action_std=0.0), path, 1, double=False)
     planned = plan(trial_steps=STEPS)
     planned = replace(planned, trials=[replace(planned.trials[0], policy=str(path))])
     (recording,) = completed(live(tmp_path / "recordings", planned, workers))
@@ -294,7 +294,7 @@ def test_an_onnx_file_drives_a_session_and_an_evaluation(tmp_path: Path, workers
 
 def test_unsuitable_onnx_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "net.onnx"
-    as_onnx(drive("avrgym/BedBathingJaco-v1"), path, 1, double=False)
+    save_onnx(constant_policy("avrgym/BedBathingJaco-v1"), path, 1, double=False)
     with pytest.raises(PolicyError, match=r"takes one input of float or double, of shape \(25,\), \(1, 25\)"):
         find(str(path), ENVIRONMENT)
     path.write_bytes(path.read_bytes()[:100])
@@ -403,7 +403,7 @@ def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
 
     folder = study("study", '["helpers.learning.failing_controllers:Raises", "zero", "ours"]')
     (folder / "ours").mkdir()
-    as_onnx(drive(ENVIRONMENT), folder / "ours" / "FeedingJaco.onnx", 1, double=False)
+    save_onnx(constant_policy(ENVIRONMENT), folder / "ours" / "FeedingJaco.onnx", 1, double=False)
     assert CliRunner().invoke(app, ["study", "check", str(folder)]).exit_code == 0
     simulate_study(folder, 1, 0, jobs=1)
     with Store(folder) as store:

@@ -8,7 +8,7 @@ from avrgym.learning.evaluation import evaluate
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.tasks.constants import WORLD_VERSION
 from avrgym.tasks.registry import ENVIRONMENTS
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 MEASURING = runpy.run_path(str(ROOT / "research" / "measure_policies.py"))
 PACKAGED = [(environment, kind) for environment in ENVIRONMENTS for kind in packaged_policies(environment)]

@@ -10,7 +10,7 @@ from avrgym.recording.configuration import FORMAT_VERSION, RecordedConsent
 from avrgym.recording.reader import RecordingError, read_header, read_recording
 from avrgym.recording.writer import RecordingWriter
 from helpers.studies.configurations import configuration
-from helpers.system.places import OLD_RECORDING
+from helpers.system.paths import OLD_RECORDING
 
 
 def test_a_recording_stores_every_field(tmp_path: Path) -> None:

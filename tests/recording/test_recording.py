@@ -39,8 +39,8 @@ from avrgym.recording.schema import (
 )
 from avrgym.recording.writer import RecordingWriter
 from helpers.studies.configurations import configuration
-from helpers.system.places import OLD_RECORDING
-from helpers.system.processes import die_with_parent
+from helpers.system.paths import OLD_RECORDING
+from helpers.system.processes import kill_with_parent
 
 CONFIGURATION = configuration(environment="avrgym/FeedingJaco-v1", seed=3)
 OUTCOME = Outcome(result="completed", reward=1.5, success=True)
@@ -316,7 +316,7 @@ def start_child(path: Path, size_limit: int) -> subprocess.Popen:
         [sys.executable, "-c", CHILD, str(path), str(size_limit), str(OLD_RECORDING)],
         stdout=subprocess.PIPE,
         text=True,
-        preexec_fn=die_with_parent,
+        preexec_fn=kill_with_parent,
     )
     assert child.stdout is not None
     assert child.stdout.readline() == "started\n"

@@ -9,7 +9,7 @@ from avrgym.replay.playback import ReplayError
 from avrgym.replay.verification import verify
 from avrgym.tasks.registry import TASKS, find_environment
 from helpers.studies.configurations import with_configuration
-from helpers.system.places import DATA, OLD_RECORDING
+from helpers.system.paths import DATA, OLD_RECORDING
 
 RECORDINGS = sorted((DATA / "study-of-0.2.0").rglob("*.mcap"))
 

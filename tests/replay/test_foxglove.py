@@ -19,7 +19,7 @@ from mcap_protobuf.decoder import DecoderFactory  # noqa: E402
 from avrgym.geometry import transforms  # noqa: E402
 from avrgym.recording.reader import Recording, read_recording  # noqa: E402
 from avrgym.replay.foxglove import TRACKING, WORLD, write_foxglove  # noqa: E402
-from helpers.system.places import OLD_RECORDING  # noqa: E402
+from helpers.system.paths import OLD_RECORDING  # noqa: E402
 from helpers.vr.visit import Visit, plan  # noqa: E402
 
 Messages = dict[str, list[tuple[int, Any]]]

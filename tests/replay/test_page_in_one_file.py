@@ -57,8 +57,8 @@ def visited(folder: Path, environment: str, free_movement_s: float = 0.04) -> Pa
         folder,
         plan(environments=[f"avrgym/{environment}-v1"], trial_steps=STEPS, free_movement_s=free_movement_s),
     )
-    visit.sit_down()
-    visit.until("questionnaire")
+    visit.calibrate()
+    visit.run_until("questionnaire")
     visit.answer(1, 2, 3, 4)
     visit.leave()
     return visit.session.recordings[0]

@@ -17,7 +17,7 @@ from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
 from helpers.browser.accessibility import violations
 from helpers.studies.small_studies import make_study
-from helpers.vr.visit import driving, plan
+from helpers.vr.visit import constant_policies, plan
 
 PATIENCE_MS = 90_000.0
 PLAN = plan()
@@ -51,7 +51,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer[Sess
     with (
         Store(study) as store,
         LiveServer(
-            lambda send: Session(PLAN, driving(PLAN), folder, send, "test"),
+            lambda send: Session(PLAN, constant_policies(PLAN), folder, send, "test"),
             "127.0.0.1",
             0,
             study=lambda tokens, _session: dashboard_app(store, tokens),

@@ -23,7 +23,7 @@ from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.protocol.messages import Disconnected, Ready, Stop
 from helpers.studies.configurations import with_configuration
-from helpers.studies.small_studies import make_study, run_participant, take_in
+from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
 STEPS = 4
@@ -38,19 +38,19 @@ def visited(folder: Path, environment: str) -> list[Path]:
     """The recordings of three attempts at a trial: stopped in the middle of a control step, left behind by a
     connection that was lost, completed. Tracking is lost for a while in the last."""
     visit = Visit(folder, plan(environments=[environment], trial_steps=STEPS))
-    visit.sit_down()
-    visit.until("trial")
+    visit.calibrate()
+    visit.run_until("trial")
     visit.tick(TICKS_INTO_STEP)
-    visit.tell(Stop(), Ready())
-    visit.until("trial")
+    visit.send(Stop(), Ready())
+    visit.run_until("trial")
     visit.tick(5)
-    visit.tell(Disconnected())
-    visit.sit_down()
-    visit.until("trial")
+    visit.send(Disconnected())
+    visit.calibrate()
+    visit.run_until("trial")
     visit.tracking = False
     visit.tick(25)
     visit.tracking = True
-    visit.until("questionnaire")
+    visit.run_until("questionnaire")
     visit.tick(20)
     visit.answer(1, 2, 3, 4)
     visit.leave()
@@ -287,7 +287,7 @@ def test_a_recording_tells_its_whole_start_so_that_nothing_is_drawn(whole: Recor
 def test_the_command_answers_mistakes_in_one_line(tmp_path: Path, paths: list[Path]) -> None:
     (tmp_path / "text.mcap").write_text("not a recording")
     with Store(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
-        run_participant(store, take_in(store), trials=1)
+        run_participant(store, enrol_with_consent(store), trials=1)
     (incomplete,) = (tmp_path / "study").rglob("*.mcap")
     old = tmp_path / "old.png"
     old.write_text("mine")

@@ -25,8 +25,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Any:
     with pytest.MonkeyPatch.context() as patch:
         module = register(patch, folder / "lab", plugins.ROBOTS, "Jaco")
         visit = Visit(folder / "visit", plan(environments=[ENVIRONMENT], trial_steps=2))
-        visit.sit_down()
-        visit.until("trial")
+        visit.calibrate()
+        visit.run_until("trial")
         visit.tick(15)
         visit.leave()
         yield read_recording(visit.session.recordings[-1]), module

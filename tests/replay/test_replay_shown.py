@@ -43,8 +43,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
         tmp_path_factory.mktemp("visit"),
         plan(environments=["avrgym/ScratchItchJaco-v1"], trial_steps=STEPS, free_movement_s=0.04),
     )
-    visit.sit_down()
-    visit.until("questionnaire")
+    visit.calibrate()
+    visit.run_until("questionnaire")
     visit.tick(10)
     visit.answer(1, 2, 3, 4)
     visit.leave()

@@ -24,7 +24,7 @@ from avrgym.tasks.registry import TASKS
 from avrgym.tasks.task import Task
 from avrgym.vr.scene.scene_export import export_glb
 from helpers.browser.glb import GlbFile
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 sys.path.append(str(ROOT / "examples" / "extension" / "src"))
 

@@ -16,8 +16,8 @@ from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.simulation.state import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import Controller
-from helpers.simulation.pressing_robots import towards
-from helpers.simulation.starts import begun
+from helpers.simulation.contact_forces import actions_towards
+from helpers.simulation.initial_states import reset_episodes
 
 FEEDING = "avrgym/FeedingPR2-v1"
 WORLDS = 8
@@ -40,7 +40,7 @@ def test_an_impact_at_the_maximum_speed_has_the_spring_energy_of_the_force():
 @pytest.mark.parametrize(("robot", "least_kg", "most_kg"), [("Jaco", 2.0, 4.0), ("PR2", 15.0, 25.0)])
 def test_the_effective_mass_is_half_the_arm_and_the_tool(robot: str, least_kg: float, most_kg: float):
     """A Jaco weighs 5 kg without its base; the shoulder of a PR2 turns with its whole arm, 41 kg."""
-    assert least_kg < effective_mass_kg(begun(f"avrgym/Feeding{robot}-v1", 1).simulation) < most_kg
+    assert least_kg < effective_mass_kg(reset_episodes(f"avrgym/Feeding{robot}-v1", 1).simulation) < most_kg
 
 
 def from_axis_m(point: FloatArray, ends: FloatArray) -> float:
@@ -65,7 +65,7 @@ def shares(before: State, now: State, world: int, allowed_m_s: FloatArray) -> tu
 
 def test_the_guard_overrides_exactly_above_the_speed_limits():
     """Arms that are led at people who come to meet them: each world, step by step, worked out once more alone."""
-    episodes = begun(FEEDING, WORLDS, "participants", by_region=True)
+    episodes = reset_episodes(FEEDING, WORLDS, "participants", by_region=True)
     simulation = episodes.simulation
     guard, before = ForceGuard(simulation), simulation.state()
     allowed_m_s = max_impact_speed_m_s(0.5 * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation))
@@ -96,7 +96,7 @@ def test_the_guard_overrides_exactly_above_the_speed_limits():
 
 
 def test_no_intervention_while_person_and_arm_rest():
-    episodes = begun(FEEDING, WORLDS, by_region=True)
+    episodes = reset_episodes(FEEDING, WORLDS, by_region=True)
     guard = ForceGuard(episodes.simulation)
     asked = np.zeros((WORLDS, episodes.action_size))
     for _ in range(10):
@@ -108,7 +108,7 @@ def largest_shares(environment: str, people: str, asked: Asked) -> tuple[FloatAr
     """What people bear without a guard and with one, the largest share (N,) of a region's limit."""
     found: list[FloatArray] = []
     for guarded in (False, True):
-        episodes = begun(environment, WORLDS, people, by_region=True, force_guard=guarded)
+        episodes = reset_episodes(environment, WORLDS, people, by_region=True, force_guard=guarded)
         recorder, ask = RegionLoadRecorder(WORLDS), asked(episodes)
         for _ in range(LEANING_STEPS):
             episodes.step(np.clip(ask(episodes.observe()), -1.0, 1.0), recorder)
@@ -125,7 +125,7 @@ def test_heads_that_approach_a_spoon_have_no_impact():
 def test_arms_commanded_at_full_speed_approach_heads_slowly():
     heads = np.zeros(WORLDS, dtype=np.intp)
     without, guarded = largest_shares(
-        "avrgym/FeedingJaco-v1", "revised", lambda each: lambda observation: towards(each, heads)
+        "avrgym/FeedingJaco-v1", "revised", lambda each: lambda observation: actions_towards(each, heads)
     )
     assert (without > 1.0).sum() >= WORLDS // 2
     assert (guarded < 1.0).all()

@@ -11,8 +11,8 @@ from avrgym.models.scene import SUBSTEPS
 from avrgym.safety.force_guard import GUARD_SHARE, RELEASE_SHARE, WAYPOINT_RAD, ForceGuard
 from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
 from avrgym.tasks.episodes import Episodes
-from helpers.simulation.pressing_robots import towards
-from helpers.simulation.starts import begun
+from helpers.simulation.contact_forces import actions_towards
+from helpers.simulation.initial_states import reset_episodes
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 WORLDS = 8
@@ -30,11 +30,11 @@ class Driven(NamedTuple):
 
 
 def at_the_person(episodes: Episodes) -> FloatArray:
-    return towards(episodes, np.arange(episodes.simulation.num_worlds) % 4)
+    return actions_towards(episodes, np.arange(episodes.simulation.num_worlds) % 4)
 
 
 def drive(asked: Asked, *, guarded: bool, steps: int = 40, worlds: int = WORLDS) -> Driven:
-    episodes = begun(SCRATCHING, worlds, by_region=True)
+    episodes = reset_episodes(SCRATCHING, worlds, by_region=True)
     simulation = episodes.simulation
     guard = ForceGuard(simulation)
     ticks: list[tuple[FloatArray, ...]] = []
@@ -114,7 +114,7 @@ def test_it_retracts_along_the_path_of_the_arm(pushed):
 
 
 def test_an_arm_without_a_path_stands_still():
-    episodes = begun(SCRATCHING, 1, by_region=True)
+    episodes = reset_episodes(SCRATCHING, 1, by_region=True)
     simulation = episodes.simulation
     guard = ForceGuard(simulation)
     guard.retracting[:] = True
@@ -126,7 +126,7 @@ def test_an_arm_without_a_path_stands_still():
 
 
 def test_a_reset_clears_the_path(pushed):
-    episodes = begun(SCRATCHING, 1, by_region=True)
+    episodes = reset_episodes(SCRATCHING, 1, by_region=True)
     guard = ForceGuard(episodes.simulation)
     for _ in range(5):
         episodes.step(guard.begin_step(np.ones((1, 7))))

@@ -17,8 +17,8 @@ from avrgym.safety.limits import (
 from avrgym.safety.region_forces import GEOM_CONTACTS, RegionLoadRecorder, RegionLoads
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
-from helpers.simulation.pressing_robots import towards
-from helpers.simulation.starts import begun
+from helpers.simulation.contact_forces import actions_towards
+from helpers.simulation.initial_states import reset_episodes
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 WORLDS = 12
@@ -28,10 +28,10 @@ REGIONS = [region.name for region in BODY_REGIONS]
 
 def driven(environment: str, steps: int, *, people: str = "revised") -> Episodes:
     """Robots driven at the people for so many control steps."""
-    episodes = begun(environment, WORLDS, people, by_region=True)
+    episodes = reset_episodes(environment, WORLDS, people, by_region=True)
     aim = np.arange(WORLDS) % 4
     for _ in range(steps):
-        episodes.step(towards(episodes, aim))
+        episodes.step(actions_towards(episodes, aim))
     return episodes
 
 
@@ -47,7 +47,9 @@ def test_each_part_of_the_body_is_of_one_region():
 @pytest.mark.parametrize("environment", ["avrgym/FeedingPR2-v1", SCRATCHING, "avrgym/DrinkingJaco-v1"])
 @pytest.mark.parametrize("people", ["revised", "participants"])
 def test_measuring_forces_changes_no_bit(environment, people, rng):
-    plain, measured = (begun(environment, 4, people, by_region=by_region) for by_region in (False, True))
+    plain, measured = (
+        reset_episodes(environment, 4, people, by_region=by_region) for by_region in (False, True)
+    )
     for action in rng.uniform(-1.0, 1.0, (8, 4, 7)):
         one = plain.step(action)
         measured.command(action)
@@ -64,12 +66,12 @@ def test_measuring_forces_changes_no_bit(environment, people, rng):
 
 def test_nobody_is_asked_who_does_not_measure():
     with pytest.raises(RuntimeError, match="by_region=True"):
-        begun(SCRATCHING, 1).simulation.region_force_n()
+        reset_episodes(SCRATCHING, 1).simulation.region_force_n()
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_robots_at_rest_press_nobody(environment):
-    episodes = begun(environment, 2, "original", by_region=True)
+    episodes = reset_episodes(environment, 2, "original", by_region=True)
     episodes.step(np.zeros((2, 7)))
     assert not episodes.simulation.state().total_force_n.any()
     assert not episodes.simulation.region_force_n().any()
@@ -77,10 +79,10 @@ def test_robots_at_rest_press_nobody(environment):
 
 @pytest.mark.parametrize("environment", ["avrgym/FeedingJaco-v1", SCRATCHING, "avrgym/BedBathingPR2-v1"])
 def test_regions_bear_together_what_the_person_bears(environment):
-    episodes, aim = begun(environment, WORLDS, "participants", by_region=True), np.arange(WORLDS) % 4
+    episodes, aim = reset_episodes(environment, WORLDS, "participants", by_region=True), np.arange(WORLDS) % 4
     pressed = 0
     for _ in range(40):
-        episodes.step(towards(episodes, aim))
+        episodes.step(actions_towards(episodes, aim))
         total_n = episodes.simulation.state().total_force_n
         force_n = episodes.simulation.region_force_n()
         assert_allclose(force_n.sum(axis=-1), total_n, rtol=1e-12, atol=1e-12)

@@ -26,7 +26,7 @@ ENDING = [name for name in ENVIRONMENTS if TASKS[find_environment(name)[0]].with
 GOING_ON = [name for name in ENVIRONMENTS if name not in ENDING]
 
 
-def begun(environment: str, *, withdraws: bool, engine: str = "threads") -> Episodes:
+def reset_episodes(environment: str, *, withdraws: bool, engine: str = "threads") -> Episodes:
     episodes = Episodes(
         environment,
         len(SEEDS),
@@ -52,7 +52,7 @@ class Course:
 
 
 def course(environment: str, policy: str, *, withdraws: bool, steps: int = STEPS) -> Course:
-    episodes = begun(environment, withdraws=withdraws)
+    episodes = reset_episodes(environment, withdraws=withdraws)
     found = Course([], [])
     with registry.running(registry.find(policy, environment), episodes, generators()) as act:
         for _ in range(steps):
@@ -115,7 +115,7 @@ def test_until_then_no_bit_differs() -> None:
 
 
 def test_a_copy_goes_on_withdrawing_to_the_same_bits() -> None:
-    episodes = begun(FEEDING, withdraws=True)
+    episodes = reset_episodes(FEEDING, withdraws=True)
     with registry.running(registry.find("revised", FEEDING), episodes, generators()) as act:
         while not episodes.loop.withdrawing.all():
             episodes.step(act(episodes.observe()).astype(float))
@@ -127,7 +127,7 @@ def test_a_copy_goes_on_withdrawing_to_the_same_bits() -> None:
 
 
 def test_a_new_episode_is_driven_by_its_policy() -> None:
-    episodes = begun(FEEDING, withdraws=True)
+    episodes = reset_episodes(FEEDING, withdraws=True)
     with registry.running(registry.find("revised", FEEDING), episodes, generators()) as act:
         while not episodes.loop.withdrawing.all():
             episodes.step(act(episodes.observe()).astype(float))
@@ -137,4 +137,4 @@ def test_a_new_episode_is_driven_by_its_policy() -> None:
 
 def test_other_engines_refuse_it() -> None:
     with pytest.raises(ValueError, match="withdraw_after_success needs the engine threads, not warp:cpu"):
-        begun(FEEDING, withdraws=True, engine="warp:cpu")
+        reset_episodes(FEEDING, withdraws=True, engine="warp:cpu")

@@ -13,7 +13,7 @@ from avrgym.simulation.engines import engine, warp
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import Controller
-from helpers.simulation.two_engines import on_both, put_in_the_same_state, step_both
+from helpers.simulation.two_engines import copy_state, episodes_on_both, step_both
 
 ENVIRONMENT = "avrgym/ScratchItchJaco-v1"
 TO_THE_ITCH = 45
@@ -66,12 +66,12 @@ def test_forces_by_region_are_not_had_on_a_device() -> None:
 @pytest.fixture(scope="module")
 def scratched() -> tuple[list[Episodes], Controller]:
     """Three people who are being scratched, in the same state on both engines, and who does it."""
-    episodes = on_both(ENVIRONMENT, 3)
+    episodes = episodes_on_both(ENVIRONMENT, 3)
     threads = episodes[0]
     expert = threads.task.expert(threads)
     for _ in range(TO_THE_ITCH):
         threads.step(np.asarray(expert(threads.observe()), float))
-    put_in_the_same_state(episodes)
+    copy_state(episodes)
     return episodes, expert
 
 
@@ -185,17 +185,17 @@ def test_steps_on_the_device_go_the_way_of_those_on_threads(there: Episodes) -> 
 
 @with_warp
 def test_a_step_on_the_device_copies_nothing_to_the_host(there: Episodes, both: list[Episodes]) -> None:
-    from helpers.simulation.no_host_copies import Copied, nothing_copied
+    from helpers.simulation.no_host_copies import HostCopyError, forbid_host_copies
 
     begin(there)
     action = tensor(np.full((2, 7), 0.3))
     there.step(action)
-    with nothing_copied():
+    with forbid_host_copies():
         for _ in range(2):
             there.step(action)
-    with pytest.raises(Copied), nothing_copied():
+    with pytest.raises(HostCopyError), forbid_host_copies():
         there.check()
-    with pytest.raises(Copied), nothing_copied():
+    with pytest.raises(HostCopyError), forbid_host_copies():
         both[1].step(np.full((3, 7), 0.3))
 
 

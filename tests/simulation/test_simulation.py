@@ -23,7 +23,7 @@ FREE_MARGIN, RELEASE_MARGIN = 1.4, 3.0
 when a blocked arm comes free."""
 
 
-def begun(
+def reset_episodes(
     worlds: int,
     environment: str = FEEDING,
     *,
@@ -46,7 +46,7 @@ def states(simulation: Simulation) -> np.ndarray:
 
 def test_threads_change_no_bit(rng):
     actions = rng.uniform(-1, 1, (10, 16, 7))
-    one, two = (begun(16, threads=threads) for threads in (1, 2))
+    one, two = (reset_episodes(16, threads=threads) for threads in (1, 2))
     for action in actions:
         first, second = one.step(action), two.step(action)
         assert_array_equal(first.observation, second.observation)
@@ -55,7 +55,7 @@ def test_threads_change_no_bit(rng):
 
 
 def test_two_halves_of_a_control_step_are_the_whole(rng):
-    whole, halves = begun(8), begun(8)
+    whole, halves = reset_episodes(8), reset_episodes(8)
     for action in rng.uniform(-1, 1, (5, 8, 7)):
         whole.step(action)
         halves.command(action)
@@ -66,7 +66,7 @@ def test_two_halves_of_a_control_step_are_the_whole(rng):
 
 
 def test_a_new_episode_leaves_other_worlds_alone(rng):
-    one, other = begun(6), begun(6)
+    one, other = reset_episodes(6), reset_episodes(6)
     other.reset(np.array([1, 4]), [np.random.default_rng(99), np.random.default_rng(98)])
     action = rng.uniform(-1, 1, (6, 7))
     untouched = [0, 2, 3, 5]
@@ -74,7 +74,7 @@ def test_a_new_episode_leaves_other_worlds_alone(rng):
 
 
 def test_an_episode_does_not_remember_the_one_before(rng):
-    fresh, used = begun(4), begun(4, seed=50)
+    fresh, used = reset_episodes(4), reset_episodes(4, seed=50)
     for action in rng.uniform(-1, 1, (5, 4, 7)):
         used.step(action)
     used.reset(np.arange(4), [np.random.default_rng(i) for i in range(4)])
@@ -88,7 +88,7 @@ def test_an_episode_does_not_remember_the_one_before(rng):
 
 def test_each_world_has_a_person_of_its_own():
     """The world's model is that person's: geom sizes, places and the pose of the head."""
-    episodes = begun(8)
+    episodes = reset_episodes(8)
     state = episodes.simulation.state()
     assert len(np.unique(state.head_pos_w.round(6), axis=0)) == 8
     for world in range(8):
@@ -104,7 +104,9 @@ def test_each_world_has_a_person_of_its_own():
 
 def test_a_moving_person_is_the_same_body_as_a_static_one():
     person = Person("man", 0.55, human.joint_angles(head_z=20.0, waist_x=10.0))
-    static, moving = (begun(1, person=person, moving=moving).simulation.state() for moving in (False, True))
+    static, moving = (
+        reset_episodes(1, person=person, moving=moving).simulation.state() for moving in (False, True)
+    )
     assert_allclose(static.head_pos_w, moving.head_pos_w, atol=1e-9)
     assert_allclose(static.mouth_pos_w, moving.mouth_pos_w, atol=1e-9)
     assert_allclose(static.person_segment_w, moving.person_segment_w, atol=1e-9)
@@ -113,7 +115,7 @@ def test_a_moving_person_is_the_same_body_as_a_static_one():
 
 def test_a_moving_person_goes_where_the_targets_are():
     """Within 2 degrees after a second: waist and head twice as far as in a rollout, arms anywhere near."""
-    episodes = begun(1, person=Person("woman", 0.54), moving=True)
+    episodes = reset_episodes(1, person=Person("woman", 0.54), moving=True)
     target = human.joint_angles(waist_x=15.0, waist_y=10.0, head_y=-10.0, head_z=40.0, left_elbow_x=-60.0)
     episodes.simulation.command_person(target[None])
     episodes.simulation.step(100)
@@ -124,7 +126,7 @@ def test_a_moving_person_goes_where_the_targets_are():
 
 
 def test_without_an_action_the_arm_holds():
-    episodes = begun(8)
+    episodes = reset_episodes(8)
     before = episodes.simulation.state().arm_angles_rad
     for _ in range(20):
         episodes.step(np.zeros((8, 7)))
@@ -132,7 +134,7 @@ def test_without_an_action_the_arm_holds():
 
 
 def test_the_arm_stops_within_half_a_second_of_full_speed(rng):
-    episodes = begun(8)
+    episodes = reset_episodes(8)
     for action in jerky_actions(rng, 8, 5):
         episodes.step(action)
     for _ in range(5):
@@ -148,7 +150,7 @@ def test_the_arm_stops_within_half_a_second_of_full_speed(rng):
 
 def test_joints_move_as_fast_as_they_are_told():
     """After half a second, each within 15 % of its speed."""
-    episodes = begun(1, person=Person())
+    episodes = reset_episodes(1, person=Person())
     limit = episodes.scene.arm.speed_limit_rad_s
     command = np.array([[0.5, -0.5, 0.5, 0.5, -0.5, 0.5, 0.5]])
     for _ in range(5):
@@ -161,7 +163,7 @@ def test_joints_move_as_fast_as_they_are_told():
 
 def test_no_joint_is_much_faster_than_its_limit(rng):
     worlds = 6
-    episodes = begun(worlds)
+    episodes = reset_episodes(worlds)
     simulation, model = episodes.simulation, episodes.simulation.model
     joints = [model.joint(ROBOT + name).dofadr[0] for name in episodes.scene.arm.joints]
     velocity = simulation.batch.bind("qvel")
@@ -196,7 +198,7 @@ def _robot_touches(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
 
 def test_food_stays_on_a_still_spoon():
     """All pieces of 16 worlds for 5 s, none moving more than 2 mm after it has settled."""
-    episodes = begun(16)
+    episodes = reset_episodes(16)
 
     def on_tool() -> np.ndarray:
         state = episodes.simulation.state()
@@ -215,7 +217,7 @@ def test_food_stays_on_a_still_spoon():
 
 
 def test_parked_food_rests_far_from_everything():
-    episodes = begun(2)
+    episodes = reset_episodes(2)
     gone = np.zeros((2, 8), dtype=bool)
     gone[0, [2, 7]] = gone[1, 0] = True
     episodes.simulation.park(gone)
@@ -292,7 +294,7 @@ def contact_forces(model: mujoco.MjModel, data: mujoco.MjData, by: str) -> list[
 
 def test_forces_on_the_person_add_up_over_contacts_of_links_and_tool():
     """A robot that flails among people for 4 s; nothing that presses from two sides cancels out."""
-    simulation, by_links = begun(16, "avrgym/ScratchItchJaco-v1").simulation, 0
+    simulation, by_links = reset_episodes(16, "avrgym/ScratchItchJaco-v1").simulation, 0
     for action in jerky_actions(np.random.default_rng(3), 16, 40):
         simulation.command_robot(action)
         simulation.step(9)
@@ -312,7 +314,7 @@ def test_forces_on_the_person_add_up_over_contacts_of_links_and_tool():
 
 
 def test_an_untouched_person_feels_nothing():
-    state = begun(8).simulation.state()
+    state = reset_episodes(8).simulation.state()
     assert_array_equal(state.tool_force_n, 0.0)
     assert_array_equal(state.robot_force_n, 0.0)
     assert_array_equal(state.total_force_n, 0.0)
@@ -324,7 +326,7 @@ def test_an_untouched_person_feels_nothing():
 
 def test_random_actions_keep_everything_finite_and_without_a_warning(rng):
     """2 000 control steps over 64 worlds, at full speed one way or the other."""
-    episodes = begun(64)
+    episodes = reset_episodes(64)
     for action in jerky_actions(rng, 64, 32):
         step = episodes.step(action)
         assert np.isfinite(step.observation).all()
@@ -336,7 +338,7 @@ def test_random_actions_keep_everything_finite_and_without_a_warning(rng):
 
 def test_a_warning_would_be_seen(capfd, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # where MuJoCo writes its log
-    episodes = begun(1)
+    episodes = reset_episodes(1)
     episodes.simulation.batch.bind("qvel")[0, 0] = np.nan
     episodes.simulation.step(1)
     assert any(warning.number for warning in episodes.simulation.batch.get_data(0).warning)
@@ -344,7 +346,7 @@ def test_a_warning_would_be_seen(capfd, tmp_path, monkeypatch):
 
 
 def test_a_state_does_not_change_with_the_world(rng):
-    episodes = begun(2, people="participants")
+    episodes = reset_episodes(2, people="participants")
     state = episodes.simulation.state()
     before = {name: np.copy(value) for name, value in vars(state).items() if isinstance(value, np.ndarray)}
     for action in jerky_actions(rng, 2, 10):

@@ -13,7 +13,12 @@ from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.tasks.episodes import MAX_START_DRAWS, Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.live_world.world import LiveWorld
-from helpers.simulation.starts import HAND_AT_THE_ROBOT_RAD, at_once, begun, deepest_overlap_m
+from helpers.simulation.initial_states import (
+    HAND_AT_ROBOT_RAD,
+    deepest_overlap_m,
+    first_step_forces,
+    reset_episodes,
+)
 
 SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"
 KINDS = [("original", "limits"), ("revised", "limits"), ("participants", "tremor"), ("zoo/unseen", "tremor")]
@@ -22,9 +27,9 @@ KINDS = [("original", "limits"), ("revised", "limits"), ("participants", "tremor
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 @pytest.mark.parametrize(("people", "impairment"), KINDS)
 def test_nothing_overlaps_and_nothing_presses_at_any_start(environment, people, impairment):
-    episodes = begun(environment, 24, people, impairment)
+    episodes = reset_episodes(environment, 24, people, impairment)
     assert deepest_overlap_m(episodes) == 0.0
-    assert at_once(episodes).max() == 0.0
+    assert first_step_forces(episodes).max() == 0.0
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
@@ -40,17 +45,19 @@ def test_whatever_may_touch_the_person_is_measured(environment):
 
 def test_starts_with_overlaps_are_drawn_again():
     """Of 128 people with shrunken ranges some have a hand in the robot's arm at the first draw."""
-    false = begun(SCRATCHING, 128, "revised", "limits", checked=False)
+    false = reset_episodes(SCRATCHING, 128, "revised", "limits", checked=False)
     assert deepest_overlap_m(false) > 0.02
-    again = begun(SCRATCHING, 128, "revised", "limits")
+    again = reset_episodes(SCRATCHING, 128, "revised", "limits")
     assert 0.05 < (again.start_draws > 1).mean() < 0.2
     assert deepest_overlap_m(again) == 0.0
-    assert at_once(again).max() == 0.0
+    assert first_step_forces(again).max() == 0.0
 
 
 @pytest.mark.parametrize("environment", [SCRATCHING, "avrgym/FeedingPR2-v1"])
 def test_a_start_without_overlap_is_that_of_the_first_draw(environment):
-    old, new = (begun(environment, 24, "revised", "limits", checked=checked) for checked in (False, True))
+    old, new = (
+        reset_episodes(environment, 24, "revised", "limits", checked=checked) for checked in (False, True)
+    )
     first = new.start_draws == 1
     assert first.sum() > 15
     for of in (Episodes.observe, Episodes.marks_w, lambda e: e.simulation.arm_angles_rad()):
@@ -58,7 +65,7 @@ def test_a_start_without_overlap_is_that_of_the_first_draw(environment):
 
 
 def test_a_world_drawn_again_has_the_same_bits_alone_and_among_others():
-    together = begun(SCRATCHING, 64, "revised", "limits", num_threads=2)
+    together = reset_episodes(SCRATCHING, 64, "revised", "limits", num_threads=2)
     again = np.nonzero(together.start_draws > 1)[0]
     assert len(again) > 2
     for world in again[:3]:
@@ -83,7 +90,7 @@ def test_everybody_who_sits_upright_finds_room(environment, moving):
 @pytest.mark.parametrize(
     ("pose", "words"),
     [
-        (HAND_AT_THE_ROBOT_RAD, "person's right (hand|forearm|upper arm)"),
+        (HAND_AT_ROBOT_RAD, "person's right (hand|forearm|upper arm)"),
         (joint_angles(left_shoulder_y=-20.0, left_elbow_x=0.0), "left .* inside the wheelchair left armrest"),
     ],
 )
@@ -96,15 +103,15 @@ def test_a_person_who_never_has_room_is_refused_in_words(pose, words):
 @pytest.mark.slow
 def test_no_live_world_begins_inside_the_participant():
     with pytest.raises(NoClearanceError, match="the person's right"):
-        LiveWorld(FEEDING, Person("woman", 0.54, HAND_AT_THE_ROBOT_RAD))
+        LiveWorld(FEEDING, Person("woman", 0.54, HAND_AT_ROBOT_RAD))
     world = LiveWorld(FEEDING, Person("woman", 0.54, SEATED_RAD))
-    world.joint_targets_rad = HAND_AT_THE_ROBOT_RAD
+    world.joint_targets_rad = HAND_AT_ROBOT_RAD
     with pytest.raises(NoClearanceError):
         world.reset(1)
 
 
 def test_arms_of_shrunken_ranges_leave_body_and_furniture_alone():
-    episodes = begun(SCRATCHING, 256, "revised", "limits")
+    episodes = reset_episodes(SCRATCHING, 256, "revised", "limits")
     boxes = furniture_boxes(episodes.scene.furniture)
     assert clearance(*person_capsules(episodes.people, episodes.scene.posture), boxes).min() > -1e-6
 
@@ -117,16 +124,16 @@ def test_fitted_people_find_room_too(tmp_path):
         "[poses.Feeding]\nright_shoulder_x = [-35.0, 10.0]\nright_elbow_x = [-90.0, 0.0]\n"
         "right_shoulder_y = [5.0, 40.0]\n"
     )
-    episodes = begun(FEEDING, 48, str(file), "tremor")
+    episodes = reset_episodes(FEEDING, 48, str(file), "tremor")
     assert (episodes.start_draws > 1).any()
     assert deepest_overlap_m(episodes) == 0.0
-    assert at_once(episodes).max() == 0.0
+    assert first_step_forces(episodes).max() == 0.0
 
 
 def test_the_check_sees_what_the_simulator_sees():
     """A robot whose contact with the person the simulator reports stands in them, and so says the check."""
-    false = begun(SCRATCHING, 128, "revised", "limits", checked=False)
-    touched = np.nonzero(at_once(false) > 0.0)[0]
+    false = reset_episodes(SCRATCHING, 128, "revised", "limits", checked=False)
+    touched = np.nonzero(first_step_forces(false) > 0.0)[0]
     judge = Episodes(SCRATCHING, 128, people="revised", impairment="limits", num_threads=1)
     assert judge._clearance is not None
     conflicts = judge._clearance.conflicts(false.simulation.geoms(np.arange(128)))

@@ -8,7 +8,7 @@ from avrgym.models import robot
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
-from helpers.simulation.random_stops import MOST_BACK_M, SLOW_M_S, stop_at_random
+from helpers.simulation.random_stops import MAX_REBOUND_M, SLOW_M_S, stop_at_random
 
 STOPS = 8
 
@@ -16,9 +16,9 @@ STOPS = 8
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_stopped_arm_is_slow_after_100_ms_and_never_comes_back(environment: str) -> None:
     stops = stop_at_random(environment, STOPS, seed=7)
-    assert stops.slow_m_s.max() < SLOW_M_S, stops
-    assert stops.back_m.max() < MOST_BACK_M, stops
-    assert stops.drift_m.max() < MOST_BACK_M, stops
+    assert stops.residual_speed_m_s.max() < SLOW_M_S, stops
+    assert stops.rebound_m.max() < MAX_REBOUND_M, stops
+    assert stops.drift_m.max() < MAX_REBOUND_M, stops
 
 
 @pytest.mark.parametrize("environment", ["avrgym/FeedingPR2-v1", "avrgym/FeedingJaco-v1"])

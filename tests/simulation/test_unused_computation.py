@@ -14,7 +14,7 @@ from avrgym.tasks.registry import ENVIRONMENTS
 LEFT_OUT = ("body_gravcomp", "geom_contype", "geom_conaffinity", "body_contype", "body_conaffinity")
 
 
-def begun(environment: str, *, moving: bool) -> Episodes:
+def reset_episodes(environment: str, *, moving: bool) -> Episodes:
     episodes = Episodes(environment, 1, num_threads=1, moving=moving)
     episodes.reset(np.array([0]), [np.random.default_rng(3)])
     return episodes
@@ -23,7 +23,7 @@ def begun(environment: str, *, moving: bool) -> Episodes:
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_every_step_gives_the_bits_that_the_whole_model_gives(environment, moving):
-    simulation = begun(environment, moving=moving).simulation
+    simulation = reset_episodes(environment, moving=moving).simulation
     light = simulation.batch.get_model(0)
     whole = simulation.batch.get_model(0)
     for field in LEFT_OUT:
@@ -45,7 +45,7 @@ def test_every_step_gives_the_bits_that_the_whole_model_gives(environment, movin
 
 
 def test_of_a_robot_beside_still_people_only_what_moves_may_touch():
-    model = begun("avrgym/FeedingPR2-v1", moving=False).simulation.batch.model
+    model = reset_episodes("avrgym/FeedingPR2-v1", moving=False).simulation.batch.model
     robots = [geom for geom in range(model.ngeom) if of_body(model, geom).startswith(PREFIX)]
     still = [geom for geom in robots if model.body_weldid[model.geom_bodyid[geom]] == 0]
     assert still
@@ -56,13 +56,13 @@ def test_of_a_robot_beside_still_people_only_what_moves_may_touch():
 
 
 def test_people_who_move_may_touch_a_robots_base():
-    simulation = begun("avrgym/FeedingPR2-v1", moving=True).simulation
+    simulation = reset_episodes("avrgym/FeedingPR2-v1", moving=True).simulation
     for field in LEFT_OUT[1:]:
         assert_array_equal(getattr(simulation.batch.model, field), getattr(simulation.model, field), field)
 
 
 def test_the_model_itself_stays_whole():
-    simulation = begun("avrgym/FeedingPR2-v1", moving=False).simulation
+    simulation = reset_episodes("avrgym/FeedingPR2-v1", moving=False).simulation
     before = {field: getattr(simulation.model, field).copy() for field in LEFT_OUT}
     without_unused_computation(simulation.model)
     for field, values in before.items():

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from avrgym.cli.main import app
 from avrgym.skeletons import writing
 from avrgym.skeletons.writing import TEMPLATES, distribution, module
-from helpers.system.example_package import avrgym, environment_with, python
+from helpers.system.example_package import avrgym, environment_variables, python
 
 SKELETONS = Path(writing.__file__).parent
 NAMES = {"task": "RollUpSleeve", "robot": "LongArm2", "controller": "LetGo"}
@@ -57,7 +57,7 @@ def test_each_template_is_listed_with_the_packaged_ones(installed: Path) -> None
     asked = [sys.executable, "-c", "from avrgym.cli import app; app()", "evaluate"]
     refused = subprocess.run(
         [*asked, "avrgym/FeedingJaco-v1", "--policy", "none-such"],
-        env=environment_with(installed), cwd=installed, capture_output=True, text=True, check=False,
+        env=environment_variables(installed), cwd=installed, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert "let-go" in refused.stderr
 

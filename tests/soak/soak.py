@@ -15,7 +15,7 @@ from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session
 from helpers.studies.small_studies import make_study
 from helpers.system.killed_processes import compare_with_killed
-from helpers.vr.visit import driving
+from helpers.vr.visit import constant_policies
 
 WARM_TRIALS, TRIALS = 24, 240
 MOST_GROWTH_BYTES = 64 << 20
@@ -46,7 +46,7 @@ def test_a_long_session_keeps_its_memory_flat_and_loses_no_frame(tmp_path: Path)
     client = InProcessClient(
         SimulatedParticipant(draw_traits("woman", 1), 1), lambda _: held.append(memory_bytes())
     )
-    session = Session(plan, driving(plan), tmp_path, client.hear, "soak")
+    session = Session(plan, constant_policies(plan), tmp_path, client.hear, "soak")
     client.run(session)
     assert len(session.recordings) == TRIALS
     for path in session.recordings:

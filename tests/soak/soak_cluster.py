@@ -23,8 +23,8 @@ from avrgym.learning import training
 from avrgym.learning.configuration import FeedforwardConfiguration
 from avrgym.learning.training import Progress, train
 from avrgym.system.cluster import Cluster, connected
-from helpers.learning.ray_nodes import add_node, assert_same_training, kill_node, ray_nodes, where
-from helpers.system.processes import die_with_parent
+from helpers.learning.ray_nodes import add_node, assert_same_training, kill_node, process_and_node, ray_nodes
+from helpers.system.processes import kill_with_parent
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes and files end with its shutdown
 WORKERS_KILLED, NODES_KILLED, COMMANDS_KILLED = (
@@ -58,7 +58,7 @@ def whole(updates: int, folder: Path) -> tuple[FeedforwardConfiguration, Path]:
 
 
 def a_worker(cluster: Cluster) -> int:
-    return cluster.run_all(where, [(), ()])[0][0]
+    return cluster.run_all(process_and_node, [(), ()])[0][0]
 
 
 def test_workers_are_killed_in_the_middle_of_updates(tmp_path: Path) -> None:
@@ -113,7 +113,7 @@ def _resume(out: Path, address: str, *, kill: bool) -> None:
     checkpoint = out / "checkpoint.pt"
     before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
     command = [sys.executable, "-c", COMMAND, out, address]
-    with subprocess.Popen(command, preexec_fn=die_with_parent) as process:
+    with subprocess.Popen(command, preexec_fn=kill_with_parent) as process:
         while kill and process.poll() is None:
             if checkpoint.exists() and checkpoint.stat().st_mtime_ns != before:
                 time.sleep(0.3)

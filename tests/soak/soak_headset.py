@@ -118,8 +118,8 @@ def test_a_standalone_headset_can_bear_it(environment: str, tmp_path: Path) -> N
         journey = Journey(tmp_path, plan, load_policies(plan), opened, draws=True, **how)
         journey.headset.page.evaluate("() => pageMeter.watchFrames()")
         journey.enter()
-        journey.be_seated()
-        journey.await_phase("free_before")
+        journey.calibrate()
+        journey.wait_for_phase("free_before")
         budget = measured(journey, environment)
     print(f"\n{budget}", end="")
     assert budget.gpu_mb * (1 << 20) <= MOST_GPU_BYTES

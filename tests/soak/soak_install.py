@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 DESIGN = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "policies": '["revised"]', "practice_policy": '""'}
 ORDINARY_USER = 65534

@@ -3,7 +3,7 @@
 import pytest
 
 from avrgym.tasks.registry import ENVIRONMENTS
-from helpers.simulation.random_stops import MOST_BACK_M, SLOW_M_S, stop_at_random
+from helpers.simulation.random_stops import MAX_REBOUND_M, SLOW_M_S, stop_at_random
 
 STOPS, MOMENTS = 25, 8
 
@@ -14,6 +14,6 @@ def test_a_stopped_arm_is_slow_after_100_ms_and_never_comes_back(environment: st
     for seed in range(MOMENTS):
         stops = stop_at_random(environment, STOPS, seed)
         print(f"\n{environment}: {stops}", end="")
-        assert stops.slow_m_s.max() < SLOW_M_S
-        assert stops.back_m.max() < MOST_BACK_M
-        assert stops.drift_m.max() < MOST_BACK_M
+        assert stops.residual_speed_m_s.max() < SLOW_M_S
+        assert stops.rebound_m.max() < MAX_REBOUND_M
+        assert stops.drift_m.max() < MAX_REBOUND_M

@@ -12,7 +12,7 @@ from avrgym.analysis.models.ordinal import MANCL_DEROUEN, UNCORRECTED, fit_ordin
 from avrgym.analysis.power.power import count_significant
 from avrgym.analysis.power.simulated_studies import Assumptions
 from avrgym.study.design.design import Design, default_text, parse_design
-from helpers.studies.simulated_results import answered, rewarded, succeeded
+from helpers.studies.simulated_results import simulated_answers, simulated_rewards, simulated_successes
 
 DESIGN = parse_design(default_text())
 STUDIES = 1000
@@ -21,10 +21,10 @@ Imagine = Callable[[Design, int, int], list[TrialValue]]
 
 
 def no_drift(design: Design, participants: int, number: int) -> list[TrialValue]:
-    return answered(design, participants, number, drift=0.0)
+    return simulated_answers(design, participants, number, drift=0.0)
 
 
-KINDS = {ORDINAL: no_drift, LOGISTIC: succeeded, MIXED: rewarded}
+KINDS = {ORDINAL: no_drift, LOGISTIC: simulated_successes, MIXED: simulated_rewards}
 
 
 @pytest.mark.parametrize("participants", PARTICIPANTS)

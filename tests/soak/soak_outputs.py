@@ -6,8 +6,8 @@ import pytest
 
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from helpers.studies.damaged_recordings import count_unnoticed
-from helpers.studies.small_studies import run_participant, small_study, take_in
+from helpers.studies.damaged_recordings import count_undetected
+from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
 PLACES = 5000
 
@@ -16,7 +16,7 @@ def test_damage_anywhere_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     folder = small_study(tmp_path / "study")
     with Store(folder) as store:
-        run_participant(store, take_in(store))
-    unnoticed = count_unnoticed(folder, PLACES)
+        run_participant(store, enrol_with_consent(store))
+    unnoticed = count_undetected(folder, PLACES)
     print(f"\n{PLACES} recordings cut or flipped, {unnoticed} exported without a word")
     assert unnoticed == 0

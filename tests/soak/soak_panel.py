@@ -38,8 +38,8 @@ def test_nothing_covers_the_questions(environment: str, tmp_path: Path) -> None:
             tmp_path, plan, load_policies(plan), opened, script=WATCH_SCENES, width=640, height=360
         )
         journey.enter()
-        journey.be_seated()
-        journey.await_buttons(LIKERT_ITEMS[0].id)
+        journey.calibrate()
+        journey.wait_for_buttons(LIKERT_ITEMS[0].id)
         draw_triangles(journey.headset)
         seen, whole = (painted(journey, covered) for covered in (True, False))
     print(f"\n{environment}: {seen} of the panel's {whole} pixels are seen")

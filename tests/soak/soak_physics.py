@@ -13,9 +13,9 @@ from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-from helpers.simulation.pressing_robots import HOW, MOST_FORCE_N, pressed
-from helpers.simulation.starts import at_once, deepest_overlap_m
-from helpers.simulation.worlds import assert_sane
+from helpers.simulation.contact_forces import MAX_FORCE_N, MOTIONS, peak_forces
+from helpers.simulation.initial_states import deepest_overlap_m, first_step_forces
+from helpers.simulation.worlds import assert_finite
 
 STARTS_OF_A_KIND = 524
 PERSONS = 200
@@ -48,7 +48,7 @@ def test_nothing_overlaps_and_nothing_presses_at_any_of_100_000_starts(
         looked += STARTS_OF_A_KIND
         drawn_again += int((episodes.start_draws > 1).sum())
         assert deepest_overlap_m(episodes) == 0.0, (people, impairment)
-        assert at_once(episodes).max() <= 10.0, (people, impairment)
+        assert first_step_forces(episodes).max() <= 10.0, (people, impairment)
     print(
         f"\n{environment}: {looked} starts, {100.0 * drawn_again / looked:.1f} % drawn again, none overlaps"
     )
@@ -61,7 +61,7 @@ def test_100_000_random_steps_stay_finite_without_a_warning(
     episodes = Episodes(environment, RANDOM_WORLDS, people="revised")
     generators = [np.random.default_rng(world) for world in range(RANDOM_WORLDS)]
     episodes.reset(np.arange(RANDOM_WORLDS), generators)
-    assert_sane(episodes, rng, EPISODE_STEPS)
+    assert_finite(episodes, rng, EPISODE_STEPS)
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
@@ -79,7 +79,7 @@ def test_fixed_people_in_any_pose_have_room_or_are_refused(environment: str) -> 
             continue
         assert deepest_overlap_m(episodes) == 0.0
         if number % 4 < 2:  # led ones are driven at once to where they are told
-            assert at_once(episodes).max() <= 10.0
+            assert first_step_forces(episodes).max() <= 10.0
     print(f"\n{environment}: {PERSONS} persons, {refused} refused")
 
 
@@ -88,11 +88,11 @@ def test_no_robot_presses_harder_than_people_give_way(environment: str) -> None:
     """People who tremble strike the robot with muscles of their own, and are among them."""
     peaks = {
         (people, impairment, how): float(
-            pressed(environment, PRESSED_WORLDS, people, impairment, how, steps=PRESSED_STEPS).max()
+            peak_forces(environment, PRESSED_WORLDS, people, impairment, how, steps=PRESSED_STEPS).max()
         )
-        for people, impairment, how in product(DISTRIBUTIONS, IMPAIRMENTS, HOW)
+        for people, impairment, how in product(DISTRIBUTIONS, IMPAIRMENTS, MOTIONS)
     }
     largest = max(peaks, key=lambda kind: peaks[kind])
-    by_how = {how: round(max(peaks[kind] for kind in peaks if kind[2] == how)) for how in HOW}
+    by_how = {how: round(max(peaks[kind] for kind in peaks if kind[2] == how)) for how in MOTIONS}
     print(f"\n{environment}: at most {peaks[largest]:.0f} N, {largest}; {by_how}")
-    assert peaks[largest] < MOST_FORCE_N
+    assert peaks[largest] < MAX_FORCE_N

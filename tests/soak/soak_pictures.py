@@ -23,7 +23,7 @@ from avrgym.vr.protocol.messages import TICK_S, Command
 from avrgym.vr.server import real_time_loop
 from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
-from helpers.browser.journey import Journey, await_that, draw_triangles
+from helpers.browser.journey import Journey, draw_triangles, wait_until
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 COLUMNS, CAPTION_HEIGHT = 3, 14
@@ -62,7 +62,7 @@ class LetTime:
         """Let so many ticks pass, and wait until they have."""
         ends = self._ticks + ticks
         self._let.release(ticks)
-        await_that(lambda: self._ticks >= ends)
+        wait_until(lambda: self._ticks >= ends)
 
     def let_go(self) -> None:
         """The session waits no more."""
@@ -138,7 +138,7 @@ def test_every_phase_is_pictured(environment: str, tmp_path: Path, monkeypatch: 
         how = {"width": 640, "height": 360, "query": "&detail=full"}
         journey = Journey(tmp_path, plan, load_policies(plan), opened, **how)
         opened.callback(time.let_go)
-        journey.await_phase("waiting")
+        journey.wait_for_phase("waiting")
         journey.headset.page.wait_for_function("() => window.avrgymEmulator.statesReceived() > 0")
         time.hold(journey.session)
         taken = Photographer(journey, time).run()

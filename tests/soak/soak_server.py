@@ -43,10 +43,10 @@ from avrgym.vr.server.certificate import certificate_for
 from avrgym.vr.server.connection import MESSAGES_PER_S
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
-from helpers.system.processes import die_with_parent
-from helpers.vr.raw_clients import PATIENCE_S, ask, is_closed, request, status
-from helpers.vr.received_states import understand
-from helpers.vr.visit import driving, plan
+from helpers.system.processes import kill_with_parent
+from helpers.vr.raw_clients import TIMEOUT_S, exchange, is_closed, request, status
+from helpers.vr.received_states import decode_message
+from helpers.vr.visit import constant_policies, plan
 
 CONNECTIONS, HANDSHAKES, MESSAGES = 2_000, 300, 200_000
 OWN_MESSAGES = 2_000
@@ -82,7 +82,7 @@ def few_handles() -> Iterator[None]:
 def flooded(port: int, count: int) -> Iterator[None]:
     """Another process holds this many connections open and says nothing."""
     command = [sys.executable, "-c", FLOOD, str(port), str(count)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, preexec_fn=die_with_parent) as flood:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, preexec_fn=kill_with_parent) as flood:
         try:
             assert flood.stdout is not None
             assert flood.stdout.readline() == b"open\n"
@@ -96,7 +96,7 @@ class Attendant:
 
     def __init__(self, server: LiveServer[Session], opened: ExitStack) -> None:
         self.person = SimulatedParticipant(draw_traits("woman", 2), 2)
-        self.heard: Counter[type] = Counter()
+        self.inbox: Counter[type] = Counter()
         self.phase, self.finite, self.ended = "", True, False
         self._states = StateDecoder()
         self._socket = let_in(server, "/ws", server.tokens.participant, opened)
@@ -114,12 +114,12 @@ class Attendant:
     def _listen(self) -> None:
         try:
             for data in self._socket:
-                self._take(understand(self._socket, data))
+                self._take(decode_message(self._socket, data))
         except ConnectionClosed:
             self.ended = True
 
     def _take(self, message: Message) -> None:
-        self.heard[type(message)] += 1
+        self.inbox[type(message)] += 1
         if isinstance(message, Scene):
             self._states.begin_scene()
             self.send(SceneLoaded(url=message.url))
@@ -150,7 +150,7 @@ def let_in(server: LiveServer[Session], path: str, token: str, opened: ExitStack
     url = f"ws://127.0.0.1:{server.port}{path}"
     socket_ = opened.enter_context(connect(url, max_size=None, max_queue=None))
     socket_.send(messages.encode(Hello(messages.PROTOCOL, token, "soak", emulated=True)))
-    data = socket_.recv(PATIENCE_S)
+    data = socket_.recv(TIMEOUT_S)
     assert isinstance(data, bytes)
     assert isinstance(messages.decode_server(data), Welcome)
     return socket_
@@ -160,7 +160,7 @@ class Watcher:
     """Reads what a watcher is sent."""
 
     def __init__(self, connection: ClientConnection) -> None:
-        self.heard: Counter[type] = Counter()
+        self.inbox: Counter[type] = Counter()
         self.missed: list[int] = []
         self.states_s: list[float] = []
         self.closed = False
@@ -170,8 +170,8 @@ class Watcher:
     def _listen(self) -> None:
         try:
             for data in self._connection:
-                message = understand(self._connection, data)
-                self.heard[type(message)] += 1
+                message = decode_message(self._connection, data)
+                self.inbox[type(message)] += 1
                 if isinstance(message, StateChange):
                     self.states_s.append(time.monotonic())
                 elif isinstance(message, Timing):
@@ -190,7 +190,7 @@ def await_that(condition: Callable[[], bool], patience_s: float = 180.0) -> None
 def make_server(folder: Path, **options) -> LiveServer[Session]:
     trial = plan(free_movement_s=0.5, trial_steps=TRIAL_STEPS)
     return LiveServer(
-        lambda send: Session(trial, driving(trial), folder, send, "soak"), "127.0.0.1", 0, **options
+        lambda send: Session(trial, constant_policies(trial), folder, send, "soak"), "127.0.0.1", 0, **options
     )
 
 
@@ -203,7 +203,7 @@ def test_states_come_one_by_one_and_answers_at_once(tmp_path: Path) -> None:
     """How far apart a watcher gets states, and how long a request on a kept connection takes."""
     with make_server(tmp_path) as server, ExitStack() as opened:
         watcher = Watcher(let_in(server, "/watch", server.tokens.spectator, opened))
-        with httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=PATIENCE_S) as client:
+        with httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=TIMEOUT_S) as client:
             took_ms = []
             for _ in range(100):
                 began = time.perf_counter()
@@ -240,7 +240,7 @@ def test_2000_connections_while_a_trial_runs(tmp_path: Path, few_handles: None) 
                 token = {"authorization": f"Bearer {getattr(server.tokens, role)}"}
                 for path in ("/", "/spectator", "/favicon.svg", "/scenes/0.glb"):
                     url = f"http://127.0.0.1:{server.port}{path}"
-                    served[httpx.get(url, headers=token, timeout=PATIENCE_S).status_code] += 1
+                    served[httpx.get(url, headers=token, timeout=TIMEOUT_S).status_code] += 1
             held = len(os.listdir("/proc/self/fd"))
             let_in(server, "/watch", server.tokens.experimenter, opened).close()
             await_that(lambda: attendant.phase == "finished")
@@ -266,7 +266,7 @@ def test_300_silent_handshakes_are_closed(tmp_path: Path, few_handles: None) -> 
             opened.enter_context(socket.create_connection(("127.0.0.1", server.port)))
             for _ in range(HANDSHAKES)
         ]
-        page = httpx.get(f"https://localhost:{server.port}/", verify=trusted, timeout=PATIENCE_S)
+        page = httpx.get(f"https://localhost:{server.port}/", verify=trusted, timeout=TIMEOUT_S)
         assert page.status_code == 200
         closed = sum(is_closed(each) for each in silent)
         print(f"\n{closed} of {HANDSHAKES} silent handshakes closed after {time.monotonic() - began:.1f} s")
@@ -373,14 +373,14 @@ def test_200_000_messages_beside_a_seated_participant(tmp_path: Path) -> None:
             thread.join(1800.0)
             assert not thread.is_alive()
         growth = memory_bytes() - before
-        assert status(ask(server.port, request(server.port, "/", b"Connection: close\r\n"))) == 200
+        assert status(exchange(server.port, request(server.port, "/", b"Connection: close\r\n"))) == 200
         outcome = read_recording(server.session.recordings[-1]).outcome
         assert server.loop.error is None
     everything = sum(sent.values()) - sent["sockets closed"]
     print(
         f"\n{everything} messages {dict(sent)}: "
         f"the trial {outcome and outcome['result']}, states finite: {attendant.finite}, "
-        f"{attendant.heard[Problem]} problems told to the participant, {growth >> 20} MiB more held"
+        f"{attendant.inbox[Problem]} problems told to the participant, {growth >> 20} MiB more held"
     )
     assert attendant.finite
     assert not attendant.ended

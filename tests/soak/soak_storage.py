@@ -20,15 +20,15 @@ from avrgym.study.people.participants import enrol, record_consent, record_inclu
 from avrgym.study.storage import database, hash_chain
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.store import Store
-from helpers.studies.flipped_bits import flip_bit, noticed
-from helpers.studies.sites import contents, make_site, merge_killed, tree, wrong
+from helpers.studies.flipped_bits import flip_bit, is_detected
+from helpers.studies.sites import check_errors, files_in, kill_merge, make_site, study_contents
 from helpers.studies.small_studies import (
-    fitting_answers,
+    eligible_answers,
+    enrol_with_consent,
     new_postgresql_database,
     run_participant,
     run_trial,
     small_study,
-    take_in,
 )
 
 KILLS, FLIPS, MERGE_KILLS = 200, 500, 20
@@ -52,7 +52,7 @@ def on_sqlite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A study whose participant has finished."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     with Store(small_study(tmp_path / "study")) as store:
-        run_participant(store, take_in(store))
+        run_participant(store, enrol_with_consent(store))
     return tmp_path / "study"
 
 
@@ -69,7 +69,7 @@ def live(folder: Path, url: str, acknowledged: Connection) -> None:
             )
             acknowledged.send((pseudonym, 0))
             record_consent(store, pseudonym)
-            assert record_inclusion(store, pseudonym, fitting_answers(store))
+            assert record_inclusion(store, pseudonym, eligible_answers(store))
             session = open_session(store, pseudonym)
             for trial in store.remaining_trials(pseudonym)[:2]:
                 run_trial(store, session, trial, simulated=False)
@@ -139,20 +139,20 @@ def end_study(folder: Path) -> None:
 def test_merges_that_are_killed_lose_nothing_and_the_next_completes_them(tmp_path: Path) -> None:
     """Each time anew: killed at a random step again and again, then completed, then with one more site."""
     sites = [make_site(tmp_path / name, trials=(None, 2)) for name in ("atlanta", "berlin", "cairo")]
-    before = [tree(site) for site in sites]
+    before = [files_in(site) for site in sites]
     merge_studies(sites, tmp_path / "whole")
-    whole = contents(tmp_path / "whole")
+    whole = study_contents(tmp_path / "whole")
     rng, done, rounds = random.Random(5), 0, 0
     while done < MERGE_KILLS:
         out, rounds = tmp_path / f"all-{rounds}", rounds + 1
-        while done < MERGE_KILLS and merge_killed(sites[: rng.randint(1, 3)], out, rng.randrange(600)):
+        while done < MERGE_KILLS and kill_merge(sites[: rng.randint(1, 3)], out, rng.randrange(600)):
             done += 1
             if out.exists():
-                assert all(found == whole[person] for person, found in contents(out).items())
+                assert all(found == whole[person] for person, found in study_contents(out).items())
         merge_studies(sites, out)
-        assert contents(out) == whole
-        assert wrong(out) == []
-    assert [tree(site) for site in sites] == before
+        assert study_contents(out) == whole
+        assert check_errors(out) == []
+    assert [files_in(site) for site in sites] == before
     print(f"\n{done} kills of merges in {rounds} merged studies: each completed, nothing lost, nothing twice")
 
 
@@ -161,11 +161,11 @@ def test_merges_that_are_killed_lose_nothing_and_the_next_completes_them(tmp_pat
 
 def test_each_bit_flipped_in_a_database_s_file_is_noticed(on_sqlite: Path, tmp_path: Path) -> None:
     copy, rng = tmp_path / "copy", random.Random(11)
-    assert not noticed(on_sqlite)
+    assert not is_detected(on_sqlite)
     found = 0
     for _ in range(FLIPS):
         flip_bit(on_sqlite, copy, rng, "study.db")
-        found += noticed(copy)
+        found += is_detected(copy)
     print(f"\n{found} of {FLIPS} bits flipped in study.db noticed")
     assert found == FLIPS
 
@@ -179,7 +179,7 @@ def test_each_bit_flipped_in_a_file_without_seal_is_noticed_or_changes_nothing(
     before = rows(on_sqlite)
     for _ in range(FLIPS):
         bit = flip_bit(on_sqlite, copy, rng, "study.db")
-        seen = noticed(copy)
+        seen = is_detected(copy)
         outcomes["noticed" if seen else "without effect"] += 1
         assert seen or rows(copy) == before, bit
     print(f"\n{FLIPS} bits flipped in study.db after a kill: {dict(outcomes)}")
@@ -191,7 +191,7 @@ def test_each_bit_flipped_in_recordings_is_noticed(on_sqlite: Path, tmp_path: Pa
     found = 0
     for _ in range(FLIPS):
         flip_bit(on_sqlite, copy, rng, rng.choice(recordings))
-        found += noticed(copy)
+        found += is_detected(copy)
     print(f"\n{found} of {FLIPS} bits flipped in recordings noticed")
     assert found == FLIPS
 
@@ -209,7 +209,7 @@ def test_each_bit_flipped_in_a_value_is_noticed(kind: str, tmp_path: Path) -> No
     """In any column of any row, by SQL, as a table's file of PostgreSQL would show it."""
     rng, found = random.Random(17), 0
     with Store(small_study(tmp_path / "study")) as store:
-        run_participant(store, take_in(store))
+        run_participant(store, enrol_with_consent(store))
         assert store.database.faults() == []
         while found < FLIPS:
             with store.database._engine.connect() as connection, connection.begin() as transaction:

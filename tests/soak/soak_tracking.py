@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from avrgym.tasks.registry import ENVIRONMENTS
-from helpers.vr.teleporting_hands import ATTACKS, IMPACT_N, peak_force_n
+from helpers.vr.teleporting_hands import IMPACT_N, PATTERNS, peak_force_n
 
 SEEDS = 5
 
@@ -15,11 +15,11 @@ def test_teleporting_poses_press_no_harder_than_a_person_at_rest_and_a_slow_impa
         for seed in range(SEEDS):
             place = tmp_path / f"{environment.replace('/', '-')}-{seed}"
             at_rest_n = peak_force_n(place / "rest", environment, seed, "rest", steps=60)
-            for attack in ATTACKS:
+            for attack in PATTERNS:
                 attacked_n = peak_force_n(place / attack, environment, seed, attack, steps=60)
                 strongest_n, excess_n = max(strongest_n, attacked_n), max(excess_n, attacked_n - at_rest_n)
                 assert attacked_n < at_rest_n + IMPACT_N, (environment, seed, attack)
-    trials = len(ENVIRONMENTS) * SEEDS * len(ATTACKS)
+    trials = len(ENVIRONMENTS) * SEEDS * len(PATTERNS)
     print(
         f"\n{trials} trials with teleporting heads and hands: at most {strongest_n:.0f} N on the person in any tick, "
         f"at most {excess_n:.0f} N more than at rest; allowed are {IMPACT_N:.0f} N more"

@@ -30,7 +30,7 @@ from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import open_session, record_session_event
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from helpers.studies.small_studies import run_participant, small_study, take_in
+from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
 SECRET = "Grace-Unverwechselbar"
 DIZZY = Report(
@@ -49,9 +49,9 @@ DIZZY = Report(
 def store(tmp_path: Path) -> Iterator[Store]:
     """Two people and a simulated participant; the first person has three completed trials."""
     with Store(small_study(tmp_path / "study")) as opened:
-        run_participant(opened, take_in(opened, simulated=False), trials=3, simulated=False)
-        take_in(opened, simulated=False)
-        take_in(opened)
+        run_participant(opened, enrol_with_consent(opened, simulated=False), trials=3, simulated=False)
+        enrol_with_consent(opened, simulated=False)
+        enrol_with_consent(opened)
         yield opened
 
 

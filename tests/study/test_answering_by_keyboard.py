@@ -12,8 +12,8 @@ from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.live_server import LiveServer
-from helpers.browser.journey import PATIENCE_S
-from helpers.studies.small_studies import make_study, take_in
+from helpers.browser.journey import TIMEOUT_S
+from helpers.studies.small_studies import enrol_with_consent, make_study
 
 ASKED = """
 [[questionnaires]]
@@ -56,8 +56,8 @@ def answers(page: Page) -> list[str]:
 def test_questions_are_answered_by_keyboard_and_the_dashboard_says_why_the_session_pauses(
     store: Store,
 ) -> None:
-    expect.set_options(timeout=1000 * PATIENCE_S)
-    pseudonym = take_in(store)
+    expect.set_options(timeout=1000 * TIMEOUT_S)
+    pseudonym = enrol_with_consent(store)
     with (
         LiveServer(
             lambda send: StudySessions(store, send, first=pseudonym),

@@ -44,13 +44,13 @@ from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
 from helpers.studies.small_studies import (
-    fitting_answers,
+    eligible_answers,
+    enrol_with_consent,
     make_study,
     run_participant,
     small_study,
-    take_in,
 )
-from helpers.vr.visit import Visit, driving, plan
+from helpers.vr.visit import Visit, constant_policies, plan
 
 PATIENCE_MS = 120_000
 GERMAN = "Ich bin einverstanden."
@@ -101,7 +101,7 @@ def decisions(store: Store, pseudonym: str) -> list[tuple[bool, str | None]]:
 
 
 def test_the_text_that_was_read_is_archived_once_and_named_by_each_consent(store: Store) -> None:
-    first, second = take_in(store), take_in(store)
+    first, second = enrol_with_consent(store), enrol_with_consent(store)
     (kept,) = store.consent_texts()
     assert kept.text == store.design.consent.text
     assert kept.sha256 == hashlib.sha256(kept.text.encode()).hexdigest()
@@ -129,7 +129,7 @@ def test_each_language_has_its_own_text(tmp_path: Path) -> None:
 
 def test_another_text_under_the_same_version_is_an_error_that_names_participants(folder: Path) -> None:
     with Store(folder) as store:
-        first, second = take_in(store), take_in(store)
+        first, second = enrol_with_consent(store), enrol_with_consent(store)
     reword(folder, "You take part", "You do not take part")
     (wrong,) = wrong_about_consent(folder)
     assert f"{first}, {second} read as version 1" in wrong
@@ -147,7 +147,7 @@ def test_another_text_under_the_same_version_is_an_error_that_names_participants
 def test_a_translation_that_changed_names_only_those_who_read_it(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
     with Store(folder) as store:
-        take_in(store)
+        enrol_with_consent(store)
         german = enrol(store, "man", language="de")
         record_consent(store, german)
         text = " ".join(store.design.consent.text.split())
@@ -159,11 +159,11 @@ def test_a_translation_that_changed_names_only_those_who_read_it(tmp_path: Path)
 
 def test_broken_lines_are_no_other_text(folder: Path) -> None:
     with Store(folder) as store:
-        take_in(store)
+        enrol_with_consent(store)
     reword(folder, "You take part", "You\ntake part")
     assert about_consent(folder) == []
     with Store(folder) as store:
-        take_in(store)
+        enrol_with_consent(store)
         assert (
             len({each.sha256 for person in store.participants() for each in store.consents(str(person))}) == 1
         )
@@ -171,17 +171,17 @@ def test_broken_lines_are_no_other_text(folder: Path) -> None:
 
 def test_another_text_under_another_version_is_no_error(folder: Path) -> None:
     with Store(folder) as store:
-        take_in(store)
+        enrol_with_consent(store)
     raise_version(folder)
     assert about_consent(folder) == []
     with Store(folder) as store:
-        take_in(store)
+        enrol_with_consent(store)
         assert [kept.version for kept in store.consent_texts()] == ["1", "2"]
     assert about_consent(folder) == []
 
 
 def test_a_changed_archive_is_noticed(store: Store) -> None:
-    take_in(store)
+    enrol_with_consent(store)
     with store.database.write() as connection:
         hash_chain.update(connection, schema.CONSENT_TEXT, 1, text="I agree to everything")
     assert "does not have the checksum that it was archived with" in [
@@ -194,7 +194,7 @@ def test_a_changed_archive_is_noticed(store: Store) -> None:
 
 def test_an_allocated_participant_must_reconsent_before_the_next_session(folder: Path) -> None:
     with Store(folder) as store:
-        pseudonym = take_in(store)
+        pseudonym = enrol_with_consent(store)
         run_participant(store, pseudonym, trials=2)
         before = store.participant(pseudonym)
     raise_version(folder)
@@ -220,7 +220,7 @@ def test_an_allocated_participant_must_reconsent_before_the_next_session(folder:
 
 def test_who_declines_withdraws_and_keeps_or_deletes_their_data(folder: Path) -> None:
     with Store(folder) as store:
-        pseudonym = take_in(store)
+        pseudonym = enrol_with_consent(store)
         run_participant(store, pseudonym, trials=2)
     raise_version(folder)
     with Store(folder) as store:
@@ -239,7 +239,7 @@ def test_who_declines_withdraws_and_keeps_or_deletes_their_data(folder: Path) ->
 
 
 def test_nobody_must_reconsent_without_another_version(store: Store) -> None:
-    enrolled, allocated = enrol(store, "man"), take_in(store)
+    enrolled, allocated = enrol(store, "man"), enrol_with_consent(store)
     for pseudonym in (enrolled, allocated):
         with pytest.raises(StudyError, match="needs no re-consent"):
             decline_consent(store, pseudonym)
@@ -254,14 +254,17 @@ def test_who_consented_and_has_no_order_yet_must_reconsent_first(folder: Path) -
     raise_version(folder)
     with Store(folder) as store:
         with pytest.raises(StudyError, match="ask again"):
-            record_inclusion(store, pseudonym, fitting_answers(store))
+            record_inclusion(store, pseudonym, eligible_answers(store))
         record_consent(store, pseudonym)
-        assert record_inclusion(store, pseudonym, fitting_answers(store))
+        assert record_inclusion(store, pseudonym, eligible_answers(store))
 
 
 def test_the_command_asks_again(folder: Path) -> None:
     with Store(folder) as store:
-        agreeing, declining = take_in(store, simulated=False), take_in(store, simulated=False)
+        agreeing, declining = (
+            enrol_with_consent(store, simulated=False),
+            enrol_with_consent(store, simulated=False),
+        )
     raise_version(folder)
     agreed = study("consent", folder, agreeing, answers="y\n")
     assert agreed.exit_code == 0
@@ -300,7 +303,7 @@ def test_a_dry_run_goes_on_under_another_version(folder: Path) -> None:
 
 def test_exports_hold_every_decision_and_every_text(folder: Path, tmp_path: Path) -> None:
     with Store(folder) as store:
-        again, declining = take_in(store), take_in(store)
+        again, declining = enrol_with_consent(store), enrol_with_consent(store)
     raise_version(folder)
     with Store(folder) as store:
         record_consent(store, again)
@@ -336,7 +339,7 @@ def before_the_archive(store: Store) -> None:
 
 def test_consents_of_earlier_versions_are_named_and_no_error(folder: Path) -> None:
     store = Store(folder)
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     given = store.consents(pseudonym)
     before_the_archive(store)
     with Store(folder) as store:
@@ -351,7 +354,7 @@ def test_consents_of_earlier_versions_are_named_and_no_error(folder: Path) -> No
 
 def test_an_earlier_consent_to_another_text_is_an_error_though_no_text_is_archived(folder: Path) -> None:
     store = Store(folder)
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     before_the_archive(store)
     reword(folder, "You take part", "You never take part")
     assert [each.wrong for each in about_consent(folder)] == [True, False]
@@ -362,7 +365,7 @@ def test_an_earlier_consent_to_another_text_is_an_error_though_no_text_is_archiv
 
 def test_recordings_store_the_consent(folder: Path) -> None:
     with Store(folder) as store:
-        pseudonym = take_in(store)
+        pseudonym = enrol_with_consent(store)
     raise_version(folder)
     with Store(folder) as store:
         record_consent(store, pseudonym)
@@ -379,7 +382,7 @@ def test_recordings_store_the_consent(folder: Path) -> None:
 @pytest.mark.parametrize("recorded", [True, False])
 def test_a_rebuilt_study_has_the_consents_that_recordings_store(folder: Path, recorded: bool) -> None:
     with Store(folder) as store:
-        pseudonym = take_in(store)
+        pseudonym = enrol_with_consent(store)
         before = store.consents(pseudonym)
         run_participant(store, pseudonym, trials=4, consent=latest_consent(before) if recorded else None)
     for name in ("study.db", "study.db.sha256", "participation.jsonl"):
@@ -410,7 +413,7 @@ def test_merged_studies_hold_the_consents_of_their_sites(tmp_path: Path) -> None
     reword(folders[1], "You take part", "You gladly take part")
     for folder in folders:
         with Store(folder) as store:
-            take_in(store)
+            enrol_with_consent(store)
     merge_studies(folders, tmp_path / "all", accept_differences=True)
     with Store(tmp_path / "all") as merged, Store(folders[1]) as there:
         (given,) = merged.consents("sub-2001")
@@ -423,10 +426,10 @@ def test_different_texts_of_one_site_under_one_version_are_an_error(tmp_path: Pa
     folder = make_study(tmp_path / "here", tasks='["Feeding"]', site='"here"')
     other = make_study(tmp_path / "there", tasks='["Feeding"]', site='"there"')
     with Store(other) as store:
-        take_in(store)
+        enrol_with_consent(store)
     with Store(folder) as store:
-        first = take_in(store)
-        second = take_in(store)
+        first = enrol_with_consent(store)
+        second = enrol_with_consent(store)
         withdraw(store, second)
         with store.database.write() as connection:
             text = {"version": "1", "language": "en", "text": "Another", "at": "2026-01-01"}
@@ -445,12 +448,15 @@ def test_different_texts_of_one_site_under_one_version_are_an_error(tmp_path: Pa
 @pytest.mark.slow
 def test_the_dashboard_asks_again(folder: Path, tmp_path: Path) -> None:
     with Store(folder) as store:
-        agreeing, declining = take_in(store, simulated=False), take_in(store, simulated=False)
+        agreeing, declining = (
+            enrol_with_consent(store, simulated=False),
+            enrol_with_consent(store, simulated=False),
+        )
     raise_version(folder)
     with (
         Store(folder) as store,
         LiveServer(
-            lambda send: Session(plan(), driving(plan()), tmp_path / "r", send, "test"),
+            lambda send: Session(plan(), constant_policies(plan()), tmp_path / "r", send, "test"),
             "127.0.0.1",
             0,
             study=lambda tokens, _session: dashboard_app(store, tokens),

@@ -17,8 +17,8 @@ from avrgym.study.export.trials import completed_attempts, verified
 from avrgym.study.storage import database, schema
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from helpers.studies.damaged_recordings import BROKEN, count_unnoticed
-from helpers.studies.small_studies import STEPS, run_participant, small_study, take_in
+from helpers.studies.damaged_recordings import RECORDING, count_undetected
+from helpers.studies.small_studies import STEPS, enrol_with_consent, run_participant, small_study
 
 TRIALS = 5
 
@@ -31,7 +31,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.delenv(database.URL_VARIABLE, raising=False)
         with Store(folder) as store:
             for _ in range(2):
-                run_participant(store, take_in(store))
+                run_participant(store, enrol_with_consent(store))
     return folder
 
 
@@ -82,12 +82,12 @@ def test_a_damaged_recording_is_named_and_nothing_is_exported(
     folder: Path, data_format: str, damage: str
 ) -> None:
     break_it, words = DAMAGES[damage]
-    break_it(folder / BROKEN)
+    break_it(folder / RECORDING)
     before = sorted(folder.parent.iterdir())
     result = export(folder, data_format)
     assert result.exit_code == 1
     (line,) = result.stderr.splitlines()
-    assert f"{BROKEN} {words}; --skip-damaged leaves out" in line
+    assert f"{RECORDING} {words}; --skip-damaged leaves out" in line
     assert sorted(folder.parent.iterdir()) == before
 
 
@@ -102,14 +102,14 @@ def test_every_damaged_recording_is_named(folder: Path, data_format: str) -> Non
 
 @pytest.mark.parametrize("data_format", FORMATS)
 def test_damaged_recordings_can_be_left_out_and_are_listed(folder: Path, data_format: str) -> None:
-    cut(folder / BROKEN)
+    cut(folder / RECORDING)
     result = export(folder, data_format, "--skip-damaged")
     assert result.exit_code == 0
-    assert f"left out  {BROKEN} was changed" in result.stdout
+    assert f"left out  {RECORDING} was changed" in result.stdout
     out = folder.parent / "out"
     (row,) = rows(out / LEFT_OUT)
     assert (row["participant"], row["position"], row["why"]) == (
-        "sub-001", "2", f"{BROKEN} was changed: its checksum differs",
+        "sub-001", "2", f"{RECORDING} was changed: its checksum differs",
     )  # fmt: skip
     assert exported_trials(out, data_format) == 2 * TRIALS - 1
 
@@ -156,10 +156,10 @@ def test_a_study_of_which_nothing_is_whole_exports_only_what_is_stored(
 
 
 def test_a_recording_of_another_station_is_said_to_be_there(folder: Path) -> None:
-    (folder / BROKEN).unlink()
+    (folder / RECORDING).unlink()
     with Store(folder) as store:
         store.station = "another"
-        with pytest.raises(StudyError, match=f"{BROKEN} is at another station; it was recorded at "):
+        with pytest.raises(StudyError, match=f"{RECORDING} is at another station; it was recorded at "):
             export_study(store, "csv", folder.parent / "out")
 
 
@@ -174,4 +174,4 @@ def test_a_completed_trial_without_a_checksum_or_with_an_incomplete_recording_is
 
 
 def test_damage_anywhere_is_noticed(folder: Path) -> None:
-    assert count_unnoticed(folder, 200) == 0
+    assert count_undetected(folder, 200) == 0

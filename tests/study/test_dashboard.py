@@ -21,8 +21,14 @@ from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.authentication import Caller, Tokens
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
-from helpers.studies.small_studies import METRICS, fitting_answers, make_study, run_participant, take_in
-from helpers.vr.visit import driving, plan
+from helpers.studies.small_studies import (
+    METRICS,
+    eligible_answers,
+    enrol_with_consent,
+    make_study,
+    run_participant,
+)
+from helpers.vr.visit import constant_policies, plan
 
 PATIENCE_S = 400.0
 HOSTILE = "<script>window.hacked = 1</script><img src=x onerror='window.hacked = 2'>"
@@ -74,7 +80,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
 def server(store: Store, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer[Session]]:
     folder = tmp_path_factory.mktemp("recordings")
     with LiveServer(
-        lambda send: Session(plan(), driving(plan()), folder, send, "test"),
+        lambda send: Session(plan(), constant_policies(plan()), folder, send, "test"),
         "127.0.0.1",
         0,
         study=lambda tokens, _session: dashboard_app(store, tokens),
@@ -180,12 +186,12 @@ def test_a_participant_is_led_from_enrolment_to_withdrawal(server: LiveServer, s
     pseudonym = post(server, "/participants", {"sex": "woman", "age_years": 30}, 200)["participant"]
     path = f"/participants/{pseudonym}"
     assert (
-        "consented" in post(server, f"{path}/inclusion", {"answers": fitting_answers(store)}, 409)["detail"]
+        "consented" in post(server, f"{path}/inclusion", {"answers": eligible_answers(store)}, 409)["detail"]
     )
     assert "version" in post(server, f"{path}/consent", {"version": "0"}, 409)["detail"]
     post(server, f"{path}/consent", {"version": "1"})
     assert "each question" in post(server, f"{path}/inclusion", {"answers": {"adult": True}}, 409)["detail"]
-    post(server, f"{path}/inclusion", {"answers": fitting_answers(store)})
+    post(server, f"{path}/inclusion", {"answers": eligible_answers(store)})
     assert store.participant(pseudonym).state == "allocated"
     post(server, f"{path}/notes", {"text": HOSTILE})
     shown = ask(server, "GET", path).json()
@@ -227,12 +233,12 @@ def test_names_go_encrypted_into_the_identity_file_and_nowhere_else(
 def test_results_are_means_over_completed_trials_by_condition(tmp_path: Path) -> None:
     with Store(make_study(tmp_path, tasks='["Feeding"]', blind_experimenter="true")) as store:
         assert summarise_results(store) == ()
-        run_participant(store, take_in(store))
-        run_participant(store, take_in(store), trials=3)
-        gone = take_in(store)
+        run_participant(store, enrol_with_consent(store))
+        run_participant(store, enrol_with_consent(store), trials=3)
+        gone = enrol_with_consent(store)
         run_participant(store, gone)
         withdraw(store, gone)
-        run_participant(store, take_in(store, simulated=False), trials=2, simulated=False)
+        run_participant(store, enrol_with_consent(store, simulated=False), trials=2, simulated=False)
         rows = summarise_results(store)
     assert sum(row.trials for row in rows if row.simulated) == 4 + 2
     assert sum(row.trials for row in rows if not row.simulated) == 1
@@ -246,7 +252,7 @@ def test_results_are_means_over_completed_trials_by_condition(tmp_path: Path) ->
 def test_the_condition_is_hidden_from_a_blind_experimenter(tmp_path: Path, blind: bool) -> None:
     folder = make_study(tmp_path, tasks='["Feeding"]', blind_experimenter=json.dumps(blind))
     with Store(folder) as store:
-        pseudonym = take_in(store)
+        pseudonym = enrol_with_consent(store)
         run_participant(store, pseudonym, trials=3)
         app = dashboard_app(store, Tokens.new())
         shown = json.dumps(

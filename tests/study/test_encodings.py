@@ -25,7 +25,7 @@ from avrgym.study.plan.frozen_plan import read_frozen_plan
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import read_texts
-from helpers.studies.small_studies import make_study, run_participant, small_study, take_in
+from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant, small_study
 
 UMLAUTS = "Ärger über Füße, «naïve» 姓名"
 
@@ -75,7 +75,7 @@ def test_a_study_saved_with_windows_notepad_opens_and_is_sound(tmp_path: Path) -
     before = read_design(folder / "study.toml")
     assert read_design(mark(folder / "study.toml")) == before
     with Store(folder) as store:
-        run_participant(store, take_in(store), trials=1)
+        run_participant(store, enrol_with_consent(store), trials=1)
         assert [each.what for each in check_study(store) if each.wrong] == []
 
 
@@ -135,7 +135,7 @@ def test_tables_are_read_alike_by_pandas_python_and_whoever_heeds_the_mark(
 def test_only_tables_for_people_have_a_mark(tmp_path: Path, data_format: str) -> None:
     """Of an export or analysis every CSV file has one; TSV, JSON and text files have none."""
     with Store(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
-        run_participant(store, take_in(store), trials=2)
+        run_participant(store, enrol_with_consent(store), trials=2)
         export_study(store, data_format, tmp_path / "out")
         write_analysis(analyse(store), store.folder, tmp_path / "analysis")
     files = [path for name in ("out", "analysis") for path in (tmp_path / name).rglob("*") if path.is_file()]

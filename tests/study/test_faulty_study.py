@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from avrgym.study.storage.store import Store
-from helpers.studies.faulty_study import AT_ONCE, Expected, Fault, FaultyStudy
+from helpers.studies.faulty_study import INTERRUPTIONS, Expected, Fault, FaultyStudy
 from helpers.studies.small_studies import make_study
 
 
@@ -20,7 +20,7 @@ def test_the_oracle_knows_each_fault() -> None:
     def counts(kind: str, where: str, lasts_s: float, part: str = "head") -> bool | None:
         return Expected(Fault(kind, where, 0.0, lasts_s, part), ("head",), 1.0, where, 9.0).counts
 
-    for kind in AT_ONCE:
+    for kind in INTERRUPTIONS:
         assert not counts(kind, "trial", 0.1)
         assert counts(kind, "questionnaire", 2.5)
     assert not counts("limb", "trial", 2.5)

@@ -19,7 +19,7 @@ from avrgym.study.people.participants import enrol
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import included_languages, read_texts
-from helpers.studies.small_studies import make_study, run_participant, small_study, take_in
+from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant, small_study
 
 ANSWERS = Functioning(dict.fromkeys(QUESTIONS, "none"), ("12", "24"), "Unverwechselbar-Syndrom")
 
@@ -29,7 +29,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
     """Seven people with a trial; the last has some difficulty walking."""
     with Store(make_study(tmp_path / "study", tasks='["Feeding"]', ask_functioning="true")) as opened:
         for number in range(7):
-            pseudonym = take_in(opened, simulated=False)
+            pseudonym = enrol_with_consent(opened, simulated=False)
             run_participant(opened, pseudonym, trials=2, simulated=False)
             walking = "some" if number == 6 else "none"
             record_functioning(opened, pseudonym, changed(levels=ANSWERS.levels | {"walking": walking}))
@@ -84,9 +84,9 @@ def test_nobody_is_asked_before_consent_or_without_the_design(store: Store, tmp_
     with pytest.raises(StudyError, match="record the consent first"):
         record_functioning(store, enrol(store, "man"), ANSWERS)
     with pytest.raises(StudyError, match="is simulated; allowed: people"):
-        record_functioning(store, take_in(store), ANSWERS)
+        record_functioning(store, enrol_with_consent(store), ANSWERS)
     with Store(small_study(tmp_path / "without")) as without:
-        pseudonym = take_in(without, simulated=False)
+        pseudonym = enrol_with_consent(without, simulated=False)
         with pytest.raises(StudyError, match="ask_functioning = true in study"):
             record_functioning(without, pseudonym, ANSWERS)
 
@@ -148,7 +148,7 @@ def test_the_command_asks_in_the_participant_s_language(tmp_path: Path) -> None:
         tmp_path / "study", tasks='["Feeding"]', ask_functioning="true", languages='["en", "de"]'
     )
     with Store(folder) as store:
-        pseudonym = take_in(store, simulated=False)
+        pseudonym = enrol_with_consent(store, simulated=False)
         english = enrol(store, "man", language="de")
     answers = "\n".join(["none"] * len(QUESTIONS) + ["12, 24", ""]) + "\n"
     result = CliRunner().invoke(app, ["study", "functioning", str(folder), pseudonym], input=answers)

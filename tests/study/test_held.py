@@ -13,7 +13,7 @@ from avrgym.study.checking.tracking_loss import tracking_loss_share
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.storage.store import Store
 from helpers.studies.configurations import made_recording
-from helpers.studies.known_results import STEPS, run_trials, take_part
+from helpers.studies.known_results import STEPS, enrol_included, run_trials
 from helpers.studies.small_studies import make_study
 
 RATE_HZ = 100
@@ -75,7 +75,7 @@ def small_study(folder: Path, **changes: str) -> Path:
 
 def test_trials_whose_person_was_held_too_long_are_left_out_and_listed(tmp_path: Path) -> None:
     with Store(small_study(tmp_path / "study", max_held_share="0.3")) as store:
-        pseudonym = take_part(store)
+        pseudonym = enrol_included(store)
         run_trials(store, pseudonym, held={1: 1, 2: STEPS})
         analysis = analyse(store)
         page = write_analysis(analysis, store.folder, tmp_path / "out").read_text()
@@ -101,7 +101,7 @@ def test_a_design_that_does_not_say_counts_all(tmp_path: Path) -> None:
     design = folder / "study.toml"
     design.write_text(design.read_text().replace("max_held_share = 0.05\n", ""))
     with Store(folder) as store:
-        run_trials(store, take_part(store), held={1: STEPS})
+        run_trials(store, enrol_included(store), held={1: STEPS})
         rows = analyse(store).observed.trials
         assert not [finding for finding in check_study(store) if "held" in finding.what]
     assert all(row.counted for row in rows)

@@ -38,8 +38,8 @@ from avrgym.vr.server.session_links import (
     link_sha256,
     new_link,
 )
-from helpers.studies.small_studies import fitting_answers, make_study, take_in
-from helpers.vr.received_states import understand
+from helpers.studies.small_studies import eligible_answers, enrol_with_consent, make_study
+from helpers.vr.received_states import decode_message
 
 PATIENCE_S = 120.0
 GERMAN = read_texts("de").page
@@ -103,7 +103,7 @@ def served(store: Store, tmp_path: Path) -> Iterator[Served]:
 def take_in_german(store: Store) -> str:
     pseudonym = enrol(store, "man", language="de")
     record_consent(store, pseudonym)
-    record_inclusion(store, pseudonym, fitting_answers(store))
+    record_inclusion(store, pseudonym, eligible_answers(store))
     return pseudonym
 
 
@@ -116,7 +116,7 @@ def opened(served: Served, token: str, path: str = "/ws") -> Iterator[ClientConn
 
 
 def first(socket: ClientConnection) -> Message:
-    message = understand(socket, socket.recv(PATIENCE_S))
+    message = decode_message(socket, socket.recv(PATIENCE_S))
     assert message is not None
     return message
 
@@ -159,7 +159,7 @@ def refused(served: Served, token: str, path: str = "/ws") -> tuple[int | None, 
 
 
 def test_a_link_opens_one_session_and_ends_with_it(served: Served) -> None:
-    german, other = take_in_german(served.store), take_in(served.store)
+    german, other = take_in_german(served.store), enrol_with_consent(served.store)
     served.sessions.begin(german)
     link = served.link
     assert identifier(served, link) == f"{german} ses-01"
@@ -176,7 +176,7 @@ def test_a_link_opens_one_session_and_ends_with_it(served: Served) -> None:
 
 
 def test_who_stays_connected_hears_nothing_of_the_next_session(served: Served) -> None:
-    pseudonym, other = take_in(served.store), take_in(served.store)
+    pseudonym, other = enrol_with_consent(served.store), enrol_with_consent(served.store)
     served.sessions.begin(pseudonym)
     with opened(served, served.link) as connected:
         assert isinstance(first(connected), Welcome)
@@ -188,7 +188,7 @@ def test_who_stays_connected_hears_nothing_of_the_next_session(served: Served) -
 
 
 def test_the_address_of_all_sessions_opens_none(served: Served) -> None:
-    pseudonym = take_in(served.store)
+    pseudonym = enrol_with_consent(served.store)
     assert refused(served, served.server.tokens.participant) == (4403, None)
     served.sessions.begin(pseudonym)
     assert refused(served, served.server.tokens.participant) == (4403, None)
@@ -198,14 +198,14 @@ def test_the_address_of_all_sessions_opens_none(served: Served) -> None:
 
 
 def test_a_link_reaches_nothing_of_the_experimenter(served: Served) -> None:
-    served.sessions.begin(take_in(served.store))
+    served.sessions.begin(enrol_with_consent(served.store))
     assert refused(served, served.link, "/watch")[0] == 4403
     for method, path in (("GET", "/study/overview"), ("POST", "/study/participants")):
         assert served.request(method, path, served.link).status_code == 401
 
 
 def test_a_new_link_ends_the_one_before(served: Served) -> None:
-    pseudonym = take_in(served.store)
+    pseudonym = enrol_with_consent(served.store)
     served.sessions.begin(pseudonym)
     link = served.link
     with opened(served, link) as connected:
@@ -289,7 +289,7 @@ def test_guesses_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_page_exchanges_a_code(served: Served) -> None:
     assert served.request("POST", "/link", "nobody", json={"code": "000000"}).status_code == 403
-    pseudonym = take_in(served.store)
+    pseudonym = enrol_with_consent(served.store)
     served.sessions.begin(pseudonym)
     shown = served.request("GET", "/study/overview", served.server.tokens.experimenter).json()["link"]
     assert shown["addresses"] == [f"/#token={served.link}"]
@@ -313,7 +313,7 @@ def test_the_page_exchanges_a_code(served: Served) -> None:
 @pytest.mark.slow
 def test_a_headset_comes_in_by_code_and_its_page_ends_with_the_session(served: Served) -> None:
     expect.set_options(timeout=1000 * PATIENCE_S)
-    german, other = take_in_german(served.store), take_in(served.store)
+    german, other = take_in_german(served.store), enrol_with_consent(served.store)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
         page = browser.new_page(viewport={"width": 640, "height": 480}, locale="en")

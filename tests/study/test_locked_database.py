@@ -17,7 +17,7 @@ from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Command, Phase, Stop
-from helpers.studies.small_studies import make_study, new_postgresql_database, take_in
+from helpers.studies.small_studies import enrol_with_consent, make_study, new_postgresql_database
 from helpers.vr.visit import Visit
 
 PATIENCE_S = 60.0
@@ -58,7 +58,7 @@ def visit(locked: Lock, tmp_path: Path) -> Iterator[StudyVisit]:
     with (
         Store(make_study(tmp_path, **design)) as store,
         ThreadPoolExecutor(1) as storing,
-        StudyVisit(store, take_in(store), storing=storing) as visit,
+        StudyVisit(store, enrol_with_consent(store), storing=storing) as visit,
     ):
         yield visit
 
@@ -83,13 +83,13 @@ def states(visit: StudyVisit) -> list[str]:
 
 def test_a_stop_holds_the_robot_while_the_database_is_locked(visit: StudyVisit, locked: Lock) -> None:
     attended = attend(visit)
-    attended.sit_down()
+    attended.calibrate()
     await_phase(attended, "trial")
     with locked():
         attended.tick(5)
-        attended.tell(Stop())
+        attended.send(Stop())
         assert attended.phase == "paused"
-        assert attended.said(Phase)[-1].name == "paused"
+        assert attended.received(Phase)[-1].name == "paused"
         attended.tick(20)
     visit.end().result(PATIENCE_S)
     assert states(visit) == ["stopped"]
@@ -97,7 +97,7 @@ def test_a_stop_holds_the_robot_while_the_database_is_locked(visit: StudyVisit, 
 
 def test_no_trial_follows_before_the_one_before_is_stored(visit: StudyVisit, locked: Lock) -> None:
     attended = attend(visit)
-    attended.sit_down()
+    attended.calibrate()
     await_phase(attended, "trial")
     with locked():
         attended.tick(300)
@@ -106,14 +106,14 @@ def test_no_trial_follows_before_the_one_before_is_stored(visit: StudyVisit, loc
     await_phase(attended, "countdown")
     assert attended.session.trial == 1
     assert states(visit) == ["completed", "running"]
-    attended.tell(Command(name="end"))
+    attended.send(Command(name="end"))
     visit.end().result(PATIENCE_S)
     assert [finding.what for finding in check_study(visit.store) if finding.wrong] == []
 
 
 def test_the_robot_does_not_move_before_its_attempt_is_stored(visit: StudyVisit, locked: Lock) -> None:
     attended = attend(visit)
-    attended.sit_down()
+    attended.calibrate()
     await_phase(attended, "check")
     with locked():
         await_phase(attended, "free_before")
@@ -134,9 +134,9 @@ def test_an_end_that_cannot_be_stored_is_said_and_the_next_session_ends_it(
     monkeypatch.setattr("avrgym.study.storage.sqlite.WAIT_S", 1)
     with Store(make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]', free_movement_s="0.1")) as store:
         with ThreadPoolExecutor(1) as storing:
-            visit = StudyVisit(store, take_in(store), storing=storing)
+            visit = StudyVisit(store, enrol_with_consent(store), storing=storing)
             attended = attend(visit)
-            attended.sit_down()
+            attended.calibrate()
             await_phase(attended, "trial")
             with sqlite_lock(tmp_path / database.FILE):
                 attended.leave()

@@ -18,8 +18,8 @@ from avrgym.study.storage import database
 from avrgym.study.storage.answers import attempts_with_open_questionnaire, change_answer, reconcile_answers
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Back, Command, Disconnected, Entered, Ready
-from helpers.studies.server_days import GIVEN, Day, killed_in
-from helpers.studies.small_studies import make_study, take_in
+from helpers.studies.server_days import ANSWERS, ServerDay, kill_server_in
+from helpers.studies.small_studies import enrol_with_consent, make_study
 
 
 @pytest.fixture
@@ -37,10 +37,10 @@ def left(folder: Path) -> Iterator[Callable[[], tuple[Store, str]]]:
     def leave() -> tuple[Store, str]:
         store = Store(folder)
         stores.append(store)
-        pseudonym = take_in(store)
-        day = Day(store, pseudonym)
-        day.tell(Entered())
-        day.until("questionnaire")
+        pseudonym = enrol_with_consent(store)
+        day = ServerDay(store, pseudonym)
+        day.send(Entered())
+        day.run_until("questionnaire")
         day.answer(2)
         day.end()
         return store, pseudonym
@@ -57,8 +57,8 @@ def killed(folder: Path) -> Iterator[Callable[..., tuple[Store, str]]]:
 
         def kill(phase: str, answers: int = 0, stored: int = 4) -> tuple[Store, str]:
             with Store(folder) as store:
-                pseudonym = take_in(store, simulated=False)
-            killed_in(folder, pseudonym, phase, answers, stored)
+                pseudonym = enrol_with_consent(store, simulated=False)
+            kill_server_in(folder, pseudonym, phase, answers, stored)
             return opened.enter_context(Store(folder)), pseudonym
 
         yield kill
@@ -83,20 +83,20 @@ def test_it_is_answered_the_next_day(left: Callable[[], tuple[Store, str]]) -> N
     assert summarise_study(store).participants[0].questionnaires_open == 1
     assert participant_view(store, pseudonym).trials[0].questionnaire_open
 
-    day = Day(store, pseudonym)
+    day = ServerDay(store, pseudonym)
     assert (day.phase, day.question().item) == ("questionnaire", "L3")
-    day.tell(Back())
+    day.send(Back())
     assert day.question().given == 2
     day.answer(3)
-    day.tell(Ready())
-    day.until("waiting")
-    day.tell(Entered())
-    day.until("free_before")
+    day.send(Ready())
+    day.run_until("waiting")
+    day.send(Entered())
+    day.run_until("free_before")
     assert len(store.attempts(pseudonym)) == 2
     assert store.attempts(pseudonym)[1].trial != attempt.trial
-    assert values(store, pseudonym) == GIVEN
+    assert values(store, pseudonym) == ANSWERS
     recording = read_recording(store.path(attempt.recording))
-    assert {answer.item: answer.value for _, answer in recording.topics["/answers"]} == GIVEN
+    assert {answer.item: answer.value for _, answer in recording.topics["/answers"]} == ANSWERS
     day.end()
     assert not any(attempt.recording == each.where for each in check_study(store))
     assert summarise_study(store).participants[0].questionnaires_open == 0
@@ -104,9 +104,9 @@ def test_it_is_answered_the_next_day(left: Callable[[], tuple[Store, str]]) -> N
 
 def test_a_lost_database_is_rebuilt_with_late_answers(left: Callable[[], tuple[Store, str]]) -> None:
     store, pseudonym = left()
-    day = Day(store, pseudonym)
+    day = ServerDay(store, pseudonym)
     day.answer(2)
-    day.tell(Ready())
+    day.send(Ready())
     day.end()
     folder = store.folder
     (attempt,) = store.attempts(pseudonym)
@@ -117,8 +117,8 @@ def test_a_lost_database_is_rebuilt_with_late_answers(left: Callable[[], tuple[S
     rebuilt = rebuild_study(folder)
     assert (rebuilt.attempts, rebuilt.answers) == (1, 4)
     with Store(folder) as again:
-        assert values(again, pseudonym) == GIVEN
-        assert late.keys() < GIVEN.keys()
+        assert values(again, pseudonym) == ANSWERS
+        assert late.keys() < ANSWERS.keys()
         assert late.items() <= {each.item: each.answered_at for each in again.answers(pseudonym)}.items()
         assert again.trials(pseudonym)[0].state == "completed"
         assert attempts_with_open_questionnaire(again, again.attempts(pseudonym)) == []
@@ -137,8 +137,8 @@ def test_an_open_questionnaire_is_rebuilt_open(left: Callable[[], tuple[Store, s
 
 def test_what_the_experimenter_skips_is_missing(left: Callable[[], tuple[Store, str]]) -> None:
     store, pseudonym = left()
-    day = Day(store, pseudonym)
-    day.tell(Command("skip"))
+    day = ServerDay(store, pseudonym)
+    day.send(Command("skip"))
     day.tick()
     day.end()
     (attempt,) = store.attempts(pseudonym)
@@ -158,27 +158,27 @@ def test_who_withdraws_leaves_it_unanswered(left: Callable[[], tuple[Store, str]
 def test_the_last_trial_waits_for_its_answers(folder: Path) -> None:
     """Nobody has completed the study before."""
     with Store(folder) as store:
-        pseudonym = take_in(store)
-        day = Day(store, pseudonym)
-        day.tell(Entered())
+        pseudonym = enrol_with_consent(store)
+        day = ServerDay(store, pseudonym)
+        day.send(Entered())
         for _ in store.trials(pseudonym)[1:]:
-            day.until("questionnaire")
+            day.run_until("questionnaire")
             day.answer(4)
-            day.tell(Ready())
+            day.send(Ready())
             day.tick()
-        day.until("questionnaire")
+        day.run_until("questionnaire")
         day.answer(1)
-        day.tell(Disconnected())
+        day.send(Disconnected())
         day.tick()
         day.end()
         assert store.remaining_trials(pseudonym) == []
         assert store.participant(pseudonym).state == "allocated"
-        last = Day(store, pseudonym)
+        last = ServerDay(store, pseudonym)
         for _ in range(30):
             last.tick()  # the status is sent, too
         last.answer(3)
-        last.tell(Ready())
-        last.until("over")
+        last.send(Ready())
+        last.run_until("over")
         last.end()
         assert store.participant(pseudonym).state == "completed"
         assert len(store.answers(pseudonym)) == 4 * len(store.trials(pseudonym))
@@ -213,16 +213,16 @@ def test_a_trial_counts_that_was_killed_after_its_robot_had_finished(
 ) -> None:
     """Also where the program was killed before its last answer was stored in the database."""
     store, pseudonym = killed(phase, answers, stored)
-    day = Day(store, pseudonym)
-    given = dict(list(GIVEN.items())[:answers])
-    if answers < len(GIVEN):
-        assert (day.phase, day.question().item) == ("questionnaire", list(GIVEN)[answers])
+    day = ServerDay(store, pseudonym)
+    given = dict(list(ANSWERS.items())[:answers])
+    if answers < len(ANSWERS):
+        assert (day.phase, day.question().item) == ("questionnaire", list(ANSWERS)[answers])
     assert_completed_with(store, pseudonym, given)
-    if answers < len(GIVEN):
-        day.answer(len(GIVEN) - answers)
-        day.tell(Ready())
-    day.until("waiting")
-    assert_completed_with(store, pseudonym, GIVEN)
+    if answers < len(ANSWERS):
+        day.answer(len(ANSWERS) - answers)
+        day.send(Ready())
+    day.run_until("waiting")
+    assert_completed_with(store, pseudonym, ANSWERS)
     day.end()
 
 
@@ -230,7 +230,7 @@ def test_a_trial_is_repeated_that_was_killed_before_its_robot_had_finished(
     killed: Callable[..., tuple[Store, str]],
 ) -> None:
     store, pseudonym = killed("trial")
-    day = Day(store, pseudonym)
+    day = ServerDay(store, pseudonym)
     assert day.phase == "waiting"
     assert [each.state for each in store.attempts(pseudonym)] == ["interrupted"]
     assert store.trials(pseudonym)[0].state == "planned"

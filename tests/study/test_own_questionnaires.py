@@ -24,7 +24,7 @@ from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from helpers.studies.known_results import record_trial, take_part
+from helpers.studies.known_results import enrol_included, record_trial
 from helpers.studies.small_studies import make_study
 
 LOAD = """
@@ -87,7 +87,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
         patch.delenv(database.URL_VARIABLE, raising=False)
         with Store(with_questionnaires(tmp_path_factory.mktemp("study"))) as store:
             for _ in range(PEOPLE):
-                pseudonym = take_part(store, simulated=False)
+                pseudonym = enrol_included(store, simulated=False)
                 number = store.participant(pseudonym).number
                 session = open_session(store, pseudonym)
                 ask(store, session.id, "before_session", before(number))
@@ -159,7 +159,7 @@ def remaining(store: Store, pseudonym: str, when: str) -> list[str]:
 
 
 def test_an_item_is_answered_once_before_and_once_after(store: Store) -> None:
-    session = open_session(store, take_part(store)).id
+    session = open_session(store, enrol_included(store)).id
     ask(store, session, "before_session", {"S_1": 1})
     with pytest.raises(StudyError, match="only the participant changes it"):
         ask(store, session, "before_session", {"S_1": 2})
@@ -169,7 +169,7 @@ def test_an_item_is_answered_once_before_and_once_after(store: Store) -> None:
 
 
 def test_what_was_answered_before_a_crash_is_not_asked_again(store: Store) -> None:
-    pseudonym = take_part(store)
+    pseudonym = enrol_included(store)
     for item, rest in (("S_1", ["S_2"]), ("S_2", [])):
         visit = StudyVisit(store, pseudonym)
         visit.record(Answer(item, 2, 1.0), "before_session")
@@ -183,7 +183,7 @@ def test_what_was_answered_before_a_crash_is_not_asked_again(store: Store) -> No
 
 
 def test_last_questions_go_on_after_a_crash(store: Store) -> None:
-    pseudonym = take_part(store)
+    pseudonym = enrol_included(store)
     visit = StudyVisit(store, pseudonym)
     answer_trials(store, visit.stored.id, pseudonym)
     visit.record(Answer("S_1", 2, 1.0), "after_session")
@@ -192,7 +192,7 @@ def test_last_questions_go_on_after_a_crash(store: Store) -> None:
 
 
 def test_of_answers_given_twice_the_later_counts_and_the_report_says_so(store: Store, tmp_path: Path) -> None:
-    pseudonym = take_part(store)
+    pseudonym = enrol_included(store)
     for value in (1, 3):
         session = open_session(store, pseudonym)
         ask(store, session.id, "before_session", {"S_1": value})

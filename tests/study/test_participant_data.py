@@ -25,7 +25,7 @@ from avrgym.study.storage.attempts import begin_attempt, end_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from helpers.studies.small_studies import record, run_participant, small_study, take_in
+from helpers.studies.small_studies import enrol_with_consent, record, run_participant, small_study
 
 OTHERS = ("Zora", "zora-note", "zora-event", "sub-002")
 
@@ -47,7 +47,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
     """Two participants with all kinds of data, which differ between them."""
     with Store(small_study(tmp_path / "study")) as opened:
         for name in ("Ada", "Zora"):
-            pseudonym = take_in(opened, simulated=False, name=name, contact=f"{name}@example.org")
+            pseudonym = enrol_with_consent(opened, simulated=False, name=name, contact=f"{name}@example.org")
             run_participant(opened, pseudonym, trials=2, simulated=False)
             change_an_answer(opened, pseudonym)
             add_note(opened, pseudonym, f"{name.lower()}-note")

@@ -19,7 +19,13 @@ from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, parse_plan
 from avrgym.study.plan.plan_template import template
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from helpers.studies.small_studies import fitting_answers, make_study, run_participant, small_study, take_in
+from helpers.studies.small_studies import (
+    eligible_answers,
+    enrol_with_consent,
+    make_study,
+    run_participant,
+    small_study,
+)
 
 DESIGN = parse_design(default_text())
 OFFERED = required_tests(DESIGN)
@@ -146,7 +152,7 @@ def test_who_has_taken_part_keeps_a_plan_from_being_frozen(tmp_path: Path) -> No
     folder = small_study(tmp_path / "study")
     assert study("freeze", folder).exit_code == 0
     with Store(folder) as store:
-        someone = take_in(store, simulated=False)
+        someone = enrol_with_consent(store, simulated=False)
     with Store(folder) as store:
         run_participant(store, someone, trials=1, simulated=False)
     for arguments in ([], ["--template"], ["--export", "osf"]):
@@ -241,11 +247,11 @@ def test_every_deviation_is_listed(tmp_path: Path) -> None:
     plan.write_text(plan.read_text().replace('    "torso heights, by trial",\n', ""))
     study("freeze", folder)
     with Store(folder) as store:
-        run_participant(store, take_in(store, simulated=False), simulated=False)
-        withdraw(store, take_in(store, simulated=False))
+        run_participant(store, enrol_with_consent(store, simulated=False), simulated=False)
+        withdraw(store, enrol_with_consent(store, simulated=False))
         out = enrol(store, "man")
         record_consent(store, out)
-        record_inclusion(store, out, {name: not yes for name, yes in fitting_answers(store).items()})
+        record_inclusion(store, out, {name: not yes for name, yes in eligible_answers(store).items()})
     person = packaged_policies("avrgym/FeedingJaco-v1")["original"].read_bytes()
     (folder / "mine" / "FeedingJaco.safetensors").write_bytes(person)
     design = folder / "study.toml"

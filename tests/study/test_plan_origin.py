@@ -22,8 +22,8 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
 from helpers.studies.configurations import configuration
-from helpers.studies.known_results import run_trials, take_part
-from helpers.studies.small_studies import make_study, run_participant, take_in
+from helpers.studies.known_results import enrol_included, run_trials
+from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant
 from helpers.studies.time_stamp_authority import Authority
 
 DATABASE_FILES = ("study.db", "study.db.sha256", "study.head")
@@ -56,7 +56,7 @@ def study(*arguments: str | Path) -> Result:
 def take_all_in(folder: Path) -> None:
     with Store(folder) as store:
         for sex in ("man", "woman"):
-            run_trials(store, take_part(store, sex, simulated=False))
+            run_trials(store, enrol_included(store, sex, simulated=False))
 
 
 def forge(folder: Path) -> None:
@@ -123,7 +123,7 @@ def test_a_forged_plan_and_a_rebuilt_database_confirm_nothing(folder: Path, tmp_
 
 def test_the_rebuilding_stays_on_record_and_an_honest_plan_is_unknown_too(folder: Path) -> None:
     with Store(folder) as store:
-        run_participant(store, take_in(store), trials=1)
+        run_participant(store, enrol_with_consent(store), trials=1)
     assert frozen_plan(folder).confirms
     lose_database(folder)
     frozen = frozen_plan(folder)
@@ -151,7 +151,7 @@ def test_a_plan_from_another_station_is_adopted_only_before_the_first_participan
     assert frozen.at > frozen.record.frozen_at
     assert "was stored in the database" in frozen.words
     with Store(late) as store:
-        run_participant(store, take_in(store), trials=1)
+        run_participant(store, enrol_with_consent(store), trials=1)
     assert "has taken part already" in study("freeze", late).output
     assert not frozen_plan(late).confirms
 
@@ -170,7 +170,7 @@ def test_freezing_prints_the_checksum_and_where_to_deposit_it(tmp_path: Path) ->
 
 def test_a_registration_is_a_claim_and_proves_nothing(folder: Path) -> None:
     with Store(folder) as store:
-        run_participant(store, take_in(store), trials=1)
+        run_participant(store, enrol_with_consent(store), trials=1)
     address = "https://osf.io/abcde"
     assert study("freeze", folder, "--registered", address, "--registered-on", "2026-01-02").exit_code == 0
     frozen = frozen_plan(folder)
@@ -237,7 +237,7 @@ def test_a_trusted_time_stamp_from_before_the_first_recording_proves_a_plan(
     assert stored.exit_code == 0, stored.output
     with Store(folder) as store:
         monkeypatch.setattr("avrgym.recording.writer.datetime", Later)
-        run_participant(store, take_in(store), trials=1)
+        run_participant(store, enrol_with_consent(store), trials=1)
         monkeypatch.setattr("avrgym.recording.writer.datetime", datetime)
     lose_database(folder)
     frozen = frozen_plan(folder)

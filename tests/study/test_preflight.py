@@ -13,7 +13,7 @@ from avrgym.study.checking.preflight import policies_needed, policy_faults
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from helpers.studies.small_studies import make_study, take_in
+from helpers.studies.small_studies import enrol_with_consent, make_study
 
 JACO = "avrgym/FeedingJaco-v1"
 
@@ -92,7 +92,7 @@ def test_check_says_what_serve_says(tmp_path: Path) -> None:
             Store(folder) as store,
             pytest.raises(ValueError, match=r"mine/FeedingJaco\.safetensors") as refused,
         ):
-            StudyVisit(store, take_in(store))
+            StudyVisit(store, enrol_with_consent(store))
         assert code == 1
         assert any(str(refused.value) in line for line in lines), lines
         (folder / "mine" / "FeedingJaco.safetensors").write_bytes(b"\x00" * 100)

@@ -40,7 +40,7 @@ from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Command, CommandName, Disconnected
 from helpers.browser.html_page import Page
-from helpers.studies.small_studies import make_study, record, take_in
+from helpers.studies.small_studies import enrol_with_consent, make_study, record
 from helpers.vr.visit import Visit
 
 ADA = Actor("ada", OWN_TOKEN)
@@ -104,7 +104,7 @@ def test_a_policy_that_was_repeated_until_it_succeeded_is_named_everywhere(folde
 
     with Store(folder) as store:
         while sum(len(each.repeats) for each in attempted_trials(store)) < 24:
-            run(store, take_in(store), until_success)
+            run(store, enrol_with_consent(store), until_success)
         extra = sum(len(each.repeats) for each in attempted_trials(store))
         analysis = analyse(store)
     named = f"depend on the policy: original {extra} extra attempts in "
@@ -136,7 +136,11 @@ def test_a_policy_that_was_repeated_until_it_succeeded_is_named_everywhere(folde
 def test_technical_repeats_are_no_finding_however_unequal(folder: Path) -> None:
     with Store(folder) as store:
         for _ in range(4):
-            run(store, take_in(store), lambda trial: [("failed", False)] * (2 * (trial.policy == "original")))
+            run(
+                store,
+                enrol_with_consent(store),
+                lambda trial: [("failed", False)] * (2 * (trial.policy == "original")),
+            )
         assert list(check_repeats(store)) == []
         assert {row.reason for row in analyse(store).repeats} == {TECHNICAL}
     assert of_repeats(study("check", folder)) == []
@@ -150,7 +154,7 @@ def test_balanced_repeats_by_order_are_no_finding(folder: Path) -> None:
             robot = "Jaco" if number % 2 else "PR2"
             run(
                 store,
-                take_in(store),
+                enrol_with_consent(store),
                 lambda trial, robot=robot, good=number > 1: (
                     [("repeated", good)] * (robot in trial.environment)
                 ),
@@ -164,7 +168,7 @@ def test_a_limit_that_is_raised_later_is_still_that_of_the_plan(folder: Path) ->
     with Store(folder) as store:
         run(
             store,
-            take_in(store),
+            enrol_with_consent(store),
             lambda trial: [("repeated", False)] * (2 * (trial.position == 3)),
             complete=False,
         )
@@ -182,7 +186,7 @@ def test_a_design_without_a_limit_has_none(tmp_path: Path) -> None:
     with Store(folder) as store:
         run(
             store,
-            take_in(store),
+            enrol_with_consent(store),
             lambda trial: [("repeated", False)] * (9 * (trial.position == 3)),
             complete=False,
         )
@@ -195,7 +199,7 @@ def test_a_blind_experimenter_reads_letters(tmp_path: Path) -> None:
         for _ in range(4):
             run(
                 store,
-                take_in(store),
+                enrol_with_consent(store),
                 lambda trial: [("repeated", False)] * (trial.policy == "original"),
                 complete=False,
             )
@@ -218,13 +222,13 @@ def store(tmp_path: Path) -> Iterator[Store]:
 def by_command(name: CommandName) -> Callable[[Store, Visit], None]:
     def give(store: Store, visit: Visit) -> None:
         add_entry(store, ADA, name, "sub-001")
-        visit.tell(Command(name=name))
+        visit.send(Command(name=name))
 
     return give
 
 
 def tell(message: messages.Message | Disconnected) -> Callable[[Store, Visit], None]:
-    return lambda _, visit: visit.tell(message)
+    return lambda _, visit: visit.send(message)
 
 
 ENDINGS: dict[str, tuple[Callable[[Store, Visit], None], str, str, str]] = {
@@ -250,12 +254,12 @@ ENDINGS: dict[str, tuple[Callable[[Store, Visit], None], str, str, str]] = {
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_a_repeat_has_its_reason_and_the_person_who_ordered_it(store: Store, ending: str) -> None:
     end, *expected = ENDINGS[ending]
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         plan = replace(visit.plan(), countdown_s=0.1)
         attended = Visit(Path(), plan, make=lambda send: visit.session(plan, send))
-        attended.sit_down()
-        attended.until("trial")
+        attended.calibrate()
+        attended.run_until("trial")
         end(store, attended)
         attended.tick()
     assert repeat_after(store) == [*expected]
@@ -270,7 +274,7 @@ def repeat_after(store: Store) -> list[str]:
 
 
 def test_an_attempt_that_a_crash_left_open_is_a_restart(store: Store) -> None:
-    session = open_session(store, take_in(store))
+    session = open_session(store, enrol_with_consent(store))
     begin_attempt(store, session.id, store.remaining_trials("sub-001")[0].position)
     open_session(store, "sub-001", take_over=True)
     assert repeat_after(store) == [TECHNICAL, "restart", ""]

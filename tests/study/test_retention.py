@@ -18,7 +18,7 @@ from avrgym.study.storage import identity_file
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from helpers.studies.small_studies import run_participant, small_study, take_in
+from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
 END = date(2126, 6, 30)
 PERIODS = 'ended_on = "2126-06-30"\nidentities_months = 6\nrecordings_years = 2\ndata_years = 10\n'
@@ -30,8 +30,10 @@ def folder(tmp_path: Path) -> Path:
     folder = small_study(tmp_path / "study")
     with Store(folder) as store:
         for name in ("Ada Example", ""):
-            run_participant(store, take_in(store, simulated=False, name=name), trials=2, simulated=False)
-        run_participant(store, take_in(store), trials=1)
+            run_participant(
+                store, enrol_with_consent(store, simulated=False, name=name), trials=2, simulated=False
+            )
+        run_participant(store, enrol_with_consent(store), trials=1)
     return folder
 
 

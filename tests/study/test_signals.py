@@ -16,9 +16,9 @@ from websockets.sync.client import ClientConnection, connect
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
-from helpers.studies.small_studies import make_study, take_in
-from helpers.system.processes import AVRGYM, die_with_parent, served
-from helpers.vr.time_limits import with_limits
+from helpers.studies.small_studies import enrol_with_consent, make_study
+from helpers.system.processes import AVRGYM, kill_with_parent, running_server
+from helpers.vr.time_limits import command_with_limits
 
 IMPATIENT = ("avrgym.study.storage.sqlite:WAIT_S=4", "avrgym.study.sessions.visit:STORE_TIMEOUT_S=2")
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -48,8 +48,8 @@ def farewell(client: ClientConnection) -> tuple[int | None, str | None]:
 def test_a_server_says_goodbye_and_ends(tmp_path: Path, number: signal.Signals) -> None:
     folder = make_study(tmp_path)
     with Store(folder) as store:
-        pseudonym = take_in(store)
-    with served(folder, "--participant", pseudonym) as server:
+        pseudonym = enrol_with_consent(store)
+    with running_server(folder, "--participant", pseudonym) as server:
         with participant(server.participant) as client:
             server.process.send_signal(number)
             assert farewell(client) == (1001, "the server has stopped")
@@ -60,7 +60,7 @@ def test_a_server_says_goodbye_and_ends(tmp_path: Path, number: signal.Signals) 
 def test_a_command_that_is_broken_off_says_so_in_its_exit_code(number: signal.Signals) -> None:
     command = [AVRGYM, "evaluate", "avrgym/FeedingJaco-v1", "--episodes", "100000"]
     with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, preexec_fn=die_with_parent
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, preexec_fn=kill_with_parent
     ) as running:
         await_handlers(running.pid)
         running.send_signal(number)
@@ -80,7 +80,7 @@ def test_simulated_participants_end_with_the_command(tmp_path: Path, monkeypatch
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=die_with_parent,
+        preexec_fn=kill_with_parent,
         process_group=0,
     ) as running:
         await_handlers(running.pid)
@@ -97,11 +97,11 @@ def test_a_session_whose_end_cannot_be_stored_is_told_and_exit_code_1(
 ) -> None:
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     with Store(make_study(tmp_path, tasks='["Feeding"]')) as store:
-        pseudonym = take_in(store)
+        pseudonym = enrol_with_consent(store)
         options = ["serve", "--port", "0", "--study", tmp_path, "--participant", pseudonym]
-        command = [*with_limits(*IMPATIENT), *options]
+        command = [*command_with_limits(*IMPATIENT), *options]
         with subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=die_with_parent
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=kill_with_parent
         ) as running:
             assert running.stdout is not None
             next(line for line in running.stdout if "Ctrl+C" in line)

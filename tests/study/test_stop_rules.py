@@ -16,7 +16,7 @@ from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import TICK_S, Answer, Command, Phase, Problem, Ready, Sent, Status
-from helpers.studies.small_studies import make_study, take_in
+from helpers.studies.small_studies import enrol_with_consent, make_study
 from helpers.vr.visit import Visit
 
 NAUSEA = '{ id = "nausea", text = "How sick do you feel?", points = 4, low = "not at all", high = "very" }'
@@ -112,31 +112,31 @@ def attend(visit: StudyVisit) -> Visit:
 
 def rate(attended: Visit, nausea: int) -> None:
     """Go through the trial that comes, and answer its questions."""
-    attended.until("questionnaire")
+    attended.run_until("questionnaire")
     attended.answer(5, 5, 5, 5, nausea)
     attended.tick(25)
 
 
 def told(attended: Visit) -> list[str]:
-    return [each.message for each in attended.said(Problem) if each.role == "experimenter"]
+    return [each.message for each in attended.received(Problem) if each.role == "experimenter"]
 
 
 def test_symptoms_rise_the_session_pauses_and_the_experimenter_sees_why(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
-        attended.sit_down()
+        attended.calibrate()
         rate(attended, nausea=3)
-        attended.until("paused")
+        attended.run_until("paused")
         assert told(attended) == [f"the session pauses: {WHY}"]
-        status: Status = attended.said(Status)[-1]
+        status: Status = attended.received(Status)[-1]
         assert (status.paused, status.pause_reason) == (True, WHY)
-        words: Phase = attended.said(Phase)[-1]
+        words: Phase = attended.received(Phase)[-1]
         assert "take a break" in words.text
         assert "sick" not in words.text
         attended.tick(300)
         assert attended.phase == "paused"
-        attended.tell(Command(name="continue"))
+        attended.send(Command(name="continue"))
         rate(attended, nausea=2)
         assert attended.phase == "finished"
     assert store.participant(pseudonym).state == "completed"
@@ -149,10 +149,10 @@ def test_symptoms_rise_the_session_pauses_and_the_experimenter_sees_why(store: S
 
 
 def test_stronger_symptoms_end_the_session_and_the_trial_counts(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
-        attended.sit_down()
+        attended.calibrate()
         rate(attended, nausea=4)
         assert attended.phase == "finished"
         assert told(attended)[0].startswith("the session ends: 'How sick do you feel?' was answered '4 of 4'")
@@ -166,7 +166,7 @@ def test_stronger_symptoms_end_the_session_and_the_trial_counts(store: Store) ->
 
 @pytest.mark.parametrize(("nausea", "runs"), [(2, True), (3, True), (4, False)])
 def test_who_is_sick_already_begins_paused_or_not_at_all(store: Store, nausea: int, runs: bool) -> None:
-    pseudonym, heard = take_in(store), list[Sent]()
+    pseudonym, heard = enrol_with_consent(store), list[Sent]()
     sessions = StudySessions(store, heard.append, first=pseudonym)
     sessions.receive(Answer(item="nausea", value=nausea, response_time_s=1.0), 0.0)
     sessions.receive(Ready(), 0.0)

@@ -15,7 +15,13 @@ from avrgym.study.checking.checks import check_study
 from avrgym.study.export import export_study
 from avrgym.study.storage.store import Store
 from helpers.studies import small_studies
-from helpers.studies.small_studies import HEARTBEATS, SAMPLES, run_participant, small_study, take_in
+from helpers.studies.small_studies import (
+    HEARTBEATS,
+    SAMPLES,
+    enrol_with_consent,
+    run_participant,
+    small_study,
+)
 
 JUMP_S = -1.0
 JUMPED = StreamSamples(
@@ -30,7 +36,7 @@ JUMPED = StreamSamples(
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
     monkeypatch.setattr(small_studies, "SAMPLES", (JUMPED, *SAMPLES[1:]))
     with Store(small_study(tmp_path / "study")) as opened:
-        run_participant(opened, take_in(opened), trials=2)
+        run_participant(opened, enrol_with_consent(opened), trials=2)
         yield opened
 
 

@@ -22,8 +22,8 @@ from avrgym.study.storage.attempts import begin_attempt
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.store import Store
 from helpers.studies.configurations import trial_configuration
-from helpers.studies.small_studies import make_study, run_participant, small_study, take_in
-from helpers.system.places import ROOT
+from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant, small_study
+from helpers.system.paths import ROOT
 
 FIRST = "recordings/sub-001/ses-01/trial-01_attempt-1.mcap"
 SECOND = "recordings/sub-001/ses-01/trial-02_attempt-1.mcap"
@@ -39,8 +39,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     folder = small_study(tmp_path / "study")
     with Store(folder) as store:
-        run_participant(store, take_in(store))
-        run_participant(store, take_in(store, simulated=False, name="Ada"), trials=2, simulated=False)
+        run_participant(store, enrol_with_consent(store))
+        run_participant(
+            store, enrol_with_consent(store, simulated=False, name="Ada"), trials=2, simulated=False
+        )
     return folder
 
 

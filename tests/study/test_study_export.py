@@ -29,12 +29,12 @@ from helpers.studies.small_studies import (
     OBSERVATION,
     STEPS,
     TORSO_HEIGHT_M,
+    enrol_with_consent,
     record,
     run_participant,
     small_study,
-    take_in,
 )
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 NAME = "Ada Unverwechselbar"
 SCENES = ("FeedingJaco", "FeedingPR2")
@@ -44,8 +44,8 @@ SCENES = ("FeedingJaco", "FeedingPR2")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
     """A simulated participant who has finished and a person in the middle of their trials."""
     with Store(small_study(tmp_path_factory.mktemp("study"))) as opened:
-        run_participant(opened, take_in(opened))
-        person = take_in(opened, simulated=False, name=NAME, contact="ada@example.org")
+        run_participant(opened, enrol_with_consent(opened))
+        person = enrol_with_consent(opened, simulated=False, name=NAME, contact="ada@example.org")
         run_participant(opened, person, trials=3, simulated=False)
         session = open_session(opened, person)
         trial = opened.remaining_trials(person)[0]

@@ -9,7 +9,7 @@ from avrgym.cli.main import app
 from avrgym.study.design.design import DesignError, default_text, parse_design
 from avrgym.study.sessions.visit import plan_session
 from avrgym.study.storage.store import Store
-from helpers.studies.known_results import take_part
+from helpers.studies.known_results import enrol_included
 from helpers.studies.small_studies import make_study
 
 LINE = "force_guard = true\n"
@@ -25,7 +25,7 @@ def test_new_studies_are_guarded_and_those_that_do_not_say_are_not() -> None:
 @pytest.mark.parametrize("force_guard", ["true", "false"])
 def test_sessions_are_guarded_as_the_design_says(tmp_path: Path, force_guard: str) -> None:
     with Store(make_study(tmp_path / "study", force_guard=force_guard)) as store:
-        plan = plan_session(store, take_part(store))
+        plan = plan_session(store, enrol_included(store))
     assert plan.force_guard == (force_guard == "true")
 
 

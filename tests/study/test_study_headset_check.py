@@ -15,7 +15,7 @@ from avrgym.study.storage.sessions import store_headset_check
 from avrgym.study.storage.store import Store
 from avrgym.vr.latency import STAGES
 from avrgym.vr.session import events
-from helpers.studies.known_results import take_part
+from helpers.studies.known_results import enrol_included
 from helpers.studies.small_studies import make_study
 
 LINE = "headset_check = true\n"
@@ -56,14 +56,14 @@ def test_people_s_headsets_are_checked_as_design_or_server_say(
     tmp_path: Path, design: str, simulated: bool, asked: bool, checks: bool
 ) -> None:
     with Store(make_study(tmp_path / "study", headset_check=design)) as store:
-        plan = plan_session(store, take_part(store, simulated=simulated), headset_check=asked)
+        plan = plan_session(store, enrol_included(store, simulated=simulated), headset_check=asked)
     assert (plan.headset_check is not None) is checks
 
 
 def test_a_check_is_stored_with_its_session_and_printed_in_the_methods(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study")
     with Store(folder) as store:
-        unchecked, pseudonym = take_part(store), take_part(store, simulated=False)
+        unchecked, pseudonym = enrol_included(store), enrol_included(store, simulated=False)
         for who in (unchecked, pseudonym):
             with StudyVisit(store, who) as visit:
                 if who == pseudonym:
@@ -99,7 +99,7 @@ def test_the_stop_that_was_tried_is_in_table_and_report(
 ) -> None:
     """A check of an earlier version has neither a stop nor its time."""
     with Store(make_study(tmp_path / "study")) as store:
-        with StudyVisit(store, take_part(store, simulated=False)) as visit:
+        with StudyVisit(store, enrol_included(store, simulated=False)) as visit:
             check = msgspec.structs.replace(CHECK, stop=stop, stop_after_s=after_s)
             visit._observer()(events.HeadsetChecked(1.0, check))
         write_analysis(analyse(store), store.folder, tmp_path / "out")
@@ -112,7 +112,7 @@ def test_the_stop_that_was_tried_is_in_table_and_report(
 
 def test_a_study_without_checks_says_nothing_of_them(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "study")) as store:
-        with StudyVisit(store, take_part(store)):
+        with StudyVisit(store, enrol_included(store)):
             pass
         write_analysis(analyse(store), store.folder, tmp_path / "out")
     assert "Checks of the headset" not in (tmp_path / "out/report/index.html").read_text()
@@ -121,7 +121,7 @@ def test_a_study_without_checks_says_nothing_of_them(tmp_path: Path) -> None:
 
 def test_a_check_of_a_session_that_is_over_is_refused(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "study")) as store:
-        with StudyVisit(store, take_part(store)) as visit:
+        with StudyVisit(store, enrol_included(store)) as visit:
             pass
         with pytest.raises(Exception, match="must be open"):
             store_headset_check(store, visit.stored.id, CHECK)

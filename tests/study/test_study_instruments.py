@@ -22,7 +22,7 @@ from avrgym.study.storage.answers import record_answer, record_session_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
-from helpers.studies.known_results import record_trial, take_part
+from helpers.studies.known_results import enrol_included, record_trial
 from helpers.studies.small_studies import make_study
 
 USED = """
@@ -161,7 +161,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
 
 
 def take_part_whole(store: Store, number: int) -> None:
-    pseudonym = take_part(store, simulated=False)
+    pseudonym = enrol_included(store, simulated=False)
     session = open_session(store, pseudonym).id
     answer(store, session, "before_session", {item.id: 1 for item in INSTRUMENTS["ssq"].items})
     for trial in store.remaining_trials(pseudonym):

@@ -18,18 +18,18 @@ from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from helpers.studies.flipped_bits import flip_bit, noticed
+from helpers.studies.flipped_bits import flip_bit, is_detected
 from helpers.studies.small_studies import (
     METRICS,
     TORSO_HEIGHT_M,
+    enrol_with_consent,
     new_postgresql_database,
     record,
     run_participant,
     small_study,
-    take_in,
 )
-from helpers.system.places import DATA
-from helpers.system.processes import die_with_parent
+from helpers.system.paths import DATA
+from helpers.system.processes import kill_with_parent
 
 OLD = DATA / "study-of-0.2.0"
 
@@ -72,8 +72,10 @@ def _study(folder: Path, url: str) -> Path:
         if url:
             patch.setenv(database.URL_VARIABLE, url)
         with Store(small_study(folder)) as store:
-            run_participant(store, take_in(store))
-            run_participant(store, take_in(store, simulated=False, name="Ada"), trials=2, simulated=False)
+            run_participant(store, enrol_with_consent(store))
+            run_participant(
+                store, enrol_with_consent(store, simulated=False, name="Ada"), trials=2, simulated=False
+            )
             add_note(store, "sub-002", "laughed")
     return folder
 
@@ -130,7 +132,7 @@ def test_an_edit_of_the_database_is_noticed(folder: Path, edit: str) -> None:
 @pytest.mark.parametrize("more_m", [0.0, 0.01], ids=["same", "taller"])
 def test_a_recording_of_a_body_of_another_height_is_noticed(tmp_path: Path, more_m: float) -> None:
     with Store(small_study(tmp_path)) as store:
-        session = open_session(store, take_in(store))
+        session = open_session(store, enrol_with_consent(store))
         trial = store.remaining_trials("sub-001")[0]
         attempt = begin_attempt(store, session.id, trial.position, torso_height_m=TORSO_HEIGHT_M + more_m)
         record(store, attempt, trial)
@@ -198,7 +200,7 @@ def test_every_flipped_bit_of_the_file_is_noticed(on_sqlite: Path, tmp_path: Pat
     unnoticed = [
         bit
         for bit in (flip_bit(on_sqlite, tmp_path / "copy", rng, "study.db") for _ in range(25))
-        if not noticed(tmp_path / "copy")
+        if not is_detected(tmp_path / "copy")
     ]
     assert unnoticed == []
 
@@ -267,7 +269,7 @@ def test_kills_between_transaction_and_seal_raise_no_alarm(folder: Path) -> None
     """The share of 200 that every run of the tests can afford."""
     for pause in range(3):
         command = [sys.executable, "-c", KILLED, folder]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, preexec_fn=die_with_parent) as process:
+        with subprocess.Popen(command, stdout=subprocess.PIPE, preexec_fn=kill_with_parent) as process:
             assert process.stdout is not None
             assert process.stdout.readline() == b"ready\n"
             with Store(folder) as store:

@@ -15,11 +15,18 @@ from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation.emulated_headset import DONE, EmulatedHeadset
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
-from helpers.browser.journey import PATIENCE_S, SEATING, await_buttons, await_phase, draw_little, go_on
+from helpers.browser.journey import (
+    SEATING,
+    TIMEOUT_S,
+    finish_phases,
+    skip_drawing,
+    wait_for_buttons,
+    wait_for_phase,
+)
 from helpers.studies.small_studies import make_study
-from helpers.system.processes import served
-from helpers.vr.time_limits import UNHURRIED
-from helpers.vr.visit import drive
+from helpers.system.processes import running_server
+from helpers.vr.time_limits import RELAXED_LIMITS
+from helpers.vr.visit import constant_policy
 
 TASKS = ("Feeding", "ScratchItch")
 ANSWERS = {"L1": 7, "L2": 6, "L3": 5, "L4": 4}
@@ -43,41 +50,47 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         file.write('items = [{ id = "nausea", text = "Sick?", points = 4, low = "no", high = "very" }]\n')
     for environment, (task, robot) in ENVIRONMENTS.items():
         (folder / "mine").mkdir(exist_ok=True)
-        drive(environment).save(folder / "mine" / f"{task}{robot}.safetensors")
+        constant_policy(environment).save(folder / "mine" / f"{task}{robot}.safetensors")
     return folder
 
 
 @pytest.mark.slow
 def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
-    expect.set_options(timeout=1000 * PATIENCE_S)
+    expect.set_options(timeout=1000 * TIMEOUT_S)
     participant = SimulatedParticipant(draw_traits("woman", 5), 5)
-    with served(folder, limits=UNHURRIED) as server, EmulatedHeadset(server.participant, 320, 180) as headset:
-        draw_little(headset)
+    with (
+        running_server(folder, limits=RELAXED_LIMITS) as server,
+        EmulatedHeadset(server.participant, 320, 180) as headset,
+    ):
+        skip_drawing(headset)
         dashboard = open_dashboard(headset, server.dashboard)
         take_in(dashboard, folder)
         begin(dashboard, headset, "Begin session")
         sit_down(headset, participant)
-        await_buttons(headset, "L1")
+        wait_for_buttons(headset, "L1")
         expect(dashboard.locator("#session-words")).to_contain_text("The participant answers questions")
         expect(dashboard.locator("#watch-trial")).to_contain_text("1 of 2")
         expect(dashboard.locator("#watch-steps")).to_contain_text("20 of 20")
         answer_all(headset)
-        go_on(headset, "ready")
+        finish_phases(headset, "ready")
         await_attempt(headset, 2)
         server.process.send_signal(signal.SIGKILL)
         expect(dashboard.locator("#server")).to_contain_text("Connection lost")
     kept = digests(folder)
     assert states(folder) == ["completed", "running"]
-    with served(folder, limits=UNHURRIED) as server, EmulatedHeadset(server.participant, 320, 180) as headset:
-        draw_little(headset)
+    with (
+        running_server(folder, limits=RELAXED_LIMITS) as server,
+        EmulatedHeadset(server.participant, 320, 180) as headset,
+    ):
+        skip_drawing(headset)
         dashboard = open_dashboard(headset, server.dashboard)
         dashboard.get_by_role("button", name="sub-001").click()
         dashboard.get_by_role("button", name="Continue with the remaining trials").click()
         come_in(dashboard, headset)
-        await_phase(headset, "waiting")
+        wait_for_phase(headset, "waiting")
         sit_down(headset, participant)
         answer_all(headset)
-        await_phase(headset, "finished")
+        wait_for_phase(headset, "finished")
         expect(dashboard.get_by_role("row", name="sub-001")).to_contain_text("completed")
     assert states(folder) == ["completed", "interrupted", "completed"]
     assert kept.items() <= digests(folder).items()
@@ -95,7 +108,7 @@ def open_dashboard(headset: EmulatedHeadset, address: str) -> Page:
     browser = headset.page.context.browser
     assert browser is not None
     page = browser.new_page(viewport={"width": 640, "height": 480})
-    page.set_default_timeout(1000 * PATIENCE_S)
+    page.set_default_timeout(1000 * TIMEOUT_S)
     page.goto(address.replace("/dashboard#", "/dashboard?detail=light#"))
     expect(page.locator("#server")).to_contain_text("Connected")
     page.locator("#picture summary").dispatch_event("click")  # one renderer in software draws for both pages
@@ -126,7 +139,7 @@ def begin(dashboard: Page, headset: EmulatedHeadset, button: str) -> None:
     come_in(dashboard, headset)
     headset.page.locator("#points").get_by_role("button", name="2").click()
     headset.page.get_by_role("button", name="Done").click()
-    await_phase(headset, "waiting")
+    wait_for_phase(headset, "waiting")
 
 
 def come_in(dashboard: Page, headset: EmulatedHeadset) -> None:
@@ -145,14 +158,14 @@ def come_in(dashboard: Page, headset: EmulatedHeadset) -> None:
 def sit_down(headset: EmulatedHeadset, participant: SimulatedParticipant) -> None:
     headset.set_poses(participant.frame(0.0, moving=False))
     headset.enter_vr()
-    go_on(headset, *SEATING)
+    finish_phases(headset, *SEATING)
 
 
 def answer_all(headset: EmulatedHeadset) -> None:
     for item, value in ANSWERS.items():
-        await_buttons(headset, item)
+        wait_for_buttons(headset, item)
         headset.answer(value)
-    await_buttons(headset, "confirm")
+    wait_for_buttons(headset, "confirm")
     headset.answer(DONE)
 
 
@@ -161,7 +174,7 @@ def await_attempt(headset: EmulatedHeadset, trial: int) -> None:
     headset.page.wait_for_function(
         "([trial]) => ((phase) => phase?.trial === trial && phase.name !== 'loading')(window.avrgymEmulator.phase())",
         arg=[trial],
-        timeout=1000 * PATIENCE_S,
+        timeout=1000 * TIMEOUT_S,
     )
 
 

@@ -20,7 +20,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import Text, TextsError, normalize_whitespace, read_texts
 from avrgym.vr.protocol.messages import Back, Language, Phase, Question, Ready
-from helpers.studies.small_studies import fitting_answers, make_study
+from helpers.studies.small_studies import eligible_answers, make_study
 from helpers.vr.visit import Visit
 
 GERMAN = read_texts("de")
@@ -36,7 +36,7 @@ def folder(tmp_path: Path) -> Path:
 def take_in_german(store: Store) -> str:
     pseudonym = enrol(store, "woman", language="de", simulated=True)
     record_consent(store, pseudonym)
-    record_inclusion(store, pseudonym, fitting_answers(store))
+    record_inclusion(store, pseudonym, eligible_answers(store))
     return pseudonym
 
 
@@ -108,20 +108,20 @@ def test_a_participant_reads_one_language_throughout(folder: Path, tmp_path: Pat
         with StudyVisit(store, pseudonym) as visit:
             plan = replace(visit.plan(), countdown_s=0.1)
             attended = Visit(Path(), plan, make=lambda send: visit.session(plan, send))
-            attended.session.welcome(attended.heard.append, "participant", 0.0)
+            attended.session.welcome(attended.inbox.append, "participant", 0.0)
             attended.go_to("questionnaire")
-            attended.content = False
+            attended.confirms = False
             attended.answer(2)
-            attended.tell(Back())
+            attended.send(Back())
             attended.answer(3, 4, 5, 6)
-            attended.tell(Ready())
-            attended.until("ready")
+            attended.send(Ready())
+            attended.run_until("ready")
             attended.leave()
-        assert attended.said(Language)[-1].language == "de"
-        asked = {question.text for question in attended.said(Question)}
+        assert attended.received(Language)[-1].language == "de"
+        asked = {question.text for question in attended.received(Question)}
         assert asked == {GERMAN.translate(item.text) for item in store.design.items.values()}
         assert not asked & {item.text for item in store.design.items.values()}
-        assert attended.said(Phase)[-1].text.startswith("Durchgang 2 von 4: Essen Sie")
+        assert attended.received(Phase)[-1].text.startswith("Durchgang 2 von 4: Essen Sie")
         answers = [(each.item, each.value) for each in store.answers(pseudonym)]
         assert answers == [("L1", 3), ("L2", 4), ("L3", 5), ("L4", 6)]
         changes = [event.detail for event in store.events() if event.name == "answer changed"]

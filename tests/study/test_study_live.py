@@ -22,7 +22,7 @@ from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Command, CommandName, Entered, Ready
-from helpers.studies.small_studies import make_study, take_in
+from helpers.studies.small_studies import enrol_with_consent, make_study
 from helpers.vr.visit import Visit
 
 PATIENCE_S = 60.0
@@ -62,12 +62,12 @@ def finish_trial(attended: Visit, limit_s: float = 30.0) -> None:
 
 
 def command(attended: Visit, name: CommandName) -> None:
-    attended.tell(Command(name=name))
+    attended.send(Command(name=name))
 
 
 def go_to_trial(attended: Visit) -> None:
-    attended.sit_down()
-    attended.until("trial")
+    attended.calibrate()
+    attended.run_until("trial")
 
 
 def states(store: Store) -> list[str]:
@@ -85,11 +85,11 @@ def digests(folder: Path) -> dict[str, str]:
 
 
 def test_a_visit_is_stored_from_calibration_to_the_last_answer(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     planned = store.trials(pseudonym)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
-        attended.sit_down()
+        attended.calibrate()
         for _ in planned:
             finish_trial(attended)
         assert attended.phase == "finished"
@@ -128,7 +128,7 @@ def test_there_is_no_visit_without_consent(store: Store) -> None:
 def test_a_missing_policy_is_named_before_a_session_opens(
     store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     monkeypatch.setattr("avrgym.policies.trained.PACKAGED", tmp_path)
     with pytest.raises(
         PolicyError, match=r"no policy .* for avrgym/FeedingJaco-v1; allowed: oracle, random, zero, "
@@ -138,13 +138,13 @@ def test_a_missing_policy_is_named_before_a_session_opens(
 
 
 def test_the_next_visit_goes_on_with_order_seeds_and_attempts(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     planned = [(trial.environment, trial.policy, trial.seed) for trial in store.trials(pseudonym)]
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
-        attended.sit_down()
+        attended.calibrate()
         finish_trial(attended)
-        attended.until("trial")
+        attended.run_until("trial")
         command(attended, "stop")
         attended.leave()
     with StudyVisit(store, pseudonym) as visit:
@@ -152,7 +152,7 @@ def test_the_next_visit_goes_on_with_order_seeds_and_attempts(store: Store) -> N
         assert [(trial.environment, trial.policy, trial.seed) for trial in plan.trials] == planned
         assert plan.first_trial == 2
         attended = attend(visit)
-        attended.sit_down()
+        attended.calibrate()
         finish_trial(attended)
         finish_trial(attended)
     names = [attempt.recording.removeprefix("recordings/sub-001/") for attempt in store.attempts(pseudonym)]
@@ -170,20 +170,20 @@ def test_the_next_visit_goes_on_with_order_seeds_and_attempts(store: Store) -> N
 
 
 def test_what_the_experimenter_commands_is_stored(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
         go_to_trial(attended)
         command(attended, "stop")
-        attended.tell(Ready())
-        attended.until("trial")
+        attended.send(Ready())
+        attended.run_until("trial")
         command(attended, "pause")
         command(attended, "continue")
-        attended.until("trial")
+        attended.run_until("trial")
         command(attended, "repeat")
-        attended.until("trial")
+        attended.run_until("trial")
         command(attended, "skip")
-        attended.until("trial")
+        attended.run_until("trial")
         command(attended, "end")
         assert attended.phase == "finished"
     assert states(store) == ["stopped", "paused", "repeated", "skipped", "ended"]
@@ -193,14 +193,14 @@ def test_what_the_experimenter_commands_is_stored(store: Store) -> None:
     assert wrong(store) == []
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
-        attended.sit_down()
+        attended.calibrate()
         for _ in range(3):
             finish_trial(attended)
     assert store.participant(pseudonym).state == "completed"
 
 
 def test_withdrawal_in_mid_trial_stops_robot_and_recording(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
         go_to_trial(attended)
@@ -233,7 +233,7 @@ def await_word(visit: StudyVisit) -> None:
 
 def test_withdrawal_elsewhere_stops_robot_and_recording_in_mid_trial(store: Store) -> None:
     """By the command line in another process, and without any transition that would be stored."""
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
         go_to_trial(attended)
@@ -259,13 +259,13 @@ def test_nothing_is_stored_of_who_withdrew_elsewhere_even_before_that_is_known_h
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("avrgym.study.sessions.threads.CHECK_EVERY_S", 3600.0)
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
         go_to_trial(attended)
         withdraw(store, pseudonym)
-        attended.until("paused")
-        attended.tell(Ready())
+        attended.run_until("paused")
+        attended.send(Ready())
         attended.tick(5)
         assert attended.phase == "paused"
         assert "is closed; it must be open" in attended.problems[-1]
@@ -273,7 +273,7 @@ def test_nothing_is_stored_of_who_withdrew_elsewhere_even_before_that_is_known_h
 
 
 def test_a_session_that_is_taken_over_ends_here(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
         go_to_trial(attended)
@@ -293,20 +293,20 @@ def test_on_a_full_disk_no_trial_completes_and_earlier_ones_stay(
     store: Store, small_files: Callable[[int], None]
 ) -> None:
     """Neither recordings nor the database can grow; then they can, and the trial is repeated."""
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
-        attended.sit_down()
+        attended.calibrate()
         finish_trial(attended)
         before = digests(store.folder)
-        attended.until("free_before")
+        attended.run_until("free_before")
         small_files(60_000)
-        attended.until("paused")
+        attended.run_until("paused")
         small_files(0)
         assert "cannot be recorded" in attended.problems[-1]
         assert [trial.state for trial in store.trials(pseudonym)].count("completed") == 1
         assert before.items() <= digests(store.folder).items()
-        attended.tell(Ready())
+        attended.send(Ready())
         finish_trial(attended)
         finish_trial(attended)
         assert attended.phase == "finished"
@@ -317,38 +317,38 @@ def test_on_a_full_disk_no_trial_completes_and_earlier_ones_stay(
 
 
 def test_where_no_file_can_be_opened_no_trial_begins(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         blocked = store.path(visit.stored.folder)
         blocked.parent.mkdir(parents=True)
         blocked.write_text("")
         attended = attend(visit)
-        attended.sit_down()
-        attended.until("paused")
+        attended.calibrate()
+        attended.run_until("paused")
         assert "cannot be recorded" in attended.problems[-1]
         assert store.attempts(pseudonym) == []
         blocked.unlink()
-        attended.tell(Ready())
+        attended.send(Ready())
         finish_trial(attended)
     assert states(store)[0] == "completed"
 
 
 def test_what_the_database_cannot_keep_is_repeated(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     """The end of a trial cannot be stored, though its recording is whole: the trial is run once more."""
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
 
     def fail(*_: object) -> None:
         raise StudyError("the study's database: disk I/O error")
 
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
-        attended.tell(Entered())
-        attended.sit_down()
+        attended.send(Entered())
+        attended.calibrate()
         with monkeypatch.context() as broken:
             broken.setattr("avrgym.study.sessions.visit.complete_attempt", fail)
-            attended.until("paused")
+            attended.run_until("paused")
         assert "disk I/O error" in attended.problems[-1]
-        attended.tell(Ready())
+        attended.send(Ready())
         finish_trial(attended)
     assert states(store)[:2] == ["failed", "completed"]
     assert wrong(store) == []

@@ -60,9 +60,9 @@ from avrgym.vr.server.session_links import SessionLinks
 from avrgym.vr.session.session import Session
 from helpers.browser.html_page import Page
 from helpers.studies.sites import make_site
-from helpers.studies.small_studies import make_study, run_participant, small_study, take_in
-from helpers.vr.received_states import understand
-from helpers.vr.visit import driving, plan
+from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant, small_study
+from helpers.vr.received_states import decode_message
+from helpers.vr.visit import constant_policies, plan
 
 ADA, PATIENCE_S = Actor("ada", OWN_TOKEN), 60.0
 NAME, NOTE, REASON = "Grace Participant", "she laughed aloud", "felt unwell today"
@@ -89,7 +89,7 @@ def served(
     with StorageThread() as storing, Experimenters(store) as known:
         log = LiveLog(store, storing, pytest.fail)
         with LiveServer(
-            lambda send: Session(plan(), driving(plan()), tmp_path / "free", send, "test"),
+            lambda send: Session(plan(), constant_policies(plan()), tmp_path / "free", send, "test"),
             "127.0.0.1",
             0,
             study=lambda tokens, _: dashboard_app(store, tokens),
@@ -170,7 +170,7 @@ def test_commands_of_a_running_session_are_logged_by_person(
 ) -> None:
     server, token = served
     with watching(server, token) as socket:
-        first = understand(socket, socket.recv(PATIENCE_S))
+        first = decode_message(socket, socket.recv(PATIENCE_S))
         assert isinstance(first, Welcome)
         assert first.role == "experimenter"
         socket.send(messages.encode(Command(name="repeat")))
@@ -198,7 +198,7 @@ def test_a_revoked_token_opens_nothing_and_its_pages_close(
         assert closed.value.rcvd.code == 4403
     assert ask(server, token, "/overview").status_code == 401
     with watching(server, token) as socket:
-        assert isinstance(understand(socket, socket.recv(PATIENCE_S)), Problem)
+        assert isinstance(decode_message(socket, socket.recv(PATIENCE_S)), Problem)
     assert ask(server, server.tokens.experimenter, "/overview").status_code == 200
 
 
@@ -275,7 +275,7 @@ def test_the_ledger_names_an_entry_that_was_written_twice(store: Store) -> None:
 
 
 def test_entries_outlast_the_participant_whom_they_are_about(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     add_entry(store, ADA, "view participant", pseudonym)
     delete_participant(store, pseudonym)
     assert told(store.log()) == [("ada", OWN_TOKEN, "view participant", 1, "")]
@@ -286,7 +286,7 @@ def test_entries_outlast_the_participant_whom_they_are_about(store: Store) -> No
 
 
 def test_the_export_has_the_log_with_a_codebook(store: Store, tmp_path: Path) -> None:
-    run_participant(store, take_in(store))
+    run_participant(store, enrol_with_consent(store))
     add_entry(store, ADA, "repeat", "sub-001")
     add_entry(store, ADA, "export", detail="csv", shows_results=True)
     add_entry(store, ADA, ADD_EXPERIMENTER, detail="eve")
@@ -351,7 +351,7 @@ def planned(tmp_path: Path) -> Path:
     for _ in range(2):
         assert command("study", "freeze", folder).exit_code == 0
     with Store(folder) as store:
-        run_participant(store, take_in(store))
+        run_participant(store, enrol_with_consent(store))
     return folder
 
 
@@ -386,7 +386,7 @@ def test_an_empty_log_of_a_rebuilt_database_is_not_taken_for_an_untouched_study(
 
 def test_results_after_the_planned_end_or_without_any_are_no_deviation(planned: Path) -> None:
     with Store(planned) as store:
-        run_participant(store, take_in(store))
+        run_participant(store, enrol_with_consent(store))
         add_entry(store, ADA, "view results", shows_results=True)
         (entry,) = (each for each in store.log() if each.name == "view results")
         assert (entry.completed, entry.planned) == (2, 2)
@@ -397,15 +397,15 @@ def test_results_after_the_planned_end_or_without_any_are_no_deviation(planned: 
 
 
 def test_nothing_is_viewed_while_there_are_no_results(store: Store) -> None:
-    take_in(store)
+    enrol_with_consent(store)
     add_entry(store, ADA, "analyze", shows_results=True)
     assert [(each.completed, each.planned) for each in store.log()] == [(None, None)]
     assert interim(store) == []
 
 
 def test_people_alone_count_where_there_are_some(store: Store) -> None:
-    run_participant(store, take_in(store))
-    run_participant(store, take_in(store, simulated=False), trials=3, simulated=False)
+    run_participant(store, enrol_with_consent(store))
+    run_participant(store, enrol_with_consent(store, simulated=False), trials=3, simulated=False)
     add_entry(store, ADA, "view results", shows_results=True)
     (found,) = interim(store)
     assert "after 0 of 8 participants by ada at " in found
@@ -423,7 +423,7 @@ def test_the_dashboard_shows_results_only_to_who_asks(
     store: Store, served: tuple[LiveServer[Session], str], tmp_path: Path
 ) -> None:
     server, token = served
-    run_participant(store, take_in(store))
+    run_participant(store, enrol_with_consent(store))
     assert "results" not in ask(server, token, "/overview").json()
     assert interim(store) == []
     assert ask(server, token, "/results").json()["results"]

@@ -24,20 +24,20 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.studies.sites import (
     add_participant,
-    contents,
+    check_errors,
+    files_in,
+    kill_merge,
     make_site,
-    merge_killed,
     set_in_design,
-    tree,
-    wrong,
+    study_contents,
 )
 from helpers.studies.small_studies import (
-    fitting_answers,
+    eligible_answers,
     new_postgresql_database,
     record,
     small_study,
 )
-from helpers.system.places import DATA
+from helpers.system.paths import DATA
 
 
 @pytest.fixture(autouse=True)
@@ -80,7 +80,7 @@ def without_keys(store: Store, pseudonym: str) -> list:
 
 
 def test_everybody_is_there_once_and_can_be_traced(sites: list[Path], out: Path) -> None:
-    before = [tree(site) for site in sites]
+    before = [files_in(site) for site in sites]
     found = merge_studies(sites, out)
     assert [(each.site, each.pseudonyms) for each in found] == [
         ("atlanta", "sub-1001 to sub-1002"),
@@ -97,29 +97,29 @@ def test_everybody_is_there_once_and_can_be_traced(sites: list[Path], out: Path)
             source = atlanta if site == "atlanta" else berlin
             assert there is not None
             assert without_keys(store, pseudonym) == without_keys(source, there)
-    assert wrong(out) == []
-    assert [tree(site) for site in sites] == before
+    assert check_errors(out) == []
+    assert [files_in(site) for site in sites] == before
 
 
 def test_names_stay_at_the_sites(sites: list[Path], out: Path) -> None:
     merge_studies(sites, out)
     assert not (out / "private").exists()
-    assert [name for name, data in tree(out).items() if b"Unverwechselbar" in data] == []
+    assert [name for name, data in files_in(out).items() if b"Unverwechselbar" in data] == []
 
 
 def test_merging_again_changes_nothing(sites: list[Path], out: Path) -> None:
     merge_studies(sites, out)
-    before = tree(out)
+    before = files_in(out)
     again = merge_studies(sites[::-1], out)
     assert [(each.rows_written, each.recordings_copied) for each in again] == [(0, 0), (0, 0)]
-    assert tree(out) == before
+    assert files_in(out) == before
 
 
 def test_what_is_new_comes_along(sites: list[Path], out: Path, tmp_path: Path) -> None:
     merge_studies(sites, out)
-    before = contents(out)
+    before = study_contents(out)
     merge_studies([make_site(tmp_path / "c", "cairo")], out)
-    after = contents(out)
+    after = study_contents(out)
     assert sorted(after) == [*sorted(before), "sub-3001"]
     assert {name: after[name] for name in before} == before
     add_participant(sites[0], 1)
@@ -135,7 +135,7 @@ def test_what_is_new_comes_along(sites: list[Path], out: Path, tmp_path: Path) -
         "sub-2001": "withdrawn",
         "sub-3001": "allocated",
     }
-    assert wrong(out) == []
+    assert check_errors(out) == []
 
 
 def test_who_is_deleted_at_a_site_is_deleted_at_the_next_merge(sites: list[Path], out: Path) -> None:
@@ -145,9 +145,9 @@ def test_who_is_deleted_at_a_site_is_deleted_at_the_next_merge(sites: list[Path]
     with Store(sites[0]) as store:
         delete_participant(store, "sub-001")
     assert merge_studies(sites, out)[0].participants_deleted == 1
-    assert "sub-1001" not in contents(out)
-    assert [name for name, data in tree(out).items() if b"laughed" in data or "sub-1001" in name] == []
-    assert wrong(out) == []
+    assert "sub-1001" not in study_contents(out)
+    assert [name for name, data in files_in(out).items() if b"laughed" in data or "sub-1001" in name] == []
+    assert check_errors(out) == []
 
 
 def test_a_deletion_that_was_broken_off_is_finished(
@@ -161,8 +161,8 @@ def test_a_deletion_that_was_broken_off_is_finished(
         with pytest.raises(ZeroDivisionError):
             merge_studies(sites, out)
     merge_studies(sites, out)
-    assert [name for name in tree(out) if "sub-1001" in name] == []
-    assert wrong(out) == []
+    assert [name for name in files_in(out) if "sub-1001" in name] == []
+    assert check_errors(out) == []
 
 
 def test_who_is_deleted_here_stays_deleted(sites: list[Path], out: Path) -> None:
@@ -170,14 +170,14 @@ def test_who_is_deleted_here_stays_deleted(sites: list[Path], out: Path) -> None
     with Store(out) as store:
         delete_participant(store, "sub-2001")
     merge_studies(sites, out)
-    assert sorted(contents(out)) == ["sub-1001", "sub-1002"]
+    assert sorted(study_contents(out)) == ["sub-1001", "sub-1002"]
     assert not (out / "recordings" / "sub-2001").exists()
-    assert wrong(out) == []
+    assert check_errors(out) == []
 
 
 def test_nobody_takes_part_in_a_merged_study(sites: list[Path], out: Path) -> None:
     merge_studies(sites, out)
-    before = contents(out)
+    before = study_contents(out)
     with Store(out) as store:
         for action in (
             lambda: enrol(store, "man"),
@@ -189,7 +189,7 @@ def test_nobody_takes_part_in_a_merged_study(sites: list[Path], out: Path) -> No
                 StudyError, match="merged from sites: change the study of the site, then merge again"
             ):
                 action()
-    assert contents(out) == before
+    assert study_contents(out) == before
 
 
 def test_a_session_that_is_open_comes_as_it_is_and_later_as_it_ended(sites: list[Path], out: Path) -> None:
@@ -199,8 +199,8 @@ def test_a_session_that_is_open_comes_as_it_is_and_later_as_it_ended(sites: list
         attempt = begin_attempt(store, session.id, trial.position)
         store.path(attempt.recording).write_bytes(b"the beginning")
         merge_studies(sites, out)
-        assert contents(out)["sub-1002"][3][-1].state == "running"
-        assert wrong(out) == []
+        assert study_contents(out)["sub-1002"][3][-1].state == "running"
+        assert check_errors(out) == []
         store.path(attempt.recording).unlink()
         record(store, attempt, trial, simulated=False)
         end_attempt(store, attempt.id, "stopped")
@@ -208,7 +208,7 @@ def test_a_session_that_is_open_comes_as_it_is_and_later_as_it_ended(sites: list
     merge_studies(sites, out)
     with Store(out) as merged, Store(sites[0]) as site:
         assert without_keys(merged, "sub-1002") == without_keys(site, "sub-002")
-    assert wrong(out) == []
+    assert check_errors(out) == []
 
 
 def test_a_study_of_an_earlier_version_is_merged_too(tmp_path: Path, out: Path) -> None:
@@ -218,7 +218,7 @@ def test_a_study_of_an_earlier_version_is_merged_too(tmp_path: Path, out: Path) 
         for person in store.participants():
             there = f"sub-1{person.pseudonym.removeprefix('sub-')}"
             assert without_keys(merged, there) == without_keys(store, person.pseudonym)
-    assert wrong(out) == []
+    assert check_errors(out) == []
 
 
 def test_sites_that_share_a_database_are_blocks_of_its_orders(tmp_path: Path) -> None:
@@ -226,7 +226,7 @@ def test_sites_that_share_a_database_are_blocks_of_its_orders(tmp_path: Path) ->
         for number in range(8):
             pseudonym = enrol(store, "woman", site="berlin" if number % 2 else "atlanta")
             record_consent(store, pseudonym)
-            record_inclusion(store, pseudonym, fitting_answers(store))
+            record_inclusion(store, pseudonym, eligible_answers(store))
         cells = [(each.site, each.cell) for each in store.participants()]
         assert sorted(cells) == [(site, cell) for site in ("atlanta", "berlin") for cell in range(4)]
         with pytest.raises(StudyError, match="'a b' is not a valid site; allowed: at most 40 letters"):
@@ -321,12 +321,12 @@ def test_what_is_no_second_site_is_refused(
     sites: list[Path], out: Path, prepare: Callable[[list[Path]], list[Path]], words: str
 ) -> None:
     given = prepare(sites)
-    before = [tree(site) for site in given]
+    before = [files_in(site) for site in given]
     with pytest.raises(StudyError, match=words) as refused:
         merge_studies(given, out)
     assert "\n" not in str(refused.value)
     assert not out.exists()
-    assert [tree(site) for site in given] == before
+    assert [files_in(site) for site in given] == before
 
 
 def test_an_output_that_no_merge_made_is_refused_and_stays(sites: list[Path], tmp_path: Path) -> None:
@@ -337,10 +337,10 @@ def test_an_output_that_no_merge_made_is_refused_and_stays(sites: list[Path], tm
         "in a site": sites[0] / "all",
         "a file": sites[0] / "study.toml",
     }.items():
-        before = tree(tmp_path)
+        before = files_in(tmp_path)
         with pytest.raises(StudyError, match=r"contains other files|in the folder of a site|is a file"):
             merge_studies(sites, out)
-        assert tree(tmp_path) == before, name
+        assert files_in(tmp_path) == before, name
 
 
 def test_a_merged_study_is_no_site(sites: list[Path], out: Path, tmp_path: Path) -> None:
@@ -353,7 +353,7 @@ def test_a_site_that_was_set_back_or_renamed_is_refused(sites: list[Path], out: 
     older = Path(shutil.copytree(sites[1], tmp_path / "older" / "berlin"))
     add_participant(sites[1], 1)
     merge_studies(sites, out)
-    before = tree(out)
+    before = files_in(out)
     with pytest.raises(
         StudyError, match="'berlin' is not the study that was merged before, or an older copy"
     ):
@@ -363,7 +363,7 @@ def test_a_site_that_was_set_back_or_renamed_is_refused(sites: list[Path], out: 
     other = make_site(tmp_path / "another" / "berlin")
     with pytest.raises(StudyError, match="'berlin' is not the study that was merged before"):
         merge_studies([other], out)
-    assert tree(out) == before
+    assert files_in(out) == before
 
 
 def test_the_variable_of_the_database_is_refused(
@@ -400,7 +400,7 @@ def test_damaged_recordings_are_named_and_left_out_on_request(sites: list[Path],
     told: list[str] = []
     merge_studies(sites, out, skip_damaged=True, tell=told.append)
     assert len(told) == 2
-    assert wrong(out) == []
+    assert check_errors(out) == []
     with Store(out) as store:
         left_out = [each.what for each in check_study(store) if "left out" in each.what]
     assert len(left_out) == 2
@@ -414,17 +414,17 @@ def test_damaged_recordings_are_named_and_left_out_on_request(sites: list[Path],
 def test_damage_to_a_merged_study_is_noticed_and_recordings_come_again(sites: list[Path], out: Path) -> None:
     merge_studies(sites, out)
     first, second, *_ = sorted((out / "recordings").rglob("*.mcap"))
-    whole = tree(out)
+    whole = files_in(out)
     first.write_bytes(first.read_bytes()[:-1])
     second.unlink()
-    found = wrong(out)
+    found = check_errors(out)
     assert f"{first.relative_to(out)}: was changed: its checksum differs" in found
     assert f"{second.relative_to(out)}: is missing" in found
     merge_studies(sites, out)
-    assert tree(out) == whole
+    assert files_in(out) == whole
     with Store(out) as store, store.database._engine.begin() as connection:
         connection.exec_driver_sql("UPDATE participant SET site = 'berlin' WHERE number = 1001")
-    assert any("participant 1001: was changed by another program" in each for each in wrong(out))
+    assert any("participant 1001: was changed by another program" in each for each in check_errors(out))
 
 
 # Kills
@@ -435,12 +435,12 @@ def test_a_killed_merge_is_completed_by_the_next(sites: list[Path], out: Path, t
     """The share of 20 that every run of the tests can afford: as the study is made, in a copy, in and after rows."""
     merge_studies(sites, tmp_path / "whole")
     for step in (0, 4, 30):
-        assert merge_killed(sites, out, step)
+        assert kill_merge(sites, out, step)
         if out.exists():
-            assert all(each in contents(tmp_path / "whole") for each in contents(out))
+            assert all(each in study_contents(tmp_path / "whole") for each in study_contents(out))
     merge_studies(sites, out)
-    assert contents(out) == contents(tmp_path / "whole")
-    assert wrong(out) == []
+    assert study_contents(out) == study_contents(tmp_path / "whole")
+    assert check_errors(out) == []
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "all", "berlin", "whole"]
 
 
@@ -474,11 +474,11 @@ def test_sites_share_a_frozen_plan(out: Path, tmp_path: Path) -> None:
 def test_a_site_may_use_postgresql(postgresql: Path, sites: list[Path], out: Path, tmp_path: Path) -> None:
     shared = make_site(tmp_path / "paris", url=new_postgresql_database(postgresql), trials=(None,))
     merge_studies([*sites, shared], out)
-    assert sorted(contents(out)) == ["sub-1001", "sub-1002", "sub-2001", "sub-3001"]
-    assert wrong(out) == []
-    before = tree(out)
+    assert sorted(study_contents(out)) == ["sub-1001", "sub-1002", "sub-2001", "sub-3001"]
+    assert check_errors(out) == []
+    before = files_in(out)
     merge_studies([shared], out)
-    assert tree(out) == before
+    assert files_in(out) == before
 
 
 @pytest.mark.parametrize("in_between", [False, True])

@@ -24,7 +24,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import user_data_folder
 from helpers.studies.small_studies import small_study
-from helpers.system.places import DATA
+from helpers.system.paths import DATA
 
 NAME, CONTACT, SECRET = "Zora Unmistakable", "zora@example.org", "a long passphrase"
 

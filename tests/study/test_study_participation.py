@@ -32,7 +32,7 @@ from avrgym.study.storage.data_loss import describe_data_loss
 from avrgym.study.storage.participation import FILE, ParticipationList
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from helpers.studies.small_studies import fitting_answers, run_participant, small_study, take_in
+from helpers.studies.small_studies import eligible_answers, enrol_with_consent, run_participant, small_study
 
 DATABASE_FILES = ("study.db", "study.db.sha256", "study.head")
 STATES = {
@@ -54,17 +54,17 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.delenv(database.URL_VARIABLE, raising=False)
         with Store(folder) as store:
             for _ in range(3):
-                run_participant(store, take_in(store, simulated=False), simulated=False)
+                run_participant(store, enrol_with_consent(store, simulated=False), simulated=False)
             withdraw(store, "sub-002", "tired")
             shutil.copytree(folder / "recordings" / "sub-003", folder.parent / "sub-003")
             delete_participant(store, "sub-003")
             enrol(store, "man", age_years=40)
             record_consent(store, "sub-004")
-            answers = fitting_answers(store)
+            answers = eligible_answers(store)
             assert not record_inclusion(store, "sub-004", {each: not answers[each] for each in answers})
-            run_participant(store, take_in(store, simulated=False), trials=4, simulated=False)
+            run_participant(store, enrol_with_consent(store, simulated=False), trials=4, simulated=False)
             enrol(store, "man")
-            withdraw(store, take_in(store, simulated=False))
+            withdraw(store, enrol_with_consent(store, simulated=False))
     return folder
 
 
@@ -144,7 +144,7 @@ def test_withdrawals_exclusions_and_deletions_survive_the_loss_of_the_database(f
                 "consent_sha256",
             ):
                 assert getattr(participant, name) == getattr(kept, name), name
-        assert take_in(store, simulated=False) == "sub-008"
+        assert enrol_with_consent(store, simulated=False) == "sub-008"
     assert wrong(folder) == {}
     assert "was lost and rebuilt" in losses(folder)
 
@@ -222,7 +222,7 @@ def another(folder: Path) -> None:
     other = small_study(folder.parent / "other")
     with Store(other) as store:
         for _ in range(7):
-            run_participant(store, take_in(store, simulated=False), trials=1, simulated=False)
+            run_participant(store, enrol_with_consent(store, simulated=False), trials=1, simulated=False)
     shutil.copy(other / FILE, folder / FILE)
 
 
@@ -283,7 +283,7 @@ def test_the_loss_of_the_list_stays_on_record_over_a_second_loss_and_a_merge(
     lose(folder, FILE)
     with Store(folder) as store:
         assert confirm_participation(store, "sub-001", "form in folder 2") == "completed"
-        run_participant(store, take_in(store, simulated=False), simulated=False)
+        run_participant(store, enrol_with_consent(store, simulated=False), simulated=False)
     lose(folder)
     assert states(folder)["sub-001"] == "completed"
     assert states(folder)["sub-002"] == "unknown"
@@ -320,7 +320,7 @@ def test_where_nothing_can_be_signed_a_study_goes_on_and_its_list_proves_nothing
     monkeypatch.setattr(signing, "user_data_folder", lambda: tmp_path / "file")
     folder = small_study(tmp_path / "study")
     with Store(folder) as store:
-        run_participant(store, take_in(store), trials=1)
+        run_participant(store, enrol_with_consent(store), trials=1)
     assert "is not signed" in lose(folder).lost
     assert states(folder) == {"sub-001": "unknown"}
 

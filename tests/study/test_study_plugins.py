@@ -22,7 +22,7 @@ from avrgym.study.storage.store import Store
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin
 from avrgym.tasks.registry import plugins_of
-from helpers.studies.small_studies import make_study, run_participant, take_in
+from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant
 from helpers.system.fake_plugins import change, register
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
@@ -51,7 +51,7 @@ def test_a_robot_that_changes_within_a_study_is_named_with_everybody_who_met_it(
     robot: Path, folder: Path
 ) -> None:
     with Store(folder) as store:
-        first, second = take_in(store), take_in(store)
+        first, second = enrol_with_consent(store), enrol_with_consent(store)
         run_participant(store, first, 2)
         assert findings(store) == []
         before = plugins_of(ENVIRONMENT)[0]
@@ -76,22 +76,22 @@ def test_a_robot_that_changes_within_a_study_is_named_with_everybody_who_met_it(
 
 def test_a_dry_run_before_a_change_says_nothing_about_people(robot: Path, folder: Path) -> None:
     with Store(folder) as store:
-        run_participant(store, take_in(store), 1)
+        run_participant(store, enrol_with_consent(store), 1)
         change(robot)
-        run_participant(store, take_in(store, simulated=False), 1, simulated=False)
+        run_participant(store, enrol_with_consent(store, simulated=False), 1, simulated=False)
         assert [each for each in findings(store) if each.wrong] == []
 
 
 def test_a_study_without_plug_ins_has_nothing_to_say(folder: Path) -> None:
     with Store(folder) as store:
-        run_participant(store, take_in(store), 1)
+        run_participant(store, enrol_with_consent(store), 1)
         assert findings(store) == []
         assert [each for each in store.events() if each.name == "plug-in used"] == []
 
 
 def test_each_session_stores_what_it_uses(robot: Path, folder: Path) -> None:
     with Store(folder) as store:
-        with StudyVisit(store, take_in(store)):
+        with StudyVisit(store, enrol_with_consent(store)):
             pass
         (event,) = (each for each in store.events() if each.name == "plug-in used")
         assert event.session is not None
@@ -136,7 +136,7 @@ def test_a_plan_of_an_earlier_version_opens_and_says_that_it_stores_none(robot: 
 
 def test_the_methods_of_a_publication_name_them(robot: Path, folder: Path) -> None:
     with Store(folder) as store:
-        run_participant(store, take_in(store), 2)
+        run_participant(store, enrol_with_consent(store), 2)
         said = list(_plugins(Namespace(observed=read_study(store)), Namespace(simulated=True)))
     then = plugins_of(ENVIRONMENT)[0]
     assert said == [f"Plug-ins, with the hash of their files: robot Jaco: {then}, 2 trials."]

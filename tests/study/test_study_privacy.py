@@ -18,7 +18,7 @@ from avrgym.study.storage.sessions import close_session, open_session, record_se
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import exposed
-from helpers.studies.small_studies import run_participant, small_study, take_in
+from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
 NAME, CONTACT = "Grace Unverwechselbar", "grace.unverwechselbar@example.org"
 TRACES = (
@@ -41,7 +41,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
     with Store(small_study(tmp_path / "study")) as opened:
         for number in (1, 2, 3):
             second = number == 2
-            pseudonym = take_in(
+            pseudonym = enrol_with_consent(
                 opened,
                 simulated=False,
                 name=NAME if second else f"Person {number}",
@@ -133,7 +133,7 @@ def test_deletion_leaves_no_trace_and_changes_nobody_else(store: Store) -> None:
 def test_a_deleted_number_is_never_given_again_and_its_order_is(store: Store) -> None:
     cell = store.participant("sub-003").cell
     delete_participant(store, "sub-003")
-    pseudonym = take_in(store, simulated=False)
+    pseudonym = enrol_with_consent(store, simulated=False)
     assert pseudonym == "sub-004"
     assert store.participant(pseudonym).cell == cell
 

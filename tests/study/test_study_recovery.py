@@ -21,8 +21,8 @@ from avrgym.study.storage import database, identity_file, store
 from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from helpers.studies.small_studies import run_participant, small_study, take_in
-from helpers.system.places import DATA
+from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
+from helpers.system.paths import DATA
 
 OLD = DATA / "study-of-0.2.0"
 
@@ -60,7 +60,9 @@ def contents(folder: Path) -> dict[str, bytes]:
 def test_a_lost_database_is_not_made_anew(tmp_path: Path, leave: str) -> None:
     folder = small_study(tmp_path / "study")
     with Store(folder) as opened:
-        run_participant(opened, take_in(opened, simulated=False, name="Ada"), trials=1, simulated=False)
+        run_participant(
+            opened, enrol_with_consent(opened, simulated=False, name="Ada"), trials=1, simulated=False
+        )
     for name in {"study.db", "study.db.sha256", "private", "recordings", "study.head"} - {leave}:
         path = folder / name
         shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -139,7 +141,7 @@ def test_a_study_that_cannot_be_written_is_read(
     if not closed:
         used = small_study(tmp_path / "used")
         with Store(used) as opened:
-            run_participant(opened, take_in(opened))
+            run_participant(opened, enrol_with_consent(opened))
             folder = Path(shutil.copytree(used, tmp_path / "copied"))
         assert (folder / "study.db-wal").stat().st_size
     shutil.copytree(folder / "recordings", tmp_path / "recordings")
@@ -166,7 +168,9 @@ def test_whatever_a_study_leaves_is_its_owner_s_alone(tmp_path: Path) -> None:
     folder = tmp_path / "study"
     assert avrgym("study", "new", folder).exit_code == 0
     with Store(folder) as opened:
-        run_participant(opened, take_in(opened, simulated=False, name="Ada"), trials=1, simulated=False)
+        run_participant(
+            opened, enrol_with_consent(opened, simulated=False, name="Ada"), trials=1, simulated=False
+        )
         assert _open(folder) == []
     assert avrgym("study", "export", folder, "--format", "bids", "--out", tmp_path / "bids").exit_code == 0
     assert _open(folder) == _open(tmp_path / "bids") == []
@@ -193,7 +197,7 @@ def test_an_older_study_s_files_are_taken_from_others_on_request(old: Path) -> N
 def test_what_a_killed_write_left_is_found_and_removed(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
     with Store(folder) as opened:
-        take_in(opened, simulated=False, name="Ada")
+        enrol_with_consent(opened, simulated=False, name="Ada")
         left = folder / "private" / ".identities.json.4194305.part"
         left.write_text('{"sub-001": {"name": "Ada"')
         analysis = folder / "analysis" / ".analysis-x"

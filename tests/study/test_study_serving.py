@@ -33,7 +33,7 @@ from avrgym.vr.protocol.messages import (
     Sent,
     Welcome,
 )
-from helpers.studies.small_studies import make_study, run_trial, take_in
+from helpers.studies.small_studies import enrol_with_consent, make_study, run_trial
 
 NO_PROCESS = 2**22 + 1
 """No process of Linux has this number."""
@@ -43,8 +43,8 @@ class Loop:
     """Ticks the sessions as a loop would, while another thread asks; ``heard`` is what was sent."""
 
     def __init__(self, store: Store) -> None:
-        self.heard: list[Sent] = []
-        self.sessions = StudySessions(store, self.heard.append)
+        self.inbox: list[Sent] = []
+        self.sessions = StudySessions(store, self.inbox.append)
         self.now_s = 0.0
 
     def tick(self) -> None:
@@ -93,7 +93,7 @@ def loop(store: Store) -> Iterator[Loop]:
 
 def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store, loop: Loop) -> None:
     """The next session begins for those who watch, and not for the participant of the one before."""
-    first, second = take_in(store), take_in(store)
+    first, second = enrol_with_consent(store), enrol_with_consent(store)
     greeted: list[Sent] = []
     watched: list[Sent] = []
     loop.sessions.welcome(greeted.append, "participant", 0.0)
@@ -123,14 +123,16 @@ def test_sessions_are_on_the_furniture_that_was_given_last(store: Store, loop: L
     assert loop.sessions.furniture == store.design.furniture
     lower = RealFurniture(seat_height_m=0.45)
     for furniture in (lower, None):
-        loop.ask(lambda pseudonym, seat=furniture: loop.sessions.begin(pseudonym, seat), take_in(store))
+        loop.ask(
+            lambda pseudonym, seat=furniture: loop.sessions.begin(pseudonym, seat), enrol_with_consent(store)
+        )
         assert loop.sessions.furniture == lower
         loop.sessions.receive(Command(name="end"), loop.now_s)
         loop.tick()
 
 
 def test_who_withdraws_is_withdrawn_after_their_session_has_ended(store: Store, loop: Loop) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     loop.ask(loop.sessions.begin, pseudonym)
     with pytest.raises(StudyError, match="no session of sub-002 runs here"):
         loop.ask(loop.sessions.withdraw, "sub-002", "")
@@ -148,7 +150,7 @@ def test_a_session_that_cannot_be_changes_nothing(store: Store, loop: Loop) -> N
 
 
 def test_the_end_of_the_server_closes_the_session(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     loop = Loop(store)
     loop.ask(loop.sessions.begin, pseudonym)
     loop.sessions.close(loop.now_s)
@@ -171,17 +173,17 @@ def answer(loop: Loop, item: str, value: int) -> None:
 
 
 def test_questions_come_before_and_after_the_trials_and_are_stored_at_once(asking: Store) -> None:
-    loop, pseudonym = Loop(asking), take_in(asking)
-    loop.sessions.welcome(loop.heard.append, "participant", 0.0)
+    loop, pseudonym = Loop(asking), enrol_with_consent(asking)
+    loop.sessions.welcome(loop.inbox.append, "participant", 0.0)
     loop.ask(loop.sessions.begin, pseudonym)
-    assert [type(message) for message in loop.heard[-4:]] == [Welcome, Language, Phase, Question]
+    assert [type(message) for message in loop.inbox[-4:]] == [Welcome, Language, Phase, Question]
     loop.sessions.receive(Entered(), loop.now_s)
     for item, value, problem in (
         ("strain", 2, "the answer is to 'strain'; expected: nausea"),
         ("nausea", 5, "allowed: whole numbers from 1 to 4"),
     ):
         answer(loop, item, value)
-        assert problem in [message for message in loop.heard if isinstance(message, Problem)][-1].message
+        assert problem in [message for message in loop.inbox if isinstance(message, Problem)][-1].message
     assert asking.answers(pseudonym) == []
     answer(loop, "nausea", 3)
     assert [(given.item, given.value) for given in asking.answers(pseudonym)] == [("nausea", 3)]
@@ -189,10 +191,10 @@ def test_questions_come_before_and_after_the_trials_and_are_stored_at_once(askin
         loop.sessions.receive(Answer(item="strain", value=4, response_time_s=2.5), loop.now_s)
     loop.sessions.receive(Command(name="skip"), loop.now_s)
     loop.tick()
-    assert [type(message) for message in loop.heard[-5:]] == [Welcome, Language, Body, Scene, Phase]
+    assert [type(message) for message in loop.inbox[-5:]] == [Welcome, Language, Body, Scene, Phase]
     loop.sessions.receive(Command(name="end"), loop.now_s)
     loop.tick()
-    assert asked(loop.heard)[-1] == "effort"
+    assert asked(loop.inbox)[-1] == "effort"
     assert loop.sessions.participant == pseudonym
     late: list[Sent] = []
     loop.sessions.welcome(late.append, "participant", loop.now_s)
@@ -208,7 +210,7 @@ def test_questions_come_before_and_after_the_trials_and_are_stored_at_once(askin
 
 
 def test_the_experimenter_skips_questions_or_ends_the_session_before_its_trials(asking: Store) -> None:
-    loop, pseudonym = Loop(asking), take_in(asking)
+    loop, pseudonym = Loop(asking), enrol_with_consent(asking)
     loop.ask(loop.sessions.begin, pseudonym)
     answer(loop, "nausea", 1)
     loop.sessions.receive(Command(name="end"), loop.now_s)
@@ -230,16 +232,16 @@ def test_the_experimenter_skips_questions_or_ends_the_session_before_its_trials(
 
 def test_who_only_lacks_the_last_answers_is_asked_them(asking: Store) -> None:
     """A crash came between the last trial and the questions about the session."""
-    loop, pseudonym = Loop(asking), take_in(asking)
+    loop, pseudonym = Loop(asking), enrol_with_consent(asking)
     session = open_session(asking, pseudonym)
     for trial in asking.remaining_trials(pseudonym):
         run_trial(asking, session, trial)
     with asking.database.write() as connection:
         connection.execute(sa.update(schema.SESSION).values(process=NO_PROCESS))
     loop.ask(loop.sessions.begin, pseudonym)
-    assert asked(loop.heard) == []
-    loop.sessions.welcome(loop.heard.append, "participant", loop.now_s)
-    assert asked(loop.heard) == ["effort"]
+    assert asked(loop.inbox) == []
+    loop.sessions.welcome(loop.inbox.append, "participant", loop.now_s)
+    assert asked(loop.inbox) == ["effort"]
     answer(loop, "effort", 2)
     loop.tick()
     assert asking.participant(pseudonym).state == "completed"
@@ -253,7 +255,7 @@ def test_a_session_without_a_link_does_not_begin(
     def fail(*_: object) -> str:
         raise StudyError("the study's database: disk full")
 
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     with monkeypatch.context() as patch:
         patch.setattr(serving, "make_link", fail)
         with pytest.raises(StudyError, match="disk full"):
@@ -270,7 +272,7 @@ def test_the_loop_never_waits_for_a_new_link(
     store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The database may be locked for a minute, while the robot moves."""
-    loop.ask(loop.sessions.begin, take_in(store))
+    loop.ask(loop.sessions.begin, enrol_with_consent(store))
     before, made_by = loop.sessions.links.link, list[threading.Thread]()
     make_link = serving.make_link
 
@@ -291,7 +293,7 @@ def test_a_link_ends_with_a_session_that_is_ended_elsewhere(
     store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(threads, "CHECK_EVERY_S", 0.01)
-    loop.ask(loop.sessions.begin, take_in(store))
+    loop.ask(loop.sessions.begin, enrol_with_consent(store))
     withdraw(store, "sub-001", "at another station")
     while loop.sessions.participant is not None:
         loop.tick()

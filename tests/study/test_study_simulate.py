@@ -27,10 +27,10 @@ from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from helpers.learning.random_networks import network, saved
-from helpers.studies.small_studies import make_study, take_in
+from helpers.learning.random_networks import random_network, save_network
+from helpers.studies.small_studies import enrol_with_consent, make_study
 from helpers.system.killed_processes import SEED, assert_same, compare_with_killed
-from helpers.system.processes import AVRGYM, die_with_parent
+from helpers.system.processes import AVRGYM, kill_with_parent
 
 FITS = "y\ny\ny\ny\ny\ny\nn\n"
 """Answers to the inclusion questions of a participant who can take part."""
@@ -73,7 +73,7 @@ def test_a_dry_run_that_is_killed_goes_on_as_if_it_never_had_been(tmp_path: Path
     assert study("simulate", whole, *arguments).exit_code == 0
     command = [AVRGYM, "study", "simulate", killed, *arguments]
     with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, preexec_fn=die_with_parent, start_new_session=True
+        command, stdout=subprocess.DEVNULL, preexec_fn=kill_with_parent, start_new_session=True
     ) as running:
         while completed(killed) == 0:
             assert running.poll() is None
@@ -150,7 +150,7 @@ def test_another_seed_does_not_go_on_with_earlier_people(folder: Path) -> None:
     ):
         simulated_participant(store, 0, DryRun(SEED + 1))
     with Store(folder) as store:
-        take_in(store, simulated=False)
+        enrol_with_consent(store, simulated=False)
         assert simulated_participant(store, 1, DryRun(SEED)) == "sub-003"
 
 
@@ -240,9 +240,11 @@ def test_a_trained_human_takes_part_and_only_in_their_own_environment(tmp_path: 
     """From a folder of them; the same seed gives the same study, and all is marked as simulated."""
     design = DESIGN | {"practice_policy": '""', "policies": '["revised"]'}
     folder, again = (make_study(tmp_path / name, **design) for name in ("study", "again"))
-    humans = [network("avrgym/ScratchItchJaco-v1", impairment="tremor", seed=number) for number in range(2)]
+    humans = [
+        random_network("avrgym/ScratchItchJaco-v1", impairment="tremor", seed=number) for number in range(2)
+    ]
     for number, human in enumerate(humans):
-        saved(tmp_path / "humans" / f"{number}.safetensors", human)
+        save_network(tmp_path / "humans" / f"{number}.safetensors", human)
     asked = "--participants", 1, "--seed", SEED, "--jobs", 1, "--people", tmp_path / "humans"
     for each in (folder, again):
         result = study("simulate", each, *asked)

@@ -32,17 +32,17 @@ from avrgym.study.storage.store import Store
 from avrgym.system.processes import is_running
 from helpers.studies.small_studies import (
     METRICS,
-    fitting_answers,
+    eligible_answers,
+    enrol_with_consent,
     make_study,
     new_postgresql_database,
     record,
     run_participant,
     run_trial,
     small_study,
-    take_in,
 )
-from helpers.system.places import DATA, TESTS
-from helpers.system.processes import die_with_parent
+from helpers.system.paths import DATA, TESTS
+from helpers.system.processes import kill_with_parent
 
 OLD_STUDY = DATA / "study-of-0.2.0"
 ITEMS = ("L1", "L2", "L3", "L4")
@@ -88,7 +88,7 @@ def refused(store: Store, action: Callable[[], object], message: str) -> None:
 def test_a_participant_goes_from_enrolment_to_the_last_answer(store: Store) -> None:
     pseudonym = enrol(store, "man", age_years=24)
     record_consent(store, pseudonym)
-    assert record_inclusion(store, pseudonym, fitting_answers(store))
+    assert record_inclusion(store, pseudonym, eligible_answers(store))
     session = open_session(store, pseudonym)
     planned = store.remaining_trials(pseudonym)
     assert [trial.position for trial in planned] == [1, 2, 3, 4, 5]
@@ -124,14 +124,14 @@ def test_a_participant_goes_from_enrolment_to_the_last_answer(store: Store) -> N
 def test_what_was_stored_is_there_after_opening_again(kind: str, tmp_path: Path) -> None:
     folder = small_study(tmp_path)
     with Store(folder) as store:
-        run_participant(store, take_in(store), trials=2)
+        run_participant(store, enrol_with_consent(store), trials=2)
         before = contents(store)
     with Store(folder) as store:
         assert contents(store) == before
 
 
 def test_a_broken_off_attempt_is_repeated_and_a_skipped_trial_comes_last(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     session = open_session(store, pseudonym)
     practice, first, *_ = store.remaining_trials(pseudonym)
     run_trial(store, session, practice)
@@ -153,7 +153,7 @@ def test_answers_about_a_session_are_kept_apart(kind: str, tmp_path: Path) -> No
         file.write('[[questionnaires]]\nname = "end"\nwhen = "after_session"\n')
         file.write('items = [{ id = "E1", text = "Again?", points = 5, low = "never", high = "soon" }]\n')
     with Store(folder) as store:
-        session = open_session(store, take_in(store))
+        session = open_session(store, enrol_with_consent(store))
         refused(
             store,
             lambda: record_session_answer(store, session.id, Answer("L1", 3, 1.0)),
@@ -186,7 +186,7 @@ def test_only_the_stated_transitions_are_allowed(table: str) -> None:
 def test_there_is_no_trial_without_consent(store: Store) -> None:
     pseudonym = enrol(store, "woman")
     refused(store, lambda: open_session(store, pseudonym), "is enrolled; only allocated participants")
-    answers = fitting_answers(store)
+    answers = eligible_answers(store)
     refused(
         store, lambda: record_inclusion(store, pseudonym, answers), "is enrolled and cannot become allocated"
     )
@@ -205,24 +205,24 @@ def test_who_does_not_fit_is_excluded_and_takes_no_order(store: Store) -> None:
         lambda: record_inclusion(store, pseudonym, {"adult": True}),
         "the questions are adult, stop",
     )
-    assert not record_inclusion(store, pseudonym, fitting_answers(store) | {"epilepsy": True})
+    assert not record_inclusion(store, pseudonym, eligible_answers(store) | {"epilepsy": True})
     participant = store.participant(pseudonym)
     assert (participant.state, participant.cell, store.trials(pseudonym)) == ("excluded", None, [])
     assert participant.inclusion is not None
     assert participant.inclusion["epilepsy"]
-    assert store.participant(take_in(store)).cell == 0
+    assert store.participant(enrol_with_consent(store)).cell == 0
 
 
 def test_simulated_participants_never_take_the_place_of_people(store: Store) -> None:
     cells = [
-        store.participant(take_in(store, simulated=simulated)).cell
+        store.participant(enrol_with_consent(store, simulated=simulated)).cell
         for simulated in (True, True, False, True, False)
     ]
     assert cells == [0, 1, 0, 2, 1]
 
 
 def test_withdrawal_in_mid_trial_ends_attempt_and_session_for_good(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     session = open_session(store, pseudonym)
     attempt = begin_attempt(store, session.id, 1)
     withdraw(store, pseudonym, "felt sick")
@@ -241,7 +241,7 @@ def test_withdrawal_in_mid_trial_ends_attempt_and_session_for_good(store: Store)
 
 
 def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
-    pseudonym, other = take_in(store), take_in(store)
+    pseudonym, other = enrol_with_consent(store), enrol_with_consent(store)
     session = open_session(store, pseudonym)
     refused(store, lambda: open_session(store, pseudonym), "is open at .*; close it there first")
     refused(store, lambda: begin_attempt(store, session.id, 9), "there is no trial 9")
@@ -293,13 +293,13 @@ def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
     "pseudonym", ["sub-002", "sub-1", "../..", "sub-000", "sub-001/..", "", "sub-٠٠١", "sub-001\n"]
 )
 def test_an_unknown_participant_is_refused(store: Store, pseudonym: str) -> None:
-    take_in(store)
+    enrol_with_consent(store)
     for action in (open_session, withdraw, record_consent, Store.participant):
         refused(store, lambda action=action: action(store, pseudonym), "not a pseudonym|there is no sub-002")
 
 
 def test_a_stray_file_is_never_overwritten(store: Store) -> None:
-    session = open_session(store, take_in(store))
+    session = open_session(store, enrol_with_consent(store))
     stray = store.path("recordings/sub-001/ses-01/trial-01_attempt-1.mcap")
     stray.parent.mkdir(parents=True)
     stray.write_text("precious")
@@ -309,7 +309,7 @@ def test_a_stray_file_is_never_overwritten(store: Store) -> None:
 
 
 def test_an_attempt_takes_the_file_that_was_opened_for_it(store: Store, tmp_path: Path) -> None:
-    session = open_session(store, take_in(store))
+    session = open_session(store, enrol_with_consent(store))
     folder = store.path(session.folder)
     folder.mkdir(parents=True)
     for path in (
@@ -330,7 +330,7 @@ def test_an_attempt_takes_the_file_that_was_opened_for_it(store: Store, tmp_path
 def test_recordings_do_not_leave_the_study_through_a_link(store: Store, tmp_path: Path) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    session = open_session(store, take_in(store))
+    session = open_session(store, enrol_with_consent(store))
     (store.folder / "recordings").mkdir()
     (store.folder / "recordings" / "sub-001").symlink_to(elsewhere)
     refused(store, lambda: begin_attempt(store, session.id, 1), "leads out of the study's folder")
@@ -342,7 +342,7 @@ def test_the_protocol_stays_as_it_is_once_someone_has_an_order(kind: str, tmp_pa
     Store(folder).close()
     make_study(folder, tasks='["Feeding"]', seed="5")
     with Store(folder) as store:
-        take_in(store)
+        enrol_with_consent(store)
     make_study(folder, tasks='["Drinking"]', seed="5")
     with pytest.raises(
         StudyError, match=r"tasks changed after the first participant; allowed: \['Feeding'\]"
@@ -368,7 +368,7 @@ os._exit(9)
 
 
 def test_a_session_of_a_process_that_died_is_taken_over_at_once(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     assert subprocess.run([sys.executable, "-c", CRASH, store.folder, pseudonym]).returncode == 9
     session = open_session(store, pseudonym)
     assert session.number == 2
@@ -379,7 +379,7 @@ def test_a_session_of_a_process_that_died_is_taken_over_at_once(store: Store) ->
 
 
 def test_another_station_s_session_ends_only_on_request(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     store.station = "elsewhere"
     open_session(store, pseudonym)
     store.station = "here"
@@ -388,7 +388,7 @@ def test_another_station_s_session_ends_only_on_request(store: Store) -> None:
 
 
 def test_a_trial_that_only_lacked_its_completion_is_completed_after_a_crash(store: Store) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     session = open_session(store, pseudonym)
     practice, first, second, *_ = store.remaining_trials(pseudonym)
     run_trial(store, session, practice)
@@ -427,7 +427,7 @@ def test_kill_9_at_any_moment_changes_neither_order_nor_seeds_nor_loses_a_trial(
     folder = make_study(tmp_path / "study", tasks='["Feeding", "Drinking"]')
     rng = random.Random(7)
     with Store(folder) as store:
-        take_in(store)
+        enrol_with_consent(store)
         planned = [_plan(trial) for trial in store.trials("sub-001")]
         completed: set[int] = set()
         for _ in range(5):
@@ -456,7 +456,7 @@ def test_kill_9_at_any_moment_changes_neither_order_nor_seeds_nor_loses_a_trial(
 def _run_and_kill(folder: Path, after_s: float) -> None:
     """Start a session in a process of its own and end it, at some moment of its work, as a crash would."""
     command = [sys.executable, "-c", WORKER, folder]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=TESTS, preexec_fn=die_with_parent) as worker:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=TESTS, preexec_fn=kill_with_parent) as worker:
         assert worker.stdout is not None
         assert worker.stdout.readline() == b"ready\n"
         time.sleep(after_s)
@@ -472,7 +472,7 @@ def _plan(trial: Trial) -> tuple:
 
 def test_of_a_deleted_participant_only_a_tombstone_stays(store: Store) -> None:
     for _ in range(2):
-        run_participant(store, take_in(store), trials=2)
+        run_participant(store, enrol_with_consent(store), trials=2)
     add_note(store, "sub-001", "a note")
     kept = store.trials("sub-002"), store.attempts("sub-002"), store.answers("sub-002")
     delete_participant(store, "sub-001")
@@ -546,7 +546,7 @@ def test_the_migrations_lead_to_the_tables(store: Store) -> None:
 def test_an_older_study_is_brought_up_to_date_after_a_backup(
     store: Store, newer: Path, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run_participant(store, take_in(store), trials=2)
+    run_participant(store, enrol_with_consent(store), trials=2)
     before = contents(store)
     store.close()
     monkeypatch.setattr(database, "MIGRATIONS", newer)
@@ -625,7 +625,7 @@ ADDED = {
 
 @pytest.mark.parametrize("revision", database.UNRELEASED)
 def test_a_study_of_a_development_version_is_upgraded(store: Store, revision: str) -> None:
-    pseudonym = take_in(store)
+    pseudonym = enrol_with_consent(store)
     with store.database.write() as connection:
         hash_chain.delete(connection, schema.DESIGN)
         hash_chain.delete(connection, schema.CONSENT_TEXT)

@@ -18,9 +18,9 @@ import pytest
 from typer.main import get_command
 
 from avrgym.cli.main import app
-from helpers.system.places import OLD_RECORDING, ROOT
+from helpers.system.paths import OLD_RECORDING, ROOT
 from helpers.system.requirements import required
-from helpers.vr.time_limits import UNHURRIED, with_limits
+from helpers.vr.time_limits import RELAXED_LIMITS, command_with_limits
 
 pytestmark = pytest.mark.slow
 
@@ -181,7 +181,7 @@ def test_a_study_produces_a_report(lab: Path) -> None:
 
 @pytest.mark.parametrize("words", SERVERS, ids=lambda words: words[0])
 def test_servers_serve(words: list[str], lab: Path) -> None:
-    command = [str(python(lab)), *with_limits(*UNHURRIED)[1:], *words]
+    command = [str(python(lab)), *command_with_limits(*RELAXED_LIMITS)[1:], *words]
     with subprocess.Popen(command, cwd=lab, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.system.locks import locked
-from helpers.system.places import DATA
-from helpers.system.processes import die_with_parent
+from helpers.system.paths import DATA
+from helpers.system.processes import kill_with_parent
 
 TRAINING = DATA / "training-of-0.2.0"
 HOLD = """
@@ -35,7 +35,7 @@ with locked(Path(sys.argv[1])):
 def held(folder: Path) -> Iterator[subprocess.Popen[str]]:
     """Another process that uses a folder."""
     command = [sys.executable, "-c", HOLD, folder]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=kill_with_parent) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "\n"
         try:

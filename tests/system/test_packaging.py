@@ -11,7 +11,7 @@ from typing import Any
 
 import rtbdata
 
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 PACKAGING = ROOT / "packaging"
 AT_CONDA_FORGE = {"mujoco": "mujoco-python", "matplotlib": "matplotlib-base"}

@@ -16,7 +16,7 @@ from avrgym.policies.trained import Policy
 from avrgym.system import plugins, used_plugins
 from avrgym.system.used_plugins import UsedPlugin, content_sha256, differences, own_version
 from avrgym.tasks.registry import plugins_of
-from helpers.learning.random_networks import network, saved
+from helpers.learning.random_networks import random_network, save_network
 from helpers.system.fake_plugins import change, register
 from helpers.vr.visit import ENVIRONMENT
 
@@ -144,7 +144,7 @@ def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def policy(used: tuple[UsedPlugin, ...]) -> Policy:
-    found = network(ENVIRONMENT, of_human=False)
+    found = random_network(ENVIRONMENT, of_human=False)
     metadata = msgspec.structs.replace(found.metadata, plugins=used)
     return Policy(**{**vars(found), "metadata": metadata})
 
@@ -153,7 +153,7 @@ def test_a_policy_s_file_stores_the_plug_ins_of_its_environment(robot: Path, tmp
     (used,) = plugins_of(ENVIRONMENT)
     assert (used.label, used.package, used.version) == ("robot Jaco", "lab-robots", "1.0")
     assert used.entry_point == "jaco = lab_robots.robot:ROBOT"
-    read = Policy.load(saved(tmp_path / "a.safetensors", policy((used,))))
+    read = Policy.load(save_network(tmp_path / "a.safetensors", policy((used,))))
     assert read.metadata.plugins == (used,)
     assert registry.changed_since_training(read, ENVIRONMENT) == []
     change(robot)
@@ -162,7 +162,7 @@ def test_a_policy_s_file_stores_the_plug_ins_of_its_environment(robot: Path, tmp
 
 
 def test_files_of_built_in_robots_are_as_they_were(tmp_path: Path) -> None:
-    path = saved(tmp_path / "a.safetensors", policy(()))
+    path = save_network(tmp_path / "a.safetensors", policy(()))
     assert b"plugins" not in Path(path).read_bytes()
     assert Policy.load(path).metadata.plugins == ()
     assert registry.changed_since_training(Policy.load(path), ENVIRONMENT) == []
@@ -173,7 +173,9 @@ def test_evaluation_lists_differing_plugins(
 ) -> None:
     monkeypatch.setattr("avrgym.learning.evaluation.EPISODE_STEPS", 1)
     same, old = policy(plugins_of(ENVIRONMENT)), policy(())
-    files = [saved(tmp_path / f"{name}.safetensors", each) for name, each in (("same", same), ("old", old))]
+    files = [
+        save_network(tmp_path / f"{name}.safetensors", each) for name, each in (("same", same), ("old", old))
+    ]
     rows = [evaluate(ENVIRONMENT, file, "original", 1, 0) for file in files]
     assert rows[0].plugin_differences == []
     assert rows[1].plugin_differences[0].startswith("robot Jaco was not stored, is lab-robots 1.0 (content ")

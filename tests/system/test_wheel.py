@@ -13,7 +13,7 @@ import pytest
 
 import avrgym
 from avrgym.vr.server.web_server import STATIC
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 PACKAGE = Path(avrgym.__file__).parent
 NEEDED = ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE")

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from avrgym.skeletons.writing import write_skeleton
-from helpers.system.example_package import environment_with, train_and_study
-from helpers.system.places import ROOT
+from helpers.system.example_package import environment_variables, train_and_study
+from helpers.system.paths import ROOT
 
 PAGE = (ROOT / "docs" / "how_to" / "add_a_task.md").read_text()
 _RECORD, _PARTICLES, CHECK = re.findall(r"^```python[^\n]*\n(.*?)^```", PAGE, re.M | re.S)
@@ -51,7 +51,7 @@ def _install(folder: Path, name: str, entries: str) -> None:
 def _python(installed: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
         [sys.executable, *arguments],
-        env=environment_with(installed),
+        env=environment_variables(installed),
         cwd=installed,
         capture_output=True,
         text=True,

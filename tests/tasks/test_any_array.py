@@ -24,7 +24,7 @@ from avrgym.robots.registry import find_robot
 from avrgym.simulation.state import State
 from avrgym.tasks.behaviour_model import BehaviourModel
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-from helpers.simulation.tensors import assert_alike, single, tensors
+from helpers.simulation.tensors import as_tensors, assert_tensors_close, single_precision
 
 WORLDS = 32
 
@@ -122,7 +122,7 @@ def test_rewards_are_equal_on_tensors(situation: tuple[str, State, Any, Any]) ->
     environment, state, action, kept = situation
     for _ in range(2):
         wanted = step(environment, state, action, kept)
-        assert_alike(step(environment, *tensors((state, action, kept))), wanted, environment)
+        assert_tensors_close(step(environment, *as_tensors((state, action, kept))), wanted, environment)
         kept = wanted[0].task_state
     constant = [name for name, term in step(*situation)[0].terms.items() if np.ptp(term) == 0.0]
     assert not constant, "nothing happened that they count"
@@ -130,13 +130,13 @@ def test_rewards_are_equal_on_tensors(situation: tuple[str, State, Any, Any]) ->
 
 def test_a_step_copies_nothing_to_the_host(situation: tuple[str, State, Any, Any]) -> None:
     environment, *given = situation
-    result, reward, observation, *_ = step(environment, *tensors(tuple(given), "meta"))
+    result, reward, observation, *_ = step(environment, *as_tensors(tuple(given), "meta"))
     assert {each.device.type for each in (reward, observation, result.success, result.gone)} == {"meta"}
 
 
 def test_single_precision_stays_single(situation: tuple[str, State, Any, Any]) -> None:
     environment, *given = situation
-    result, reward, observation, *_ = step(environment, *single(tensors(tuple(given))))
+    result, reward, observation, *_ = step(environment, *single_precision(as_tensors(tuple(given))))
     assert {each.dtype for each in (reward, observation, *result.terms.values())} == {torch.float32}
     wanted, _, seen, *_ = step(environment, *given)
     assert_allclose(observation, seen, rtol=1e-5, atol=1e-5)
@@ -174,11 +174,11 @@ def test_people_behave_equally_on_tensors(
     rng = np.random.default_rng(3)
     uniforms = rng.random((WORLDS, NUM_UNIFORMS))
     who = people_from(uniforms, distribution, impairment, task)
-    assert_alike(people_from(tensors(uniforms), distribution, impairment, task), who)
+    assert_tensors_close(people_from(as_tensors(uniforms), distribution, impairment, task), who)
     given = who, uniforms[:, -cooperation.NUM_UNIFORMS :], tuple(crowded_state(rng, 7, 0) for _ in range(4))
     wanted = behaviour_models(*given, distribution=distribution, task=task, steered=steered)
-    assert_alike(
-        tuple(behaviour_models(*tensors(given), distribution=distribution, task=task, steered=steered)),
+    assert_tensors_close(
+        tuple(behaviour_models(*as_tensors(given), distribution=distribution, task=task, steered=steered)),
         tuple(wanted),
     )
 
@@ -191,6 +191,6 @@ def test_behaviour_copies_nothing_to_the_host(task: str, distribution: str) -> N
     who = people_from(uniforms, distribution, "tremor", task)
     given = who, uniforms[:, -cooperation.NUM_UNIFORMS :], (crowded_state(rng, 7, 0),)
     (targets,) = behaviour_models(
-        *tensors(given, "meta"), distribution=distribution, task=task, steered=False
+        *as_tensors(given, "meta"), distribution=distribution, task=task, steered=False
     )
     assert targets.device.type == "meta"

@@ -21,7 +21,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.person import LIMBS
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.task import StepResult
-from helpers.simulation.worlds import still_world
+from helpers.simulation.worlds import resting_state
 
 TASK = TASKS["BedBathing"]
 MAN = Person("man", 0.60)
@@ -63,7 +63,7 @@ def state(contacts: dict[tuple[float, float, float], float] | None = None, **cha
         "tool_contact_normal_w": np.tile(-UP, (1, 6, 1)),
         "tool_contact_force_n": contact_force,
     }
-    return still_world(**given | changes)
+    return resting_state(**given | changes)
 
 
 @pytest.mark.parametrize("sex", human.SEXES)

@@ -10,7 +10,7 @@ from avrgym.tasks.scratch_itch.detour import HAND_M, around_arm_m, around_limb_m
 from avrgym.tasks.scratch_itch.expert import ROD
 from avrgym.tasks.scratch_itch.feedback_expert import turn_rad
 from avrgym.tasks.scratch_itch.reward import ScratchItchState
-from helpers.simulation.worlds import still_world
+from helpers.simulation.worlds import resting_state
 
 RADIUS_M = 0.04
 LIMB_POS_W = np.array([-0.3, 0.1, 0.9])
@@ -25,7 +25,7 @@ def detour_m(tool: np.ndarray, itch: np.ndarray) -> np.ndarray:
 def seen_with(tool: np.ndarray, itch: np.ndarray, **changes: np.ndarray) -> tuple[State, ScratchItchState]:
     """What is seen of tools (N, 3) and itches (N, 3) in the frame of the limb, with other changes of the state."""
     count = len(tool)
-    seen = still_world(
+    seen = resting_state(
         tool_pos_w=LIMB_POS_W + transforms.rotate(LIMB_Q_W, tool),
         right_arm_pos_w=np.tile(LIMB_POS_W, (count, 3, 1)),
         right_arm_q_w=np.tile(LIMB_Q_W, (count, 3, 1)),

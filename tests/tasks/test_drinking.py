@@ -16,7 +16,7 @@ from avrgym.tasks.drinking.task import CUP_Q_W
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.task import StepResult
-from helpers.simulation.worlds import still_world
+from helpers.simulation.worlds import resting_state
 
 DRINKING = TASKS["Drinking"]
 LEFT, BACK, UP = np.eye(3)
@@ -45,7 +45,7 @@ def state(water: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> 
         "person_segment_w": np.array([[[[-0.1, 0.0, 1.0], [0.1, 0.0, 1.0]]]]),
         "person_radius_m": np.array([[0.1]]),
     }
-    return still_world(**given | changes)
+    return resting_state(**given | changes)
 
 
 def fresh(count: int = 1) -> DrinkingState:
@@ -311,7 +311,7 @@ def test_water_begins_inside_the_cup_without_overlap():
     assert (RIM_RADIUS_M, HEIGHT_M) == (0.047, 0.125)
 
 
-def begun(count: int, robot: str = "Jaco") -> Episodes:
+def reset_episodes(count: int, robot: str = "Jaco") -> Episodes:
     episodes = Episodes(f"avrgym/Drinking{robot}-v1", count, people="revised", num_threads=1)
     episodes.reset(np.arange(count), [np.random.default_rng(i) for i in range(count)])
     return episodes
@@ -326,7 +326,7 @@ def in_cup_frame(episodes: Episodes) -> np.ndarray:
 
 def test_water_stays_in_a_cup_that_is_carried_fast():
     """Joints swing to and fro at half speed for six seconds; the cup never tilts enough to pour."""
-    episodes = begun(4)
+    episodes = reset_episodes(4)
     for step in range(60):
         action = 0.5 * np.cos(0.1 * np.pi * step) * np.array([1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0])
         result = episodes.step(np.tile(action, (4, 1)))
@@ -336,7 +336,7 @@ def test_water_stays_in_a_cup_that_is_carried_fast():
 
 
 def test_a_cup_that_is_turned_over_spills_every_sphere_once():
-    episodes = begun(2)
+    episodes = reset_episodes(2)
     spilled, drunk = np.zeros(2), np.zeros(2)
     for _ in range(60):
         step = episodes.step(np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (2, 1)))
@@ -366,7 +366,7 @@ def assert_touch_nothing(episodes: Episodes, spheres: list[set[str]]) -> None:
 
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_episodes_begin_before_the_person_with_an_upright_cup(robot):
-    episodes = begun(32, robot)
+    episodes = reset_episodes(32, robot)
     seen = episodes.simulation.state()
     hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.scene.tool.grip_pos)
     offset = hand - [-0.2, -0.5, 1.0]
@@ -379,7 +379,7 @@ def test_episodes_begin_before_the_person_with_an_upright_cup(robot):
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_the_expert_succeeds_in_drinking(robot):
-    episodes = begun(3, robot)
+    episodes = reset_episodes(3, robot)
     act = episodes.task.expert(episodes)
     success, observation = np.zeros(3, dtype=bool), episodes.observe()
     for _ in range(120):

@@ -11,7 +11,7 @@ from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.placement import FURNITURE_EDGE_M
 from avrgym.tasks.registry import ENVIRONMENTS
-from helpers.simulation.worlds import assert_sane, jerky_actions
+from helpers.simulation.worlds import assert_finite, jerky_actions
 
 CARRYING = [name for name in ENVIRONMENTS if "Feeding" in name or "Drinking" in name]
 ALLOWED_DEPTH_M = 0.03
@@ -19,7 +19,7 @@ ALLOWED_DEPTH_M = 0.03
 SLACK_M = 0.003
 
 
-def begun(
+def reset_episodes(
     environment: str, worlds: int, *, people: str = "revised", threads: int = 2, first: int = 0
 ) -> Episodes:
     episodes = Episodes(environment, worlds, people=people, num_threads=threads)
@@ -38,7 +38,7 @@ def assert_same_steps(some: Episodes, many: Episodes, at: int, actions: np.ndarr
 @pytest.mark.parametrize("people", ["revised", "participants", "zoo/train"])
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_the_number_of_threads_changes_no_bit(environment, people, rng):
-    one, two = (begun(environment, 4, people=people, threads=threads) for threads in (1, 2))
+    one, two = (reset_episodes(environment, 4, people=people, threads=threads) for threads in (1, 2))
     for action in rng.uniform(-1, 1, (5, 4, 7)):
         first, second = one.step(action), two.step(action)
         assert_array_equal(first.observation, second.observation)
@@ -47,19 +47,19 @@ def test_the_number_of_threads_changes_no_bit(environment, people, rng):
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_an_episode_is_the_same_alone_and_among_64(environment, rng):
-    alone, among = begun(environment, 1, first=41), begun(environment, 64)
+    alone, among = reset_episodes(environment, 1, first=41), reset_episodes(environment, 64)
     assert_same_steps(alone, among, 41, rng.uniform(-1, 1, (4, 64, 7)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_random_episodes_stay_finite_without_a_warning(environment, rng):
-    assert_sane(begun(environment, 12), rng, EPISODE_STEPS)
+    assert_finite(reset_episodes(environment, 12), rng, EPISODE_STEPS)
 
 
 @pytest.mark.parametrize("environment", CARRYING)
 def test_what_a_tool_carries_stays_in_it_while_the_arm_is_still(environment):
-    episodes = begun(environment, 8)
+    episodes = reset_episodes(environment, 8)
     held = np.zeros((8, 7))
     for _ in range(10):
         episodes.step(held)
@@ -80,7 +80,7 @@ def on_tool(episodes: Episodes) -> np.ndarray:
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_robot_and_person_do_not_pass_through_each_other(environment, rng):
     worlds = 8
-    episodes = begun(environment, worlds)
+    episodes = reset_episodes(environment, worlds)
     deepest = depth(episodes)
     assert deepest <= 0.001, "they begin apart"
     for action in jerky_actions(rng, worlds, 60):
@@ -109,7 +109,7 @@ def _depth(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 @pytest.mark.parametrize("environment", [name for name in ENVIRONMENTS if "PR2" in name])
 def test_a_mobile_robot_stands_clear_of_wheelchair_and_bed_and_faces_the_person(environment):
-    episodes = begun(environment, 64)
+    episodes = reset_episodes(environment, 64)
     pos_w, q_w = episodes.simulation.robot_base()
     half = episodes.scene.robot.half_width_m
     corners = np.array([[x, y, 0.0] for x in (-half, half) for y in (-half, half)])

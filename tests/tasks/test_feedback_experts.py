@@ -18,7 +18,7 @@ from helpers.simulation.itches import around_axis, forearm_itch
 OUTSIDE_RAD = np.radians(120.0)
 
 
-def begun(environment: str, count: int) -> Episodes:
+def reset_episodes(environment: str, count: int) -> Episodes:
     """Episodes with revised people."""
     episodes = Episodes(environment, count, people="revised", num_threads=1)
     episodes.reset(np.arange(count), [np.random.default_rng([6, i]) for i in range(count)])
@@ -28,7 +28,7 @@ def begun(environment: str, count: int) -> Episodes:
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_feedback_expert_depends_on_the_present_only(environment):
     """One that saw everything so far and one that comes in now do the same."""
-    episodes = begun(environment, 2)
+    episodes = reset_episodes(environment, 2)
     make = episodes.task.feedback_expert
     reacts = make(episodes)
     for _ in range(30):
@@ -40,7 +40,7 @@ def test_a_feedback_expert_depends_on_the_present_only(environment):
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_feedback_expert_brings_the_tool_nearer(environment):
-    episodes = begun(environment, 8)
+    episodes = reset_episodes(environment, 8)
     reacts = episodes.task.feedback_expert(episodes)
     distances = [episodes.step(reacts(episodes.observe())).distance_m.mean() for _ in range(60)]
     assert distances[-1] < 0.5 * distances[0]
@@ -58,14 +58,14 @@ def share_of_successes(episodes: Episodes) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("task", ["Feeding", "ScratchItch", "BedBathing"])
 def test_a_feedback_expert_mostly_succeeds(task):
-    assert share_of_successes(begun(f"avrgym/{task}Jaco-v1", 16)) >= 0.5
+    assert share_of_successes(reset_episodes(f"avrgym/{task}Jaco-v1", 16)) >= 0.5
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_a_feedback_expert_scratches_the_far_side_of_the_forearm(robot):
     """On its upper, inner side, where the robot is on the outer one."""
-    episodes = begun(f"avrgym/ScratchItch{robot}-v1", 8)
+    episodes = reset_episodes(f"avrgym/ScratchItch{robot}-v1", 8)
     episodes.task_state = forearm_itch(episodes, np.radians(np.linspace(-135.0, -100.0, 8)))
     assert share_of_successes(episodes) >= 0.75
 
@@ -89,7 +89,7 @@ def test_a_tip_goes_around_the_limb_and_not_through_it():
 
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_an_arm_that_leans_on_the_person_draws_back(robot):
-    episodes = begun(f"avrgym/ScratchItch{robot}-v1", 4)
+    episodes = reset_episodes(f"avrgym/ScratchItch{robot}-v1", 4)
     planner, state, itch = FeedbackPlanner(episodes), episodes.state(), episodes.task_state
     leaning = replace(state, links_force_n=np.array([0.0, 4.0, 6.0, 100.0]))
     pos_w, q_w, speed = feedback_expert.scratching_target(leaning, itch, planner)
@@ -147,7 +147,7 @@ def test_only_skin_that_faces_in_is_reached_from_in_front():
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_a_hand_that_comes_from_in_front_turns_before_it_comes(robot):
     """With the itch on the inner side of the forearm a mounted arm aims before the wrist, and then at the itch."""
-    episodes = begun(f"avrgym/ScratchItch{robot}-v1", 8)
+    episodes = reset_episodes(f"avrgym/ScratchItch{robot}-v1", 8)
     itch = forearm_itch(episodes, np.full(8, np.radians(-150.0)))
     planner, state = FeedbackPlanner(episodes), episodes.state()
     out_w, _ = surface(itch, limb_frame(state, itch)[1])

@@ -16,7 +16,7 @@ from avrgym.tasks.feeding.reward import FeedingState
 from avrgym.tasks.feeding.task import SPOON_Q_W
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.task import StepResult
-from helpers.simulation.worlds import still_world
+from helpers.simulation.worlds import resting_state
 
 FEEDING = TASKS["Feeding"]
 LEFT, _, UP = np.eye(3)
@@ -47,7 +47,7 @@ def state(food: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> S
         "person_segment_w": np.array([[[[-0.1, 0.0, 1.0], [0.1, 0.0, 1.0]]]]),
         "person_radius_m": np.array([[0.1]]),
     }
-    return still_world(**given | changes)
+    return resting_state(**given | changes)
 
 
 def fresh(count: int = 1) -> FeedingState:

@@ -23,7 +23,7 @@ from avrgym.tasks.experts.head_clearance import face_direction
 YES, NO = np.array([True]), np.array([False])
 
 
-def begun(robot: str, people: str, count: int) -> Episodes:
+def reset_episodes(robot: str, people: str, count: int) -> Episodes:
     episodes = Episodes(f"avrgym/Drinking{robot}-v1", count, people=people, num_threads=1)
     episodes.reset(np.arange(count), [np.random.default_rng([7, i]) for i in range(count)])
     return episodes
@@ -31,7 +31,7 @@ def begun(robot: str, people: str, count: int) -> Episodes:
 
 @pytest.fixture(scope="module")
 def state() -> State:
-    return begun("Jaco", "revised", 24).state()
+    return reset_episodes("Jaco", "revised", 24).state()
 
 
 POURS_RAD = 1.4
@@ -115,7 +115,7 @@ def test_a_cup_beside_the_lips_is_turned_so_that_it_pours_there(state):
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_a_turned_cup_comes_to_everybody(robot):
     """The Jaco cannot bring it straight to all of them."""
-    episodes = begun(robot, "zoo/train", 24)
+    episodes = reset_episodes(robot, "zoo/train", 24)
     planner, state, tilt = FeedbackPlanner(episodes), episodes.state(), np.full(24, np.radians(88.0))
 
     def reached(left_m: float) -> np.ndarray:
@@ -129,7 +129,7 @@ def test_a_turned_cup_comes_to_everybody(robot):
 
 def test_a_face_turned_aside_from_the_start_is_not_waited_for(monkeypatch):
     """Revised people turn the head by up to 30°, and stay so."""
-    episodes, away = begun("Jaco", "revised", 24), []
+    episodes, away = reset_episodes("Jaco", "revised", 24), []
     bring = MemoryExpert._bring
     monkeypatch.setattr(
         MemoryExpert, "_bring", lambda self, *seen: away.append(seen[2]) or bring(self, *seen)
@@ -143,7 +143,7 @@ def test_a_face_turned_aside_from_the_start_is_not_waited_for(monkeypatch):
 
 def test_water_leaves_a_cup_at_the_tilt_at_which_it_is_expected():
     """The cup moves with the mouth, so to three degrees; the last particles stick to no rule."""
-    episodes = begun("Jaco", "original", 4)
+    episodes = reset_episodes("Jaco", "original", 4)
     controller, differences_rad = MemoryExpert(episodes), []
     for _ in range(EPISODE_STEPS):
         before = in_cup(episodes.state()).sum(axis=1)
@@ -162,13 +162,13 @@ def test_the_memory_expert_succeeds_more_often_in_drinking(robot):
     """In many episodes to 86 of 100, where those who know the present only come to 68 and 61."""
 
     def successes(make) -> float:
-        episodes = begun(robot, "zoo/train", 32)
+        episodes = reset_episodes(robot, "zoo/train", 32)
         controller, success = make(episodes), np.zeros(32, dtype=bool)
         for _ in range(EPISODE_STEPS):
             success = episodes.step(controller(episodes.observe())).success
         return success.mean()
 
-    task = begun(robot, "zoo/train", 1).task
+    task = reset_episodes(robot, "zoo/train", 1).task
     patience = successes(filtered(task.memory_expert))
     assert patience > 0.6
     assert patience > successes(filtered(task.feedback_expert))

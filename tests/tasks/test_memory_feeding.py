@@ -9,8 +9,8 @@ from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.tasks.experts.filtered import filtered
 from avrgym.tasks.feeding.memory_expert import RESTING_M_S, STANDOFF_M, MemoryExpert, standoff_from_mouth_m
 from avrgym.tasks.task import Expert
-from helpers.learning.experts import assert_acts_reactively
-from helpers.simulation.starts import begun
+from helpers.learning.experts import assert_matches_feedback_expert
+from helpers.simulation.initial_states import reset_episodes
 
 WORLDS = 4
 FEEDING = "avrgym/FeedingPR2-v1"
@@ -25,12 +25,12 @@ def test_the_standoff_grows_with_the_mouth_speed():
 
 
 def test_resting_people_are_fed_like_the_feedback_expert():
-    assert_acts_reactively(MemoryExpert, begun(FEEDING, WORLDS), 30)
+    assert_matches_feedback_expert(MemoryExpert, reset_episodes(FEEDING, WORLDS), 30)
 
 
 def fed(expert: Expert) -> tuple[float, float]:
     """People who come to meet the spoon: the share of them that it feeds, and the mean force on them."""
-    episodes = begun(FEEDING, WORLDS, "participants", by_region=True)
+    episodes = reset_episodes(FEEDING, WORLDS, "participants", by_region=True)
     feeds, watch, force_n = filtered(expert)(episodes), RegionLoadRecorder(WORLDS), 0.0
     for _ in range(100):
         step = episodes.step(np.clip(feeds(episodes.observe()), -1.0, 1.0), watch)
@@ -42,7 +42,7 @@ def fed(expert: Expert) -> tuple[float, float]:
 
 @pytest.mark.slow
 def test_people_who_lean_forward_feel_less_force():
-    task = begun(FEEDING, 1).task
+    task = reset_episodes(FEEDING, 1).task
     assert task.memory_expert is not None
     reactive, patient = fed(task.feedback_expert), fed(task.memory_expert)
     assert patient[0] < 0.5 * reactive[0]

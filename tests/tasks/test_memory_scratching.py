@@ -9,14 +9,14 @@ from avrgym.tasks.scratch_itch.expert import surface
 from avrgym.tasks.scratch_itch.feedback_expert import faces_in
 from avrgym.tasks.scratch_itch.memory_expert import SWINGS, SwingsInFront, memory_expert
 from avrgym.tasks.scratch_itch.reward import limb_frame
-from helpers.learning.experts import assert_acts_reactively
+from helpers.learning.experts import assert_matches_feedback_expert
 from helpers.simulation.itches import forearm_itch
 
 INNER_RAD, OUTER_RAD = np.radians(np.linspace([-165.0, -60.0], [-135.0, 60.0], 8)).T
 """Places on the forearm that face the other arm, and the others, from its outer side."""
 
 
-def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
+def reset_episodes(robot: str, angle_rad: np.ndarray) -> Episodes:
     """Episodes with itches in the middle of the forearm."""
     count = len(angle_rad)
     episodes = Episodes(f"avrgym/ScratchItch{robot}-v1", count, people="revised", num_threads=1)
@@ -27,12 +27,12 @@ def begun(robot: str, angle_rad: np.ndarray) -> Episodes:
 
 @pytest.mark.parametrize("robot", SWINGS)
 def test_outer_skin_is_scratched_like_the_feedback_expert(robot):
-    assert_acts_reactively(memory_expert, begun(robot, OUTER_RAD), 40)
+    assert_matches_feedback_expert(memory_expert, reset_episodes(robot, OUTER_RAD), 40)
 
 
 @pytest.mark.parametrize("robot", SWINGS)
 def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
-    episodes = begun(robot, INNER_RAD)
+    episodes = reset_episodes(robot, INNER_RAD)
     patient, reactive = memory_expert(episodes), episodes.task.feedback_expert(episodes)
     assert isinstance(patient, SwingsInFront)
     out_w, _ = surface(episodes.task_state, limb_frame(episodes.state(), episodes.task_state)[1])
@@ -55,7 +55,7 @@ def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", SWINGS)
 def test_the_inner_side_of_the_forearm_is_scratched_by_an_arm_that_swung_in_front(robot):
-    episodes = begun(robot, INNER_RAD)
+    episodes = reset_episodes(robot, INNER_RAD)
     scratches = filtered(memory_expert)(episodes)
     for _ in range(EPISODE_STEPS):
         step = episodes.step(scratches(episodes.observe()))

@@ -13,7 +13,7 @@ COUNT = 4
 STILL = np.zeros((COUNT, 7))
 
 
-def begun(count: int = COUNT, robot: str = "Jaco", first: int = 0) -> Episodes:
+def reset_episodes(count: int = COUNT, robot: str = "Jaco", first: int = 0) -> Episodes:
     """Feeding episodes with revised people, world i from stream ``first`` + i."""
     episodes = Episodes(f"avrgym/Feeding{robot}-v1", count, people="revised", num_threads=1)
     episodes.reset(np.arange(count), [np.random.default_rng([5, first + i]) for i in range(count)])
@@ -23,7 +23,7 @@ def begun(count: int = COUNT, robot: str = "Jaco", first: int = 0) -> Episodes:
 @pytest.fixture(scope="module")
 def start() -> Episodes:
     """Episodes that nobody steps."""
-    return begun()
+    return reset_episodes()
 
 
 def nearby(
@@ -45,7 +45,7 @@ def test_a_planner_starts_at_the_tool(start):
 
 def test_a_tool_follows_a_straight_line():
     """Asked for and done, within 5 mm, where nothing is in the way; it arrives within 2 mm and 1°."""
-    episodes = begun(robot="PR2")
+    episodes = reset_episodes(robot="PR2")
     planner = MotionPlanner(episodes)
     begin = planner.pos_w
     target, q_w = nearby(planner, (-0.04, 0.0, 0.08), 0.2)
@@ -62,7 +62,7 @@ def test_a_tool_follows_a_straight_line():
 
 
 def test_a_tool_moves_and_turns_no_faster_than_it_may():
-    episodes = begun()
+    episodes = reset_episodes()
     planner = MotionPlanner(episodes)
     target, q_w = nearby(planner, (0.1, 0.1, 0.0), 1.0)
     for _ in range(10):
@@ -93,7 +93,7 @@ def test_servo_targets_stay_near_a_blocked_arm(start):
 
 
 def test_a_swing_arrives_at_its_angles_with_the_tool_level():
-    episodes = begun()
+    episodes = reset_episodes()
     planner = MotionPlanner(episodes)
     target = planner.angles_rad + np.array([0.3, 0.1, -0.2, 0.2, 0.3, 0.2, 0.4])
     target = planner.angles_at(planner.pose(target)[0], planner.q_w, target)
@@ -131,7 +131,7 @@ def test_it_costs_to_reach_through_the_table(start):
 
 
 def test_planning_does_not_depend_on_other_worlds(start):
-    together, alone = MotionPlanner(start), MotionPlanner(begun(1, first=2))
+    together, alone = MotionPlanner(start), MotionPlanner(reset_episodes(1, first=2))
     target, q_w = nearby(together, (0.1, 0.2, 0.0), 0.5)
     only = slice(2, 3)
     actions = together.toward(target, q_w, 0.2, 0.8)
@@ -148,7 +148,7 @@ def test_planning_does_not_depend_on_other_worlds(start):
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_the_oracle_feeds_people_gently(robot):
     """All of eight; no touch is firmer than ten newtons."""
-    episodes = begun(8, robot)
+    episodes = reset_episodes(8, robot)
     act, step = FeedingExpert(episodes), None
     for _ in range(90):
         step = episodes.step(act(episodes.observe()))

@@ -25,9 +25,9 @@ from avrgym.tasks import episodes, placement_check, registry, task_check
 from avrgym.tasks.constants import environment_id
 from avrgym.tasks.placement_check import MAX_MEAN_DRAWS, check_starts, draws_by_body, is_collision_free
 from avrgym.tasks.registry import ENVIRONMENTS
-from helpers.simulation.placements import place
+from helpers.simulation.placements import offset_mount
 from helpers.studies.small_studies import make_study
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 sys.path.append(str(ROOT / "examples" / "extension" / "src"))
 sys.path.append(str(ROOT / "src" / "avrgym" / "skeletons" / "templates" / "robot" / "src"))
@@ -52,12 +52,12 @@ def afresh():
 
 @pytest.fixture
 def crowded(monkeypatch: pytest.MonkeyPatch) -> None:
-    place(monkeypatch, *CROWDED_M)
+    offset_mount(monkeypatch, *CROWDED_M)
 
 
 @pytest.fixture
 def refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    place(monkeypatch, *REFUSED_M)
+    offset_mount(monkeypatch, *REFUSED_M)
     monkeypatch.setattr(episodes, "MAX_START_DRAWS", FEW_DRAWS)
 
 

@@ -20,7 +20,7 @@ from avrgym.tasks.person import LIMBS
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.scratch_itch.reward import ALONG, AROUND_RAD, ScratchItchState
 from avrgym.tasks.task import StepResult
-from helpers.simulation.worlds import still_world
+from helpers.simulation.worlds import resting_state
 
 SCRATCHING = TASKS["ScratchItch"]
 LEFT, _, UP = np.eye(3)
@@ -48,7 +48,7 @@ def state(touch: dict[tuple[float, float, float], float] | None = None, **change
         "tool_contact_pos_w": pos,
         "tool_contact_force_n": force,
     }
-    return still_world(**given | changes)
+    return resting_state(**given | changes)
 
 
 def itching(scratches: int = 0, last: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ScratchItchState:

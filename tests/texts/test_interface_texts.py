@@ -98,13 +98,13 @@ def test_a_language_of_an_earlier_version_has_one_way_to_select(tmp_path: Path) 
 def test_the_participant_hears_of_their_input_wherever_they_are_spoken_to(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan())
     visit.go_to("calibration")
-    assert "Then pinch" in visit.said(Phase)[-1].texts_by_input["pinch"]
-    visit.session.welcome(visit.heard.append, "participant", 0.0)
-    assert "Then pinch" in visit.said(Phase)[-1].texts_by_input["pinch"]
+    assert "Then pinch" in visit.received(Phase)[-1].texts_by_input["pinch"]
+    visit.session.welcome(visit.inbox.append, "participant", 0.0)
+    assert "Then pinch" in visit.received(Phase)[-1].texts_by_input["pinch"]
     visit.tracking = False
     visit.tick(100)
-    visit.tell(Ready())
-    assert "then pinch" in visit.said(Problem)[-1].messages_by_input["pinch"]
+    visit.send(Ready())
+    assert "then pinch" in visit.received(Problem)[-1].messages_by_input["pinch"]
     visit.leave()
 
 
@@ -113,8 +113,8 @@ def test_a_study_brings_a_language_written_from_right_to_left(tmp_path: Path) ->
     assert (texts.direction, texts.name) == ("rtl", "Hsilgne")
     assert texts.render(Text("trial", {"trial": "2", "trials": "8"})) == "8 fo 2 lairT"
     visit = Visit(tmp_path, replace(plan(), texts=texts))
-    visit.session.welcome(visit.heard.append, "participant", 0.0)
-    told = visit.said(Language)[-1]
+    visit.session.welcome(visit.inbox.append, "participant", 0.0)
+    told = visit.received(Language)[-1]
     assert (told.language, told.direction, told.words["stop"]) == ("ar-EG", "rtl", "tobor eht potS")
     visit.leave()
 
@@ -158,13 +158,13 @@ def test_a_session_uses_one_language(tmp_path: Path) -> None:
     """Phases, problems and numbers are in German; the experimenter reads English."""
     visit = Visit(tmp_path, replace(plan(), texts=GERMAN))
     visit.go_to("trial")
-    visit.tell(Ready(), Stop())
-    said = [(phase.text, phase.page_text) for phase in visit.said(Phase)]
+    visit.send(Ready(), Stop())
+    said = [(phase.text, phase.page_text) for phase in visit.received(Phase)]
     german = {text.split("{")[0] for text in GERMAN.session.values() if text.split("{")[0]}
     for texts in said:
         assert all(any(text.startswith(begin) for begin in german) for text in texts)
     assert said[-1] == (GERMAN.render(Text("stopped")), GERMAN.session["stopped_page"])
-    problem = visit.said(Problem)[-1]
+    problem = visit.received(Problem)[-1]
     assert (problem.message, problem.role) == (GERMAN.session["nothing_to_begin"], "participant")
     assert "Essen Sie das Essen vom Löffel." in said[-4][0]
     assert visit.recordings()[0].configuration.language == "de"

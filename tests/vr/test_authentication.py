@@ -38,8 +38,8 @@ from avrgym.vr.server.certificate import Certificate, certificate_for, lan_names
 from avrgym.vr.server.live_server import LiveServer, create_app
 from avrgym.vr.server.web_server import ServerError
 from avrgym.vr.session.session import Session
-from helpers.vr.received_states import understand
-from helpers.vr.visit import driving, plan
+from helpers.vr.received_states import decode_message
+from helpers.vr.visit import constant_policies, plan
 
 PATIENCE_S = 180.0
 SOCKETS = {"/ws": ("participant",), "/watch": ("experimenter", "spectator")}
@@ -56,7 +56,7 @@ CLIENT = httpx.Client(verify=False, timeout=PATIENCE_S, limits=httpx.Limits(max_
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer[Session]]:
     folder = tmp_path_factory.mktemp("study")
     with LiveServer(
-        lambda send: Session(plan(), driving(plan()), folder, send, "test"), "127.0.0.1", 0
+        lambda send: Session(plan(), constant_policies(plan()), folder, send, "test"), "127.0.0.1", 0
     ) as server:
         yield server
 
@@ -85,7 +85,7 @@ def hear(socket: ClientConnection, kind: type) -> Message:
     """The next message of a kind."""
     give_up = time.monotonic() + PATIENCE_S
     while time.monotonic() < give_up:
-        message = understand(socket, socket.recv(PATIENCE_S))
+        message = decode_message(socket, socket.recv(PATIENCE_S))
         if isinstance(message, kind):
             return message
     raise TimeoutError(f"no {kind.__name__}")
@@ -243,7 +243,7 @@ def test_participants_cannot_send_commands(server: LiveServer) -> None:
 def test_the_experimenter_commands_the_session(tmp_path: Path) -> None:
     with (
         LiveServer(
-            lambda send: Session(plan(), driving(plan()), tmp_path, send, "x"), "127.0.0.1", 0
+            lambda send: Session(plan(), constant_policies(plan()), tmp_path, send, "x"), "127.0.0.1", 0
         ) as server,
         opened(server, "/watch", server.tokens.experimenter) as experimenter,
     ):
@@ -304,7 +304,10 @@ def test_the_local_network_requires_tls(tmp_path: Path) -> None:
         LiveServer(lambda send: cast(Session, None), "0.0.0.0", 0)
     made = certificate_for(("lab",), tmp_path)
     with LiveServer(
-        lambda send: Session(plan(), driving(plan()), tmp_path / "study", send, "lan"), "0.0.0.0", 0, made
+        lambda send: Session(plan(), constant_policies(plan()), tmp_path / "study", send, "lan"),
+        "0.0.0.0",
+        0,
+        made,
     ) as server:
         trusted = ssl.create_default_context(cafile=str(made.certificate_file))
         with urllib.request.urlopen(f"https://localhost:{server.port}/spectator", context=trusted) as page:

@@ -25,7 +25,7 @@ from avrgym.vr.protocol.messages import Tracking
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
-from helpers.browser.journey import Journey, await_that, draw_triangles
+from helpers.browser.journey import Journey, draw_triangles, wait_until
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 
@@ -50,8 +50,8 @@ def test_a_participant_completes_a_feeding_session(journey: Journey) -> None:
     headset, session = journey.headset, journey.session
     journey.enter()
     assert headset.call("presenting")
-    journey.be_seated()
-    journey.await_phase("free_before")
+    journey.calibrate()
+    journey.wait_for_phase("free_before")
     assert session.person.torso_height_m == pytest.approx(
         journey.participant.traits.torso_height_m, abs=0.005
     )
@@ -60,9 +60,9 @@ def test_a_participant_completes_a_feeding_session(journey: Journey) -> None:
     headset.set_poses(frame)
     registration = session.registration
     assert registration is not None
-    await_that(lambda: all(map(operator.lt, errors(journey, registration, frame), (0.02, 0.03, 0.03))))
+    wait_until(lambda: all(map(operator.lt, errors(journey, registration, frame), (0.02, 0.03, 0.03))))
 
-    journey.await_phase("trial")
+    journey.wait_for_phase("trial")
     headset.set_poses(journey.participant.frame(1.0, moving=False))
     left, right = eyes(headset)
     assert (np.abs(left - right).max(axis=-1) > 24).mean() > 0.01
@@ -71,12 +71,12 @@ def test_a_participant_completes_a_feeding_session(journey: Journey) -> None:
 
     given = {}
     for value, item in zip((7, 6, 5, 4), LIKERT_ITEMS, strict=True):
-        journey.await_buttons(item.id)
+        journey.wait_for_buttons(item.id)
         headset.answer(value)
         given[item.id] = value
-    journey.await_buttons("confirm")
+    journey.wait_for_buttons("confirm")
     headset.answer(DONE)
-    journey.await_phase("finished")
+    journey.wait_for_phase("finished")
 
     recording = read_recording(journey.folder / "trial-01_attempt-1.mcap")
     assert recording.complete
@@ -110,8 +110,8 @@ def test_the_same_person_is_as_tall_on_any_chair(tmp_path: Path, seat_height_m: 
     with ExitStack() as opened:
         journey = Journey(tmp_path, plan, load_policies(plan), opened)
         journey.enter()
-        journey.be_seated()
-        journey.await_phase("finished")
+        journey.calibrate()
+        journey.wait_for_phase("finished")
         traits, person = journey.participant.traits, journey.session.person
     assert person.torso_height_m == pytest.approx(traits.torso_height_m, abs=0.005)
     kept = read_recording(tmp_path / "trial-01_attempt-1.mcap").configuration
@@ -131,9 +131,9 @@ def test_hands_are_drawn_without_latency_and_blocked_by_the_robot(tmp_path: Path
     with ExitStack() as opened:
         journey = Journey(tmp_path, plan, load_policies(plan), opened)
         journey.enter()
-        journey.be_seated()
-        journey.await_phase("free_before")
-        await_that(lambda: OwnHand(journey).drawn_off_m < NEAR_M)
+        journey.calibrate()
+        journey.wait_for_phase("free_before")
+        wait_until(lambda: OwnHand(journey).drawn_off_m < NEAR_M)
 
         with standing_still(journey.session):
             for share in np.linspace(0.2, 1.0, 5):
@@ -156,9 +156,9 @@ def test_hands_are_drawn_without_latency_and_blocked_by_the_robot(tmp_path: Path
             grip = grip_from_hand(registration, Pose(place_w, hand_pose(registration, frame.right).q_w))
             journey.headset.set_poses(msgspec.structs.replace(frame, right=grip))
             journey.headset.wait_for_frames(2)
-        await_that(lambda: OwnHand(journey).held)
+        wait_until(lambda: OwnHand(journey).held)
         journey.headset.set_poses(frame)
-        await_that(lambda: OwnHand(journey).drawn_off_m < NEAR_M)
+        wait_until(lambda: OwnHand(journey).drawn_off_m < NEAR_M)
 
 
 @contextmanager

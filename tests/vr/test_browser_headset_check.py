@@ -12,8 +12,8 @@ from avrgym.vr.latency import STAGES
 from avrgym.vr.session import events
 from avrgym.vr.session.phases.checking import MAX_FAULTS_SHOWN
 from avrgym.vr.session.plan import HeadsetCheckPlan
-from helpers.browser.journey import Journey, await_that
-from helpers.vr.visit import driving, plan
+from helpers.browser.journey import Journey, wait_until
+from helpers.vr.visit import constant_policies, plan
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 
@@ -23,20 +23,20 @@ def test_the_headset_check_reports_problems(tmp_path: Path) -> None:
     """No frame rate is asserted: the emulated headset draws in software."""
     checked = replace(plan(), headset_check=HeadsetCheckPlan(at_rest_s=1.5, stretched_s=0.5, moving_s=1.5))
     with ExitStack() as opened:
-        journey = Journey(tmp_path, checked, driving(checked), opened)
+        journey = Journey(tmp_path, checked, constant_policies(checked), opened)
         headset, session = journey.headset, journey.session
         headset.set_poses(journey.participant.frame(0.0, moving=False))
         headset.enter_vr()
-        await_that(lambda: session.phase == "headset")
+        wait_until(lambda: session.phase == "headset")
         while session.phase == "headset":
             headset.wait_for_frames(5)
             headset.pull_trigger("right")
-        journey.await_phase("headset_stop")
+        journey.wait_for_phase("headset_stop")
         headset.press_menu("left")
         for item, value in (("haptics", 2), ("sound", 1)):
-            journey.await_buttons(item)
+            journey.wait_for_buttons(item)
             headset.answer(value)
-        journey.await_phase("headset")
+        journey.wait_for_phase("headset")
         (check,) = [each.check for each in journey.observed if isinstance(each, events.HeadsetChecked)]
         told = ENGLISH.render_for_page(result_message(check, MAX_FAULTS_SHOWN))
         headset.page.get_by_text(told).first.wait_for(state="attached")

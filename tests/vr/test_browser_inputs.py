@@ -17,8 +17,8 @@ from avrgym.vr.emulation.emulated_headset import AGAIN, BACK, DONE, GO_ON
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
-from helpers.browser.journey import Journey, await_that
-from helpers.vr.visit import driving
+from helpers.browser.journey import Journey, wait_until
+from helpers.vr.visit import constant_policies
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 
@@ -48,7 +48,7 @@ class Wearer:
         plan = SessionPlan(
             [trial], "woman", 0.3, simulated=True, items=LIKERT_ITEMS[:1], trial_steps=trial_steps, countdown_s=0.3
         )  # fmt: skip
-        self.journey = Journey(folder, plan, driving(plan), opened, query=f"&headset={headset}")
+        self.journey = Journey(folder, plan, constant_policies(plan), opened, query=f"&headset={headset}")
         self.headset, self.session = self.journey.headset, self.journey.session
         frame = self.journey.participant.frame(0.0, moving=False)
         assert frame.head is not None
@@ -56,11 +56,11 @@ class Wearer:
         self.headset.set_poses(frame)
         self.headset.enter_vr()
         self.headset.page.wait_for_function("() => !document.body.classList.contains('sceneless')")
-        self.journey.await_phase("calibration")
+        self.journey.wait_for_phase("calibration")
 
     def choose(self, item: str, value: int) -> None:
         """Choose a button once the panel has those of a question, of the ``check``, or to ``confirm``."""
-        self.journey.await_buttons(item)
+        self.journey.wait_for_buttons(item)
         self.headset.wait_for_frames(10)
         self.headset.answer(value)
 
@@ -87,18 +87,18 @@ def test_each_headset_completes_a_session(name: str, tmp_path: Path) -> None:
         wearer = Wearer(name, tmp_path, opened)
         session = wearer.session
         wearer.choose("body", FIRST_TONE)
-        await_that(lambda: session.person.skin_tone == next(iter(SKIN_TONES)))
+        wait_until(lambda: session.person.skin_tone == next(iter(SKIN_TONES)))
         assert session.phase == "calibration"
         wearer.go_on("calibration", "loading")
         wearer.choose("check", AGAIN)
-        wearer.journey.await_phase("calibration")
+        wearer.journey.wait_for_phase("calibration")
         wearer.go_on("calibration", "loading")
         wearer.choose("check", GO_ON)
         wearer.choose(LIKERT_ITEMS[0].id, 6)
         wearer.choose("confirm", BACK)
         wearer.choose(LIKERT_ITEMS[0].id, 2)
         wearer.choose("confirm", DONE)
-        wearer.journey.await_phase("finished")
+        wearer.journey.wait_for_phase("finished")
         (ended,) = [each for each in wearer.journey.observed if isinstance(each, events.TrialEnded)]
     assert ended.result == "completed"
     answers = read_recording(tmp_path / "trial-01_attempt-1.mcap").topics["/answers"]
@@ -127,14 +127,14 @@ def test_each_headset_stops_the_robot_in_its_own_way(name: str, tmp_path: Path) 
     with ExitStack() as opened:
         wearer = Wearer(name, tmp_path, opened, trial_steps=ENDLESS)
         wearer.go_on("calibration", "loading", "check")
-        wearer.journey.await_phase("trial")
+        wearer.journey.wait_for_phase("trial")
         wearer.headset.wait_for_frames(5)
         shown = wearer.headset.call("stop")
         assert shown["method"] == ("triggers" if WAYS[name] == "squeeze" else WAYS[name])
         assert (shown["sign"] is not None) == (WAYS[name] == "gaze")
         wearer.headset.screenshot(tmp_path / "sign.png")
         wearer.headset.begin_stop(WAYS[name])
-        wearer.journey.await_phase("paused")
+        wearer.journey.wait_for_phase("paused")
         observed = wearer.journey.observed
         assert [each.way for each in observed if isinstance(each, events.Stopped)] == [WAYS[name]]
         assert wearer.journey.results() == ["stopped"]

@@ -15,8 +15,8 @@ from avrgym.recording.reader import read_recording
 from avrgym.vr.emulation.emulated_headset import BrowserClient
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
-from helpers.browser.journey import PATIENCE_S, Journey, await_that
-from helpers.vr.visit import driving
+from helpers.browser.journey import TIMEOUT_S, Journey, wait_until
+from helpers.vr.visit import constant_policies
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 
@@ -35,7 +35,7 @@ FIRST_TONE = 3
 @pytest.fixture
 def journey(tmp_path: Path) -> Iterator[Callable[[SessionPlan], Journey]]:
     with ExitStack() as opened:
-        yield lambda plan: Journey(tmp_path, plan, driving(plan), opened)
+        yield lambda plan: Journey(tmp_path, plan, constant_policies(plan), opened)
 
 
 def plan(*environments: str, steps: int) -> SessionPlan:
@@ -64,7 +64,7 @@ def test_every_task_with_one_robot_or_the_other(
         assert len(each.topics["/answers"]) == 1
         assert any(record.applied for _, record in each.topics["/tracking"])
     whole.headset.page.get_by_role("button", name="Leave VR").click()
-    await_that(lambda: not whole.headset.call("presenting"))
+    wait_until(lambda: not whole.headset.call("presenting"))
 
 
 @pytest.mark.slow
@@ -73,25 +73,25 @@ def test_a_session_with_interruptions(journey: Callable[[SessionPlan], Journey])
     visit = journey(plan("avrgym/FeedingJaco-v1", steps=ENDLESS))
     headset, session = visit.headset, visit.session
     visit.enter()
-    visit.await_buttons("body")
+    visit.wait_for_buttons("body")
     headset.answer(FIRST_TONE)
-    await_that(lambda: session.person.skin_tone == next(iter(SKIN_TONES)))
+    wait_until(lambda: session.person.skin_tone == next(iter(SKIN_TONES)))
     assert session.phase == "calibration"
     headset.set_poses(visit.participant.frame(1.0, moving=False))
-    visit.be_seated()
-    visit.await_phase("trial")
+    visit.calibrate()
+    visit.wait_for_phase("trial")
 
     headset.press_menu("left")
-    visit.await_phase("paused")
+    visit.wait_for_phase("paused")
     assert visit.results() == ["stopped"]
     assert [each.by for each in visit.observed if isinstance(each, session_events.Stopped)] == ["participant"]
-    visit.go_on("paused")
-    visit.await_phase("trial")
+    visit.finish_phases("paused")
+    visit.wait_for_phase("trial")
 
     browser = headset.page.context.browser
     assert browser is not None
     second = browser.new_page()
-    second.set_default_timeout(1000 * PATIENCE_S)
+    second.set_default_timeout(1000 * TIMEOUT_S)
     second.goto(visit.server.url)
     second.get_by_text("Somebody takes part on another page").first.wait_for()
     assert session.phase == "trial"
@@ -99,16 +99,16 @@ def test_a_session_with_interruptions(journey: Callable[[SessionPlan], Journey])
 
     for count in (2, 3):
         visit.drop_sockets()
-        await_that(lambda count=count: len(visit.results()) == count)
-        visit.be_seated()
-        visit.await_phase("trial")
+        wait_until(lambda count=count: len(visit.results()) == count)
+        visit.calibrate()
+        visit.wait_for_phase("trial")
 
     headset.page.reload()
-    await_that(lambda: session.phase == "waiting")
-    headset.page.wait_for_function("() => window.avrgymEmulator !== undefined", timeout=1000 * PATIENCE_S)
+    wait_until(lambda: session.phase == "waiting")
+    headset.page.wait_for_function("() => window.avrgymEmulator !== undefined", timeout=1000 * TIMEOUT_S)
     visit.enter()
-    visit.be_seated()
-    visit.await_phase("trial")
+    visit.calibrate()
+    visit.wait_for_phase("trial")
     assert visit.results() == ["stopped", *["interrupted"] * 3]
     assert [path.name for path in session.recordings] == [f"trial-01_attempt-{n}.mcap" for n in range(1, 6)]
     assert {read_recording(path).configuration.person.skin_tone for path in session.recordings} == {"light"}

@@ -9,8 +9,8 @@ from playwright.sync_api import Page
 
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.session import Session
-from helpers.browser.journey import SEATING, Journey, await_that
-from helpers.vr.visit import driving, plan
+from helpers.browser.journey import SEATING, Journey, wait_until
+from helpers.vr.visit import constant_policies, plan
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 
@@ -31,7 +31,7 @@ BACKGROUND = """(state) => {
 def journey(tmp_path: Path) -> Iterator[Journey]:
     with ExitStack() as opened:
         session = plan(trial_steps=ENDLESS)
-        yield Journey(tmp_path, session, driving(session), opened)
+        yield Journey(tmp_path, session, constant_policies(session), opened)
 
 
 def lost(journey: Journey) -> list[str]:
@@ -43,7 +43,7 @@ def seen(journey: Journey) -> int:
 
 
 def await_trial(session: Session) -> None:
-    await_that(lambda: session.phase == "trial")
+    wait_until(lambda: session.phase == "trial")
 
 
 @pytest.mark.slow
@@ -51,7 +51,7 @@ def test_in_vr(journey: Journey) -> None:
     headset, session = journey.headset, journey.session
     headset.page.evaluate(GRAPHICS, "")
     journey.enter()
-    journey.be_seated()
+    journey.calibrate()
     await_trial(session)
 
     def blur(state: str) -> None:
@@ -59,26 +59,26 @@ def test_in_vr(journey: Journey) -> None:
 
     for number, state in enumerate(("visible-blurred", "hidden"), 1):
         blur(state)
-        await_that(lambda: session.phase == "paused")
+        wait_until(lambda: session.phase == "paused")
         assert lost(journey)[-1] == state
         sent = headset.call("trackingSent")
         headset.page.wait_for_timeout(300)
         assert headset.call("trackingSent") == sent
         blur("visible")
-        await_that(lambda number=number: seen(journey) == number)
+        wait_until(lambda number=number: seen(journey) == number)
         assert session.phase == "paused"
         headset.page.get_by_text("You did not see the scene").first.wait_for(state="attached")
-        journey.go_on("paused")
+        journey.finish_phases("paused")
         await_trial(session)
     headset.page.evaluate(GRAPHICS, "loseContext")
-    await_that(lambda: session.phase != "trial")
+    wait_until(lambda: session.phase != "trial")
     assert lost(journey)[-1] == "context-lost"
     assert journey.results() == ["interrupted"] * 3
 
 
 def play(page: Page, session: Session) -> None:
     page.get_by_role("button", name="Play without a headset").click()
-    await_that(lambda: session.phase == "calibration")
+    wait_until(lambda: session.phase == "calibration")
     for phase in SEATING:
         while session.phase == phase:
             page.keyboard.press("Enter")
@@ -99,10 +99,10 @@ def test_on_the_page(journey: Journey, script: str, lose: str, find: str, state:
     page, session = journey.headset.page, journey.session
     play(page, session)
     page.evaluate(script, lose)
-    await_that(lambda: session.phase == "paused")
+    wait_until(lambda: session.phase == "paused")
     assert lost(journey) == [state]
     page.evaluate(script, find)
-    await_that(lambda: seen(journey) == 1)
+    wait_until(lambda: seen(journey) == 1)
     assert session.phase == "paused"
     page.get_by_text("Choose Go on to repeat the trial").first.wait_for()
     page.screenshot(path=journey.folder / "paused.png")

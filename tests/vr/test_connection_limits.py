@@ -21,9 +21,18 @@ from avrgym.vr.server.authentication import Tokens
 from avrgym.vr.server.certificate import certificate_for
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
-from helpers.vr.raw_clients import PATIENCE_S, ask, dial, idle, is_closed, is_open, request, status
-from helpers.vr.received_states import understand
-from helpers.vr.visit import driving, plan
+from helpers.vr.raw_clients import (
+    TIMEOUT_S,
+    connect,
+    exchange,
+    idle_connections,
+    is_closed,
+    is_open,
+    request,
+    status,
+)
+from helpers.vr.received_states import decode_message
+from helpers.vr.visit import constant_policies, plan
 
 PLAN = plan(free_movement_s=0.2, trial_steps=200)
 
@@ -32,7 +41,10 @@ PLAN = plan(free_movement_s=0.2, trial_steps=200)
 def make_server(tmp_path: Path) -> Callable[..., LiveServer[Session]]:
     def make(**options) -> LiveServer[Session]:
         return LiveServer(
-            lambda send: Session(PLAN, driving(PLAN), tmp_path, send, "test"), "127.0.0.1", 0, **options
+            lambda send: Session(PLAN, constant_policies(PLAN), tmp_path, send, "test"),
+            "127.0.0.1",
+            0,
+            **options,
         )
 
     return make
@@ -45,7 +57,7 @@ def server(make_server: Callable[..., LiveServer[Session]]) -> Iterator[LiveServ
 
 
 def await_that(condition: Callable[[], bool]) -> None:
-    give_up = time.monotonic() + PATIENCE_S
+    give_up = time.monotonic() + TIMEOUT_S
     while not condition():
         assert time.monotonic() < give_up
         time.sleep(0.01)
@@ -70,17 +82,17 @@ def test_of_too_many_strangers_the_longest_silent_goes(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED", 8)
-    with make_server() as server, idle(server.port, 8) as first:
-        with idle(server.port, 5):
+    with make_server() as server, idle_connections(server.port, 8) as first:
+        with idle_connections(server.port, 5):
             await_that(lambda: [is_open(each) for each in first] == [False] * 5 + [True] * 3)
-        assert status(ask(server.port, request(server.port, "/", b"Connection: close\r\n"))) == 200
+        assert status(exchange(server.port, request(server.port, "/", b"Connection: close\r\n"))) == 200
 
 
 class Listener:
     """Reads what a socket is sent, on a thread of its own, as browsers do; ``heard`` counts it by kind."""
 
     def __init__(self, connection: ClientConnection) -> None:
-        self.heard: Counter[type] = Counter()
+        self.inbox: Counter[type] = Counter()
         self.ended: ConnectionClosed | None = None
         self._connection = connection
         self._thread = threading.Thread(target=self._listen, daemon=True)
@@ -89,14 +101,14 @@ class Listener:
     def _listen(self) -> None:
         try:
             for data in self._connection:
-                self.heard[type(understand(self._connection, data))] += 1
+                self.inbox[type(decode_message(self._connection, data))] += 1
         except ConnectionClosed as ended:
             self.ended = ended
 
     def hears_more(self, kind: type) -> None:
         """Wait for another message of a kind."""
-        before = self.heard[kind]
-        await_that(lambda: self.heard[kind] > before or self.ended is not None)
+        before = self.inbox[kind]
+        await_that(lambda: self.inbox[kind] > before or self.ended is not None)
         assert self.ended is None
 
 
@@ -116,12 +128,12 @@ def test_authenticated_connections_survive_floods(
         listening = {role: Listener(connection) for role, connection in parties.items()}
         for each in listening.values():
             each.hears_more(StateChange)
-        with idle(server.port, 100):
+        with idle_connections(server.port, 100):
             for role in parties:
                 token = {"authorization": f"Bearer {getattr(server.tokens, role)}"}
                 for path in ("/", "/spectator", "/scenes/0.glb"):
                     url = f"http://127.0.0.1:{server.port}{path}"
-                    assert httpx.get(url, headers=token, timeout=PATIENCE_S).status_code == 200
+                    assert httpx.get(url, headers=token, timeout=TIMEOUT_S).status_code == 200
             tell(seated, Entered())
             listening["participant"].hears_more(Phase)
             for each in listening.values():
@@ -155,7 +167,7 @@ def test_silence_is_closed(
     monkeypatch.setattr(gate_module, "SWEEP_INTERVAL_S", 0.05)
     with make_server() as server:
         for said in (b"", b"GET / HTTP/1.1\r\nHost: ", request(server.port)):
-            with dial(server.port) as connection:
+            with connect(server.port) as connection:
                 connection.sendall(said)
                 assert is_closed(connection)
         with participant(server) as seated:
@@ -171,7 +183,7 @@ def test_drop_by_drop_is_no_request(
     """A header that goes on and on counts as silence."""
     monkeypatch.setattr(gate_module, "IDLE_TIMEOUT_S", 0.3)
     monkeypatch.setattr(gate_module, "SWEEP_INTERVAL_S", 0.05)
-    with make_server() as server, dial(server.port) as connection:
+    with make_server() as server, connect(server.port) as connection:
         connection.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ")
         await_that(lambda: not accepts(connection, b"x"))
 
@@ -191,10 +203,10 @@ def test_connections_without_handshake_time_out(
     monkeypatch.setattr(gate_module, "TLS_TIMEOUT_S", 0.3)
     certificate = certificate_for(("lab",), tmp_path / "certificate")
     with make_server(certificate=certificate) as server:
-        with idle(server.port, 20) as silent:
+        with idle_connections(server.port, 20) as silent:
             assert all(is_closed(each) for each in silent)
         trusted = ssl.create_default_context(cafile=str(certificate.certificate_file))
-        page = httpx.get(f"https://localhost:{server.port}/", verify=trusted, timeout=PATIENCE_S)
+        page = httpx.get(f"https://localhost:{server.port}/", verify=trusted, timeout=TIMEOUT_S)
         assert page.status_code == 200
 
 
@@ -212,8 +224,8 @@ def test_the_server_survives_without_free_file_handles(server: LiveServer[Sessio
                 hear(seated, StateChange)
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-        assert time.process_time() - busy_s < PATIENCE_S
-        later.settimeout(PATIENCE_S)
+        assert time.process_time() - busy_s < TIMEOUT_S
+        later.settimeout(TIMEOUT_S)
         later.sendall(request(server.port))
         assert status(later.recv(1 << 16)) == 200
         assert isinstance(hear(seated, StateChange), StateChange)
@@ -226,10 +238,10 @@ def test_connections_above_the_role_limit_count_as_unauthenticated(
     monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED", 4)
     monkeypatch.setattr(gate_module, "MAX_PER_ROLE", 2)
     token = b"Authorization: Bearer "
-    with make_server() as server, idle(server.port, 4) as many:
+    with make_server() as server, idle_connections(server.port, 4) as many:
         shown = token + server.tokens.spectator.encode() + b"\r\n"
         for each in many:
             each.sendall(request(server.port, "/scenes/99.glb", shown))
             assert status(each.recv(1 << 16)) == 404
-        with idle(server.port, 4):
+        with idle_connections(server.port, 4):
             await_that(lambda: sum(map(is_open, many)) == 2)

@@ -24,8 +24,8 @@ from avrgym.vr.session import events as session_events
 from avrgym.vr.session import session
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.frames import MAX_GAP_FRAMES, RESTART_FRAMES, SequenceFilter
-from helpers.studies.small_studies import make_study, take_in
-from helpers.system.processes import Served, served
+from helpers.studies.small_studies import enrol_with_consent, make_study
+from helpers.system.processes import RunningServer, running_server
 from helpers.vr.visit import Visit, events, result
 
 FROZEN_TICKS = 1001
@@ -62,9 +62,9 @@ def test_who_is_no_longer_tracked_is_told_and_the_trial_is_repeated(visit: Calla
     lost.tracking = False
     lost.tick(130)
     assert "tracking was lost for 1 s" in lost.problems[-1]
-    assert "Tracking was lost for 1 s" in lost.said(Phase)[-1].text
+    assert "Tracking was lost for 1 s" in lost.received(Phase)[-1].text
     assert any(isinstance(each, session_events.TrackingTimedOut) for each in lost.observed)
-    lost.tell(Ready())
+    lost.send(Ready())
     lost.tick()
     assert lost.phase in ("paused", "loading")
     lost.tick(50)
@@ -72,8 +72,8 @@ def test_who_is_no_longer_tracked_is_told_and_the_trial_is_repeated(visit: Calla
     assert len(lost.session.recordings) == 1
     lost.tracking = True
     lost.tick(10)
-    lost.tell(Ready())
-    lost.until("questionnaire")
+    lost.send(Ready())
+    lost.run_until("questionnaire")
     lost.answer(4, 4, 4, 4)
     first, second = lost.recordings()
     assert (first.configuration.attempt, second.configuration.attempt) == (1, 2)
@@ -106,14 +106,14 @@ def test_the_countdown_waits_for_tracking(visit: Callable[..., Visit]) -> None:
 def test_a_session_that_goes_on_without_its_participant_waits_for_them(visit: Callable[..., Visit]) -> None:
     away = visit(seeds=(3, 4))
     away.go_to("free_before")
-    away.tell(Command(name="pause"))
+    away.send(Command(name="pause"))
     away.tracking = False
     away.tick(200)
     for name in ("continue", "repeat", "skip"):
-        away.tell(Command(name=name))
+        away.send(Command(name=name))
         away.tick(20)
         assert away.phase == "paused"
-        assert "Tracking is lost" in away.said(Phase)[-1].text
+        assert "Tracking is lost" in away.received(Phase)[-1].text
     assert len(away.session.recordings) == 1
 
 
@@ -123,7 +123,7 @@ def test_what_the_robot_gave_is_kept_when_tracking_is_lost_after_it_has_finished
     finished = visit(free_movement_s=3.0)
     finished.go_to("free_after")
     finished.tracking = False
-    finished.until("questionnaire")
+    finished.run_until("questionnaire")
     finished.answer(4, 4, 4, 4)
     assert result(finished.recordings()[0]) == "completed"
 
@@ -163,10 +163,10 @@ def numbered(frame: Tracking, sequence: int) -> Tracking:
 def test_a_frame_from_far_ahead_holds_no_others(visit: Callable[..., Visit], number: int) -> None:
     jumped = visit(seeds=(3, 4), trial_steps=20)
     jumped.go_to("trial")
-    jumped.tell(numbered(jumped.frame(), number))
-    jumped.until("questionnaire")
+    jumped.send(numbered(jumped.frame(), number))
+    jumped.run_until("questionnaire")
     jumped.answer(4, 4, 4, 4)
-    jumped.until("questionnaire")
+    jumped.run_until("questionnaire")
     first, second = (held(recording) for recording in [*jumped.recordings()])
     print(f"\n{sum(second)} of {len(second)} frames of the next trial are held")
     assert sum(first) == 1
@@ -178,7 +178,7 @@ def test_a_client_that_counts_anew_is_followed_after_ten_frames(visit: Callable[
     reloaded.go_to("free_before")
     reloaded.tick(200)
     reloaded.participant._sequence = -1
-    reloaded.until("countdown")
+    reloaded.run_until("countdown")
     reloaded.leave()
     assert sum(held(reloaded.recordings()[0])) == RESTART_FRAMES - 1
 
@@ -233,10 +233,10 @@ def test_no_trial_completes_in_which_time_was_lost(visit: Callable[..., Visit]) 
     (lost,) = (each for each in frozen.observed if isinstance(each, session_events.TimeLost))
     assert lost.seconds == pytest.approx(FROZEN_TICKS * TICK_S)
     assert "stood still for 10.0 s" in frozen.problems[-1]
-    assert "The computer stood still" in frozen.said(Phase)[-1].text
+    assert "The computer stood still" in frozen.received(Phase)[-1].text
     frozen.tick(5)
-    frozen.tell(Ready())
-    frozen.until("questionnaire")
+    frozen.send(Ready())
+    frozen.run_until("questionnaire")
     frozen.answer(4, 4, 4, 4)
     assert [result(each) for each in frozen.recordings()] == ["interrupted", "completed"]
 
@@ -270,8 +270,11 @@ def test_a_server_that_is_stopped_in_a_trial_says_so_when_it_goes_on(tmp_path: P
         free_movement_s="0.2",
     )
     with Store(folder) as store:
-        pseudonym = take_in(store)
-    with served(folder, "--participant", pseudonym) as server, participant(address_of(server)) as client:
+        pseudonym = enrol_with_consent(store)
+    with (
+        running_server(folder, "--participant", pseudonym) as server,
+        participant(address_of(server)) as client,
+    ):
         sit_down(client)
         server.process.send_signal(signal.SIGSTOP)
         time.sleep(0.8)
@@ -292,7 +295,7 @@ def stored(folder: Path) -> list[str]:
         return ended + [event.detail for event in store.events() if event.name == "time lost"]
 
 
-def address_of(server: Served) -> LiveServer:
+def address_of(server: RunningServer) -> LiveServer:
     """What a client needs to know of a server of another process."""
     port, token = re.findall(r":(\d+)/#token=(.*)", server.participant)[0]
     return cast(LiveServer, SimpleNamespace(port=int(port), tokens=SimpleNamespace(participant=token)))

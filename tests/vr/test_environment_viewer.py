@@ -29,9 +29,9 @@ class Watcher:
     """Shows an environment on a clock of its own and keeps what it says."""
 
     def __init__(self, environment: str, policy: str = "zero", *, force_guard: bool = False) -> None:
-        self.said: list[Message] = []
+        self.received: list[Message] = []
         self.viewing = EnvironmentViewer(
-            environment, policy, "original", 0, self.said.append, force_guard=force_guard
+            environment, policy, "original", 0, self.received.append, force_guard=force_guard
         )
         self._now_s = 0.0
 
@@ -42,17 +42,17 @@ class Watcher:
 
     def load(self) -> None:
         """Answer that the newest scene is drawn."""
-        self.viewing.receive(SceneWatched(url=self.heard(Scene)[-1].url), self._now_s)
+        self.viewing.receive(SceneWatched(url=self.inbox(Scene)[-1].url), self._now_s)
 
     def command(self, name: CommandName) -> None:
         self.viewing.receive(Command(name=name), self._now_s)
 
     def heard(self, kind: type) -> list:
-        return [message for message in self.said if isinstance(message, kind)]
+        return [message for message in self.received if isinstance(message, kind)]
 
     @property
     def words(self) -> str:
-        return self.heard(Phase)[-1].text
+        return self.inbox(Phase)[-1].text
 
 
 def place(state: State) -> np.ndarray:
@@ -61,10 +61,10 @@ def place(state: State) -> np.ndarray:
 
 def test_a_new_connection_receives_scene_and_status():
     watcher = Watcher(BATHING)
-    watcher.said.clear()
-    watcher.viewing.welcome(watcher.said.append, "experimenter", 0.0)
-    assert [type(message) for message in watcher.said] == [Welcome, Scene, Phase, Status]
-    assert watcher.said[0].protocol == messages.PROTOCOL  # type: ignore[attr-defined]
+    watcher.received.clear()
+    watcher.viewing.welcome(watcher.received.append, "experimenter", 0.0)
+    assert [type(message) for message in watcher.received] == [Welcome, Scene, Phase, Status]
+    assert watcher.received[0].protocol == messages.PROTOCOL  # type: ignore[attr-defined]
     assert watcher.words == f"{BATHING}, zero, episode 1: preparing"
 
 
@@ -72,7 +72,7 @@ def test_states_hold_the_bodies_then_the_marks_on_the_person():
     watcher = Watcher(BATHING)
     watcher.load()
     watcher.run(0.1)
-    scene, state = watcher.heard(Scene)[-1], watcher.heard(State)[-1]
+    scene, state = watcher.inbox(Scene)[-1], watcher.inbox(State)[-1]
     poses = place(state)
     assert len(poses) == len(scene.bodies) + scene.marks
     assert scene.marks > 50
@@ -87,11 +87,11 @@ def test_states_hold_the_bodies_then_the_marks_on_the_person():
 def test_an_episode_waits_for_its_scene_but_not_for_ever():
     watcher = Watcher("avrgym/FeedingJaco-v1", "random")
     watcher.run(1.0)
-    waiting = [place(state) for state in watcher.heard(State)]
+    waiting = [place(state) for state in watcher.inbox(State)]
     assert all((poses == waiting[0]).all() for poses in waiting)
     watcher.run(LOADING_S)
     assert watcher.words.endswith("running")
-    assert (place(watcher.heard(State)[-1]) != waiting[0]).any()
+    assert (place(watcher.inbox(State)[-1]) != waiting[0]).any()
 
 
 def test_episode_follows_episode_with_other_people():
@@ -101,7 +101,7 @@ def test_episode_follows_episode_with_other_people():
     assert watcher.words.endswith("no success")
     watcher.run(LOOK_AT_END_S + TICK_S)
     assert watcher.words == "avrgym/FeedingJaco-v1, zero, episode 2: preparing"
-    first, second = watcher.heard(Scene)
+    first, second = watcher.inbox(Scene)
     assert (first.url, second.url) == ("/scenes/0.glb", "/scenes/1.glb")
     (_, one), (_, other) = watcher.viewing.scenes
     assert not np.array_equal(one.joint_angles_rad, other.joint_angles_rad)
@@ -111,7 +111,7 @@ def test_the_status_contains_reward_success_and_force():
     watcher = Watcher("avrgym/ScratchItchJaco-v1", "oracle")
     watcher.load()
     watcher.run(EPISODE_STEPS * SUBSTEPS * TICK_S)
-    told = watcher.heard(Status)
+    told = watcher.inbox(Status)
     assert [status.step for status in told] == sorted(status.step for status in told)
     assert told[0].reward == 0.0
     assert (told[-1].step, told[-1].success, told[-1].phase) == (EPISODE_STEPS, True, "viewing")
@@ -127,17 +127,17 @@ def test_a_pause_holds_the_world_until_it_is_continued():
     watcher.load()
     watcher.run(0.5)
     watcher.command("pause")
-    before, states = watcher.heard(Status)[-1], len(watcher.heard(State))
+    before, states = watcher.inbox(Status)[-1], len(watcher.inbox(State))
     assert (before.paused, watcher.viewing.at_rest) == (True, True)
     watcher.run(LOADING_S + LOOK_AT_END_S)
     assert watcher.words.endswith("paused")
-    assert watcher.heard(Status)[-1].step == before.step
-    held = [place(state) for state in watcher.heard(State)[states:]]
+    assert watcher.inbox(Status)[-1].step == before.step
+    held = [place(state) for state in watcher.inbox(State)[states:]]
     assert all((poses == held[0]).all() for poses in held)
     watcher.command("continue")
     watcher.run(0.5)
     assert watcher.words.endswith("running")
-    assert watcher.heard(Status)[-1].step > before.step
+    assert watcher.inbox(Status)[-1].step > before.step
 
 
 @pytest.mark.parametrize("paused", [False, True])
@@ -148,31 +148,31 @@ def test_skip_starts_the_next_episode(paused: bool):
     if paused:
         watcher.command("pause")
     watcher.command("skip")
-    status = watcher.heard(Status)[-1]
+    status = watcher.inbox(Status)[-1]
     assert (status.trial, status.step, status.reward, status.paused) == (2, 0, 0.0, paused)
-    assert len(watcher.heard(Scene)) == 2
+    assert len(watcher.inbox(Scene)) == 2
     watcher.load()
     watcher.run(0.3)
-    assert (watcher.heard(Status)[-1].step > 0) is not paused
+    assert (watcher.inbox(Status)[-1].step > 0) is not paused
 
 
 def test_the_operator_drives_from_the_page_and_lets_go():
     watcher = Watcher("avrgym/FeedingJaco-v1", "operator")
     watcher.load()
     watcher.run(0.2)
-    assert watcher.heard(Status)[-1].operated
-    rest = place(watcher.heard(State)[-1])
+    assert watcher.inbox(Status)[-1].operated
+    rest = place(watcher.inbox(State)[-1])
     watcher.viewing.receive(Drive(engaged=True, linear=(0, 0, 1), angular=(0, 0, 0)), 0.2)
     watcher.run(0.3)
-    moved = place(watcher.heard(State)[-1])
+    moved = place(watcher.inbox(State)[-1])
     assert np.abs(moved - rest).max() > 0.005
     watcher.viewing.receive(Drive(engaged=True, linear=(0, 0, 1), angular=(0, 0, 0)), 0.5)
     watcher.command("pause")
-    assert watcher.heard(Status)[-1].idle
+    assert watcher.inbox(Status)[-1].idle
     watcher.command("continue")
-    assert not watcher.heard(Status)[-1].idle
+    assert not watcher.inbox(Status)[-1].idle
     watcher.run(1.0)
-    assert watcher.heard(Status)[-1].idle
+    assert watcher.inbox(Status)[-1].idle
 
 
 def test_messages_for_sessions_are_ignored():
@@ -196,5 +196,5 @@ def test_the_force_guard_overrides_a_policy(monkeypatch: pytest.MonkeyPatch) -> 
         watcher = Watcher("avrgym/FeedingJaco-v1", "oracle", force_guard=force_guard)
         watcher.load()
         watcher.run(10.0)
-        ends.append(place(watcher.heard(State)[-1]))
+        ends.append(place(watcher.inbox(State)[-1]))
     assert not np.array_equal(*ends)

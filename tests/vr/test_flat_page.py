@@ -15,8 +15,8 @@ from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session
 from helpers.browser.accessibility import violations
-from helpers.browser.journey import PATIENCE_S, SEATING, await_that
-from helpers.vr.visit import ENVIRONMENT, driving
+from helpers.browser.journey import SEATING, TIMEOUT_S, wait_until
+from helpers.vr.visit import ENVIRONMENT, constant_policies
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 
@@ -38,7 +38,7 @@ def sessions(tmp_path: Path) -> Iterator[Callable[..., LiveServer]]:
 
             def make(send) -> Session:
                 how = {"observe": observed, "workers": workers}
-                return Session(whole, driving(whole), tmp_path, send, "flat", **how)
+                return Session(whole, constant_policies(whole), tmp_path, send, "flat", **how)
 
             return opened.enter_context(LiveServer(make, "127.0.0.1", 0))
 
@@ -56,7 +56,7 @@ def browser() -> Iterator[Browser]:
 def opened_page(browser: Browser, url: str, width: int = 390, height: int = 844) -> Page:
     """A page with little detail, of a phone's size unless another is said."""
     page = browser.new_page(viewport={"width": width, "height": height})
-    page.set_default_timeout(1000 * PATIENCE_S)
+    page.set_default_timeout(1000 * TIMEOUT_S)
     page.goto(url.replace("#", "?detail=light#"))
     return page
 
@@ -70,7 +70,7 @@ def test_the_stop_button_works_and_texts_mention_no_triggers(
     page = opened_page(browser, server.url)
     play(page, server)
     page.get_by_role("button", name="Stop the robot").dispatch_event("pointerdown")
-    await_that(lambda: server.session.phase == "paused")
+    wait_until(lambda: server.session.phase == "paused")
     page.get_by_text("Choose Go on to repeat the trial").wait_for()
     assert page.get_by_role("button", name="Stop the robot").count() == 0
     assert [event.by for event in observed if isinstance(event, events.Stopped)] == ["participant"]

@@ -18,7 +18,7 @@ from avrgym.safety.force_guard import GUARD_SHARE, INTERVENTION_EVENT, RELEASE_E
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.protocol.messages import Status
-from helpers.vr.visit import Visit, drive, plan
+from helpers.vr.visit import Visit, constant_policy, plan
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 TOWARDS_THE_HAND = np.array([1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 0.0])
@@ -34,16 +34,16 @@ class Trial(NamedTuple):
 
 def recorded(folder: Path, *, force_guard: bool) -> Trial:
     """A trial whose robot is driven at a person who keeps still."""
-    driven = replace(drive(SCRATCHING), biases=(TOWARDS_THE_HAND,))
+    driven = replace(constant_policy(SCRATCHING), biases=(TOWARDS_THE_HAND,))
     trial = replace(plan(environments=[SCRATCHING], trial_steps=TRIAL_STEPS), force_guard=force_guard)
     visit = Visit(folder, trial, {(SCRATCHING, "drive"): driven})
     visit.pose_rad = TASKS["ScratchItch"].pose.rest_rad
-    visit.sit_down()
-    visit.until("questionnaire")
+    visit.calibrate()
+    visit.run_until("questionnaire")
     visit.answer(1, 2, 3, 4)
     visit.leave()
     (path,) = visit.session.recordings
-    return Trial(path, read_recording(path), visit.said(Status))
+    return Trial(path, read_recording(path), visit.received(Status))
 
 
 @pytest.fixture(scope="module")

@@ -10,14 +10,14 @@ from scipy.spatial import cKDTree
 
 from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.vr.scene.geom_meshes import DETAILED_TRIANGLES, geom_mesh, pose_matrix
-from helpers.robots.example_robots import EVERY, robot_model
+from helpers.robots.example_robots import ALL_ROBOTS, robot_model
 
 LEAST_AREA, MOST_AREA = 0.97, 1.03
 MOST_OFF_M = 0.003
 TURNED_DEG = 60.0
 """How far a vertex's normal may be from that of a triangle around it."""
 SAMPLES, PLACES, NEAREST = 2000, 60_000, 24
-ROBOTS = [*EVERY, "Panda"]
+ROBOTS = [*ALL_ROBOTS, "Panda"]
 
 
 @cache

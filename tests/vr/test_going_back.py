@@ -15,7 +15,7 @@ def asked(tmp_path: Path) -> Visit:
     """Somebody who has moved on to the first question, and confirms nothing by themselves."""
     visit = Visit(tmp_path, plan(seeds=(3, 4)))
     visit.go_to("questionnaire")
-    visit.content = False
+    visit.confirms = False
     return visit
 
 
@@ -24,22 +24,22 @@ def recorded(recording: Recording) -> list[tuple[str, int]]:
 
 
 def test_answers_are_changed_until_they_are_confirmed(asked: Visit) -> None:
-    asked.tell(Back())
+    asked.send(Back())
     assert "no earlier question" in asked.problems[-1]
     asked.answer(1, 2)
-    asked.tell(Back())
-    question: Question = asked.said(Question)[-1]
+    asked.send(Back())
+    question: Question = asked.received(Question)[-1]
     assert (question.item, question.number, question.given) == ("L2", 2, 2)
     asked.answer(5, 3, 4)
     assert asked.phase == "confirm"
-    asked.tell(Back(), Back())
-    assert (asked.phase, asked.said(Question)[-1].item) == ("questionnaire", "L3")
+    asked.send(Back(), Back())
+    assert (asked.phase, asked.received(Question)[-1].item) == ("questionnaire", "L3")
     asked.answer(3, 6)  # the first as before
     changed = [each.answer for each in asked.observed if isinstance(each, AnswerChanged)]
     assert [(each.item, each.value) for each in changed] == [("L2", 5), ("L4", 6)]
     assert sum(isinstance(each, Answered) for each in asked.observed) == 6
-    asked.tell(Ready())
-    asked.until("ready")
+    asked.send(Ready())
+    asked.run_until("ready")
     asked.tick(200)
     assert (asked.phase, asked.session.trial) == ("ready", 1)
     first = asked.recordings()[0]
@@ -62,7 +62,7 @@ def test_who_does_not_confirm_loses_nothing(
     asked: Visit, how: Left | Disconnected | Command, phase: str
 ) -> None:
     asked.answer(1, 2, 3, 4)
-    asked.tell(how)
+    asked.send(how)
     asked.tick()
     assert asked.phase == phase
     (recording,) = asked.recordings()
@@ -73,11 +73,11 @@ def test_who_does_not_confirm_loses_nothing(
 
 def test_who_repeats_a_trial_gives_its_answers_anew(asked: Visit) -> None:
     asked.answer(1, 2, 3, 4)
-    asked.tell(Command("repeat"))
+    asked.send(Command("repeat"))
     assert asked.recordings()[0].outcome is not None
-    asked.content = True
-    asked.until("questionnaire")
-    assert asked.said(Question)[-1].given is None
+    asked.confirms = True
+    asked.run_until("questionnaire")
+    assert asked.received(Question)[-1].given is None
     asked.leave()
 
 
@@ -85,10 +85,10 @@ def test_no_trial_begins_before_its_participant_is_ready(tmp_path: Path) -> None
     """After practice too; what the trial is about is read before it begins."""
     visit = Visit(tmp_path, plan(seeds=(3, 4), practice=True))
     visit.go_to("trial")
-    visit.content = False
-    visit.until("ready")
+    visit.confirms = False
+    visit.run_until("ready")
     visit.tick(300)
     assert (visit.phase, len(visit.session.recordings)) == ("ready", 1)
-    visit.tell(Ready())
-    visit.until("trial")
+    visit.send(Ready())
+    visit.run_until("trial")
     visit.leave()

@@ -81,17 +81,17 @@ def test_a_frame_that_takes_as_long_as_three_has_dropped_two(display_hz: float |
 def measure(visit: Visit) -> None:
     """From entering VR, or from a failed check, until the stop is to be tried."""
     visit.tick(5)
-    visit.tell(Ready())
+    visit.send(Ready())
     while visit.phase == "headset_check":
         visit.tick()
-        visit.tell(FRAMES, LATENCY)
+        visit.send(FRAMES, LATENCY)
     assert visit.phase == "headset_stop"
 
 
 def check(visit: Visit, haptics: int = 1, sound: int = 1) -> None:
     """From entering VR, or from a failed check, to its result."""
     measure(visit)
-    visit.tell(Stop(method="palm"))
+    visit.send(Stop(method="palm"))
     answer(visit, haptics, sound)
 
 
@@ -99,13 +99,13 @@ def answer(visit: Visit, haptics: int = 1, sound: int = 1) -> None:
     """Say what is felt and heard."""
     for value in (haptics, sound):
         visit.tick(110)
-        visit.tell(Answer(visit.said(Question)[-1].item, value, 1.0))
+        visit.send(Answer(visit.received(Question)[-1].item, value, 1.0))
     assert visit.phase == "headset"
 
 
 def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path: Path) -> None:
     visit = Visit(tmp_path, CHECKED)
-    visit.tell(Entered())
+    visit.send(Entered())
     check(visit)
     result = next(each for each in visit.observed if isinstance(each, events.HeadsetChecked)).check
     assert is_ready(result), result_text(result)
@@ -115,12 +115,12 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     assert result.head.share == 1.0
     assert result.stop == "palm"
     assert result.latency_ms["total_ms"]["p50"] == pytest.approx(2.5 * len(STAGES))
-    assert "ready" in visit.said(Phase)[-1].text
-    visit.tell(Ready())
+    assert "ready" in visit.received(Phase)[-1].text
+    visit.send(Ready())
     assert visit.phase == "calibration"
     visit.tick(20)
-    visit.tell(Ready())
-    visit.until("trial")
+    visit.send(Ready())
+    visit.run_until("trial")
     visit.leave()
     (recording,) = visit.recordings()
     assert recording.configuration.headset_check.display_hz == 90.0
@@ -130,13 +130,13 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
 @pytest.mark.parametrize("way", get_args(StopMethod))
 def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way: StopMethod) -> None:
     visit = Visit(tmp_path, CHECKED)
-    visit.tell(Entered())
+    visit.send(Entered())
     measure(visit)
     assert "headset_stop" in where("can_be_stopped")
-    visit.tell(Command("stop"))
+    visit.send(Command("stop"))
     assert visit.phase == "headset_stop"
     visit.tick(25)
-    visit.tell(Stop(method=way))
+    visit.send(Stop(method=way))
     assert visit.phase == "headset_check"
     answer(visit)
     (result,) = [each.check for each in visit.observed if isinstance(each, events.HeadsetChecked)]
@@ -147,17 +147,17 @@ def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way
 
 def test_a_stop_that_was_not_tried_is_told_and_may_be_skipped(tmp_path: Path) -> None:
     visit = Visit(tmp_path, replace(CHECKED, headset_check=HeadsetCheckPlan(1.2, 0.3, 0.4, stop_s=0.5)))
-    visit.tell(Entered())
+    visit.send(Entered())
     measure(visit)
     visit.tick(60)
     answer(visit)
     (result,) = [each.check for each in visit.observed if isinstance(each, events.HeadsetChecked)]
     assert result.stop == "none"
     assert not is_ready(result)
-    assert "stop was not tried" in visit.said(Phase)[-1].text
-    visit.tell(Ready())
+    assert "stop was not tried" in visit.received(Phase)[-1].text
+    visit.send(Ready())
     measure(visit)
-    visit.tell(Command("skip"))
+    visit.send(Command("skip"))
     assert visit.phase == "calibration"
 
 
@@ -171,7 +171,7 @@ def test_a_check_of_earlier_versions_lacks_no_stop() -> None:
 def test_every_way_stops_a_trial_at_once_and_is_stored(tmp_path: Path, way: StopMethod | None) -> None:
     visit = Visit(tmp_path, plan())
     visit.go_to("trial")
-    visit.tell(Stop(method=way))
+    visit.send(Stop(method=way))
     assert visit.phase == "paused"
     assert [each.way for each in visit.observed if isinstance(each, events.Stopped)] == [way]
 
@@ -179,32 +179,32 @@ def test_every_way_stops_a_trial_at_once_and_is_stored(tmp_path: Path, way: Stop
 def test_who_plays_with_a_mouse_stretches_no_arms(tmp_path: Path) -> None:
     visit = Visit(tmp_path, CHECKED)
     visit.frame = lambda of=visit.frame: replace_frame(of(), left_modality="mouse", right_modality="mouse")
-    visit.tell(Entered())
+    visit.send(Entered())
     measure(visit)
-    shown = [phase.text for phase in visit.said(Phase)]
+    shown = [phase.text for phase in visit.received(Phase)]
     assert any("hold still" in text for text in shown)
     assert not any("Stretch" in text for text in shown)
 
 
 def test_who_feels_no_buzz_is_told_and_checks_again(tmp_path: Path) -> None:
     visit = Visit(tmp_path, CHECKED)
-    visit.tell(Entered())
+    visit.send(Entered())
     check(visit, haptics=2)
-    assert "not felt" in visit.said(Phase)[-1].text
-    visit.tell(Ready())
+    assert "not felt" in visit.received(Phase)[-1].text
+    visit.send(Ready())
     assert visit.phase == "headset"
     assert not any(isinstance(each, events.Calibrated) for each in visit.observed)
-    visit.tell(Command("skip"))
+    visit.send(Command("skip"))
     assert visit.phase == "calibration"
-    visit.tell(OriginReset())
+    visit.send(OriginReset())
     assert visit.phase == "calibration"
 
 
 def test_hands_buzz_then_a_chime_sounds(tmp_path: Path) -> None:
     visit = Visit(tmp_path, CHECKED)
-    visit.tell(Entered())
+    visit.send(Entered())
     check(visit)
-    felt = visit.said(Feedback)
+    felt = visit.received(Feedback)
     assert [each.left_touched and each.right_touched for each in felt] == [True, False, False]
     assert [each.events for each in felt] == [0, 0, 1]
 
@@ -212,11 +212,11 @@ def test_hands_buzz_then_a_chime_sounds(tmp_path: Path) -> None:
 def test_the_experimenter_may_skip_the_check_at_any_time(tmp_path: Path) -> None:
     for ticks in (0, 150):
         visit = Visit(tmp_path / str(ticks), CHECKED)
-        visit.tell(Entered())
+        visit.send(Entered())
         visit.tick(5)
-        visit.tell(Ready())
+        visit.send(Ready())
         visit.tick(ticks)
-        visit.tell(Command("skip"))
+        visit.send(Command("skip"))
         assert visit.phase == "calibration"
         assert any(isinstance(each, events.HeadsetCheckSkipped) for each in visit.observed)
 
@@ -231,9 +231,9 @@ def test_without_a_check_nothing_is_checked_and_nothing_recorded(tmp_path: Path)
 
 def test_the_check_waits_for_the_scene_that_it_measures_with(tmp_path: Path) -> None:
     visit = Visit(tmp_path, CHECKED)
-    visit.loads = False
-    visit.tell(Entered())
+    visit.loads_scenes = False
+    visit.send(Entered())
     visit.tick(5)
-    visit.tell(Ready())
+    visit.send(Ready())
     assert visit.phase == "headset"
     assert "scene" in visit.problems[-1]

@@ -23,9 +23,9 @@ from avrgym.vr.server.response_headers import headers
 from avrgym.vr.server.web_server import WebServer, listen
 from avrgym.vr.session.session import Session
 from helpers.studies.small_studies import make_study
-from helpers.system.places import ROOT
-from helpers.vr.raw_clients import CLOSE, UPGRADE, ask, dial, head, request, status
-from helpers.vr.visit import driving, plan
+from helpers.system.paths import ROOT
+from helpers.vr.raw_clients import CLOSE, UPGRADE, connect, exchange, request, response_headers, status
+from helpers.vr.visit import constant_policies, plan
 
 PLAN = plan()
 HTTP_ROUTES = {
@@ -59,7 +59,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer[Sess
     with (
         Store(make_study(folder / "study", tasks='["Feeding"]')) as store,
         LiveServer(
-            lambda send: Session(PLAN, driving(PLAN), folder, send, "test"),
+            lambda send: Session(PLAN, constant_policies(PLAN), folder, send, "test"),
             "127.0.0.1",
             0,
             study=lambda tokens, _session: dashboard_app(store, tokens),
@@ -87,7 +87,7 @@ def field(name: str, value: str, port: int) -> bytes:
 
 def assert_guarded(answer: bytes, path: str = "") -> None:
     """It carries every header, and tells nothing of the inside."""
-    given = head(answer)
+    given = response_headers(answer)
     for name, value in headers(path).items():
         assert name == "cache-control" or given[name] == value, name
     assert "cache-control" in given
@@ -103,14 +103,14 @@ def test_other_origins_and_hosts_are_refused_on_every_route(server: LiveServer[S
     port = server.port
     for path, role in product(HTTP_ROUTES, ROLES):
         for origin in ORIGINS:
-            answer = ask(
+            answer = exchange(
                 port, request(port, path, field("Origin", origin, port), bearer(server, role), CLOSE)
             )
             assert status(answer) == 403, (path, role, origin)
             assert_guarded(answer, path)
         for host in HOSTS:
             line = f"GET {path} HTTP/1.1\r\n".encode() + field("Host", host, port)
-            answer = ask(port, line + bearer(server, role) + CLOSE + b"\r\n")
+            answer = exchange(port, line + bearer(server, role) + CLOSE + b"\r\n")
             assert status(answer) == 400, (path, role, host)
             assert_guarded(answer, path)
 
@@ -122,7 +122,7 @@ def test_every_route_opens_to_its_roles_only(
 ) -> None:
     port, allowed = server.port, HTTP_ROUTES[path]
     own = field("Origin", "http://127.0.0.1:{port}", port)
-    answer = ask(port, request(port, path, own, bearer(server, role), CLOSE))
+    answer = exchange(port, request(port, path, own, bearer(server, role), CLOSE))
     if allowed is not None and role not in allowed:
         assert status(answer) == 401
     else:
@@ -148,10 +148,10 @@ def test_other_origins_hosts_and_roles_cannot_post(
                 method="POST",
                 body=b"{}",
             )
-            assert status(ask(port, given)) == 403
+            assert status(exchange(port, given)) == 403
         if role != "experimenter":
             given = request(port, path, bearer(server, role), json, CLOSE, method="POST", body=b"{}")
-            assert status(ask(port, given)) == 401
+            assert status(exchange(port, given)) == 401
 
 
 @pytest.mark.parametrize("path", SOCKETS)
@@ -160,12 +160,12 @@ def test_no_socket_opens_to_hostile_origins_and_hosts(
 ) -> None:
     port = server.port
     for origin in ORIGINS:
-        answer = ask(port, request(port, path, field("Origin", origin, port), UPGRADE))
+        answer = exchange(port, request(port, path, field("Origin", origin, port), UPGRADE))
         assert status(answer) == 403, origin
         assert_guarded(answer)
     for host in HOSTS:
         line = f"GET {path} HTTP/1.1\r\n".encode() + field("Host", host, port)
-        answer = ask(port, line + UPGRADE + b"\r\n")
+        answer = exchange(port, line + UPGRADE + b"\r\n")
         assert status(answer) == 400, host
         assert_guarded(answer)
 
@@ -199,7 +199,7 @@ NO_REQUESTS: dict[str, Callable[[int], bytes]] = {
 def test_malformed_requests_are_refused_with_security_headers(
     server: LiveServer[Session], data: Callable[[int], bytes], quiet: None
 ) -> None:
-    answer = ask(server.port, data(server.port))
+    answer = exchange(server.port, data(server.port))
     assert answer == b"" or status(answer) in (400, 401, 403, 405, 414, 426, 431)
     if answer:
         assert_guarded(answer)
@@ -239,7 +239,7 @@ def test_the_server_survives_random_bytes(
 ) -> None:
     line = f"{method} {target} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n".encode("latin-1")
     data = line + b"".join(name.encode() + b": " + value + b"\r\n" for name, value in fields) + b"\r\n"
-    answer = ask(server.port, data, within_s=0.05)
+    answer = exchange(server.port, data, timeout_s=0.05)
     assert status(answer) != 500
     if status(answer) not in (None, 101, 200):
         assert not any(secret in answer for secret in INSIDE)
@@ -288,7 +288,7 @@ def test_nested_json_is_refused(server: LiveServer[Session], nested: bytes, quie
         f"Content-Type: application/json\r\nContent-Length: {len(nested)}\r\n".encode(),
         CLOSE,
     )
-    answer = ask(
+    answer = exchange(
         server.port, request(server.port, "/study/participants", *fields, method="POST", body=nested)
     )
     assert status(answer) == 422
@@ -296,13 +296,13 @@ def test_nested_json_is_refused(server: LiveServer[Session], nested: bytes, quie
 
 def test_a_client_that_leaves_in_the_middle_leaves_no_trace(server: LiveServer[Session], quiet: None) -> None:
     fields = bearer(server, "experimenter"), b"Content-Type: application/json\r\nContent-Length: 100\r\n"
-    with dial(server.port) as connection:
+    with connect(server.port) as connection:
         connection.sendall(request(server.port, "/study/participants", *fields, method="POST", body=b"{"))
-    ask(server.port, request(server.port, "/", CLOSE))
+    exchange(server.port, request(server.port, "/", CLOSE))
 
 
 def test_a_message_in_frames_without_end_is_cut_off(server: LiveServer[Session]) -> None:
-    with dial(server.port) as connection:
+    with connect(server.port) as connection:
         connection.sendall(request(server.port, "/ws", UPGRADE))
         assert status(connection.recv(1 << 16)) == 101
         empty = b"\x00\x80\x00\x00\x00\x00"
@@ -342,13 +342,13 @@ def test_a_failure_is_a_plain_500_and_one_line_without_words(caplog: pytest.LogC
     try:
         secret = b"Authorization: Bearer TOKEN\r\n"
         for answer in (
-            ask(port, request(port, "/fail/TOKEN?token=TOKEN", secret, CLOSE)),
-            ask(port, request(port, "/before", secret, UPGRADE)),
+            exchange(port, request(port, "/fail/TOKEN?token=TOKEN", secret, CLOSE)),
+            exchange(port, request(port, "/before", secret, UPGRADE)),
         ):
             assert status(answer) == 500
             assert answer.endswith(b"\r\n\r\nInternal Server Error")
             assert_guarded(answer)
-        with dial(port) as connection:
+        with connect(port) as connection:
             connection.sendall(request(port, "/after", secret, UPGRADE))
             answer = b""
             while not answer.endswith((1011).to_bytes(2) + b"internal error"):

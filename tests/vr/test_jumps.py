@@ -14,7 +14,7 @@ from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
 from avrgym.vr.protocol.webxr import is_valid
 from avrgym.vr.tracking.frames import TrackingFeed
 from avrgym.vr.tracking.jumps import PARTS, RETURN_SHARE, SETTLED_S, Limb, min_duration_s
-from helpers.vr.teleporting_hands import ATTACKS, IMPACT_N, peak_force_n, somewhere
+from helpers.vr.teleporting_hands import IMPACT_N, PATTERNS, peak_force_n, random_pose_near
 from helpers.vr.visit import Visit, plan
 
 REST = XRPose((0.0, 1.2, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -23,7 +23,7 @@ FASTEST_FRAME_S = 1.0 / 120.0
 
 def towards(pose: XRPose, seconds: float, rng: np.random.Generator) -> XRPose:
     """A pose as far away as the fastest gets in so many seconds, or less far."""
-    goal = somewhere(pose, rng, 1.0)
+    goal = random_pose_near(pose, rng, 1.0)
     share = min(1.0, rng.uniform(0.0, 0.999) * seconds / min_duration_s(pose, goal))
     turn = np.array(pose.orientation) * (1 - share) + share * np.array(goal.orientation) * np.sign(
         np.dot(pose.orientation, goal.orientation)
@@ -67,7 +67,7 @@ def test_who_teleports_at_90_hz_moves_nothing() -> None:
     assert limb.follow(0.0) == REST
     for frame in range(1, 9000):
         now_s = frame / 90.0
-        limb.see(somewhere(REST, rng, 1.0), now_s, now_s)
+        limb.see(random_pose_near(REST, rng, 1.0), now_s, now_s)
         assert limb.follow(now_s) == REST
 
 
@@ -82,7 +82,7 @@ def test_no_sequence_of_poses_makes_a_limb_faster_than_the_fastest() -> None:
             now_s = tick * TICK_S
             kind = rng.choice(["jump", "gap", "rest", "move"], p=[0.05, 0.2, 0.5, 0.25])
             if kind == "jump":
-                pose = somewhere(REST, rng, 1.0)
+                pose = random_pose_near(REST, rng, 1.0)
             elif kind == "move":
                 pose = towards(pose, TICK_S, rng)
             if kind != "gap":
@@ -142,7 +142,7 @@ def test_a_hand_that_jumps_is_held_and_the_recording_says_so(visit: Visit) -> No
         tracking = visit.frame()
         assert tracking.left is not None
         x, y, z = tracking.left.position
-        visit.tell(msgspec.structs.replace(tracking, left=XRPose((x, y + 0.5, z), tracking.left.orientation)))
+        visit.send(msgspec.structs.replace(tracking, left=XRPose((x, y + 0.5, z), tracking.left.orientation)))
         visit.tick()
     visit.leave()
     (recording,) = visit.recordings()
@@ -152,7 +152,7 @@ def test_a_hand_that_jumps_is_held_and_the_recording_says_so(visit: Visit) -> No
     assert all(each.applied and each.held_parts == ["left"] for each in frames(recording)[-20:])
 
 
-@pytest.mark.parametrize("attack", ATTACKS)
+@pytest.mark.parametrize("attack", PATTERNS)
 def test_teleporting_poses_press_no_harder_than_a_person_at_rest_and_a_slow_impact(
     tmp_path: Path, attack: str
 ) -> None:

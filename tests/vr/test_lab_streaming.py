@@ -28,7 +28,7 @@ def test_poses_and_forces_are_sent(tmp_path: Path) -> None:
             (found,) = pylsl.resolve_bypred(f"name='AVR Gym {what}'", 1, 10.0)
             inlets.append(pylsl.StreamInlet(found, recover=False))
             inlets[-1].open_stream(10.0)
-        visit.live(lambda: all(inlet.samples_available() > 3 for inlet in inlets))
+        visit.run_live(lambda: all(inlet.samples_available() > 3 for inlet in inlets))
         (posed, posed_s), (pressed, _) = [inlet.pull_chunk(0.0, 1000, as_numpy=True) for inlet in inlets]
         labels = inlets[0].info(5.0).get_channel_labels()
         visit.leave()
@@ -47,21 +47,21 @@ def lived(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveVisit]:
     belt = Device()
     with lab_streams(choice) as streams:
         visit = LiveVisit(tmp_path_factory.mktemp("recordings"), streams)
-        visit.live(lambda: all(streams.present.values()))
-        visit.tell(Entered())
-        visit.live_until("calibration")
+        visit.run_live(lambda: all(streams.present.values()))
+        visit.send(Entered())
+        visit.run_live_until("calibration")
         soon = visit.now_s + 0.3
-        visit.live(lambda: visit.now_s > soon)
-        visit.tell(Ready())
-        visit.live_until("questionnaire")
+        visit.run_live(lambda: visit.now_s > soon)
+        visit.send(Ready())
+        visit.run_live_until("questionnaire")
         belt.turn_off()
-        visit.live(lambda: not streams.present["heart"])
+        visit.run_live(lambda: not streams.present["heart"])
         back = Device()
-        visit.live(lambda: streams.present["heart"])
+        visit.run_live(lambda: streams.present["heart"])
         soon = visit.now_s + 0.3
-        visit.live(lambda: visit.now_s > soon)
+        visit.run_live(lambda: visit.now_s > soon)
         visit.answer(1, 2, 3, 4)
-        visit.live_until("finished")
+        visit.run_live_until("finished")
         back.turn_off()
         yield visit
         visit.leave()
@@ -108,7 +108,7 @@ def test_a_lost_stream_is_an_event_and_a_problem_message(lived: LiveVisit) -> No
     recorded = [(event.name, event.detail) for _, event in lived.recordings()[0].topics["/events"]]
     assert [name for name, detail in recorded if detail == "heart"] == ["stream_lost", "stream_found"]
     assert "the stream heart has vanished; the session goes on without it" in lived.problems
-    seen = {tuple((each.name, each.present) for each in status.streams) for status in lived.said(Status)}
+    seen = {tuple((each.name, each.present) for each in status.streams) for status in lived.received(Status)}
     assert {(("heart", False), ("own", True)), (("heart", True), ("own", True))} <= seen
 
 

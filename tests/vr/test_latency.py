@@ -56,9 +56,9 @@ def test_the_total_is_the_sum_of_the_stages() -> None:
 def test_latency_is_in_the_status_and_the_recording(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan(trial_steps=5))
     visit.go_to("trial")
-    visit.tell(told(10, draw_ms=45.0))
+    visit.send(told(10, draw_ms=45.0))
     visit.tick(25)
-    shown = {each.stage: each for each in visit.said(Status)[-1].latency}
+    shown = {each.stage: each for each in visit.received(Status)[-1].latency}
     assert shown["total_ms"].p50 == pytest.approx(50.0)
     assert shown["draw_ms"].p99 == pytest.approx(45.0)
     visit.leave()
@@ -71,11 +71,11 @@ def test_latency_is_in_the_status_and_the_recording(tmp_path: Path) -> None:
 def test_latency_with_gaps_is_refused_in_words_and_nothing_else_happens(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan(trial_steps=5))
     visit.go_to("trial")
-    visit.tell(msgspec.structs.replace(told(10), up_ms=[1.0]))
+    visit.send(msgspec.structs.replace(told(10), up_ms=[1.0]))
     visit.tick(25)
     assert visit.phase == "trial"
     assert visit.problems == ["a latency needs an entry of each stage for each frame"]
-    assert visit.said(Status)[-1].latency == []
+    assert visit.received(Status)[-1].latency == []
 
 
 @pytest.mark.parametrize("wrong", [-1.0, math.nan, math.inf, LONGEST_MS + 1.0])

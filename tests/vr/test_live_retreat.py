@@ -27,8 +27,8 @@ def helping(folder: Path) -> Visit:
         withdraw_after_success=False,
     )
     visit = Visit(folder, session, load_policies(session))
-    visit.sit_down()
-    visit.until("retreat")
+    visit.calibrate()
+    visit.run_until("retreat")
     return visit
 
 
@@ -44,7 +44,7 @@ def speed_m_s(visit: Visit) -> float:
 
 def ended(visit: Visit) -> Recording:
     """The recording, after all questions."""
-    visit.until("questionnaire")
+    visit.run_until("questionnaire")
     visit.answer(1, 2, 3, 4)
     visit.leave()
     (recording,) = visit.recordings()
@@ -60,8 +60,8 @@ def ended(visit: Visit) -> Recording:
 def test_the_tool_is_away_before_questions_come_and_replay_takes_it_away_alike(tmp_path: Path) -> None:
     visit = helping(tmp_path)
     assert far_m(visit) < 0.2
-    assert not visit.said(Question)
-    visit.until("free_after", limit_s=MAX_DURATION_S + 0.5)
+    assert not visit.received(Question)
+    visit.run_until("free_after", limit_s=MAX_DURATION_S + 0.5)
     assert far_m(visit) > 0.3
     recording = ended(visit)
     assert len(recording.topics["/control"]) == STEPS
@@ -79,7 +79,7 @@ def test_a_retreat_can_be_stopped_and_the_trial_counts(
     visit = helping(tmp_path)
     visit.tick(BRAKING_TICKS + 100)
     assert speed_m_s(visit) > 0.05
-    visit.tell(told)
+    visit.send(told)
     assert visit.phase == "free_after"
     visit.tick(10)
     assert speed_m_s(visit) < 0.005
@@ -97,7 +97,7 @@ def test_a_retreat_waits_for_tracking_and_goes_on(tmp_path: Path) -> None:
     assert speed_m_s(visit) < 0.01
     assert visit.phase == "retreat"
     visit.tracking = True
-    visit.until("free_after", limit_s=MAX_DURATION_S + 0.5)
+    visit.run_until("free_after", limit_s=MAX_DURATION_S + 0.5)
     assert far_m(visit) > 0.3
     recording = ended(visit)
     assert "tracking_found" in [event.name for _, event in recording.topics["/events"]]
@@ -108,7 +108,7 @@ def test_nobody_is_left_who_is_not_tracked(tmp_path: Path) -> None:
     """The robot holds still, as during a trial; what it gave is kept."""
     visit = helping(tmp_path)
     visit.tracking = False
-    visit.until("free_after", limit_s=1.2)
+    visit.run_until("free_after", limit_s=1.2)
     visit.tick(10)
     assert speed_m_s(visit) < 0.005
     visit.tracking = True

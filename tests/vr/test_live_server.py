@@ -58,9 +58,9 @@ from avrgym.vr.server import broadcast, connection, web_server
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.server.web_server import ServerError
 from avrgym.vr.session.session import Session
-from helpers.system.processes import die_with_parent
-from helpers.vr.received_states import understand
-from helpers.vr.visit import driving, plan
+from helpers.system.processes import kill_with_parent
+from helpers.vr.received_states import decode_message
+from helpers.vr.visit import constant_policies, plan
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 
@@ -78,7 +78,7 @@ PLAN = plan(free_movement_s=0.2, trial_steps=200)
 
 def make_server(folder: Path, port: int = 0) -> LiveServer:
     return LiveServer(
-        lambda send: Session(PLAN, driving(PLAN), folder, send, "test"),
+        lambda send: Session(PLAN, constant_policies(PLAN), folder, send, "test"),
         "127.0.0.1",
         port,
     )
@@ -128,7 +128,7 @@ class Client:
         self.send(Hello(**fields | changed))
 
     def receive(self) -> Message:
-        message = understand(self._socket, self._socket.recv(timeout=PATIENCE_S))
+        message = decode_message(self._socket, self._socket.recv(timeout=PATIENCE_S))
         if isinstance(message, Scene):
             self.send(SceneLoaded(url=message.url))
         if isinstance(message, StateChange) and self.tracked is not None:
@@ -736,7 +736,7 @@ def test_a_killed_server_leaves_no_process_behind(tmp_path: Path) -> None:
         [sys.executable, script],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        preexec_fn=die_with_parent,
+        preexec_fn=kill_with_parent,
     ) as killed:
         assert killed.stdout is not None
         exporter = int(killed.stdout.readline())
@@ -813,7 +813,7 @@ def test_waiting_ends_when_the_simulation_fails(tmp_path: Path) -> None:
         raise ArithmeticError("the physics exploded")
 
     def make_session(send: Callable[[Message], None]) -> Session:
-        session = Session(PLAN, driving(PLAN), tmp_path, send, "test")
+        session = Session(PLAN, constant_policies(PLAN), tmp_path, send, "test")
         session.tick = fail
         return session
 

@@ -16,7 +16,7 @@ from avrgym.study.sessions.visit import plan_session
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Status
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
-from helpers.studies.known_results import take_part
+from helpers.studies.known_results import enrol_included
 from helpers.studies.small_studies import make_study
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
@@ -32,12 +32,12 @@ def trial(folder: Path, *, withdraws: bool, policy: str = "revised") -> tuple[Re
         withdraw_after_success=withdraws,
     )
     visit = Visit(folder, session, load_policies(session))
-    visit.sit_down()
-    visit.until("questionnaire")
+    visit.calibrate()
+    visit.run_until("questionnaire")
     visit.answer(1, 2, 3, 4)
     visit.leave()
     (recording,) = visit.recordings()
-    return recording, visit.said(Status)
+    return recording, visit.received(Status)
 
 
 def steps_of(recording: Recording) -> list[Control]:
@@ -83,8 +83,8 @@ def test_without_it_the_policy_goes_on(tmp_path: Path) -> None:
 def test_a_robot_that_an_operator_drives_does_not_withdraw(tmp_path: Path) -> None:
     session = replace(plan(), trials=[TrialPlan(ENVIRONMENT, OPERATOR, 3, practice=False)])
     visit = Visit(tmp_path, session, load_policies(session))
-    visit.sit_down()
-    visit.until("trial")
+    visit.calibrate()
+    visit.run_until("trial")
     assert session.withdraw_after_success
     assert visit.session.world._loop.withdrawal is None
 
@@ -100,5 +100,5 @@ def test_new_studies_withdraw_and_those_that_do_not_say_go_on(tmp_path: Path) ->
 def test_sessions_withdraw_as_the_design_says(tmp_path: Path, withdraws: bool) -> None:
     value = "true" if withdraws else "false"
     with Store(make_study(tmp_path / "study", withdraw_after_success=value)) as store:
-        session = plan_session(store, take_part(store))
+        session = plan_session(store, enrol_included(store))
     assert session.withdraw_after_success == withdraws

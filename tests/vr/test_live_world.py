@@ -14,7 +14,7 @@ from avrgym.vr.live_world.drivers import make_driver
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import BodyPose
-from helpers.vr.visit import drive
+from helpers.vr.visit import constant_policy
 
 SETTLED_TICKS = 100
 
@@ -76,7 +76,7 @@ def test_a_lost_hand_keeps_its_pose() -> None:
 
 def test_a_policys_chance_comes_from_the_seed_of_the_trial() -> None:
     world = LiveWorld("avrgym/FeedingJaco-v1", Person())
-    driver = make_driver(replace(drive(world.environment), action_std=0.1), background=False)
+    driver = make_driver(replace(constant_policy(world.environment), action_std=0.1), background=False)
 
     def actions(seed: int) -> list[np.ndarray]:
         world.reset(seed)

@@ -37,8 +37,8 @@ from avrgym.vr.session import events as session_events
 from avrgym.vr.session import trial_worlds
 from avrgym.vr.session.plan import SessionPlan, practised_trials
 from avrgym.vr.session.session import Session
-from helpers.simulation.starts import HAND_AT_THE_ROBOT_RAD
-from helpers.vr.visit import Visit, driving, plan
+from helpers.simulation.initial_states import HAND_AT_ROBOT_RAD
+from helpers.vr.visit import Visit, constant_policies, plan
 
 FEEDING, SCRATCHING = "avrgym/FeedingJaco-v1", "avrgym/ScratchItchPR2-v1"
 
@@ -52,13 +52,13 @@ def attend(visit: Visit) -> None:
             visit.answer(4, 4, 4, 4)
         elif visit.phase == "calibration":
             visit.tick(60)
-            visit.tell(Ready())
+            visit.send(Ready())
         visit.tick()
     raise AssertionError(f"still in {visit.phase}; problems: {visit.problems}")
 
 
 def command(visit: Visit, name: CommandName) -> None:
-    visit.tell(Command(name=name))
+    visit.send(Command(name=name))
 
 
 def happened(visit: Visit, kind: type) -> list:
@@ -72,7 +72,7 @@ def happened(visit: Visit, kind: type) -> list:
 def test_a_session_goes_through_all_environments(visit: Callable[..., Visit]) -> None:
     """Each recording is of its environment; the body keeps its size; a new posture is calibrated."""
     session = visit(environments=list(ENVIRONMENTS), seeds=range(8), practice=True)
-    session.tell(Entered())
+    session.send(Entered())
     attend(session)
     assert not session.problems
     recorded = session.recordings()
@@ -92,7 +92,7 @@ def test_a_session_goes_through_all_environments(visit: Callable[..., Visit]) ->
 def check_states_fit_their_scenes(session: Visit) -> None:
     """A connection sends states as changes and restarts at each scene. Their rows are constant between scenes."""
     encoder, decoder, rows = StateEncoder(), StateDecoder(), 0
-    for message in session.heard:
+    for message in session.inbox:
         if isinstance(message, Scene):
             rows = len(message.bodies) + message.marks
             encoder.begin_scene()
@@ -104,41 +104,41 @@ def check_states_fit_their_scenes(session: Visit) -> None:
 def test_the_next_scene_is_told_while_the_participant_answers(visit: Callable[..., Visit]) -> None:
     session = visit(environments=(FEEDING, SCRATCHING), seeds=(1, 2))
     session.go_to("questionnaire")
-    (upcoming,) = session.said(Upcoming)
+    (upcoming,) = session.received(Upcoming)
     number = int(upcoming.url.removeprefix("/scenes/").removesuffix(".glb"))
     environment, person = session.session.scenes[number]
     assert environment == SCRATCHING
     assert person.torso_height_m == session.session.person.torso_height_m
-    assert session.said(Scene)[-1].url != upcoming.url
+    assert session.received(Scene)[-1].url != upcoming.url
     session.answer(4, 4, 4, 4)
     session.tick(2)
-    assert session.said(Scene)[-1].url == upcoming.url
+    assert session.received(Scene)[-1].url == upcoming.url
 
 
 def test_no_trial_begins_before_its_scene_is_shown(visit: Callable[..., Visit]) -> None:
     session = visit(environments=(FEEDING, SCRATCHING), seeds=(1, 2))
     session.go_to("questionnaire")
-    session.loads = False
+    session.loads_scenes = False
     session.answer(4, 4, 4, 4)
     session.tick(50)
     assert session.phase == "loading"
-    session.tell(SceneLoaded(url="/scenes/0.glb"))
+    session.send(SceneLoaded(url="/scenes/0.glb"))
     session.tick()
     assert session.phase == "loading"
-    session.tell(SceneLoaded(url=session.said(Scene)[-1].url))
+    session.send(SceneLoaded(url=session.received(Scene)[-1].url))
     session.tick()
     assert session.phase == "ready"
-    session.tell(Ready())
+    session.send(Ready())
     session.tick()
     assert session.phase == "free_before"
 
 
 def test_time_never_jumps_back_between_worlds(visit: Callable[..., Visit]) -> None:
     session = visit(environments=(FEEDING, SCRATCHING), seeds=(1, 2))
-    session.tell(Entered())
+    session.send(Entered())
     attend(session)
     for number in (lambda state: state.simulation_time_s, lambda state: state.sequence):
-        told = [number(state) for state in session.said(State)]
+        told = [number(state) for state in session.received(State)]
         assert told == sorted(set(told))
 
 
@@ -162,14 +162,16 @@ class Later(Executor):
 
 def test_the_session_ticks_on_while_a_world_is_made(tmp_path: Path) -> None:
     visit, workers = Visit(tmp_path, plan()), Later()
-    visit.session = Session(plan(), driving(plan()), tmp_path, visit.heard.append, "slow", workers=workers)
-    visit.sit_down()
-    states = len(visit.said(State))
+    visit.session = Session(
+        plan(), constant_policies(plan()), tmp_path, visit.inbox.append, "slow", workers=workers
+    )
+    visit.calibrate()
+    states = len(visit.received(State))
     visit.tick(100)
     assert visit.phase == "loading"
-    assert len(visit.said(State)) == states + 100
+    assert len(visit.received(State)) == states + 100
     workers.work()
-    visit.until("free_before")
+    visit.run_until("free_before")
     visit.leave()
 
 
@@ -179,27 +181,27 @@ def test_a_world_that_cannot_be_made_is_named_and_tried_again(
     session = visit()
     with monkeypatch.context() as broken:
         broken.setattr(LiveWorld, "reset", lambda self, seed: 1 / 0)
-        session.sit_down()
-        session.until("paused")
+        session.calibrate()
+        session.run_until("paused")
         assert "cannot be made" in session.problems[-1]
-    session.tell(Ready())
-    session.until("trial")
+    session.send(Ready())
+    session.run_until("trial")
 
 
 def test_no_world_begins_with_the_robot_in_the_participant(visit: Callable[..., Visit]) -> None:
     """A hand that lies where the robot's arm is mounted is named; the trial goes on once the arms rest."""
     session = visit(seeds=(3, 4), free_movement_s=2.0)
-    session.sit_down()
-    session.pose_rad = HAND_AT_THE_ROBOT_RAD
-    session.until("questionnaire")
+    session.calibrate()
+    session.pose_rad = HAND_AT_ROBOT_RAD
+    session.run_until("questionnaire")
     session.answer(4, 4, 4, 4)
-    session.until("paused")
+    session.run_until("paused")
     assert "the robot has no room to begin" in session.problems[-1]
     assert "the person's right" in session.problems[-1]
     session.pose_rad = SEATED_RAD
     session.tick(300)
-    session.tell(Ready())
-    session.until("trial")
+    session.send(Ready())
+    session.run_until("trial")
     assert session.session.trial == 1
 
 
@@ -210,7 +212,7 @@ def test_a_session_may_begin_with_a_later_trial(tmp_path: Path) -> None:
     ]  # fmt: skip
     late = SessionPlan(trials, "woman", 0.1, simulated=True, trial_steps=2, countdown_s=0.1, first_trial=3)
     visit = Visit(tmp_path, late)
-    visit.tell(Entered())
+    visit.send(Entered())
     attend(visit)
     assert [path.name for path in visit.session.recordings] == [
         "trial-03_attempt-1.mcap", "trial-04_attempt-1.mcap"
@@ -224,7 +226,7 @@ def test_a_session_may_begin_with_a_later_trial(tmp_path: Path) -> None:
 
 def test_the_observer_is_told_all_in_order(visit: Callable[..., Visit]) -> None:
     session = visit(seeds=(1,))
-    session.session.welcome(session.heard.append, "participant", 0.0)
+    session.session.welcome(session.inbox.append, "participant", 0.0)
     session.go_to("questionnaire")
     session.answer(7, 6, 5, 4)
     names = [
@@ -250,7 +252,7 @@ def test_the_observer_is_told_of_losses(visit: Callable[..., Visit]) -> None:
     session.tick(40)
     session.tracking = True
     session.tick(10)
-    session.tell(Disconnected())
+    session.send(Disconnected())
     names = [type(each).__name__ for each in session.observed]
     assert names.count("TrackingLost") == names.count("TrackingFound") == names.count("ConnectionLost") == 1
     assert happened(session, session_events.TrialEnded)[0].result == "interrupted"
@@ -270,9 +272,9 @@ def test_what_an_observer_cannot_keep_is_repeated(tmp_path: Path, kind: type) ->
 
     visit = Visit(tmp_path, plan())
     visit.session = Session(
-        plan(), driving(plan()), tmp_path / "again", visit.heard.append, "x", observe=fail_once
+        plan(), constant_policies(plan()), tmp_path / "again", visit.inbox.append, "x", observe=fail_once
     )
-    visit.sit_down()
+    visit.calibrate()
     for _ in range(2000):
         if visit.phase == "questionnaire":
             visit.answer(4)
@@ -281,7 +283,7 @@ def test_what_an_observer_cannot_keep_is_repeated(tmp_path: Path, kind: type) ->
             break
     assert visit.phase == "paused"
     assert "the database is gone" in visit.problems[-1]
-    visit.tell(Ready())
+    visit.send(Ready())
     attend(visit)
     assert len(visit.session.recordings) == 2
     visit.leave()
@@ -296,8 +298,8 @@ def test_the_experimenter_stops_the_robot(visit: Callable[..., Visit]) -> None:
     command(session, "stop")
     assert session.phase == "paused"
     assert [each.by for each in happened(session, session_events.Stopped)] == ["experimenter"]
-    session.tell(Ready())
-    session.until("trial")
+    session.send(Ready())
+    session.run_until("trial")
 
 
 @pytest.mark.parametrize(
@@ -306,19 +308,19 @@ def test_the_experimenter_stops_the_robot(visit: Callable[..., Visit]) -> None:
 def test_while_the_experimenter_pauses_no_trial_begins(visit: Callable[..., Visit], phase: str) -> None:
     session = visit(seeds=(1, 2))
     session.go_to(phase)
-    session.content = True
+    session.confirms = True
     command(session, "pause")
     session.tick(30)
     if session.phase == "questionnaire":
         session.answer(4, 4, 4, 4)
     session.tick(30)
     assert session.phase == "paused"
-    assert session.said(Status)[-1].paused
-    session.tell(Ready())
+    assert session.received(Status)[-1].paused
+    session.send(Ready())
     assert session.phase == "paused"
     assert "experimenter" in session.problems[-1]
     command(session, "continue")
-    session.until("trial")
+    session.run_until("trial")
     running = phase in ("free_before", "countdown", "trial")
     ended = happened(session, session_events.TrialEnded)
     assert [each.result for each in ended] == (
@@ -330,13 +332,13 @@ def test_while_the_experimenter_pauses_no_trial_begins(visit: Callable[..., Visi
 def test_a_trial_is_repeated_or_skipped(visit: Callable[..., Visit], phase: str) -> None:
     session = visit(seeds=(1, 2))
     session.go_to(phase)
-    session.content = True
+    session.confirms = True
     command(session, "repeat")
-    session.until("trial")
+    session.run_until("trial")
     first = session.session.recordings
     assert {path.name[:8] for path in first} == {"trial-01"}
     command(session, "skip")
-    session.until("trial")
+    session.run_until("trial")
     assert session.session.recordings[-1].name == "trial-02_attempt-1.mcap"
     assert [each.trial for each in happened(session, session_events.TrialSkipped)] == [1]
     command(session, "skip")
@@ -367,15 +369,15 @@ def test_a_wrong_measure_is_taken_again(visit: Callable[..., Visit], who: str) -
     measured_m = session.session.person.torso_height_m
     taller = replace(session.participant.traits, torso_height_m=0.60)
     session.participant = SimulatedParticipant(taller, 3)
-    session.tell(Recalibrate() if who == "participant" else Command(name="recalibrate"))
+    session.send(Recalibrate() if who == "participant" else Command(name="recalibrate"))
     assert session.phase == "calibration"
     session.tracking = False
     for number in range(10_000, 10_020):
         frame = session.participant.frame(session.now_s, moving=False)
-        session.tell(msgspec.structs.replace(frame, sequence=number))
+        session.send(msgspec.structs.replace(frame, sequence=number))
         session.tick()
-    session.tell(Ready())
-    session.until("check")
+    session.send(Ready())
+    session.run_until("check")
     assert session.session.person.torso_height_m == pytest.approx(0.60, abs=0.005)
     assert session.session.person.torso_height_m != measured_m
 
@@ -384,9 +386,9 @@ def test_who_comes_back_keeps_their_torso_height(visit: Callable[..., Visit]) ->
     session = visit()
     session.go_to("trial")
     height_m = session.session.person.torso_height_m
-    session.tell(Left())
-    session.sit_down()
-    session.until("trial")
+    session.send(Left())
+    session.calibrate()
+    session.run_until("trial")
     assert session.session.person.torso_height_m == height_m
     assert [each.measured for each in happened(session, session_events.Calibrated)] == [True, False]
 
@@ -396,19 +398,19 @@ def test_a_torso_height_is_corrected(visit: Callable[..., Visit], phase: str) ->
     """A trial whose questions are open counts: the next one has the corrected height."""
     session = visit(seeds=(3, 4))
     session.go_to(phase)
-    session.tell(CorrectTorsoHeight(torso_height_m=0.61))
+    session.send(CorrectTorsoHeight(torso_height_m=0.61))
     if phase == "questionnaire":
         session.answer(4, 4, 4, 4)
     if phase == "waiting":
-        session.tell(Entered())
+        session.send(Entered())
     if phase in ("waiting", "calibration"):
         session.tick(60)
-        session.tell(Ready())
-    session.content = True
-    session.until("trial")
+        session.send(Ready())
+    session.confirms = True
+    session.run_until("trial")
     session.leave()
     assert session.recordings()[-1].configuration.person.torso_height_m == 0.61
-    assert session.said(Status)[-1].torso_height_m == 0.61
+    assert session.received(Status)[-1].torso_height_m == 0.61
 
 
 @pytest.mark.parametrize("height_m", [0.0, -1.0, 2.0, float("nan"), float("inf")])
@@ -416,7 +418,7 @@ def test_a_torso_height_that_nobody_has_is_refused(visit: Callable[..., Visit], 
     session = visit()
     session.go_to("trial")
     before = session.session.person
-    session.tell(CorrectTorsoHeight(torso_height_m=height_m))
+    session.send(CorrectTorsoHeight(torso_height_m=height_m))
     assert session.phase == "trial"
     assert session.session.person is before
     assert "torso height" in session.problems[-1]
@@ -443,17 +445,17 @@ def test_touches_are_felt_on_the_arm_that_is_touched() -> None:
 def test_feedback_is_told_when_something_changes(visit: Callable[..., Visit], monkeypatch) -> None:
     session = visit()
     session.go_to("free_before")
-    told = len(session.said(Feedback))
+    told = len(session.received(Feedback))
     with monkeypatch.context() as touched:
         touched.setattr(ArmContactMonitor, "sides", lambda self: (True, False))
         session.tick(40)
     session.tick(40)
-    assert session.said(Feedback)[told:] == [Feedback(True, False, 0), Feedback(False, False, 0)]
+    assert session.received(Feedback)[told:] == [Feedback(True, False, 0), Feedback(False, False, 0)]
 
 
 def test_scenes_are_shared_by_trials_that_look_alike(visit: Callable[..., Visit]) -> None:
     session = visit(environments=(FEEDING, SCRATCHING), seeds=range(4))
-    session.tell(Entered())
+    session.send(Entered())
     attend(session)
     assert [environment for environment, _ in session.session.scenes] == [FEEDING, FEEDING, SCRATCHING]
 

@@ -113,14 +113,14 @@ def test_a_robot_that_pushes_an_arm_holds_it_back(sitting: Sitting) -> None:
 def test_a_body_is_held_back_that_is_not_tracked(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan(free_movement_s=5.0))
     visit.tick(20)
-    assert visit.said(State)[-1].deviating_parts == list(PARTS)
+    assert visit.received(State)[-1].deviating_parts == list(PARTS)
     visit.go_to("free_before")
     visit.tick(30)
-    state = visit.said(State)[-1]
+    state = visit.received(State)[-1]
     assert state.deviating_parts == []
     np.testing.assert_allclose(
         np.frombuffer(state.joint_targets, "<f4"), visit.session.world.joint_targets_rad, atol=1e-6
     )
     visit.tracking = False
     visit.tick(30)
-    assert visit.said(State)[-1].deviating_parts == list(PARTS)
+    assert visit.received(State)[-1].deviating_parts == list(PARTS)

@@ -44,24 +44,24 @@ def recorded(recording: Recording) -> list[tuple[str, int]]:
 
 def blink(visit: Visit) -> None:
     """The connection breaks, and the page comes back by itself."""
-    visit.tell(Disconnected())
+    visit.send(Disconnected())
     visit.tick(300)
-    visit.session.welcome(visit.heard.append, "participant", visit.now_s)
-    visit.tell(Entered())
+    visit.session.welcome(visit.inbox.append, "participant", visit.now_s)
+    visit.send(Entered())
 
 
 def reload(visit: Visit) -> None:
     """The page is reloaded, perhaps in another browser, and nobody enters VR."""
-    visit.tell(Disconnected())
-    visit.session.welcome(visit.heard.append, "participant", visit.now_s)
+    visit.send(Disconnected())
+    visit.session.welcome(visit.inbox.append, "participant", visit.now_s)
 
 
 def take_off(visit: Visit) -> None:
-    visit.tell(Left())
+    visit.send(Left())
 
 
 def recentre(visit: Visit) -> None:
-    visit.tell(OriginReset())
+    visit.send(OriginReset())
 
 
 @pytest.mark.parametrize("happens", [blink, reload, take_off, recentre], ids=lambda each: each.__name__)
@@ -71,10 +71,10 @@ def test_only_what_is_unanswered_is_asked(tmp_path: Path, happens: Callable[[Vis
     happens(visit)
     visit.tick(100)
     assert visit.phase == "questionnaire"
-    question = visit.said(Question)[-1]
+    question = visit.received(Question)[-1]
     assert (question.item, question.number, question.given) == ("L3", 3, None)
-    visit.tell(Back())
-    assert visit.said(Question)[-1].given == 2
+    visit.send(Back())
+    assert visit.received(Question)[-1].given == 2
     visit.answer(5, 3, 4)
     assert set(visit.phases[phases:]) <= {"questionnaire", "confirm", "loading", "waiting", "calibration"}
     recording = read_recording(visit.session.recordings[0])
@@ -85,11 +85,11 @@ def test_only_what_is_unanswered_is_asked(tmp_path: Path, happens: Callable[[Vis
     if happens is not blink and happens is not recentre:
         visit.tick(50)
         assert visit.phase == "waiting"
-        visit.tell(Entered())
-    visit.until("calibration")
+        visit.send(Entered())
+    visit.run_until("calibration")
     visit.tick(80)
-    visit.tell(Ready())
-    visit.until("questionnaire")
+    visit.send(Ready())
+    visit.run_until("questionnaire")
     visit.answer(4, 4, 4, 4)
     assert [result(each) for each in visit.recordings()] == ["completed", "completed"]
 
@@ -112,7 +112,7 @@ def test_the_questions_come_when_somebody_goes_before_them(
 def test_after_practice_nobody_is_asked(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan(seeds=(3, 4), practice=True, free_movement_s=1.0))
     visit.go_to("free_after")
-    visit.tell(Disconnected())
+    visit.send(Disconnected())
     visit.tick(5)
     assert (visit.phase, visit.session.trial) == ("waiting", 1)
     assert [result(each) for each in visit.recordings()] == ["completed"]
@@ -128,7 +128,7 @@ def test_a_server_that_stops_completes_the_trial(tmp_path: Path, phase: str) -> 
 
 def test_who_skips_the_questions_goes_on_without_answers(tmp_path: Path) -> None:
     visit = asked(tmp_path)
-    visit.tell(Command("skip"))
+    visit.send(Command("skip"))
     visit.tick(5)
     assert visit.session.trial == 1
     (left,) = (each for each in visit.observed if isinstance(each, events.QuestionsLeft))
@@ -140,7 +140,7 @@ def test_who_skips_the_questions_goes_on_without_answers(tmp_path: Path) -> None
 
 def test_a_complete_trial_is_not_repeated(tmp_path: Path) -> None:
     visit = asked(tmp_path)
-    visit.tell(Left(), Command("repeat"))
+    visit.send(Left(), Command("repeat"))
     assert visit.phase == "questionnaire"
     assert "the trial is complete" in visit.problems[-1]
 
@@ -149,16 +149,16 @@ def test_an_answer_that_cannot_be_stored_is_asked_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     visit = asked(tmp_path)
-    visit.tell(Left())
+    visit.send(Left())
 
     def fail(*_: object) -> None:
         raise OSError("the disk is full")
 
     with monkeypatch.context() as broken:
         broken.setattr(answers_file, "append_answer", fail)
-        visit.tell(Answer("L3", 4, 1.0))
+        visit.send(Answer("L3", 4, 1.0))
     assert "the disk is full" in visit.problems[-1]
-    assert visit.said(Question)[-1].item == "L3"
+    assert visit.received(Question)[-1].item == "L3"
     visit.answer(3, 4)
     assert dict(recorded(read_recording(visit.session.recordings[0]))) == dict(
         zip(ITEMS, (1, 2, 3, 4), strict=True)
@@ -168,7 +168,7 @@ def test_an_answer_that_cannot_be_stored_is_asked_again(
 def test_a_page_that_comes_back_shows_the_question(tmp_path: Path) -> None:
     visit = asked(tmp_path)
     reload(visit)
-    last = [type(each) for each in visit.heard[-6:]]
+    last = [type(each) for each in visit.inbox[-6:]]
     assert last[0] is Welcome
     assert last[-2:] == [Phase, Question]
 

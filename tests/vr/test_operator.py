@@ -82,7 +82,7 @@ def test_the_hand_goes_where_the_operator_says(
     before = hand_pos_w(visit.session.world)
     asked = Drive(engaged=True, linear=tuple(way * share for share in linear), angular=STILL)  # type: ignore[arg-type]
     for _ in range(4):
-        visit.tell(asked)
+        visit.send(asked)
         visit.tick(5)
     moved = hand_pos_w(visit.session.world) - before
     along = float(moved @ np.array(direction_w)) * way
@@ -93,15 +93,15 @@ def test_the_hand_goes_where_the_operator_says(
 def test_who_lets_go_or_falls_silent_holds_the_robot_and_every_step_says_who_drove(tmp_path: Path) -> None:
     visit = in_trial(tmp_path, 20)
     for _ in range(9):
-        visit.tell(Drive(engaged=True, linear=UP, angular=STILL))
+        visit.send(Drive(engaged=True, linear=UP, angular=STILL))
         visit.tick(5)
-    visit.tell(RELEASED)
+    visit.send(RELEASED)
     visit.tick(1)
     assert visit.session.world.applied_action is not None, "the very next tick tells the robot"
     assert not visit.session.world.applied_action.any()
     visit.tick(44)
-    visit.tell(Drive(engaged=True, linear=UP, angular=STILL))
-    visit.until("questionnaire")
+    visit.send(Drive(engaged=True, linear=UP, angular=STILL))
+    visit.run_until("questionnaire")
     visit.answer(1, 2, 3, 4)
     visit.leave()
     (recording,) = visit.recordings()
@@ -122,21 +122,21 @@ def test_who_lets_go_or_falls_silent_holds_the_robot_and_every_step_says_who_dro
 def test_who_watches_is_told_whether_somebody_drives(tmp_path: Path) -> None:
     visit = in_trial(tmp_path, 30)
     visit.tick(20)
-    assert (visit.said(Status)[-1].operated, visit.said(Status)[-1].idle) == (True, True)
+    assert (visit.received(Status)[-1].operated, visit.received(Status)[-1].idle) == (True, True)
     for _ in range(10):
-        visit.tell(Drive(engaged=True, linear=UP, angular=STILL))
+        visit.send(Drive(engaged=True, linear=UP, angular=STILL))
         visit.tick(5)
-    assert not visit.said(Status)[-1].idle
+    assert not visit.received(Status)[-1].idle
 
 
 def test_where_a_policy_drives_nobody_else_does(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan(trial_steps=10))
     visit.go_to("trial")
-    visit.tell(Drive(engaged=True, linear=UP, angular=STILL))
+    visit.send(Drive(engaged=True, linear=UP, angular=STILL))
     visit.tick(20)
-    (problem,) = visit.said(Problem)
+    (problem,) = visit.received(Problem)
     assert (problem.role, problem.message) == ("experimenter", "in this trial nobody drives by hand")
-    assert visit.said(Status)[-1].operated is False
+    assert visit.received(Status)[-1].operated is False
 
 
 def after(world: LiveWorld, seconds: float) -> np.ndarray:

@@ -51,7 +51,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
     visit = Visit(tmp_path_factory.mktemp("visit"), plan(trial_steps=1000))
     visit.go_to("trial")
     visit.tick(100)
-    latest = [visit.said(kind)[-1] for kind in (Phase, Status)]
+    latest = [visit.received(kind)[-1] for kind in (Phase, Status)]
     return [*latest, Timing(tick_ms_median=3.2, tick_ms_max=7.9, missed_ticks=0)]
 
 
@@ -242,7 +242,7 @@ def test_the_card_never_hides_the_robot(environment: str, browser: Browser, tmp_
     visit = Visit(tmp_path, plan(trial_steps=1000, environments=[environment]))
     visit.go_to("trial")
     visit.tick(10)
-    shown = [visit.said(kind)[-1] for kind in (Scene, Phase, Status)]
+    shown = [visit.received(kind)[-1] for kind in (Scene, Phase, Status)]
     page = browser.new_page(viewport={"width": 1366, "height": 768})
     page.add_init_script(f"({DRAW_LITTLE})()")
     staged = StagedPage(
@@ -250,7 +250,7 @@ def test_the_card_never_hides_the_robot(environment: str, browser: Browser, tmp_
     )
     staged.open("spectator")
     page.wait_for_function("() => !document.body.classList.contains('sceneless')", timeout=120_000)
-    staged.say(StateEncoder().encode(visit.said(State)[-1]))
+    staged.send(StateEncoder().encode(visit.received(State)[-1]))
     for width, height in ((1366, 768), (390, 844), (1920, 1080)):
         page.set_viewport_size({"width": width, "height": height})
         page.wait_for_timeout(300.0)

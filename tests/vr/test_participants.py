@@ -32,8 +32,8 @@ from avrgym.vr.protocol.webxr import Registration, is_valid
 from avrgym.vr.session.attempt import Experience
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.calibration import measure_torso_height
-from helpers.learning.random_networks import network
-from helpers.vr.visit import driving, plan
+from helpers.learning.random_networks import random_network
+from helpers.vr.visit import constant_policies, plan
 
 FEEDING, BATHING = "avrgym/FeedingJaco-v1", "avrgym/BedBathingJaco-v1"
 
@@ -248,7 +248,9 @@ def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
             seen.append(message.sequence)
         client.hear(message)
 
-    session = Session(trials, driving(trials), tmp_path, send, "whole", state_every_ticks=STATE_EVERY_TICKS)
+    session = Session(
+        trials, constant_policies(trials), tmp_path, send, "whole", state_every_ticks=STATE_EVERY_TICKS
+    )
     client.run(session)
     assert phases[-1] == "finished (trial 2 of 2)"
     assert set(np.diff(seen)) == {2, 3}, (
@@ -267,7 +269,7 @@ def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
 def test_a_participant_sits_and_then_lies_through_a_session(tmp_path: Path) -> None:
     client = InProcessClient(participant(1), lambda text: None)
     trials = plan(environments=(FEEDING, BATHING), seeds=(1, 2))
-    session = Session(trials, driving(trials), tmp_path, client.hear, "lying")
+    session = Session(trials, constant_policies(trials), tmp_path, client.hear, "lying")
     client.run(session)
     assert session.person.torso_height_m == pytest.approx(participant(1).traits.torso_height_m, abs=0.002)
     assert all(read_recording(path).complete for path in session.recordings)
@@ -277,7 +279,7 @@ def test_a_participant_gives_up_after_failed_starts(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
     client = InProcessClient(participant(1), lambda text: None)
-    session = Session(plan(), driving(plan()), blocked, client.hear, "blocked")
+    session = Session(plan(), constant_policies(plan()), blocked, client.hear, "blocked")
     with pytest.raises(RuntimeError, match=r"trial 1 does not start: .*cannot be recorded"):
         client.run(session)
 
@@ -286,7 +288,7 @@ def test_a_participant_gives_up_after_failed_starts(tmp_path: Path) -> None:
 def test_a_trained_human_acts_in_vr_as_in_training(environment, monkeypatch):
     """But for the itch, whose mark is drawn above the skin, and for forces, of which a headset tells nothing."""
     told: list[np.ndarray] = []
-    trained = network(environment, deviation=0.0)
+    trained = random_network(environment, deviation=0.0)
     act = Policy.act
     monkeypatch.setattr(Policy, "act", lambda self, seen, *how: (told.append(seen), act(self, seen, *how))[1])
     task = TASKS[find_environment(environment)[0]]

@@ -36,7 +36,7 @@ from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.phases.preparing import Reaching
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from avrgym.vr.session.session import Session
-from helpers.vr.visit import Visit, driving, plan
+from helpers.vr.visit import Visit, constant_policies, plan
 
 SEEDS = (2, 3, 5, 6)
 """Their walks see every phase."""
@@ -119,9 +119,9 @@ class Walk:
         self.visit = Visit(
             folder,
             session,
-            make=lambda send: Session(session, driving(session), folder, send, "walk", **how),
+            make=lambda send: Session(session, constant_policies(session), folder, send, "walk", **how),
         )
-        self.visit.loads = self.visit.content = False
+        self.visit.loads_scenes = self.visit.confirms = False
 
     def _observe(self, _event: session_events.SessionEvent) -> None:
         if self._world.random() < 0.01:
@@ -155,15 +155,15 @@ class Walk:
         if self.visit.phase == "waiting":
             self._tell(Entered())
         elif self.visit.phase == "headset":
-            shown = SceneLoaded(self.visit.said(Scene)[-1].url) if self.visit.said(Scene) else Ready()
+            shown = SceneLoaded(self.visit.received(Scene)[-1].url) if self.visit.received(Scene) else Ready()
             self._tell(self._chance.choice([Ready(), Ready(), shown, shown, Command("skip")]))
         elif self.visit.phase in ("calibration", "check", "ready", "paused"):
             self._tell(self._chance.choice([Ready(), Ready(), Command("continue")]))
-        elif self.visit.phase == "loading" and self.visit.said(Scene):
-            shown = SceneLoaded(self.visit.said(Scene)[-1].url)
+        elif self.visit.phase == "loading" and self.visit.received(Scene):
+            shown = SceneLoaded(self.visit.received(Scene)[-1].url)
             self._tell(self._chance.choice([shown, shown, shown, OriginReset()]))
-        elif self.visit.phase in ("questionnaire", "headset_check") and self.visit.said(Question):
-            asked = self.visit.said(Question)[-1]
+        elif self.visit.phase in ("questionnaire", "headset_check") and self.visit.received(Question):
+            asked = self.visit.received(Question)[-1]
             self._tell(Answer(asked.item, self._chance.randint(1, asked.points), 1.0))
         elif self.visit.phase == "headset_stop":
             self._tell(Stop(method="palm"))
@@ -172,7 +172,7 @@ class Walk:
 
     def _tell(self, message: Received) -> None:
         self.messages += 1
-        self.visit.tell(message)
+        self.visit.send(message)
 
 
 @pytest.mark.slow
@@ -223,11 +223,11 @@ def test_a_session_whose_end_cannot_be_stored_stays_finished(tmp_path: Path) -> 
     visit = Visit(
         tmp_path,
         short,
-        make=lambda send: Session(short, driving(short), tmp_path, send, "x", observe=fail),
+        make=lambda send: Session(short, constant_policies(short), tmp_path, send, "x", observe=fail),
     )
     visit.go_to("finished")
     visit.tick()
-    visit.tell(Ready())
+    visit.send(Ready())
     visit.tick()
     assert visit.phase == "finished"
     assert any("the database is gone" in problem for problem in visit.problems)
@@ -237,10 +237,10 @@ def test_a_session_whose_end_cannot_be_stored_stays_finished(tmp_path: Path) -> 
 def test_a_torso_height_may_be_corrected_while_the_scene_loads(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan())
     visit.go_to("loading")
-    visit.tell(CorrectTorsoHeight(torso_height_m=0.61))
+    visit.send(CorrectTorsoHeight(torso_height_m=0.61))
     visit.tick(3)
-    visit.loads = True
-    visit.until("trial")
+    visit.loads_scenes = True
+    visit.run_until("trial")
     assert visit.session.world.person.torso_height_m == 0.61
     visit.leave()
 
@@ -249,23 +249,25 @@ def test_a_failure_while_the_scene_loads_is_forgotten_when_a_trial_is_stored_lat
     stored, failures, trials = [True], [OSError("the database is gone")], plan(seeds=(1, 2))
 
     def is_stored() -> bool:
-        if visit.phase == "loading" and visit.loads and failures:
+        if visit.phase == "loading" and visit.loads_scenes and failures:
             raise failures.pop()
         return stored[0]
 
     visit = Visit(tmp_path, trials)
-    visit.session = Session(trials, driving(trials), tmp_path, visit.heard.append, "x", kept=is_stored)
+    visit.session = Session(
+        trials, constant_policies(trials), tmp_path, visit.inbox.append, "x", kept=is_stored
+    )
     visit.go_to("loading")
-    visit.loads = True
-    visit.until("paused")
-    visit.tell(Ready())
-    visit.until("questionnaire")
+    visit.loads_scenes = True
+    visit.run_until("paused")
+    visit.send(Ready())
+    visit.run_until("questionnaire")
     stored[0] = False
     visit.answer(4, 4, 4, 4)
     visit.tick(5)
     assert visit.phase == "loading"
     stored[0] = True
     entered = len(visit.phases)
-    visit.until("trial")
+    visit.run_until("trial")
     assert visit.phases[entered:] == ["loading", "ready", "free_before", "countdown", "trial"]
     visit.leave()

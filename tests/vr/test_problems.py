@@ -26,7 +26,7 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
-from helpers.vr.visit import Visit, driving, plan
+from helpers.vr.visit import Visit, constant_policies, plan
 
 WAITING = "waiting"
 BY_EXPERIMENTER = (
@@ -49,7 +49,11 @@ def parties(tmp_path: Path) -> Iterator[dict[str, ClientConnection]]:
     """All three, connected to a session that waits."""
     with ExitStack() as entered:
         server = entered.enter_context(
-            LiveServer(lambda send: Session(plan(), driving(plan()), tmp_path, send, "test"), "127.0.0.1", 0)
+            LiveServer(
+                lambda send: Session(plan(), constant_policies(plan()), tmp_path, send, "test"),
+                "127.0.0.1",
+                0,
+            )
         )
         watching = {
             role: entered.enter_context(opened(server, "/watch", getattr(server.tokens, role)))
@@ -100,7 +104,7 @@ def test_the_experimenter_receives_problems_of_the_participant(
 def test_every_problem_has_a_role(tmp_path: Path, phase: str) -> None:
     visit = Visit(tmp_path, plan())
     visit.go_to(phase)
-    before = len(visit.said(Problem))
+    before = len(visit.received(Problem))
     for name in get_args(CommandName):
-        visit.tell(Command(name=name))
-    assert {problem.role for problem in visit.said(Problem)[before:]} <= {"experimenter"}
+        visit.send(Command(name=name))
+    assert {problem.role for problem in visit.received(Problem)[before:]} <= {"experimenter"}

@@ -37,11 +37,11 @@ class Reacher(Visit):
         self.participant._data = mujoco.MjData(self.participant._model)
 
     def stretch(self) -> None:
-        self.sit_down()
+        self.calibrate()
         assert self.phase == "reach"
         for pose_rad in (AHEAD_RAD, ASIDE_RAD):
-            self.pose_rad, told = pose_rad, self.said(Phase)[-1].text
-            while self.said(Phase)[-1].text == told:
+            self.pose_rad, told = pose_rad, self.received(Phase)[-1].text
+            while self.received(Phase)[-1].text == told:
                 self.tick()
         self.pose_rad = self.participant._rest_rad
 
@@ -53,7 +53,7 @@ def test_two_poses_tell_how_long_the_arms_are(tmp_path: Path, arm_scale: float) 
     assert visit.phases.count("reach") == 2
     (measured,) = [each.arm_scale for each in visit.observed if isinstance(each, events.ReachMeasured)]
     assert measured == pytest.approx(arm_scale, abs=0.02)
-    visit.until("free_before")
+    visit.run_until("free_before")
     visit.pose_rad = AHEAD_RAD
     visit.tick(500)
     hands = {
@@ -73,7 +73,7 @@ def test_two_poses_tell_how_long_the_arms_are(tmp_path: Path, arm_scale: float) 
 def test_a_trial_with_other_arms_verifies_bit_by_bit(tmp_path: Path) -> None:
     visit = Reacher(tmp_path, 1.15)
     visit.stretch()
-    visit.until("questionnaire")
+    visit.run_until("questionnaire")
     visit.answer(1, 2, 3, 4)
     visit.leave()
     recording = read_recording(visit.session.recordings[0])
@@ -84,10 +84,10 @@ def test_a_trial_with_other_arms_verifies_bit_by_bit(tmp_path: Path) -> None:
 
 def test_the_trigger_leaves_it_out(tmp_path: Path) -> None:
     visit = Visit(tmp_path, REACHING)
-    visit.sit_down()
+    visit.calibrate()
     assert visit.phase == "reach"
-    visit.tell(Ready())
-    visit.until("free_before")
+    visit.send(Ready())
+    visit.run_until("free_before")
     assert visit.session.person.arm_scale == 1.0
     visit.leave()
     assert visit.recordings()[0].configuration.person.arm_scale == 1.0
@@ -95,7 +95,7 @@ def test_the_trigger_leaves_it_out(tmp_path: Path) -> None:
 
 def test_hands_that_are_not_seen_measure_nothing_and_that_is_said(tmp_path: Path) -> None:
     visit = Visit(tmp_path, REACHING)
-    visit.sit_down()
+    visit.calibrate()
     visit.tracking = False
     visit.tick(600)
     assert "were not tracked" in visit.problems[0]
@@ -105,7 +105,7 @@ def test_hands_that_are_not_seen_measure_nothing_and_that_is_said(tmp_path: Path
 def test_who_moves_the_hand_with_a_mouse_stretches_no_arms(tmp_path: Path) -> None:
     visit = Visit(tmp_path, REACHING)
     visit.frame = lambda of=visit.frame: replace_frame(of(), left_modality="mouse", right_modality="mouse")
-    visit.sit_down()
+    visit.calibrate()
     assert visit.phases[-2:] == ["calibration", "loading"]
 
 

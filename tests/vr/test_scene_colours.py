@@ -13,7 +13,7 @@ from avrgym.vr.scene.geom_meshes import geom_mesh
 from avrgym.vr.scene.scene_export import export_glb, geoms_by_carrier
 from avrgym.vr.scene.skins import skins_of
 from helpers.browser.glb import GlbFile
-from helpers.robots.example_robots import EVERY, scene_of, scenes_of
+from helpers.robots.example_robots import ALL_ROBOTS, scene_of, scenes_of
 
 RED, BLUE, HALF_GREEN = (0.9, 0.1, 0.1, 1.0), (0.1, 0.2, 0.8, 1.0), (0.1, 0.7, 0.2, 0.5)
 MADE = """
@@ -50,7 +50,7 @@ def drawn_by_mujoco(model: mujoco.MjModel) -> dict[int, np.ndarray]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", ALL_ROBOTS)
 def test_each_geom_has_the_colour_that_mujoco_draws(name: str) -> None:
     for model in scenes_of(name):
         ours, drawn = geom_colours(model), drawn_by_mujoco(model)
@@ -59,7 +59,7 @@ def test_each_geom_has_the_colour_that_mujoco_draws(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", ALL_ROBOTS)
 def test_each_part_of_the_file_has_the_colours_of_its_geoms(name: str) -> None:
     """So many triangles in each colour at each body."""
     for model in scenes_of(name):

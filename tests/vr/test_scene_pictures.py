@@ -7,8 +7,8 @@ from playwright.sync_api import Browser
 
 from avrgym.vr.scene.scene_export import export_glb
 from helpers.browser.glb import GlbFile
-from helpers.browser.glb_pictures import by_mujoco, by_three, camera_at, open_page
-from helpers.robots.example_robots import EVERY, robot_model, scenes_of
+from helpers.browser.glb_pictures import camera_at, open_page, render_mujoco, render_three
+from helpers.robots.example_robots import ALL_ROBOTS, robot_model, scenes_of
 
 LEAST_OVERLAP = 0.99
 """Of the two silhouettes: what both cover, of what one covers."""
@@ -23,7 +23,7 @@ def assert_looks_alike(browser: Browser, model: mujoco.MjModel, camera: mujoco.M
     ]
     left_out = {model.body(body).id for bodies in copies for body in bodies}
     page = open_page(browser.new_page())
-    drawn, wanted = by_three(page, data, model, camera), by_mujoco(model, camera, left_out)
+    drawn, wanted = render_three(page, data, model, camera), render_mujoco(model, camera, left_out)
     page.close()
     both = drawn.covered & wanted.covered
     assert both.sum() > LEAST_OVERLAP * (drawn.covered | wanted.covered).sum() > 0
@@ -32,7 +32,7 @@ def assert_looks_alike(browser: Browser, model: mujoco.MjModel, camera: mujoco.M
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", ALL_ROBOTS)
 def test_a_scene_looks_as_mujoco_draws_it(name: str, browser: Browser) -> None:
     """With robot, tool, furniture and person, of every task, from the front left and from behind on the right."""
     for model in scenes_of(name):
@@ -41,7 +41,7 @@ def test_a_scene_looks_as_mujoco_draws_it(name: str, browser: Browser) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*EVERY, "Panda"])
+@pytest.mark.parametrize("name", [*ALL_ROBOTS, "Panda"])
 def test_a_robot_looks_as_mujoco_draws_it(name: str, browser: Browser) -> None:
     """From near."""
     model = robot_model(name)

@@ -51,7 +51,7 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.protocol.webxr import hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
-from helpers.simulation.starts import begun
+from helpers.simulation.initial_states import reset_episodes
 from helpers.vr.visit import ENVIRONMENT, Visit, events, plan
 
 PhysicsState = Sequence[float] | FloatArray
@@ -170,15 +170,15 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Visit:
     trials = [TrialPlan(ENVIRONMENT, "revised", seed, practice) for seed, practice in ((1, True), (2, False))]
     session = SessionPlan(trials, "woman", FREE_S, simulated=True, withdraw_after_success=False)
     visit = Visit(tmp_path_factory.mktemp("whole"), session, load_policies(session))
-    visit.sit_down()
-    visit.until("questionnaire")
+    visit.calibrate()
+    visit.run_until("questionnaire")
     visit.tick(30)
     visit.answer(*GIVEN)
     return visit
 
 
 def test_every_tick_hands_out_its_state(whole: Visit) -> None:
-    told = [state.sequence for state in whole.said(State)]
+    told = [state.sequence for state in whole.received(State)]
     assert told == list(range(1, len(told) + 1))
 
 
@@ -188,7 +188,7 @@ def test_a_session_goes_through_its_phases_in_order(whole: Visit) -> None:
         "waiting", "calibration", "loading", "check", *around, "loading", "ready", *around, "questionnaire", "confirm",
         "finished",
     ]  # fmt: skip
-    numbered = [(phase.trial, phase.practice) for phase in whole.said(Phase)[4:]]
+    numbered = [(phase.trial, phase.practice) for phase in whole.received(Phase)[4:]]
     assert numbered == [(1, True)] * 5 + [(2, False)] * 10
     assert not whole.problems
 
@@ -222,7 +222,7 @@ def test_a_trial_has_200_control_steps_whose_rewards_add_up(whole: Visit) -> Non
 
 def test_the_questionnaire_comes_after_a_trial_and_not_after_practice(whole: Visit) -> None:
     practice, trial = whole.recordings()
-    assert [question.item for question in whole.said(Question)] == [item.id for item in LIKERT_ITEMS]
+    assert [question.item for question in whole.received(Question)] == [item.id for item in LIKERT_ITEMS]
     assert not records(practice, "/answers")
     answers = {record.item: record.value for record in records(trial, "/answers")}
     assert answers == dict(zip((item.id for item in LIKERT_ITEMS), GIVEN, strict=True))
@@ -251,7 +251,7 @@ def test_every_recorded_state_follows_bit_for_bit_from_the_one_before(whole: Vis
 
 
 def test_whoever_comes_too_fast_is_an_event_with_region_and_speed(whole: Visit) -> None:
-    simulation = begun(ENVIRONMENT, 1).simulation
+    simulation = reset_episodes(ENVIRONMENT, 1).simulation
     fastest = max_impact_speed_m_s(GUARD_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation))
     limits_m_s = {region.name: float(speed) for region, speed in zip(BODY_REGIONS, fastest, strict=True)}
     events = [event for recording in whole.recordings() for _, event in recording.topics["/events"]]
@@ -273,8 +273,8 @@ def test_the_torso_height_is_measured(whole: Visit) -> None:
 def test_the_same_seed_gives_the_same_bits(visit: Callable[..., Visit]) -> None:
     def attend(seed: int) -> list:
         attended = visit(practice=True, seeds=(1, seed))
-        attended.sit_down()
-        attended.until("questionnaire")
+        attended.calibrate()
+        attended.run_until("questionnaire")
         attended.answer(4, 4, 4, 4)
         return [r.topics[topic] for r in attended.recordings() for topic in ("/physics", "/control")]
 
@@ -291,7 +291,7 @@ def test_a_stop_halts_the_robot_and_the_trial_is_repeated(visit: Callable[..., V
     stopped = visit()
     stopped.go_to("trial")
     stopped.tick(12)
-    stopped.tell(Stop())
+    stopped.send(Stop())
     assert stopped.phase == "paused"
 
     first = stopped.recordings()[0]
@@ -304,8 +304,8 @@ def test_a_stop_halts_the_robot_and_the_trial_is_repeated(visit: Callable[..., V
     assert not replica.arm_ctrl(states(first)[-1]).any()
 
     before = digest(stopped.session.recordings[0])
-    stopped.tell(Ready())
-    stopped.until("questionnaire")
+    stopped.send(Ready())
+    stopped.run_until("questionnaire")
     stopped.answer(4, 4, 4, 4)
     assert stopped.phase == "finished"
     again = stopped.recordings()[1]
@@ -321,7 +321,7 @@ def test_a_robot_at_full_speed_stands_still_100_ms_after_a_stop(visit: Callable[
     stopped.tick(20)
     before = newest_pos_w(stopped, TOOL)
     stopped.tick(2)
-    stopped.tell(Stop())
+    stopped.send(Stop())
     spot = newest_pos_w(stopped, TOOL)
     places = []
     for _ in range(50):
@@ -341,7 +341,7 @@ def newest_pos_w(visit: Visit, body: str) -> FloatArray:
 
 def newest_pose_w(visit: Visit, body: str) -> FloatArray:
     """A body's pose (7,) as the client was last told."""
-    poses = np.frombuffer(visit.said(State)[-1].poses, "<f4").reshape(-1, 7)
+    poses = np.frombuffer(visit.received(State)[-1].poses, "<f4").reshape(-1, 7)
     return poses[visit.session.bodies.index(body)].astype(float)
 
 
@@ -352,8 +352,8 @@ def digest(path: Path) -> str:
 def test_a_stop_after_the_robot_has_finished_keeps_the_trial(visit: Callable[..., Visit]) -> None:
     finished = visit()
     for phase in ("free_after", "questionnaire"):
-        finished.go_to(phase) if phase == "free_after" else finished.until(phase)
-        finished.tell(Stop())
+        finished.go_to(phase) if phase == "free_after" else finished.run_until(phase)
+        finished.send(Stop())
         assert finished.phase == phase
     assert len(finished.problems) == 2
     finished.answer(4, 4, 4, 4)
@@ -370,7 +370,7 @@ def test_who_goes_away_is_waited_for_and_a_running_trial_is_interrupted(
     gone = visit()
     gone.go_to(phase)
     assert gone.phase == phase
-    gone.tell(event)
+    gone.send(event)
 
     moved = isinstance(event, OriginReset)
     stays = phase == "finished" or (phase == "waiting" and moved)
@@ -392,14 +392,14 @@ def test_who_comes_back_repeats_the_trial(visit: Callable[..., Visit]) -> None:
     back = visit(seeds=(3, 4))
     back.go_to("questionnaire")
     back.answer(4, 4, 4, 4)
-    back.until("trial")
-    back.tell(Disconnected())
-    back.session.welcome(back.heard.append, "participant", back.now_s)
-    kinds = [type(message).__name__ for message in back.heard[-5:]]
+    back.run_until("trial")
+    back.send(Disconnected())
+    back.session.welcome(back.inbox.append, "participant", back.now_s)
+    kinds = [type(message).__name__ for message in back.inbox[-5:]]
     assert kinds == ["Welcome", "Language", "Body", "Scene", "Phase"]
     back.participant = SimulatedParticipant(back.participant.traits, 8)
-    back.sit_down()
-    back.until("questionnaire")
+    back.calibrate()
+    back.run_until("questionnaire")
     back.answer(4, 4, 4, 4)
     assert back.phase == "finished"
     names = [path.name for path in back.session.recordings]
@@ -416,16 +416,16 @@ def test_messages_that_have_no_place_are_named_and_change_nothing(visit: Callabl
     for phase in PHASES:
         if phase in ("paused", "finished"):
             continue
-        visitor.until(phase) if phase in RUNNING else None
+        visitor.run_until(phase) if phase in RUNNING else None
         if phase == "calibration":
-            visitor.tell(Entered())
+            visitor.send(Entered())
             visitor.tick(20)
         if phase == "loading":
-            visitor.loads = visitor.content = False
-            visitor.tell(Ready())
+            visitor.loads_scenes = visitor.confirms = False
+            visitor.send(Ready())
         if phase == "check":
-            visitor.loads = True
-            visitor.until(phase)
+            visitor.loads_scenes = True
+            visitor.run_until(phase)
         wrong: list[tuple[messages.ClientMessage, str]] = [(hello, "Hello")]
         if phase != "questionnaire":
             wrong.append((answer, "only while its question is open"))
@@ -439,11 +439,11 @@ def test_messages_that_have_no_place_are_named_and_change_nothing(visit: Callabl
             wrong.append((Stop(), "The robot holds still already"))
         for message, words in wrong:
             said = len(visitor.problems)
-            visitor.tell(message)
+            visitor.send(message)
             assert visitor.phase == phase
             assert len(visitor.problems) == said + 1
             assert words in visitor.problems[-1]
-        visitor.content = phase != "loading"
+        visitor.confirms = phase != "loading"
     visitor.answer(4, 4, 4, 4)
     assert visitor.recordings()[0].complete
 
@@ -452,10 +452,10 @@ def test_a_refused_answer_is_asked_again(visit: Callable[..., Visit]) -> None:
     asked = visit()
     asked.go_to("questionnaire")
     for item, value in (("L1", 8), ("L1", 100), ("L2", 4), ("", 4), ("L1 ", 4)):
-        questions = len(asked.said(Question))
-        asked.tell(Answer(item=item, value=value, response_time_s=1.0))
+        questions = len(asked.received(Question))
+        asked.send(Answer(item=item, value=value, response_time_s=1.0))
         assert "allowed: " in asked.problems[-1]
-        assert [q.item for q in asked.said(Question)[questions:]] == ["L1"]
+        assert [q.item for q in asked.received(Question)[questions:]] == ["L1"]
     asked.answer(1, 7, 1, 7)
     assert [record.value for record in records(asked.recordings()[0], "/answers")] == [1, 7, 1, 7]
 
@@ -466,14 +466,14 @@ def test_a_refused_answer_is_asked_again(visit: Callable[..., Visit]) -> None:
 def test_a_participant_is_measured_only_when_tracked_still_and_seated(visit: Callable[..., Visit]) -> None:
     seated = visit()
     seated.tracking = False
-    seated.tell(Entered())
+    seated.send(Entered())
 
     def measure(*heights_m: float) -> str:
         """Frames at these heights of the headset, then the trigger; the problem that it gives."""
         for height_m in heights_m:
-            seated.tell(lifted(seated.frame(), height_m))
+            seated.send(lifted(seated.frame(), height_m))
             seated.tick(2)
-        seated.tell(Ready())
+        seated.send(Ready())
         assert seated.phase == "calibration"
         assert not seated.session.recordings
         return seated.problems[-1]
@@ -488,7 +488,7 @@ def test_a_participant_is_measured_only_when_tracked_still_and_seated(visit: Cal
     seated.tick(60)
     seated.tracking = True
     seated.tick(20)
-    seated.tell(Ready())
+    seated.send(Ready())
     assert seated.phase == "loading"
 
 
@@ -507,7 +507,7 @@ def random_person(sex: Sex, seed: int) -> SimulatedParticipant:
 def test_torso_heights_are_measured_within_5_mm(visit: Callable[..., Visit], sex: Sex) -> None:
     for seed in range(4):
         measured = visit(random_person(sex, seed), sex=sex)
-        measured.sit_down()
+        measured.calibrate()
         assert measured.phase == "loading"
         wanted = measured.participant.traits.torso_height_m
         assert measured.session.person.torso_height_m == pytest.approx(wanted, abs=0.005)
@@ -571,7 +571,7 @@ def test_a_silent_headset_holds_the_pose(visit: Callable[..., Visit]) -> None:
     silent.tracking = False
     silent.tick(50)
     silent.tracking = True
-    silent.until("countdown")
+    silent.run_until("countdown")
     silent.leave()
 
     recording = silent.recordings()[0]
@@ -616,13 +616,13 @@ def test_frames_that_cannot_be_are_recorded_and_change_nothing(visit: Callable[.
     plain, fuzzed = visit(), visit()
     sent: list[Tracking] = []
     for visitor in (plain, fuzzed):
-        visitor.sit_down()
-        visitor.until("free_before")
+        visitor.calibrate()
+        visitor.run_until("free_before")
         while visitor.phase != "questionnaire":
             if visitor is fuzzed:
                 sequence = 1_000_000 + len(sent)
                 sent += (more := [*broken_frames(sequence)[len(sent) % 7 :: 7], replayed(visitor)])
-                visitor.tell(*more)
+                visitor.send(*more)
             visitor.tick()
         visitor.answer(4, 4, 4, 4)
     one, other = plain.recordings()[0], fuzzed.recordings()[0]
@@ -649,16 +649,16 @@ def test_of_frames_between_two_ticks_the_newest_counts_and_all_are_recorded(
     burst.tick(2)
     frames = [burst.frame() for _ in range(4)]
     invalid = lifted(burst.frame(), float("nan"))
-    burst.tell(*frames, invalid)
+    burst.send(*frames, invalid)
     burst.tick()
     last = burst.frame()
-    burst.tell(last, Stop())
+    burst.send(last, Stop())
     kept = [(r.sequence, r.applied, r.held) for r in records(burst.recordings()[0], "/tracking")][-6:]
     first = frames[0].sequence
     applied = [False, False, False, True, False, False]
     held = [False, False, False, False, True, False]
     assert kept == list(zip(range(first, first + 6), applied, held, strict=True))
-    assert burst.said(State)[-1].tracking_sequence in (first - 1, first + 3)
+    assert burst.received(State)[-1].tracking_sequence in (first - 1, first + 3)
 
 
 # Disks that fail ---------------------------------------------------------------------------------------------
@@ -679,7 +679,7 @@ def test_a_full_disk_pauses_the_trial_in_words_and_it_can_be_repeated(
     assert not full.recordings()[0].complete
     before = digest(full.session.recordings[0])
 
-    full.tell(Ready())
+    full.send(Ready())
     full.tick(5)
     assert full.phase == "free_before"
     full.leave()
@@ -691,11 +691,11 @@ def test_a_folder_that_takes_no_file_pauses_in_words(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
     visitor = Visit(blocked, plan())
-    visitor.sit_down()
-    visitor.until("paused")
+    visitor.calibrate()
+    visitor.run_until("paused")
     assert "cannot be recorded" in visitor.problems[-1]
     blocked.unlink()
-    visitor.tell(Ready())
+    visitor.send(Ready())
     assert visitor.phase == "free_before"
     visitor.leave()
 
@@ -713,8 +713,8 @@ def test_a_trial_whose_recording_cannot_be_ended_is_repeated(
         visitor.answer(4, 4, 4, 4)
     assert visitor.phase == "paused"
     assert "the disk is gone" in visitor.problems[-1]
-    visitor.tell(Ready())
-    visitor.until("questionnaire")
+    visitor.send(Ready())
+    visitor.run_until("questionnaire")
     visitor.answer(4, 4, 4, 4)
     assert visitor.phase == "finished"
     assert [recording.complete for recording in visitor.recordings()] == [False, True]
@@ -724,15 +724,15 @@ def test_a_recording_may_fail_at_any_tick_of_a_control_step(
     visit: Callable[..., Visit], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     visitor = visit()
-    visitor.sit_down()
+    visitor.calibrate()
     for ticks in range(1, 12):
-        visitor.until("trial")
+        visitor.run_until("trial")
         visitor.tick(ticks - 1)
         with monkeypatch.context() as broken:
             broken.setattr(RecordingWriter, "error", property(lambda _: OSError("full")))
             visitor.tick()
         assert visitor.phase == "paused"
-        visitor.tell(Ready())
+        visitor.send(Ready())
 
 
 def test_a_slow_disk_is_named_once_and_the_trial_goes_on(
@@ -743,9 +743,9 @@ def test_a_slow_disk_is_named_once_and_the_trial_goes_on(
     with monkeypatch.context() as slow:
         slow.setattr(RecordingWriter, "error", property(lambda _: TimeoutError("0.8 s")))
         visitor.tick(5)
-    assert sum("slow" in problem.message for problem in visitor.said(Problem)) == 1
+    assert sum("slow" in problem.message for problem in visitor.received(Problem)) == 1
     assert visitor.phase == "trial"
-    visitor.until("questionnaire")
+    visitor.run_until("questionnaire")
     assert events_so_far(visitor).count("recording_stalled") == 1
 
 

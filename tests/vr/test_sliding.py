@@ -85,7 +85,7 @@ def test_after_a_slide_the_head_is_where_it_is_tracked(tmp_path: Path, way_m: tu
     assert steps_m.max() < 1.01 * GLIDE_SPEED_M_S * TICK_S
     assert not np.array_equal(visit.place.origin_w, before.origin_w)
     assert visit.place.origin_w[2] == before.origin_w[2]
-    (placed,) = visit.said(Placed)
+    (placed,) = visit.received(Placed)
     assert placed.xr_from_world.position == pytest.approx(visit.place.xr_from_world().position, abs=1e-6)
 
 
@@ -99,7 +99,7 @@ def test_who_leans_stays_where_they_are(tmp_path: Path) -> None:
         visit.tick(200)
     assert visit.missed_m() < 0.02
     assert visit.place is before
-    assert visit.said(Placed) == []
+    assert visit.received(Placed) == []
 
 
 def test_who_gets_up_takes_no_seat_along(tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_who_comes_meanwhile_is_told_where_the_world_goes(tmp_path: Path) -> Non
     (placed,) = (each for each in late if isinstance(each, Placed))
     assert scene.xr_from_world == visit.place.xr_from_world()
     assert 0.0 < placed.seconds < 6.0
-    assert placed.xr_from_world.position == pytest.approx(visit.said(Placed)[0].xr_from_world.position)
+    assert placed.xr_from_world.position == pytest.approx(visit.received(Placed)[0].xr_from_world.position)
 
 
 def test_a_slide_during_a_trial_is_recorded_and_verifies_bit_by_bit(tmp_path: Path) -> None:
@@ -129,13 +129,13 @@ def test_a_slide_during_a_trial_is_recorded_and_verifies_bit_by_bit(tmp_path: Pa
     visit.go_to("trial")
     visit.pose_rad = visit.participant._rest_rad
     visit.slide(0.3, 0.0)
-    visit.until("questionnaire")
+    visit.run_until("questionnaire")
     visit.answer(1, 2, 3, 4)
     visit.leave()
     recording = read_recording(visit.session.recordings[0])
     places = [record.xr_from_world.position for _, record in recording.topics["/placement"]]
     assert len(places) > 300
-    assert places[-1] == pytest.approx(visit.said(Placed)[0].xr_from_world.position, abs=1e-6)
+    assert places[-1] == pytest.approx(visit.received(Placed)[0].xr_from_world.position, abs=1e-6)
     assert [each.way_m for each in visit.observed if isinstance(each, events.SeatFollowed)] == [
         pytest.approx(0.3, abs=0.05)
     ]

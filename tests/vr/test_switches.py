@@ -17,7 +17,16 @@ from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_wrist, hand_p
 from avrgym.vr.tracking.jumps import MAX_SPEED_M_S, min_duration_s
 from avrgym.vr.tracking.switches import FADING_PER_METRE, MAX_SWITCH_GAP_S, REST_RADIUS_M, SAME_M, Hand
 from helpers.vr import device_switch_examples
-from helpers.vr.device_switch_examples import EXACT, SIDES, Error, Side, measured, misjudged, moved, somewhere
+from helpers.vr.device_switch_examples import (
+    NO_ERROR,
+    SIDES,
+    Error,
+    Side,
+    compose,
+    measured_pose,
+    random_error,
+    random_grip,
+)
 from helpers.vr.visit import Visit, plan
 
 MOST_M, MOST_DEG = 0.02, 5.0
@@ -35,7 +44,7 @@ def apart(one: Pose, other: Pose) -> tuple[float, float]:
 
 
 def trembling(rng: np.random.Generator, grip: XRPose) -> XRPose:
-    return moved(grip, rng.normal(scale=NOISE_M, size=3), transforms.IDENTITY_QUATERNION)
+    return compose(grip, rng.normal(scale=NOISE_M, size=3), transforms.IDENTITY_QUATERNION)
 
 
 # Hands -------------------------------------------------------------------------------------------------------
@@ -44,7 +53,7 @@ def trembling(rng: np.random.Generator, grip: XRPose) -> XRPose:
 @pytest.mark.parametrize("side", SIDES)
 def test_a_wrist_is_the_grip_of_the_same_hand(side: Side, rng: np.random.Generator) -> None:
     for _ in range(50):
-        wrist = somewhere(rng)
+        wrist = random_grip(rng)
         hand = hand_pose_from_wrist(HERE, wrist, side)
         assert apart(hand_pose(HERE, grip_from_wrist(wrist, side)), hand) == pytest.approx(
             (0.0, 0.0), abs=1e-5
@@ -60,13 +69,13 @@ def test_a_resting_hand_stays_where_it_is(
     """Whatever two devices think of it, to and fro, for ten seconds each."""
     farthest = np.zeros(2)
     for _ in range(20):
-        rest, hand, time_s = somewhere(rng), Hand(side), 0.0
-        errors = [misjudged(rng, rng.uniform(0.0, 0.06), rng.uniform(0.0, 35.0)) for _ in way]
+        rest, hand, time_s = random_grip(rng), Hand(side), 0.0
+        errors = [random_error(rng, rng.uniform(0.0, 0.06), rng.uniform(0.0, 35.0)) for _ in way]
         begins: Pose | None = None
         for turn in range(4):
             for _ in range(120):
                 time_s += FRAME_S
-                pose = measured(trembling(rng, rest), side, way[turn % 2], errors[turn % 2])
+                pose = measured_pose(trembling(rng, rest), side, way[turn % 2], errors[turn % 2])
                 followed = hand_pose(HERE, hand.grip(pose, way[turn % 2], time_s))
                 begins = begins or followed
                 farthest = np.maximum(farthest, apart(followed, begins))
@@ -81,7 +90,7 @@ def test_a_controller_that_nothing_takes_the_place_of_is_followed_to_the_last_bi
 ) -> None:
     hand = Hand("right")
     for number in range(200):
-        pose = somewhere(rng)
+        pose = random_grip(rng)
         assert hand.grip(pose, "controller", number * FRAME_S) is pose
 
 
@@ -89,15 +98,15 @@ def test_a_controller_that_nothing_takes_the_place_of_is_followed_to_the_last_bi
 def test_the_correction_fades_while_the_hand_moves_and_nobody_sees_it(
     side: Side, rng: np.random.Generator
 ) -> None:
-    hand, error = Hand(side), misjudged(rng, 0.1, 40.0)
-    grip = somewhere(rng)
+    hand, error = Hand(side), random_error(rng, 0.1, 40.0)
+    grip = random_grip(rng)
     hand.grip(grip, "controller", 0.0)
     steps_m, lengths_m = [], []
     before: XRPose | None = None
     for number in range(1, 400):
-        grip = moved(grip, np.array([0.006, 0.0, 0.0]), transforms.IDENTITY_QUATERNION)
-        followed = hand.grip(measured(grip, side, "hand", error), "hand", number * FRAME_S)
-        true = grip_from_wrist(measured(grip, side, "hand", error), side)
+        grip = compose(grip, np.array([0.006, 0.0, 0.0]), transforms.IDENTITY_QUATERNION)
+        followed = hand.grip(measured_pose(grip, side, "hand", error), "hand", number * FRAME_S)
+        true = grip_from_wrist(measured_pose(grip, side, "hand", error), side)
         lengths_m.append(apart(hand_pose(HERE, followed), hand_pose(HERE, true))[0])
         if before is not None:
             steps_m.append(float(np.linalg.norm(np.subtract(followed.position, before.position))))
@@ -111,18 +120,18 @@ def test_the_correction_fades_while_the_hand_moves_and_nobody_sees_it(
 def test_who_is_elsewhere_has_moved(rng: np.random.Generator) -> None:
     """Farther than devices are apart, or after a long time: there the hand is."""
     for way_m, gap_s in ((2.0 * SAME_M, 0.1), (0.05, 1.5 * MAX_SWITCH_GAP_S)):
-        hand, grip = Hand("right"), somewhere(rng)
+        hand, grip = Hand("right"), random_grip(rng)
         hand.grip(grip, "controller", 0.0)
-        wrist = measured(grip, "right", "hand", misjudged(rng, way_m, 10.0))
+        wrist = measured_pose(grip, "right", "hand", random_error(rng, way_m, 10.0))
         assert hand.grip(wrist, "hand", gap_s) == grip_from_wrist(wrist, "right")
 
 
 def test_devices_that_take_turns_add_up_to_nothing(rng: np.random.Generator) -> None:
     """After any number of switches a resting hand that its first device sees again is where that sees it."""
-    hand, rest, error = Hand("left"), somewhere(rng), misjudged(rng, 0.08, 30.0)
+    hand, rest, error = Hand("left"), random_grip(rng), random_error(rng, 0.08, 30.0)
     for number in range(201):
         modality: Modality = "hand" if number % 2 else "controller"
-        pose = measured(rest, "left", modality, error if number % 2 else EXACT)
+        pose = measured_pose(rest, "left", modality, error if number % 2 else NO_ERROR)
         followed = hand.grip(pose, modality, number * FRAME_S)
     assert apart(hand_pose(HERE, followed), hand_pose(HERE, rest)) == pytest.approx((0.0, 0.0), abs=1e-4)
 
@@ -130,14 +139,14 @@ def test_devices_that_take_turns_add_up_to_nothing(rng: np.random.Generator) -> 
 def test_no_switch_makes_a_hand_faster_than_the_fastest(rng: np.random.Generator) -> None:
     """Hands that move at up to 1.5 m/s while their devices change."""
     for _ in range(50):
-        hand, grip, error = Hand("right"), somewhere(rng), misjudged(rng, 0.05, 30.0)
+        hand, grip, error = Hand("right"), random_grip(rng), random_error(rng, 0.05, 30.0)
         modality: Modality = "controller"
         before = grip
         for number in range(200):
-            grip = moved(grip, rng.uniform(-0.012, 0.012, 3), transforms.IDENTITY_QUATERNION)
+            grip = compose(grip, rng.uniform(-0.012, 0.012, 3), transforms.IDENTITY_QUATERNION)
             if rng.uniform() < 0.1:
                 modality = "hand" if modality == "controller" else "controller"
-            pose = measured(grip, "right", modality, error if modality == "hand" else EXACT)
+            pose = measured_pose(grip, "right", modality, error if modality == "hand" else NO_ERROR)
             followed = hand.grip(pose, modality, number * FRAME_S)
             assert number == 0 or min_duration_s(before, followed) < FRAME_S
             before = followed
@@ -167,19 +176,19 @@ class Switching(Visit):
     """A participant who rests; ``devices`` gives what a hand is tracked with at a time, and how that misjudges it."""
 
     side: Side = "right"
-    devices: Callable[[float], tuple[Modality, Error]] = staticmethod(lambda now_s: ("controller", EXACT))
+    devices: Callable[[float], tuple[Modality, Error]] = staticmethod(lambda now_s: ("controller", NO_ERROR))
 
     def frame(self) -> Tracking:
         frame = super().frame()
         modality, error = self.devices(self.now_s)
         grip = getattr(frame, self.side)
-        pose = None if modality == "none" else measured(grip, self.side, modality, error)
+        pose = None if modality == "none" else measured_pose(grip, self.side, modality, error)
         return msgspec.structs.replace(frame, **{self.side: pose, f"{self.side}_modality": modality})
 
     def hand(self) -> Pose:
         """Where the hand is simulated in the latest state."""
         at = self.session.bodies.index(f"{human.PREFIX}{self.side}_hand")
-        poses = np.frombuffer(self.said(State)[-1].poses, "<f4").reshape(-1, 7).astype(float)
+        poses = np.frombuffer(self.received(State)[-1].poses, "<f4").reshape(-1, 7).astype(float)
         return Pose(poses[at, :3], poses[at, 3:])
 
 
@@ -191,7 +200,7 @@ def farthest(
     visit.side, switches_s = side, np.inf
     visit.devices = lambda now_s: (
         (way[0], errors[0]) if now_s < switches_s
-        else ("none", EXACT) if now_s < switches_s + gap_s
+        else ("none", NO_ERROR) if now_s < switches_s + gap_s
         else (way[1], errors[1])
     )  # fmt: skip
     visit.go_to("free_before")
@@ -212,7 +221,7 @@ def test_the_simulated_hand_stays_where_it_is(
     tmp_path: Path, way: tuple[Modality, Modality], gap_s: float, rng: np.random.Generator
 ) -> None:
     side = SIDES[round(10 * gap_s) % 2]
-    found = farthest(tmp_path, way, side, gap_s, [misjudged(rng, 0.04, 25.0) for _ in way])
+    found = farthest(tmp_path, way, side, gap_s, [random_error(rng, 0.04, 25.0) for _ in way])
     print(f"\n{side} {way} after {gap_s} s: {100 * found[0]:.2f} cm, {found[1]:.1f}°")
     assert found[0] < MOST_M
     assert found[1] < MOST_DEG
@@ -226,7 +235,7 @@ def test_the_simulated_hand_stays_where_it_is_after_any_gap_and_on_both_sides(
     tmp_path: Path, way: tuple[Modality, Modality], side: Side, gap_s: float, rng: np.random.Generator
 ) -> None:
     for number, (way_m, angle_deg) in enumerate(((0.0, 0.0), (0.03, 10.0), (0.1, 40.0))):
-        errors = [EXACT, misjudged(rng, way_m, angle_deg)]
+        errors = [NO_ERROR, random_error(rng, way_m, angle_deg)]
         found = farthest(tmp_path / str(number), way, side, gap_s, errors)
         print(f"\n{side} {way} after {gap_s} s: {100 * found[0]:.2f} cm, {found[1]:.1f}°")
         assert found[0] < MOST_M

@@ -29,8 +29,8 @@ def chosen(visit: Visit) -> list[tuple[str, str]]:
 
 
 def test_who_connects_is_told_which_bodies_there_are(visit: Visit) -> None:
-    visit.session.welcome(visit.heard.append, "participant", 0.0)
-    (body,) = visit.said(Body)
+    visit.session.welcome(visit.inbox.append, "participant", 0.0)
+    (body,) = visit.received(Body)
     assert (body.sex, body.skin_tone) == ("woman", visit.session.person.skin_tone)
     assert dict(zip(body.skin_tones, body.skin_tones_rgb, strict=True)) == SKIN_TONES
 
@@ -40,19 +40,19 @@ def test_a_body_that_is_chosen_first_is_measured_seen_and_recorded(visit: Visit,
     man = replace(visit.participant.traits, sex="man", torso_height_m=0.58)
     visit.participant = SimulatedParticipant(man, 4)
     visit.go_to(phase)
-    visit.tell(ChooseBody("man", "brown"))
+    visit.send(ChooseBody("man", "brown"))
     assert visit.phase == phase
-    assert (visit.said(Body)[-1].sex, visit.said(Body)[-1].skin_tone) == ("man", "brown")
+    assert (visit.received(Body)[-1].sex, visit.received(Body)[-1].skin_tone) == ("man", "brown")
     visit.tick(20)
-    visit.go_to("trial") if phase == "waiting" else visit.tell(Ready())
-    visit.until("trial")
+    visit.go_to("trial") if phase == "waiting" else visit.send(Ready())
+    visit.run_until("trial")
     person = visit.session.person
     assert (person.sex, person.skin_tone) == ("man", "brown")
     assert person.torso_height_m == pytest.approx(0.58, abs=0.005)
     assert chosen(visit) == [("man", "brown")]
-    seen = visit.session.scenes[int(visit.said(Scene)[-1].url.removeprefix("/scenes/").removesuffix(".glb"))][
-        1
-    ]
+    seen = visit.session.scenes[
+        int(visit.received(Scene)[-1].url.removeprefix("/scenes/").removesuffix(".glb"))
+    ][1]
     assert (seen.sex, seen.skin_tone, seen.torso_height_m) == ("man", "brown", person.torso_height_m)
     visit.leave()
     recorded = visit.recordings()[0].configuration.person
@@ -61,11 +61,11 @@ def test_a_body_that_is_chosen_first_is_measured_seen_and_recorded(visit: Visit,
 
 def test_another_tone_of_skin_keeps_the_measure_and_is_looked_at_again(visit: Visit) -> None:
     visit.go_to("check")
-    before, url = visit.session.person, visit.said(Scene)[-1].url
-    visit.tell(ChooseBody(before.sex, "dark"))
-    visit.until("check")
+    before, url = visit.session.person, visit.received(Scene)[-1].url
+    visit.send(ChooseBody(before.sex, "dark"))
+    visit.run_until("check")
     assert visit.session.person.torso_height_m == before.torso_height_m
-    assert visit.said(Scene)[-1].url != url
+    assert visit.received(Scene)[-1].url != url
     assert visit.phases.count("calibration") == 1
 
 
@@ -73,12 +73,12 @@ def test_a_body_of_the_other_sex_is_measured_anew(visit: Visit) -> None:
     """The same headset stands higher above a woman's hips."""
     visit.go_to("check")
     woman_m = visit.session.person.torso_height_m
-    visit.tell(ChooseBody("man", "fair"))
+    visit.send(ChooseBody("man", "fair"))
     assert visit.phase == "calibration"
-    visit.content = False
+    visit.confirms = False
     visit.tick(60)
-    visit.tell(Ready())
-    visit.until("check")
+    visit.send(Ready())
+    visit.run_until("check")
     rise_m = PROPORTIONS["man"].seated_hips_height - PROPORTIONS["woman"].seated_hips_height
     assert visit.session.person.torso_height_m == pytest.approx(woman_m - rise_m, abs=0.002)
 
@@ -87,7 +87,7 @@ def test_a_body_of_the_other_sex_is_measured_anew(visit: Visit) -> None:
 def test_a_trial_keeps_its_body(visit: Visit, phase: str) -> None:
     visit.go_to(phase)
     before = visit.session.person
-    visit.tell(ChooseBody("man", "dark"))
+    visit.send(ChooseBody("man", "dark"))
     assert visit.phase == phase
     assert visit.session.person is before
     assert "only before or between trials" in visit.problems[-1]
@@ -96,7 +96,7 @@ def test_a_trial_keeps_its_body(visit: Visit, phase: str) -> None:
 def test_a_tone_that_there_is_not_is_refused(visit: Visit) -> None:
     visit.go_to("calibration")
     before = visit.session.person
-    visit.tell(ChooseBody("woman", "green"))
+    visit.send(ChooseBody("woman", "green"))
     assert visit.session.person is before
     assert all(tone in visit.problems[-1] for tone in SKIN_TONES)
     assert chosen(visit) == []

@@ -99,7 +99,7 @@ def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
     while visit.phase == "trial" and visit.now_s < began_s + 3.0:
         visit.tick()
         if visit.now_s > began_s + STALE_S + 0.25:
-            status = visit.said(Status)[-1]
+            status = visit.received(Status)[-1]
             assert (status.needed_parts, status.untracked_parts) == (
                 list(TASKS[task].tracked),
                 lost(kind, part),
@@ -110,7 +110,7 @@ def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
     assert part in visit.happened(session_events.TrackingLost)
     assert visit.happened(session_events.TrackingTimedOut) == [part]
     assert PART_LABELS[part] in visit.problems[-1]
-    text = visit.said(Phase)[-1].text
+    text = visit.received(Phase)[-1].text
     assert ("tracking was lost" if part == "head" else PART_LABELS[part]) in text.lower()
     (recording,) = visit.recordings()
     assert ended(recording) == "interrupted"
@@ -119,13 +119,13 @@ def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
     assert last.held or (part in last.held_parts and part in last.untracked_parts)
     assert (tracking_loss_share(recording) or 0.0) > 0.7
 
-    visit.tell(Ready())
+    visit.send(Ready())
     visit.tick(100)
     assert (visit.phase, len(visit.session.recordings)) == ("paused", 1)
     visit.spoil = None
     visit.tick(10)
-    visit.tell(Ready())
-    visit.until("questionnaire")
+    visit.send(Ready())
+    visit.run_until("questionnaire")
     assert part in visit.happened(session_events.TrackingFound)
     visit.answer(4, 4, 4, 4)
     assert [ended(each) for each in visit.recordings()] == ["interrupted", "completed"]
@@ -144,8 +144,8 @@ def test_a_part_that_the_task_does_not_need_ends_nothing(
     visit = visiting(tmp_path, task, steps=15)
     visit.spoil = SPOILS[kind](part)
     visit.go_to("questionnaire")
-    assert visit.said(Status)[-1].untracked_parts == [part]
-    assert part in visit.said(State)[-1].deviating_parts
+    assert visit.received(Status)[-1].untracked_parts == [part]
+    assert part in visit.received(State)[-1].deviating_parts
     visit.answer(4, 4, 4, 4)
     (recording,) = visit.recordings()
     assert ended(recording) == "completed"
@@ -159,18 +159,18 @@ def test_a_part_that_the_task_does_not_need_ends_nothing(
 def test_no_trial_begins_before_its_needed_parts_are_tracked(tmp_path: Path, kind: str) -> None:
     visit = visiting(tmp_path, "ScratchItch")
     visit.spoil = SPOILS[kind]("left", "right")
-    visit.content = False
-    visit.sit_down()
-    visit.until("check")
+    visit.confirms = False
+    visit.calibrate()
+    visit.run_until("check")
     visit.tick(100)
-    visit.tell(Ready())
+    visit.send(Ready())
     assert visit.phase == "paused"
-    assert "right hand is not tracked" in visit.said(Phase)[-1].text
+    assert "right hand is not tracked" in visit.received(Phase)[-1].text
     assert not visit.session.recordings
     visit.spoil = None
     visit.tick(10)
-    visit.tell(Ready())
-    visit.until("trial")
+    visit.send(Ready())
+    visit.run_until("trial")
 
 
 def test_the_countdown_waits_for_a_needed_hand(tmp_path: Path) -> None:
@@ -191,7 +191,7 @@ def test_a_hand_that_is_lost_for_a_while_counts_as_held_by_its_part(tmp_path: Pa
     visit.spoil = missing("right")
     visit.tick(80)
     visit.spoil = None
-    visit.until("questionnaire")
+    visit.run_until("questionnaire")
     visit.answer(4, 4, 4, 4)
     (recording,) = visit.recordings()
     assert ended(recording) == "completed"

@@ -48,7 +48,7 @@ def test_the_robot_holds_when_its_participant_no_longer_sees_the_scene(
         trial_steps=50,
     )
     blocked.go_to(phase)
-    blocked.tell(VisibilityChanged(visibility))
+    blocked.send(VisibilityChanged(visibility))
     assert blocked.phase == "paused"
     blocked.tick(10)
     assert speed_m_s(blocked) < 0.01
@@ -60,7 +60,7 @@ def test_the_robot_holds_when_its_participant_no_longer_sees_the_scene(
     assert "does not see the scene" in blocked.problems[-1]
     assert "the trial is repeated" in blocked.problems[-1]
     blocked.tick(20)
-    assert blocked.said(Status)[-1].visibility == visibility
+    assert blocked.received(Status)[-1].visibility == visibility
 
 
 @pytest.mark.parametrize("visibility", UNSEEN)
@@ -69,16 +69,16 @@ def test_who_sees_the_scene_again_repeats_the_trial_with_the_trigger(
 ) -> None:
     blocked = visit(trial_steps=5)
     blocked.go_to("trial")
-    blocked.tell(VisibilityChanged(visibility), Ready())
+    blocked.send(VisibilityChanged(visibility), Ready())
     blocked.tick(50)
     assert blocked.phase == "paused"
-    blocked.tell(VISIBLE)
+    blocked.send(VISIBLE)
     blocked.tick(200)
     assert blocked.phase == "paused"
     assert len(blocked.session.recordings) == 1
     assert any(isinstance(each, session_events.VisibilityFound) for each in blocked.observed)
-    blocked.tell(Ready())
-    blocked.until("questionnaire")
+    blocked.send(Ready())
+    blocked.run_until("questionnaire")
     blocked.answer(4, 4, 4, 4)
     assert [result(each) for each in blocked.recordings()] == ["interrupted", "completed"]
 
@@ -89,11 +89,11 @@ def test_the_experimenter_begins_no_trial_in_their_place(
 ) -> None:
     blocked = visit(seeds=(3, 4, 5), trial_steps=50)
     blocked.go_to("trial")
-    blocked.content = False
-    blocked.tell(VisibilityChanged("hidden"), Command(name=name))
+    blocked.confirms = False
+    blocked.send(VisibilityChanged("hidden"), Command(name=name))
     blocked.tick(50)
     assert blocked.phase == "paused"
-    blocked.tell(VISIBLE, Command(name=name))
+    blocked.send(VISIBLE, Command(name=name))
     blocked.tick(200)
     assert blocked.phase in ("paused", "ready")
     assert len(blocked.session.recordings) == 1
@@ -105,28 +105,28 @@ def test_no_trial_begins_while_they_do_not_see_the_scene(
     visit: Callable[..., Visit], visibility: Visibility, phase: str
 ) -> None:
     blocked = visit(seeds=(3, 4))
-    blocked.sit_down()
-    blocked.content = False
-    blocked.until("check")
+    blocked.calibrate()
+    blocked.confirms = False
+    blocked.run_until("check")
     if phase == "ready":
-        blocked.tell(Command(name="skip"))
-        blocked.until("ready")
-    blocked.tell(VisibilityChanged(visibility))
+        blocked.send(Command(name="skip"))
+        blocked.run_until("ready")
+    blocked.send(VisibilityChanged(visibility))
     for _ in range(3):
-        blocked.tell(Ready())
+        blocked.send(Ready())
         blocked.tick(50)
     assert blocked.phase == "paused"
-    assert "You do not see the scene" in blocked.said(Phase)[-1].text
+    assert "You do not see the scene" in blocked.received(Phase)[-1].text
     assert blocked.session.recordings == []
 
 
 def test_a_menu_that_opens_while_the_scene_loads_begins_no_trial(visit: Callable[..., Visit]) -> None:
     blocked = visit(trial_steps=50)
     blocked.go_to("trial")
-    blocked.tell(Stop())
-    blocked.content = blocked.loads = False
-    blocked.tell(Ready(), VisibilityChanged("visible-blurred"), VISIBLE)
-    blocked.loads = True
+    blocked.send(Stop())
+    blocked.confirms = blocked.loads_scenes = False
+    blocked.send(Ready(), VisibilityChanged("visible-blurred"), VISIBLE)
+    blocked.loads_scenes = True
     blocked.tick(300)
     assert blocked.phase == "ready"
     assert len(blocked.session.recordings) == 1
@@ -134,10 +134,10 @@ def test_a_menu_that_opens_while_the_scene_loads_begins_no_trial(visit: Callable
 
 def test_a_new_connection_sees_the_scene_until_it_reports_otherwise(visit: Callable[..., Visit]) -> None:
     back = visit()
-    back.tell(VisibilityChanged("hidden"))
-    back.session.welcome(back.heard.append, "participant", back.now_s)
-    back.sit_down()
-    back.until("trial")
+    back.send(VisibilityChanged("hidden"))
+    back.session.welcome(back.inbox.append, "participant", back.now_s)
+    back.calibrate()
+    back.run_until("trial")
 
 
 # Once it has finished ----------------------------------------------------------------------------------------
@@ -147,12 +147,12 @@ def test_a_retreat_is_held_and_what_the_robot_gave_is_kept(visit: Callable[..., 
     finished = visit()
     finished.go_to("retreat")
     finished.tick(BRAKING_TICKS)
-    finished.tell(VisibilityChanged("visible-blurred"))
+    finished.send(VisibilityChanged("visible-blurred"))
     assert finished.phase == "free_after"
     finished.tick(10)
     assert speed_m_s(finished) < 0.01
-    finished.until("questionnaire")
-    finished.tell(VISIBLE)
+    finished.run_until("questionnaire")
+    finished.send(VISIBLE)
     finished.answer(4, 4, 4, 4)
     (recording,) = finished.recordings()
     assert result(recording) == "completed"
@@ -164,9 +164,9 @@ def test_a_retreat_is_held_and_what_the_robot_gave_is_kept(visit: Callable[..., 
 def test_afterwards_nothing_is_lost(visit: Callable[..., Visit], phase: str) -> None:
     finished = visit(free_movement_s=1.0)
     finished.go_to(phase)
-    finished.tell(VisibilityChanged("hidden"), VISIBLE)
+    finished.send(VisibilityChanged("hidden"), VISIBLE)
     assert finished.phase == phase
-    finished.until("questionnaire")
+    finished.run_until("questionnaire")
     finished.answer(4, 4, 4, 4)
     (recording,) = finished.recordings()
     assert result(recording) == "completed"
@@ -177,7 +177,7 @@ def test_who_takes_off_the_headset_at_the_end_troubles_nobody(visit: Callable[..
     over = visit()
     over.go_to("finished")
     before = len(over.problems)
-    over.tell(VisibilityChanged("hidden"))
+    over.send(VisibilityChanged("hidden"))
     assert len(over.problems) == before
 
 
@@ -209,7 +209,7 @@ def test_the_robot_holds_within_a_tick_once_tracking_is_stale_and_goes_on_with_i
     away.tracking = True
     away.tick(15)
     assert speed_m_s(away) > 0.2 * driven_m_s
-    away.until("questionnaire")
+    away.run_until("questionnaire")
     away.answer(4, 4, 4, 4)
     (recording,) = away.recordings()
     assert result(recording) == "completed"
@@ -243,7 +243,7 @@ def test_stale_tracking_stops_the_robot_as_its_brakes_do(
     """In free motion at full speed; a stop of the participant is the measure."""
 
     def stop(stopping: Visit) -> None:
-        stopping.tell(Stop())
+        stopping.send(Stop())
 
     def wait(stopping: Visit) -> None:
         while stopping.session.world._loop.moving:

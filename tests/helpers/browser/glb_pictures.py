@@ -13,7 +13,7 @@ from PIL import Image
 from playwright.sync_api import Page, Route
 
 from avrgym.models.collision_bits import VISUAL_GROUP
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 WIDTH, HEIGHT = 480, 360
 THREE = ROOT / "client" / "node_modules" / "three"
@@ -48,7 +48,7 @@ _SCRIPT = """async ([glb, width, height, { position, target, degrees }]) => {
 }"""
 
 
-class Seen(NamedTuple):
+class Rendering(NamedTuple):
     """A picture (H, W, 3) and where a surface is in it (H, W)."""
 
     colours: np.ndarray
@@ -80,7 +80,7 @@ def open_page(page: Page) -> Page:
     return page
 
 
-def by_three(page: Page, glb: bytes, model: mujoco.MjModel, camera: mujoco.MjvCamera) -> Seen:
+def render_three(page: Page, glb: bytes, model: mujoco.MjModel, camera: mujoco.MjvCamera) -> Rendering:
     """What three.js draws of a file; bodies that look alike are left out."""
     azimuth, elevation = np.radians([camera.azimuth, camera.elevation])
     ahead = np.array(
@@ -93,10 +93,10 @@ def by_three(page: Page, glb: bytes, model: mujoco.MjModel, camera: mujoco.MjvCa
     }
     encoded = page.evaluate(_SCRIPT, [base64.b64encode(glb).decode(), WIDTH, HEIGHT, seen_from])
     pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(encoded))).convert("RGBA")).astype(int)
-    return Seen(pixels[..., :3], pixels[..., 3] > 0)
+    return Rendering(pixels[..., :3], pixels[..., 3] > 0)
 
 
-def by_mujoco(model: mujoco.MjModel, camera: mujoco.MjvCamera, left_out: set[int]) -> Seen:
+def render_mujoco(model: mujoco.MjModel, camera: mujoco.MjvCamera, excluded: set[int]) -> Rendering:
     """What MuJoCo draws of a model, but for the geoms of some bodies."""
     model.vis.headlight.ambient, model.vis.headlight.diffuse, model.vis.headlight.specular = (
         [1] * 3,
@@ -105,7 +105,7 @@ def by_mujoco(model: mujoco.MjModel, camera: mujoco.MjvCamera, left_out: set[int
     )
     model.vis.quality.offsamples = 0
     for geom in range(model.ngeom):
-        if int(model.geom_bodyid[geom]) in left_out:
+        if int(model.geom_bodyid[geom]) in excluded:
             model.geom_group[geom] = VISUAL_GROUP + 1
     data, option = mujoco.MjData(model), mujoco.MjvOption()
     mujoco.mj_forward(model, data)
@@ -120,4 +120,4 @@ def by_mujoco(model: mujoco.MjModel, camera: mujoco.MjvCamera, left_out: set[int
         renderer.enable_segmentation_rendering()
         renderer.update_scene(data, camera, option)
         covered = renderer.render()[..., 0] >= 0
-    return Seen(colours, covered)
+    return Rendering(colours, covered)

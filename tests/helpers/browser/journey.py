@@ -14,7 +14,7 @@ from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import Policies, SessionPlan
 from avrgym.vr.session.session import Session
 
-PATIENCE_S = 180.0
+TIMEOUT_S = 180.0
 SEATING = ("calibration", "loading", "check")
 """The phases in which a participant takes their place."""
 TRIAL = ("free_before", "countdown", "trial", "retreat", "free_after", "questionnaire")
@@ -51,52 +51,52 @@ DRAW_LITTLE = """() => {
 }"""
 
 
-def await_that(condition: Callable[[], bool]) -> None:
+def wait_until(condition: Callable[[], bool]) -> None:
     """Wait until something is so."""
-    give_up = time.monotonic() + PATIENCE_S
+    give_up = time.monotonic() + TIMEOUT_S
     while not condition():
         assert time.monotonic() < give_up
         time.sleep(0.02)
 
 
-def go_on(headset: EmulatedHeadset, *phases: str) -> None:
+def finish_phases(headset: EmulatedHeadset, *phases: str) -> None:
     """Press the trigger until phases that follow each other are over.
 
     More than once: a slow page may have sent too few frames to be measured by. A press may arrive late and end the
     next phase too, so whoever presses through several names them all.
     """
-    _await_any(headset, phases)
+    _wait_for_any(headset, phases)
     while headset.call("phase")["name"] in phases:
         headset.wait_for_frames(10)
         headset.pull_trigger("right")
 
 
-def await_phase(headset: EmulatedHeadset, name: str) -> None:
+def wait_for_phase(headset: EmulatedHeadset, name: str) -> None:
     """Wait until the page shows a phase, or one that follows it in its trial.
 
     A phase that ends by itself may be over before a slow machine looks again.
     """
-    _await_any(headset, TRIAL[TRIAL.index(name) :] if name in TRIAL else (name,))
+    _wait_for_any(headset, TRIAL[TRIAL.index(name) :] if name in TRIAL else (name,))
 
 
-def _await_any(headset: EmulatedHeadset, names: Sequence[str]) -> None:
+def _wait_for_any(headset: EmulatedHeadset, names: Sequence[str]) -> None:
     headset.page.wait_for_function(
         "([...names]) => names.includes(window.avrgymEmulator?.phase()?.name)",
         arg=list(names),
-        timeout=1000 * PATIENCE_S,
+        timeout=1000 * TIMEOUT_S,
     )
 
 
-def await_buttons(headset: EmulatedHeadset, item: str) -> None:
+def wait_for_buttons(headset: EmulatedHeadset, item: str) -> None:
     """Wait until the panel shows the buttons of a question, or of the ``body`` to choose."""
     headset.page.wait_for_function(
         "([item]) => window.avrgymEmulator.buttons()[0]?.item === item",
         arg=[item],
-        timeout=1000 * PATIENCE_S,
+        timeout=1000 * TIMEOUT_S,
     )
 
 
-def draw_little(headset: EmulatedHeadset) -> None:
+def skip_drawing(headset: EmulatedHeadset) -> None:
     """Let the page do all that it does but fill pixels, which takes software ten times as long as all the rest.
 
     It draws a frame every third time that a display would. Tests that look at pictures ask for them with
@@ -147,7 +147,7 @@ class Journey:
             EmulatedHeadset(self.server.url, **{"width": 320, "height": 180, **browser})
         )
         if not draws:
-            draw_little(self.headset)
+            skip_drawing(self.headset)
         self.participant = SimulatedParticipant(draw_traits(plan.sex, 5), 5, plan.furniture)
 
     @property
@@ -159,23 +159,23 @@ class Journey:
         """Rest and enter VR."""
         self.headset.set_poses(self.participant.frame(0.0, moving=False))
         self.headset.enter_vr()
-        self.await_phase("calibration")
+        self.wait_for_phase("calibration")
 
-    def be_seated(self) -> None:
+    def calibrate(self) -> None:
         """Press the trigger until the participant is measured and has seen that they fit."""
         self.go_on(*SEATING)
 
-    def go_on(self, *phases: str) -> None:
+    def finish_phases(self, *phases: str) -> None:
         """Press the trigger until phases that follow each other are over."""
-        go_on(self.headset, *phases)
+        finish_phases(self.headset, *phases)
 
-    def await_phase(self, name: str) -> None:
+    def wait_for_phase(self, name: str) -> None:
         """Wait until the page shows a phase, or one that follows it in its trial."""
-        await_phase(self.headset, name)
+        wait_for_phase(self.headset, name)
 
-    def await_buttons(self, item: str) -> None:
+    def wait_for_buttons(self, item: str) -> None:
         """Wait until the panel shows the buttons of a question, or of the ``body`` to choose."""
-        await_buttons(self.headset, item)
+        wait_for_buttons(self.headset, item)
 
     def results(self) -> list[str]:
         """How the attempts ended that have."""

@@ -32,7 +32,7 @@ class StagedPage:
         self.page.goto(f"{ADDRESS}/{name}{query}#token=t")
         return self.page
 
-    def say(self, *said: messages.Message) -> None:
+    def send(self, *said: messages.Message) -> None:
         """Send the page messages."""
         for message in said:
             self._sockets[-1].send(messages.encode(message))

@@ -9,7 +9,7 @@ from avrgym.tasks.human_view import human_view_of
 from avrgym.tasks.registry import sizes
 
 
-def network(
+def random_network(
     environment: str,
     *,
     of_human: bool = True,
@@ -41,7 +41,7 @@ def network(
     )
 
 
-def saved(path: Path, policy: Policy) -> str:
+def save_network(path: Path, policy: Policy) -> str:
     """A network's file, in a folder that need not be there yet."""
     path.parent.mkdir(parents=True, exist_ok=True)
     policy.save(path)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from helpers.system.places import TESTS
+from helpers.system.paths import TESTS
 
 os.environ["RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO"] = "0"
 os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
@@ -49,25 +49,25 @@ def kill_node(node: Any) -> None:
     node.kill_raylet(check_alive=False)
 
 
-def assert_same_training(out: Path, whole: Path) -> None:
+def assert_same_training(out: Path, expected: Path) -> None:
     """All that the next update of two trainings would depend on, bit for bit."""
     import torch
 
-    one, other = (torch.load(folder / "checkpoint.pt", weights_only=True) for folder in (out, whole))
+    one, other = (torch.load(folder / "checkpoint.pt", weights_only=True) for folder in (out, expected))
     assert one["steps"] == other["steps"]
     for part in ("policy", "observations", "returns"):
         for name, value in one[part].items():
             assert np.array_equal(np.asarray(value), np.asarray(other[part][name])), name
 
 
-def where() -> tuple[int, str]:
+def process_and_node() -> tuple[int, str]:
     """Process and node of a call."""
     import ray
 
     return os.getpid(), ray.get_runtime_context().get_node_id()
 
 
-def refuse(number: int) -> None:
+def raise_error(number: int) -> None:
     """Fail."""
     raise ValueError(f"{number} is refused")
 

@@ -7,7 +7,7 @@ import pytest
 from avrgym.learning import training
 
 
-def train_little(patch: pytest.MonkeyPatch) -> None:
+def shorten_training(patch: pytest.MonkeyPatch) -> None:
     """Make trainings use two worlds and one epoch, and evaluate them with one episode."""
     usual = training.configuration_for
     little = {"num_envs": 2, "batch_size": 100, "n_epochs": 1}

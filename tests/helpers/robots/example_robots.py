@@ -13,14 +13,14 @@ from avrgym.models.urdf import add_mesh, colour_of, read_mesh
 from avrgym.robots.registry import ROBOTS
 from avrgym.robots.rtb_data import rtb_data_path
 from avrgym.tasks.registry import TASKS
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
 sys.path.append(str(ROOT / "examples" / "extension" / "src"))
 
 from avrgym_example.gen3 import GEN3
 from avrgym_example.ur5 import UR5
 
-EVERY: dict[str, Robot] = {robot.name: robot for robot in (*ROBOTS.values(), GEN3, UR5)}
+ALL_ROBOTS: dict[str, Robot] = {robot.name: robot for robot in (*ROBOTS.values(), GEN3, UR5)}
 PANDA_LINKS = ("link0", "link1", "link2", "link3", "link4", "link5", "link6", "link7", "hand", "finger")
 PERSON = Person("woman", 0.55)
 
@@ -42,14 +42,14 @@ def robot_model(name: str) -> mujoco.MjModel:
     """A robot alone, with its appearance."""
     if name == "Panda":
         return panda()
-    robot = EVERY[name]
+    robot = ALL_ROBOTS[name]
     return robot_spec(robot, next(iter(robot.arms.values())), appearance=True).compile()
 
 
 def scene_of(name: str, task: str) -> mujoco.MjModel | None:
     """The scene of a task with a robot and a person; nothing where the robot does not suit it."""
     try:
-        scene = TASKS[task].scene(EVERY[name])
+        scene = TASKS[task].scene(ALL_ROBOTS[name])
     except UnsuitableError:
         return None
     return build_spec(scene, PERSON, moving=True, appearance=True).compile()

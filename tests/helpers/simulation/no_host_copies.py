@@ -15,7 +15,7 @@ WAITING = ("_local_scalar_dense", "nonzero", "masked_select", "equal", "_unique2
 """What PyTorch cannot compute without knowing numbers of the device."""
 
 
-class Copied(AssertionError):
+class HostCopyError(AssertionError):
     """Something asked for a number of the device."""
 
 
@@ -26,17 +26,17 @@ class _Watch(TorchDispatchMode):
             each is not None and each.dtype is torch.bool for each in args[1]
         )
         if name in WAITING or masks:
-            raise Copied(name)
+            raise HostCopyError(name)
         return func(*args, **(kwargs or {}))
 
 
 @contextmanager
-def nothing_copied() -> Generator[None]:
+def forbid_host_copies() -> Generator[None]:
     """Raise ``Copied`` for each way to the host that is taken within."""
 
     def refuse(name: str) -> Any:
         def refused(*_: Any, **__: Any) -> Any:
-            raise Copied(name)
+            raise HostCopyError(name)
 
         return refused
 

@@ -1,4 +1,4 @@
-"""Jaco on a mount that leaves too little room."""
+"""Moves the wheelchair mount of the Jaco."""
 
 from dataclasses import replace
 
@@ -9,10 +9,10 @@ from avrgym.robots.jaco.robot import JACO
 from avrgym.tasks import placement_check
 
 
-def place(patch: pytest.MonkeyPatch, *offset_m: float) -> None:
-    """Have Jaco's mount on the wheelchair moved by x, y, z."""
+def offset_mount(patch: pytest.MonkeyPatch, *offset_m: float) -> None:
+    """Move the Jaco's wheelchair mount by (x, y, z), m."""
     mount = JACO.mounts["wheelchair"]
-    x, y, z = (float(place + offset) for place, offset in zip(mount.pos_w, offset_m, strict=True))
-    moved = replace(JACO, mounts={**JACO.mounts, "wheelchair": replace(mount, pos_w=(x, y, z))})
-    patch.setitem(registry._robots, "Jaco", moved)
+    x, y, z = (float(pos + offset) for pos, offset in zip(mount.pos_w, offset_m, strict=True))
+    changed = replace(JACO, mounts={**JACO.mounts, "wheelchair": replace(mount, pos_w=(x, y, z))})
+    patch.setitem(registry._robots, "Jaco", changed)
     placement_check.draws_by_body.cache_clear()

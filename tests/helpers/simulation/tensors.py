@@ -8,12 +8,12 @@ import numpy as np
 import torch
 
 
-def tensors(value: Any, device: str = "cpu") -> Any:
+def as_tensors(value: Any, device: str = "cpu") -> Any:
     """Arrays, and dataclasses, mappings and tuples of arrays, as tensors."""
     return _each(value, lambda array: torch.tensor(array).to(device))
 
 
-def single(value: Any) -> Any:
+def single_precision(value: Any) -> Any:
     """Tensors of floating numbers, and dataclasses, mappings and tuples of them, in single precision."""
     return _each(value, lambda tensor: tensor.float() if tensor.dtype.is_floating_point else tensor)
 
@@ -28,18 +28,20 @@ def _each(value: Any, change: Callable[[Any], Any]) -> Any:
     return change(value)
 
 
-def assert_alike(found: Any, wanted: Any, where: str = "") -> None:
+def assert_tensors_close(found: Any, wanted: Any, where: str = "") -> None:
     """Tensors hold, to 1e-5, what arrays do; likewise dataclasses, mappings and tuples of them."""
     if isinstance(wanted, Mapping):
         assert list(found) == list(wanted), where
         for name, each in wanted.items():
-            assert_alike(found[name], each, f"{where}.{name}")
+            assert_tensors_close(found[name], each, f"{where}.{name}")
     elif isinstance(wanted, tuple):
         for number, (one, other) in enumerate(zip(found, wanted, strict=True)):
-            assert_alike(one, other, f"{where}[{number}]")
+            assert_tensors_close(one, other, f"{where}[{number}]")
     elif is_dataclass(wanted):
         for each in fields(wanted):
-            assert_alike(getattr(found, each.name), getattr(wanted, each.name), f"{where}.{each.name}")
+            assert_tensors_close(
+                getattr(found, each.name), getattr(wanted, each.name), f"{where}.{each.name}"
+            )
     else:
         assert isinstance(found, torch.Tensor), where
         assert found.dtype.is_floating_point == (np.asarray(wanted).dtype.kind == "f"), where

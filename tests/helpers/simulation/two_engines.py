@@ -12,7 +12,7 @@ from avrgym.tasks.task import Controller
 WARP = "warp:cpu"
 
 
-def on_both(environment: str, worlds: int, people: str = "revised", seed: int = 3) -> list[Episodes]:
+def episodes_on_both(environment: str, worlds: int, people: str = "revised", seed: int = 3) -> list[Episodes]:
     """Episodes on threads and on Warp's own processor device that have begun alike."""
     both = [
         Episodes(environment, worlds, people=people, engine=engine, num_threads=1)
@@ -23,7 +23,7 @@ def on_both(environment: str, worlds: int, people: str = "revised", seed: int = 
     return both
 
 
-class Compared(NamedTuple):
+class Comparison(NamedTuple):
     """What the same actions gave on threads and on Warp."""
 
     threads: Step
@@ -32,17 +32,17 @@ class Compared(NamedTuple):
     """How far apart the arms' joints are at most."""
 
 
-def step_both(both: list[Episodes], expert: Controller, steps: int) -> Iterator[Compared]:
+def step_both(both: list[Episodes], expert: Controller, steps: int) -> Iterator[Comparison]:
     """Both driven by who sees the threads' worlds."""
     threads, warp = both
     for _ in range(steps):
         action = np.asarray(expert(threads.observe()), float)
         first, second = threads.step(action), warp.step(action)
         apart = np.abs(threads.simulation.arm_angles_rad() - warp.simulation.arm_angles_rad()).max()
-        yield Compared(first, second, float(apart))
+        yield Comparison(first, second, float(apart))
 
 
-def put_in_the_same_state(both: list[Episodes]) -> None:
+def copy_state(both: list[Episodes]) -> None:
     """Bring Warp's worlds to where those on threads are."""
     threads, warp = (episodes.simulation for episodes in both)
     for world in range(threads.num_worlds):

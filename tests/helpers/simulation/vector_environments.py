@@ -78,7 +78,7 @@ def assert_same_pair(ours: tuple[Any, ...], theirs: tuple[Any, ...], where: str)
         assert_same(our, their, f"{where}, part {i}")
 
 
-def unusable(shape: tuple[int, ...]) -> list[Any]:
+def invalid_actions(shape: tuple[int, ...]) -> list[Any]:
     """Actions that are none for environments that take this shape."""
     spoilt = [np.zeros(shape) for _ in range(3)]
     for array, number in zip(spoilt, (np.nan, np.inf, -np.inf), strict=True):

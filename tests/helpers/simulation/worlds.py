@@ -11,7 +11,7 @@ from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 
 
-def still_world(**changes: Any) -> State:
+def resting_state(**changes: Any) -> State:
     """One world at rest in which nothing touches and whatever is not given is nought."""
     point, unturned = np.zeros((1, 3)), transforms.IDENTITY_QUATERNION[None]
     plain = State(
@@ -50,7 +50,7 @@ def jerky_actions(rng: np.random.Generator, worlds: int, steps: int) -> np.ndarr
     return np.repeat(signs, 5, axis=0)[:steps]
 
 
-def assert_sane(episodes: Episodes, rng: np.random.Generator, steps: int) -> None:
+def assert_finite(episodes: Episodes, rng: np.random.Generator, steps: int) -> None:
     """Assert that jerky actions leave observations and rewards finite, and the physics without a warning."""
     worlds = episodes.simulation.num_worlds
     for action in jerky_actions(rng, worlds, steps):

@@ -13,7 +13,7 @@ from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import Trial
 from avrgym.tasks.registry import TASKS, find_environment, plugins_of
 from avrgym.vr.session.attempt import versions
-from helpers.system.places import OLD_RECORDING
+from helpers.system.paths import OLD_RECORDING
 
 
 def configuration(**changes: Any) -> Configuration:

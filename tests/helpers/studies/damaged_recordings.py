@@ -7,10 +7,10 @@ import numpy as np
 from avrgym.study.export.trials import completed_attempts, verified
 from avrgym.study.storage.store import Store
 
-BROKEN = "recordings/sub-001/ses-01/trial-02_attempt-1.mcap"
+RECORDING = "recordings/sub-001/ses-01/trial-02_attempt-1.mcap"
 
 
-def damages(content: bytes, count: int, rng: np.random.Generator) -> list[bytes]:
+def damaged_copies(content: bytes, count: int, rng: np.random.Generator) -> list[bytes]:
     """The file cut off at half of so many places, and with another bit flipped at the other half."""
     made = [content[:size] for size in rng.choice(len(content), count // 2, replace=False)]
     for place in rng.choice(len(content), count - count // 2, replace=False):
@@ -20,14 +20,14 @@ def damages(content: bytes, count: int, rng: np.random.Generator) -> list[bytes]
     return made
 
 
-def count_unnoticed(folder: Path, count: int) -> int:
+def count_undetected(folder: Path, count: int) -> int:
     """How many of so many damages to one recording an export would pass over."""
-    path = folder / BROKEN
+    path = folder / RECORDING
     content = path.read_bytes()
     unnoticed = 0
     with Store(folder) as store:
-        (exported,) = (each for each in completed_attempts(store) if each.attempt.recording == BROKEN)
-        for damaged in damages(content, count, np.random.default_rng(4)):
+        (exported,) = (each for each in completed_attempts(store) if each.attempt.recording == RECORDING)
+        for damaged in damaged_copies(content, count, np.random.default_rng(4)):
             path.write_bytes(damaged)
             unnoticed += not verified([exported])[1]
         path.write_bytes(content)

@@ -9,7 +9,7 @@ from avrgym.questionnaires.nasa_tlx import NASA_TLX
 from avrgym.study.design.design import default_text
 from avrgym.study.people.participants import enrol, record_consent, record_inclusion
 from avrgym.study.storage.store import Store
-from helpers.studies.small_studies import fitting_answers, run_participant
+from helpers.studies.small_studies import eligible_answers, run_participant
 
 QUESTIONNAIRES = """\
 [[questionnaires]]
@@ -288,6 +288,6 @@ def participate(store: Store, language: str, *, simulated: bool = True, trials: 
     """Somebody takes part who reads the study in a language."""
     pseudonym = enrol(store, "woman", age_years=30, language=language, simulated=simulated)
     record_consent(store, pseudonym)
-    assert record_inclusion(store, pseudonym, fitting_answers(store))
+    assert record_inclusion(store, pseudonym, eligible_answers(store))
     run_participant(store, pseudonym, trials, simulated=simulated)
     return pseudonym

@@ -30,18 +30,18 @@ from avrgym.vr.protocol.messages import (
     Tracking,
     VisibilityChanged,
 )
-from helpers.studies.small_studies import take_in
-from helpers.vr.device_switch_examples import SIDES, measured, misjudged
+from helpers.studies.small_studies import enrol_with_consent
+from helpers.vr.device_switch_examples import SIDES, measured_pose, random_error
 
 RUNNING = ("free_before", "countdown", "trial")
-HELPED = ("retreat", "free_after", "questionnaire", "confirm")
-PARTS = ("head", "left", "right")
-AT_ONCE = ("menu", "network", "reload", "leave", "restart")
+AFTER_TRIAL = ("retreat", "free_after", "questionnaire", "confirm")
+TRACKED_PARTS = ("head", "left", "right")
+INTERRUPTIONS = ("menu", "network", "reload", "leave", "restart")
 """What breaks off an attempt in the tick in which it happens, before the robot has finished."""
-KINDS = ("none", "limb", "limb", "frames", "switch", *AT_ONCE)
+KINDS = ("none", "limb", "limb", "frames", "switch", *INTERRUPTIONS)
 LOST_S, EDGE_S = 1.0, CONTROL_STEP_S
 """So long a part must be missing, and within what of a limit either outcome is right."""
-MISJUDGED_M, MISJUDGED_DEG = 0.1, 60.0
+MAX_CAMERA_ERROR_M, MAX_CAMERA_ERROR_DEG = 0.1, 60.0
 """By so much at most a camera sees a hand elsewhere than a controller does."""
 LIMIT_TICKS = 60_000
 
@@ -72,9 +72,11 @@ class Expected:
         """Whether it must be completed; ``None`` near a limit."""
         if self.happened_s is None or self.fault.kind in ("none", "switch"):
             return True
-        if self.fault.kind in AT_ONCE:
+        if self.fault.kind in INTERRUPTIONS:
             return self.happened_in not in RUNNING
-        if self.happened_in in HELPED or (self.fault.kind == "limb" and self.fault.part not in self.needed):
+        if self.happened_in in AFTER_TRIAL or (
+            self.fault.kind == "limb" and self.fault.part not in self.needed
+        ):
             return True
         until_s = self.happened_s + self.fault.lasts_s
         seen_s = until_s if self.finished_s is None else min(until_s, self.finished_s)
@@ -89,7 +91,7 @@ class FaultyStudy:
         self.store, self.rng = store, random.Random(seed)
         self.devices = np.random.default_rng(seed)
         self.attempts: dict[str, list[Expected]] = {}
-        self.heard: list[Sent] = []
+        self.inbox: list[Sent] = []
         self.ticks = 0
 
     @property
@@ -99,7 +101,7 @@ class FaultyStudy:
     def run(self, participants: int) -> None:
         """Let so many participants complete the study."""
         for number in range(participants):
-            self.pseudonym = take_in(self.store)
+            self.pseudonym = enrol_with_consent(self.store)
             self.attempts[self.pseudonym] = []
             self.participant = SimulatedParticipant(draw_traits("woman", number), number)
             self._open()
@@ -110,7 +112,7 @@ class FaultyStudy:
             self.sessions.close(self.now_s)
 
     def _open(self) -> None:
-        self.sessions = StudySessions(self.store, self.heard.append, first=self.pseudonym)
+        self.sessions = StudySessions(self.store, self.inbox.append, first=self.pseudonym)
         self._connected, self._visible, self._missing, self._switched = True, True, set[str](), False
         self._until_s: float | None = None
         self._seen, self._began_s, self._acted_s = "", self.now_s, self.now_s
@@ -122,7 +124,7 @@ class FaultyStudy:
         return session.phase if session is not None else "over"
 
     def _latest(self, kind: type) -> Sent | None:
-        return next((message for message in reversed(self.heard) if isinstance(message, kind)), None)
+        return next((message for message in reversed(self.inbox) if isinstance(message, kind)), None)
 
     def _tell(self, *told) -> None:
         for message in told:
@@ -130,7 +132,7 @@ class FaultyStudy:
 
     def _connect(self) -> None:
         self._connected, self._visible = True, True
-        self.sessions.welcome(self.heard.append, "participant", self.now_s)
+        self.sessions.welcome(self.inbox.append, "participant", self.now_s)
 
     def _tick(self) -> None:
         self._notice()
@@ -138,7 +140,7 @@ class FaultyStudy:
         if self._connected:
             self._attend()
         self.sessions.tick(self.now_s)
-        del self.heard[:-400]
+        del self.inbox[:-400]
         self.ticks += 1
 
     def _notice(self) -> None:
@@ -147,7 +149,7 @@ class FaultyStudy:
             return
         if phase == "free_before":
             self._begin_attempt()
-        elif phase in HELPED and self._running is not None and self._running.finished_s is None:
+        elif phase in AFTER_TRIAL and self._running is not None and self._running.finished_s is None:
             self._running.finished_s = self.now_s
         self._seen, self._began_s = phase, self.now_s
 
@@ -167,7 +169,7 @@ class FaultyStudy:
             ),
             rng.uniform(0.0, 0.8),
             rng.choice((0.1, 0.3, 0.6, 1.6, 2.5)),
-            rng.choice(PARTS),
+            rng.choice(TRACKED_PARTS),
         )
         self.attempts[self.pseudonym].append(Expected(fault, task.tracked))
 
@@ -198,15 +200,15 @@ class FaultyStudy:
         elif fault.kind == "switch":
             self._switched = True
             self._errors = {
-                side: misjudged(
+                side: random_error(
                     self.devices,
-                    self.devices.uniform(0.0, MISJUDGED_M),
-                    self.devices.uniform(0.0, MISJUDGED_DEG),
+                    self.devices.uniform(0.0, MAX_CAMERA_ERROR_M),
+                    self.devices.uniform(0.0, MAX_CAMERA_ERROR_DEG),
                 )
                 for side in SIDES
             }
         elif fault.kind != "none":
-            self._missing = {fault.part} if fault.kind == "limb" else set(PARTS)
+            self._missing = {fault.part} if fault.kind == "limb" else set(TRACKED_PARTS)
 
     def _mend(self) -> None:
         expected = self._running
@@ -222,7 +224,7 @@ class FaultyStudy:
 
     def _attend(self) -> None:
         """Send frames, and now and then do what the phase asks for."""
-        if self.ticks % 3 == 0 and self._visible and self._missing != set(PARTS):
+        if self.ticks % 3 == 0 and self._visible and self._missing != set(TRACKED_PARTS):
             self._tell(self._frame())
         if self.phase == "loading" and (scene := self._latest(Scene)) is not None:
             assert isinstance(scene, Scene)
@@ -257,7 +259,7 @@ class FaultyStudy:
                 assert grip is not None
                 changes |= {
                     f"{side}_modality": "hand",
-                    side: measured(grip, side, "hand", self._errors[side]),
+                    side: measured_pose(grip, side, "hand", self._errors[side]),
                 }
         return msgspec.structs.replace(frame, **changes)
 
@@ -309,7 +311,7 @@ class FaultyStudy:
         words = {True: "counts", False: "is repeated", None: "near a limit"}
         return Counter(
             f"{each.fault.kind if each.happened_s is not None else 'none'}"
-            f"{' after the robot' if each.happened_in in HELPED else ''}: {words[each.counts]}"
+            f"{' after the robot' if each.happened_in in AFTER_TRIAL else ''}: {words[each.counts]}"
             for own in self.attempts.values()
             for each in own
         )

@@ -20,7 +20,7 @@ def flip_bit(study: Path, copy: Path, rng: random.Random, name: str) -> int:
     return bit
 
 
-def noticed(study: Path) -> bool:
+def is_detected(study: Path) -> bool:
     """Whether a study does not open, or its check finds something wrong."""
     try:
         with Store(study) as store:

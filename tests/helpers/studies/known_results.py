@@ -22,18 +22,18 @@ from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
 from avrgym.vr.latency import STAGES
 from helpers.studies.configurations import trial_configuration
-from helpers.studies.small_studies import fitting_answers
+from helpers.studies.small_studies import eligible_answers
 
 STEPS = 5
 ITEMS = ("L1", "L2", "L3", "L4")
 Rate = Callable[[Participant, Trial, str], int]
 
 
-def take_part(store: Store, sex: Sex = "woman", *, simulated: bool = True, site: str = "") -> str:
+def enrol_included(store: Store, sex: Sex = "woman", *, simulated: bool = True, site: str = "") -> str:
     """Enrol someone, with consent and an order."""
     pseudonym = enrol(store, sex, age_years=22, simulated=simulated, site=site)
     record_consent(store, pseudonym)
-    record_inclusion(store, pseudonym, fitting_answers(store))
+    record_inclusion(store, pseudonym, eligible_answers(store))
     return pseudonym
 
 
@@ -71,7 +71,7 @@ def run_trials(
     close_session(store, session.id)
 
 
-def break_off(store: Store, pseudonym: str) -> TrialAttempt:
+def interrupt_trial(store: Store, pseudonym: str) -> TrialAttempt:
     """A session that stops in the first remaining trial."""
     session = open_session(store, pseudonym)
     attempt = begin_attempt(store, session.id, store.remaining_trials(pseudonym)[0].position)

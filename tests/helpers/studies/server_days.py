@@ -22,15 +22,15 @@ from avrgym.vr.protocol.messages import (
     Sent,
 )
 
-GIVEN = {"L1": 1, "L2": 2, "L3": 3, "L4": 4}
+ANSWERS = {"L1": 1, "L2": 2, "L3": 3, "L4": 4}
 
 
-class Day:
+class ServerDay:
     """A server's day: the sessions of a study, and a participant who answers ``most`` questions at most."""
 
     def __init__(self, store: Store, pseudonym: str) -> None:
-        self.heard: list[Sent] = []
-        send: Send = self.heard.append
+        self.inbox: list[Sent] = []
+        send: Send = self.inbox.append
         self.sessions = StudySessions(store, send, first=pseudonym)
         self.sessions.welcome(send, "participant", 0.0)
         self.participant = SimulatedParticipant(draw_traits("woman", 1), 1)
@@ -41,41 +41,41 @@ class Day:
         session = self.sessions._session
         return "over" if session is None or self.sessions.participant is None else session.phase
 
-    def tell(self, *told) -> None:
-        for message in told:
+    def send(self, *sent) -> None:
+        for message in sent:
             self.sessions.receive(message, self.ticks * TICK_S)
 
     def tick(self) -> None:
         if self.ticks % 4 == 0:
             frame = self.participant.frame(self.ticks * TICK_S, moving=self.phase != "calibration")
-            self.tell(frame)
+            self.send(frame)
         if self.phase == "loading":
-            self.tell(SceneLoaded([each for each in self.heard if isinstance(each, Scene)][-1].url))
+            self.send(SceneLoaded([each for each in self.inbox if isinstance(each, Scene)][-1].url))
         if self.phase in ("calibration", "check", "ready", "paused") and self.ticks % 40 == 39:
-            self.tell(Ready())
+            self.send(Ready())
         self.sessions.tick(self.ticks * TICK_S)
         self.ticks += 1
 
-    def until(self, *phases: str) -> None:
+    def run_until(self, *phases: str) -> None:
         ends = self.ticks + 20_000
         while self.phase not in phases:
             assert self.ticks < ends, f"still in {self.phase}"
             self.tick()
 
     def question(self) -> Question:
-        return [each for each in self.heard if isinstance(each, Question)][-1]
+        return [each for each in self.inbox if isinstance(each, Question)][-1]
 
     def answer(self, count: int) -> None:
         for _ in range(count):
             item = self.question().item
-            self.tell(Answer(item, GIVEN[item], 1.0))
+            self.send(Answer(item, ANSWERS[item], 1.0))
             self.tick()
 
     def end(self) -> None:
         self.sessions.close(self.ticks * TICK_S)
 
 
-def killed_in(folder: Path, pseudonym: str, phase: str, answers: int, stored: int) -> None:
+def kill_server_in(folder: Path, pseudonym: str, phase: str, answers: int, stored: int) -> None:
     """Kill the server's process (`kill -9`) in a phase, after so many answers, some of them stored in the database."""
     here, there = get_context("spawn").Pipe()
     process = get_context("spawn").Process(
@@ -92,9 +92,9 @@ def killed_in(folder: Path, pseudonym: str, phase: str, answers: int, stored: in
 def _attend(folder: Path, pseudonym: str, phase: str, answers: int, stored: int, told: Connection) -> None:
     """Go to a phase, tell that, and stay there."""
     with Store(folder) as store:
-        day = Day(store, pseudonym)
-        day.tell(Entered())
-        day.until("questionnaire" if answers else phase)
+        day = ServerDay(store, pseudonym)
+        day.send(Entered())
+        day.run_until("questionnaire" if answers else phase)
         day.answer(min(stored, answers))
         if stored < answers:
             visit.record_answer = lambda *_: None

@@ -10,21 +10,21 @@ from avrgym.study.design.allocation import cell_orders
 from avrgym.study.design.design import Design
 
 
-def with_values(design: Design, values: FloatArray) -> list[TrialValue]:
+def trial_values(design: Design, values: FloatArray) -> list[TrialValue]:
     """A study's trials with values (participants, tasks, robots, policies), each participant in the next order."""
     orders = cell_orders(design)
     return values_in_order(design, values, [orders[number % len(orders)] for number in range(len(values))])
 
 
-def answered(
+def simulated_answers(
     design: Design, participants: int, number: int, effect: float = 0.0, **spread: float
 ) -> list[TrialValue]:
     """Answers to a design's first item as ``avrgym study power`` imagines them, nobody withdrawing."""
     studies = SimulatedStudies(design, Assumptions(dropout=0.0, **spread), 0)
-    return with_values(design, studies.answers(effect, participants, number)[..., 0].astype(float))
+    return trial_values(design, studies.answers(effect, participants, number)[..., 0].astype(float))
 
 
-def latent(design: Design, participants: int, number: int, tendency: float = 0.0) -> FloatArray:
+def latent_values(design: Design, participants: int, number: int, tendency: float = 0.0) -> FloatArray:
     """Latent values (participants, tasks, robots, policies): effects of participants, tasks and noise.
 
     Participants differ in general, in policies, in robots and in tasks.
@@ -39,11 +39,11 @@ def latent(design: Design, participants: int, number: int, tendency: float = 0.0
     return values + rng.standard_normal((1, shape[1], 1, 1))
 
 
-def rewarded(design: Design, participants: int, number: int) -> list[TrialValue]:
+def simulated_rewards(design: Design, participants: int, number: int) -> list[TrialValue]:
     """Rewards without an effect of policies."""
-    return with_values(design, latent(design, participants, number))
+    return trial_values(design, latent_values(design, participants, number))
 
 
-def succeeded(design: Design, participants: int, number: int) -> list[TrialValue]:
+def simulated_successes(design: Design, participants: int, number: int) -> list[TrialValue]:
     """Successes without an effect of policies: somewhat more than half."""
-    return with_values(design, (latent(design, participants, number, 0.4) > 0.0).astype(float))
+    return trial_values(design, (latent_values(design, participants, number, 0.4) > 0.0).astype(float))

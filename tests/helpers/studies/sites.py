@@ -11,7 +11,7 @@ from avrgym.study.checking.checks import check_study
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.storage import hash_chain
 from avrgym.study.storage.store import Store
-from helpers.studies.small_studies import run_participant, small_study, take_in
+from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
 Tree = dict[str, bytes]
 
@@ -30,7 +30,7 @@ def add_participant(folder: Path, trials: int | None) -> str:
     """Someone with a name who runs so many trials at a site."""
     with Store(folder) as store:
         name = f"Grace Unverwechselbar {len(store.participants())}"
-        pseudonym = take_in(store, simulated=False, name=name)
+        pseudonym = enrol_with_consent(store, simulated=False, name=name)
         run_participant(store, pseudonym, trials, simulated=False)
     return pseudonym
 
@@ -43,18 +43,18 @@ def set_in_design(folder: Path, before: str, after: str) -> None:
     path.write_text(text.replace(f"\n{before}\n", f"\n{after}\n"))
 
 
-def tree(folder: Path) -> Tree:
+def files_in(folder: Path) -> Tree:
     """Every file in a folder, by name."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def wrong(folder: Path) -> list[str]:
+def check_errors(folder: Path) -> list[str]:
     """What a study's check finds wrong."""
     with Store(folder) as store:
         return [f"{each.where}: {each.what}" for each in check_study(store) if each.wrong]
 
 
-def contents(folder: Path) -> dict[str, list[Any]]:
+def study_contents(folder: Path) -> dict[str, list[Any]]:
     """All that a merged study tells of its participants, and the bytes of their recordings."""
     with Store(folder) as store:
         return {
@@ -75,7 +75,7 @@ def contents(folder: Path) -> dict[str, list[Any]]:
         }
 
 
-def merge_killed(folders: Sequence[Path], out: Path, after: int | float) -> bool:
+def kill_merge(folders: Sequence[Path], out: Path, after: int | float) -> bool:
     """Merge in a process that is killed: before so many steps, or after so many seconds; whether it was."""
     context = get_context("forkserver")
     context.set_forkserver_preload(["helpers.studies.sites"])

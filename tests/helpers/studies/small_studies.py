@@ -37,7 +37,7 @@ from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
 from helpers.studies.configurations import trial_configuration
-from helpers.system.processes import die_with_parent
+from helpers.system.processes import kill_with_parent
 
 STEPS = 3
 METRICS = Metrics(STEPS, reward=-1.5, success=True, seconds=4.0)
@@ -76,16 +76,16 @@ def small_study(folder: Path) -> Path:
     return make_study(folder, tasks='["Feeding"]')
 
 
-def fitting_answers(store: Store) -> dict[str, bool]:
+def eligible_answers(store: Store) -> dict[str, bool]:
     """The answers of someone who can take part."""
     return {question.id: question.required for question in store.design.inclusion}
 
 
-def take_in(store: Store, simulated: bool = True, name: str = "", contact: str = "") -> str:
+def enrol_with_consent(store: Store, simulated: bool = True, name: str = "", contact: str = "") -> str:
     """Enrol someone, with consent and an order."""
     pseudonym = enrol(store, "woman", age_years=22, name=name, contact=contact, simulated=simulated)
     record_consent(store, pseudonym)
-    assert record_inclusion(store, pseudonym, fitting_answers(store))
+    assert record_inclusion(store, pseudonym, eligible_answers(store))
     return pseudonym
 
 
@@ -189,7 +189,7 @@ def postgresql_server(programs: Path) -> Iterator[Path]:
     try:
         subprocess.run(initialise, check=True, capture_output=True, user=user, cwd=folder)
         with subprocess.Popen(
-            serve, stderr=subprocess.PIPE, user=user, cwd=folder, text=True, preexec_fn=die_with_parent
+            serve, stderr=subprocess.PIPE, user=user, cwd=folder, text=True, preexec_fn=kill_with_parent
         ) as server:
             try:
                 assert server.stderr is not None

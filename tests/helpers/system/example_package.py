@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 
 from avrgym.study.storage.store import create_study
-from helpers.system.places import ROOT
+from helpers.system.paths import ROOT
 
-LITTLE = "from avrgym.learning import training; training.MEASURED_EPISODES = 2; "
+FEW_EPISODES = "from avrgym.learning import training; training.EVALUATION_EPISODES = 2; "
 COMMANDS = """
 import json
 import sys
@@ -45,7 +45,7 @@ def install(folder: Path) -> None:
     )
 
 
-def environment_with(folder: Path) -> dict[str, str]:
+def environment_variables(folder: Path) -> dict[str, str]:
     """The variables of processes that find the packages of a folder."""
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(folder)])}
 
@@ -54,7 +54,7 @@ def python(folder: Path, *arguments: str) -> str:
     """What a Python process prints that runs in the folder and finds its packages; it must succeed."""
     ran = subprocess.run(
         [sys.executable, *arguments],
-        env=environment_with(folder),
+        env=environment_variables(folder),
         cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -93,7 +93,7 @@ def train_and_study(
         folder,
         ["train", environment, "--steps", str(steps), "--config", "settings.toml", "--out", "run"],
         ["evaluate", environment, "--policy", policy, "--episodes", "2", "--json", "rows.json"],
-        first=LITTLE if little else "",
+        first=FEW_EPISODES if little else "",
     )
     (row,) = json.loads((folder / "rows.json").read_text())
     print(f"\n{environment} after {steps} steps: {row}")

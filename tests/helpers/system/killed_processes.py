@@ -30,11 +30,11 @@ from avrgym.vr.session.plan import SessionPlan
 
 SEED = 5
 HEADER_BYTES = 8192
-WRITTEN = struct.Struct("<qq")
+JOURNAL_ENTRY = struct.Struct("<qq")
 """What is noted of each record as it is queued: its time in the trial and the machine's, nanoseconds."""
 
 
-def make_quick() -> None:
+def shorten_delays() -> None:
     """Let simulated participants waste no time in this process."""
     in_process_client.CALIBRATION_S = 0.6
     in_process_client.ANSWER_AFTER_S = 0.05
@@ -44,7 +44,7 @@ def make_quick() -> None:
 
 def take_part(folder: Path, pseudonym: str, seed: int, journal: Path) -> None:
     """A quick participant, whose records are noted as they are queued; ends by leaving the process."""
-    make_quick()
+    shorten_delays()
     _note_records(journal)
     simulate_participant(folder, pseudonym, DryRun(seed))
 
@@ -56,12 +56,12 @@ def _note_records(journal: Path) -> None:
     def noted(self: RecordingWriter, topic: str, log_time_ns: int, record) -> None:
         write(self, topic, log_time_ns, record)
         with open(journal / f"{self.path.parent.name}-{self.path.name}", "ab", buffering=0) as file:
-            file.write(WRITTEN.pack(log_time_ns, time.monotonic_ns()))
+            file.write(JOURNAL_ENTRY.pack(log_time_ns, time.monotonic_ns()))
 
     RecordingWriter.write = noted
 
 
-def begin(folder: Path, pseudonym: str, seed: int, journal: Path) -> BaseProcess:
+def start_participant(folder: Path, pseudonym: str, seed: int, journal: Path) -> BaseProcess:
     """Let someone take part in a process of their own, forked from one that has imported what they need."""
     context = get_context("forkserver")
     context.set_forkserver_preload(["avrgym.study.sessions.simulation"])
@@ -73,7 +73,7 @@ def begin(folder: Path, pseudonym: str, seed: int, journal: Path) -> BaseProcess
 
 def run_and_kill(folder: Path, pseudonym: str, seed: int, after_s: float, journal: Path) -> float:
     """Kill someone's process after a while, unless it is over before; the seconds that an open trial lost."""
-    process = begin(folder, pseudonym, seed, journal)
+    process = start_participant(folder, pseudonym, seed, journal)
     process.join(after_s)
     process.kill()
     process.join()
@@ -92,7 +92,7 @@ def _lost_s(path: Path, journal: Path) -> float:
         return 0.0
     data = noted.read_bytes()
     noted.unlink()
-    queued = list(WRITTEN.iter_unpack(data[: len(data) // WRITTEN.size * WRITTEN.size]))
+    queued = list(JOURNAL_ENTRY.iter_unpack(data[: len(data) // JOURNAL_ENTRY.size * JOURNAL_ENTRY.size]))
     try:
         kept = sum(len(records) for records in read_recording(path).topics.values())
     except RecordingError:  # killed before the header was whole
@@ -102,7 +102,9 @@ def _lost_s(path: Path, journal: Path) -> float:
     return min(last - first for first, last in zip(queued[kept], queued[-1], strict=True)) / 1e9
 
 
-def outcome_of(store: Store, pseudonym: str) -> list[tuple[Trial, Metrics, list[tuple[str, int, float]]]]:
+def completed_results(
+    store: Store, pseudonym: str
+) -> list[tuple[Trial, Metrics, list[tuple[str, int, float]]]]:
     """A participant's completed trials: what was planned, its metrics and its answers."""
     answers = store.answers(pseudonym)
     completed = {a.trial: a for a in store.attempts(pseudonym) if a.state == "completed"}
@@ -113,7 +115,7 @@ def outcome_of(store: Store, pseudonym: str) -> list[tuple[Trial, Metrics, list[
     ]  # fmt: skip
 
 
-def compare_with_killed(whole: Path, folder: Path, journal: Path, kills: int) -> str:
+def compare_with_killed(undisturbed: Path, folder: Path, journal: Path, kills: int) -> str:
     """Let the same participants take part in two equal studies, once undisturbed, once killed so often.
 
     What was completed before a kill must be completed after it. Both studies must be the same in the end, nothing
@@ -122,12 +124,12 @@ def compare_with_killed(whole: Path, folder: Path, journal: Path, kills: int) ->
     Returns:
         What was counted and measured, in words.
     """
-    trials = _take_part_undisturbed(whole, 1, journal)
-    people, lost_s = _kill(folder, kills, 1.5 * _first_session_s(whole) / trials, journal)
-    trials = _take_part_undisturbed(whole, people, journal)
-    attempts = assert_same(whole, folder)
+    trials = _take_part_undisturbed(undisturbed, 1, journal)
+    participants, lost_s = _kill(folder, kills, 1.5 * _first_session_s(undisturbed) / trials, journal)
+    trials = _take_part_undisturbed(undisturbed, participants, journal)
+    attempts = assert_same(undisturbed, folder)
     for path in folder.rglob("*.mcap"):
-        assert_loads(path)
+        assert_readable(path)
     assert lost_s < 1.0
     return (
         f"\n{kills} kills, {attempts} attempts at {trials} trials; an open trial lost at most {lost_s:.2f} s"
@@ -145,27 +147,27 @@ def _first_session_s(folder: Path) -> float:
 
 def _kill(folder: Path, kills: int, longest_s: float, journal: Path) -> tuple[int, float]:
     """Kill one participant after another; how many there were, and the seconds that an open trial lost at most."""
-    rng, done, people, lost_s = random.Random(SEED), 0, 0, 0.0
+    rng, done, participants, lost_s = random.Random(SEED), 0, 0, 0.0
     with Store(folder) as store:
         while done < kills:
-            pseudonym = simulated_participant(store, people, DryRun(SEED))
-            people += 1
+            pseudonym = simulated_participant(store, participants, DryRun(SEED))
+            participants += 1
             while done < kills and store.participant(pseudonym).state != "completed":
-                before = outcome_of(store, pseudonym)
+                before = completed_results(store, pseudonym)
                 after_s = rng.uniform(0.0, longest_s)
                 lost_s = max(lost_s, run_and_kill(folder, pseudonym, SEED, after_s, journal))
                 done += 1
-                assert outcome_of(store, pseudonym)[: len(before)] == before
+                assert completed_results(store, pseudonym)[: len(before)] == before
         _finish_all(folder, store, journal)
-    return people, lost_s
+    return participants, lost_s
 
 
 def _take_part_undisturbed(folder: Path, participants: int, journal: Path) -> int:
     """How many trials so many participants had."""
     with Store(folder) as store:
-        people = [simulated_participant(store, index, DryRun(SEED)) for index in range(participants)]
+        pseudonyms = [simulated_participant(store, index, DryRun(SEED)) for index in range(participants)]
         _finish_all(folder, store, journal)
-        return sum(len(store.trials(pseudonym)) for pseudonym in people)
+        return sum(len(store.trials(pseudonym)) for pseudonym in pseudonyms)
 
 
 def _finish_all(folder: Path, store: Store, journal: Path) -> None:
@@ -174,31 +176,31 @@ def _finish_all(folder: Path, store: Store, journal: Path) -> None:
             finish(folder, person.pseudonym, SEED, journal)
 
 
-def assert_same(whole: Path, folder: Path) -> int:
+def assert_same(undisturbed: Path, folder: Path) -> int:
     """Assert that two studies are the same in the end; how many attempts the second has, which was broken off."""
-    with Store(folder) as store, Store(whole) as expected:
-        people = [person.pseudonym for person in store.participants()]
-        for pseudonym in people:
+    with Store(folder) as store, Store(undisturbed) as expected:
+        pseudonyms = [person.pseudonym for person in store.participants()]
+        for pseudonym in pseudonyms:
             assert store.participant(pseudonym).state == "completed"
-            assert outcome_of(store, pseudonym) == outcome_of(expected, pseudonym)
+            assert completed_results(store, pseudonym) == completed_results(expected, pseudonym)
             for recorded, wanted in zip(
-                recorded_of(store, pseudonym), recorded_of(expected, pseudonym), strict=True
+                recorded_contents(store, pseudonym), recorded_contents(expected, pseudonym), strict=True
             ):
                 assert recorded == wanted
-        assert tables_of(store) == tables_of(expected)
+        assert exported_tables(store) == exported_tables(expected)
         assert [f"{each.where}: {each.what}" for each in check_study(store) if each.wrong] == []
-        return sum(len(store.attempts(pseudonym)) for pseudonym in people)
+        return sum(len(store.attempts(pseudonym)) for pseudonym in pseudonyms)
 
 
-def recorded_of(store: Store, pseudonym: str) -> Iterator[tuple[dict[str, Any], Outcome | None, list]]:
+def recorded_contents(store: Store, pseudonym: str) -> Iterator[tuple[dict[str, Any], Outcome | None, list]]:
     """All that the recordings of a participant's completed trials hold, but for session, attempt and slow disks."""
     completed = {a.trial: a for a in store.attempts(pseudonym) if a.state == "completed"}
     for trial in store.trials(pseudonym):
         recording = read_recording(store.path(completed[trial.id].recording))
         values = msgspec.to_builtins(recording.configuration)
-        configuration = {name: value for name, value in values.items() if name not in RUN}
+        configuration = {name: value for name, value in values.items() if name not in RUN_COLUMNS}
         configuration["consent"] = {
-            name: value for name, value in values["consent"].items() if name not in RUN
+            name: value for name, value in values["consent"].items() if name not in RUN_COLUMNS
         }
         messages = [
             message
@@ -208,7 +210,7 @@ def recorded_of(store: Store, pseudonym: str) -> Iterator[tuple[dict[str, Any], 
         yield configuration, recording.outcome, messages
 
 
-RUN = {
+RUN_COLUMNS = {
     "session",
     "attempt",
     "attempts",
@@ -222,20 +224,20 @@ RUN = {
     "at",
 }
 """Columns about the run that made a study, not about the study."""
-LOGS = {"events.csv", "log.csv"}
+LOG_TABLES = {"events.csv", "log.csv"}
 """Tables in which a killed run has more rows."""
 
 
-def tables_of(store: Store) -> dict[str, list[dict[str, str]]]:
+def exported_tables(store: Store) -> dict[str, list[dict[str, str]]]:
     """The rows of the exported tables but logs, of attempts and what was done in them only those of completed ones."""
     with TemporaryDirectory() as folder:
         export_study(store, "csv", Path(folder) / "tables")
         paths = (Path(folder) / "tables").glob("*.csv")
-        tables = {path.name: _rows(path) for path in paths if path.name not in LOGS}
+        tables = {path.name: _rows(path) for path in paths if path.name not in LOG_TABLES}
     completed = {_attempt(row) for row in tables["attempts.csv"] if row["state"] == "completed"}
     return {
         name: [
-            {column: value for column, value in row.items() if column not in RUN}
+            {column: value for column, value in row.items() if column not in RUN_COLUMNS}
             for row in rows
             if not row.get("attempt") or _attempt(row) in completed
         ]
@@ -252,7 +254,7 @@ def _attempt(row: dict[str, str]) -> tuple[str, str, str]:
     return row["participant"], row["position"], row["attempt"]
 
 
-def assert_loads(path: Path) -> None:
+def assert_readable(path: Path) -> None:
     """A file reads up to where it was broken off; only one that was killed as it was opened is none yet."""
     try:
         assert read_recording(path).configuration.simulated
@@ -262,6 +264,6 @@ def assert_loads(path: Path) -> None:
 
 def finish(folder: Path, pseudonym: str, seed: int, journal: Path) -> None:
     """Let someone take part to the end."""
-    process = begin(folder, pseudonym, seed, journal)
+    process = start_participant(folder, pseudonym, seed, journal)
     process.join()
     assert process.exitcode == os.EX_OK

@@ -10,14 +10,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from helpers.vr.time_limits import with_limits
+from helpers.vr.time_limits import command_with_limits
 
 AVRGYM = Path(sys.executable).with_name("avrgym")
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
 
 
-def die_with_parent() -> None:
+def kill_with_parent() -> None:
     """For ``preexec_fn``: Linux kills this process when the one that started it ends.
 
     Signals end it as one started by hand, also where the tests run in the background of a shell or under ``nohup``.
@@ -28,7 +28,7 @@ def die_with_parent() -> None:
 
 
 @dataclass(frozen=True)
-class Served:
+class RunningServer:
     """A server of its own process, and the addresses that it printed for this machine.
 
     That of ``participant`` has a token, unless a study waits for its first session.
@@ -40,15 +40,15 @@ class Served:
 
 
 @contextmanager
-def served(study: Path, *options: str, limits: tuple[str, ...] = ()) -> Iterator[Served]:
+def running_server(study: Path, *options: str, limits: tuple[str, ...] = ()) -> Iterator[RunningServer]:
     """`avrgym serve`, of a study or without one; killed when the context ends, unless it has ended before."""
-    command = [*with_limits(*limits), "serve", "--port", "0", "--study", study, *options]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent) as process:
+    command = [*command_with_limits(*limits), "serve", "--port", "0", "--study", study, *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=kill_with_parent) as process:
         try:
             assert process.stdout is not None
             lines = (line.strip() for line in process.stdout)
             participant = next(line for line in lines if re.fullmatch(r"https?://[^/]*/(#token=\S+)?", line))
             dashboard = next(line for line in lines if re.search("/(dashboard|spectator)#token=", line))
-            yield Served(process, participant, dashboard)
+            yield RunningServer(process, participant, dashboard)
         finally:
             process.kill()

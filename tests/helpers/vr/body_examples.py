@@ -21,7 +21,7 @@ from avrgym.vr.tracking import arm
 from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 
 FILE = Path(__file__).parents[3] / "client/tests/data/bodies.json"
-FEW, SEED = 60, 7
+COUNT, SEED = 60, 7
 BODIES = (
     (Person("woman", 0.54), SEATED),
     (Person("man", 0.63, arm_scale=1.15), SEATED),
@@ -94,4 +94,4 @@ def write(path: Path, seed: int, count: int) -> None:
 
 
 if __name__ == "__main__":
-    write(FILE, SEED, FEW)
+    write(FILE, SEED, COUNT)

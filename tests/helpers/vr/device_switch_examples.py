@@ -26,10 +26,10 @@ FILE = Path(__file__).parents[3] / "client/tests/data/switches.json"
 COUNT, FRAMES, SEED = 16, 40, 11
 FRAME_S = 1.0 / 72.0
 SIDES: tuple[Side, ...] = ("left", "right")
-EXACT: Error = (np.zeros(3), transforms.IDENTITY_QUATERNION)
+NO_ERROR: Error = (np.zeros(3), transforms.IDENTITY_QUATERNION)
 
 
-def moved(pose: XRPose, pos: FloatArray, q: FloatArray) -> XRPose:
+def compose(pose: XRPose, pos: FloatArray, q: FloatArray) -> XRPose:
     """A pose given in another."""
     x, y, z, w = pose.orientation
     there, there_q = np.empty(3), np.empty(4)
@@ -38,23 +38,23 @@ def moved(pose: XRPose, pos: FloatArray, q: FloatArray) -> XRPose:
     return XRPose((px, py, pz), (x, y, z, w))
 
 
-def measured(grip: XRPose, side: Side, modality: Modality, error: Error = EXACT) -> XRPose:
+def measured_pose(grip: XRPose, side: Side, modality: Modality, error: Error = NO_ERROR) -> XRPose:
     """The pose that a device gives of a hand whose grip is this."""
     if modality != "hand":
-        return moved(grip, *error)
+        return compose(grip, *error)
     wrist = transforms.invert(HAND_CENTRE_FROM_WRIST, GRIP_FROM_WRIST_AXES[side])
-    return moved(moved(grip, *wrist), *error)
+    return compose(compose(grip, *wrist), *error)
 
 
-def misjudged(rng: np.random.Generator, way_m: float, angle_deg: float) -> Error:
+def random_error(rng: np.random.Generator, distance_m: float, angle_deg: float) -> Error:
     """An error of this size, in any direction."""
     turn = transforms.from_axis_angle(
         transforms.normalize(rng.normal(size=3)), np.asarray(np.radians(angle_deg))
     )
-    return way_m * transforms.normalize(rng.normal(size=3)), turn
+    return distance_m * transforms.normalize(rng.normal(size=3)), turn
 
 
-def somewhere(rng: np.random.Generator) -> XRPose:
+def random_grip(rng: np.random.Generator) -> XRPose:
     """A grip within a person's reach."""
     x, y, z = rng.uniform((-0.5, 0.5, -0.6), (0.5, 1.3, 0.0)).tolist()
     qx, qy, qz, qw = transforms.normalize(rng.normal(size=4)).tolist()
@@ -68,8 +68,11 @@ def examples() -> Iterator[dict[str, Any]]:
 
 
 def _example(rng: np.random.Generator, side: Side, step_m: float) -> dict[str, Any]:
-    hand, grip, time_s = Hand(side), somewhere(rng), 0.0
-    errors = {"hand": misjudged(rng, rng.uniform(0.0, 0.2), rng.uniform(0.0, 90.0)), "controller": EXACT}
+    hand, grip, time_s = Hand(side), random_grip(rng), 0.0
+    errors = {
+        "hand": random_error(rng, rng.uniform(0.0, 0.2), rng.uniform(0.0, 90.0)),
+        "controller": NO_ERROR,
+    }
     modality: Modality = "controller"
     frames: list[dict[str, Any]] = []
     for _ in range(FRAMES):
@@ -77,8 +80,8 @@ def _example(rng: np.random.Generator, side: Side, step_m: float) -> dict[str, A
         time_s += FRAME_S + (rng.uniform(0.0, 3.0) if switches else 0.0)
         if switches:
             modality = "hand" if modality == "controller" else "controller"
-        grip = moved(grip, rng.normal(scale=step_m + 1e-4, size=3), transforms.IDENTITY_QUATERNION)
-        pose = measured(grip, side, modality, errors[modality])
+        grip = compose(grip, rng.normal(scale=step_m + 1e-4, size=3), transforms.IDENTITY_QUATERNION)
+        pose = measured_pose(grip, side, modality, errors[modality])
         followed = hand.grip(pose, modality, time_s)
         frames.append({"ms": 1000.0 * time_s, "pose": pose, "modality": modality, "grip": followed})
     return {"side": side, "frames": msgspec.to_builtins(frames)}

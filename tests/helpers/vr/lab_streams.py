@@ -10,7 +10,7 @@ import pytest
 
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.session.session import Session
-from helpers.vr.visit import Visit, driving, plan
+from helpers.vr.visit import Visit, constant_policies, plan
 
 pylsl = pytest.importorskip("pylsl", reason="`pip install avrgym[lsl]` brings Lab Streaming Layer")
 
@@ -18,13 +18,13 @@ from avrgym.vr.lab_streaming.outlets import POSED as POSED  # noqa: E402
 from avrgym.vr.lab_streaming.streams import LabStreams  # noqa: E402
 from avrgym.vr.lab_streaming.streams import lab_streams as lab_streams  # noqa: E402
 
-LAB = f"avrgym-tests-{os.getpid()}"
+LSL_SESSION = f"avrgym-tests-{os.getpid()}"
 """Streams of other tests, which may run at the same time, are in another lab."""
 RATE_HZ = 200.0
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 
 pylsl.set_config_content(
-    f"[multicast]\nResolveScope = machine\n[lab]\nSessionID = {LAB}\n[log]\nlevel = -3\n"
+    f"[multicast]\nResolveScope = machine\n[lab]\nSessionID = {LSL_SESSION}\n[log]\nlevel = -3\n"
 )
 
 
@@ -64,7 +64,13 @@ class LiveVisit(Visit):
             folder,
             short,
             make=lambda send: Session(
-                short, driving(short), folder, send, "visit", observe=self.observed.append, streams=streams
+                short,
+                constant_policies(short),
+                folder,
+                send,
+                "visit",
+                observe=self.observed.append,
+                streams=streams,
             ),
         )
 
@@ -77,13 +83,13 @@ class LiveVisit(Visit):
     def now_s(self) -> float:
         return pylsl.local_clock() - self._began_s
 
-    def live(self, until: Callable[[], bool]) -> None:
+    def run_live(self, until: Callable[[], bool]) -> None:
         """Tick in real time until something is so."""
-        give_up = time.monotonic() + PATIENCE_S
+        give_up = time.monotonic() + TIMEOUT_S
         while not until():
             assert time.monotonic() < give_up, f"still in {self.phase}; problems: {self.problems}"
             self.tick()
             time.sleep(TICK_S / 2)
 
-    def live_until(self, phase: str) -> None:
-        self.live(lambda: self.phase == phase)
+    def run_live_until(self, phase: str) -> None:
+        self.run_live(lambda: self.phase == phase)

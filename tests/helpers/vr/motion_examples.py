@@ -47,8 +47,8 @@ def examples(trial_steps: int, seeds: int) -> Iterator[dict[str, object]]:
             with TemporaryDirectory() as folder:
                 visit = Watched(Path(folder), environment, 100 * seed + number, trial_steps)
                 visit.participant.take_place(environment)
-                visit.sit_down()
-                visit.until("questionnaire", limit_s=120.0)
+                visit.calibrate()
+                visit.run_until("questionnaire", limit_s=120.0)
                 visit.leave()
             rows = [_row(frame) for frame in visit.frames[::EVERY]]
             yield {"environment": environment, "everyMs": 10 * FRAME_EVERY_TICKS * EVERY, "frames": rows}

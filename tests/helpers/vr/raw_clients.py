@@ -4,7 +4,7 @@ import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 UPGRADE = (
     b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
     b"Sec-WebSocket-Version: 13\r\n"
@@ -12,21 +12,21 @@ UPGRADE = (
 CLOSE = b"Connection: close\r\n"
 
 
-def dial(port: int) -> socket.socket:
+def connect(port: int) -> socket.socket:
     """A TCP connection."""
-    return socket.create_connection(("127.0.0.1", port), PATIENCE_S)
+    return socket.create_connection(("127.0.0.1", port), TIMEOUT_S)
 
 
 @contextmanager
-def idle(port: int, count: int) -> Iterator[list[socket.socket]]:
+def idle_connections(port: int, count: int) -> Iterator[list[socket.socket]]:
     """Connections that say nothing; to a TLS port they leave the handshake undone."""
     with ExitStack() as opened:
-        yield [opened.enter_context(dial(port)) for _ in range(count)]
+        yield [opened.enter_context(connect(port)) for _ in range(count)]
 
 
-def is_closed(connection: socket.socket, within_s: float = PATIENCE_S) -> bool:
+def is_closed(connection: socket.socket, timeout_s: float = TIMEOUT_S) -> bool:
     """Whether the server closes a connection, having said whatever it says."""
-    connection.settimeout(within_s)
+    connection.settimeout(timeout_s)
     try:
         while connection.recv(1 << 16):
             pass
@@ -56,10 +56,10 @@ def request(port: int, target: str = "/", *fields: bytes, method: str = "GET", b
     return line + b"".join(fields) + b"\r\n" + body
 
 
-def ask(port: int, data: bytes, within_s: float = PATIENCE_S) -> bytes:
+def exchange(port: int, data: bytes, timeout_s: float = TIMEOUT_S) -> bytes:
     """All that the server answers to these bytes, until it closes or says nothing for so long."""
-    with dial(port) as connection:
-        connection.settimeout(within_s)
+    with connect(port) as connection:
+        connection.settimeout(timeout_s)
         answer = b""
         try:
             connection.sendall(data)
@@ -75,7 +75,7 @@ def status(answer: bytes) -> int | None:
     return int(answer.split(None, 2)[1]) if answer.startswith(b"HTTP/1.1 ") else None
 
 
-def head(answer: bytes) -> dict[str, str]:
+def response_headers(answer: bytes) -> dict[str, str]:
     """The headers of an answer."""
     lines = answer.partition(b"\r\n\r\n")[0].decode("latin-1").split("\r\n")[1:]
     return {name.lower(): value.strip() for name, _, value in (line.partition(":") for line in lines)}

@@ -13,7 +13,7 @@ _received: WeakKeyDictionary[ClientConnection, int] = WeakKeyDictionary()
 """How many states each socket has brought."""
 
 
-def understand(socket: ClientConnection, data: str | bytes) -> ServerMessage:
+def decode_message(socket: ClientConnection, data: str | bytes) -> ServerMessage:
     """The message that a socket brought."""
     assert isinstance(data, bytes)
     message = messages.decode_server(data)

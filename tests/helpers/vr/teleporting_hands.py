@@ -20,7 +20,7 @@ IMPACT_N = 2.0 * IMPACT_KG * MAX_SPEED_M_S * RETURN_SHARE / CONTACT_S
 Frames = Callable[[int, Tracking, np.random.Generator], Tracking | None]
 
 
-def somewhere(pose: XRPose, rng: np.random.Generator, spread_m: float = SPREAD_M) -> XRPose:
+def random_pose_near(pose: XRPose, rng: np.random.Generator, spread_m: float = SPREAD_M) -> XRPose:
     """A pose anywhere about another, turned anyhow."""
     x, y, z = (np.array(pose.position) + rng.uniform(-spread_m, spread_m, 3)).tolist()
     turn = rng.normal(size=4)
@@ -28,22 +28,24 @@ def somewhere(pose: XRPose, rng: np.random.Generator, spread_m: float = SPREAD_M
     return XRPose((x, y, z), (qx, qy, qz, qw))
 
 
-def teleported(tracking: Tracking, rng: np.random.Generator) -> Tracking:
+def teleport(tracking: Tracking, rng: np.random.Generator) -> Tracking:
     """A frame whose head and hands are elsewhere."""
     assert tracking.head is not None
     assert tracking.left is not None
     assert tracking.right is not None
-    head, left, right = (somewhere(pose, rng) for pose in (tracking.head, tracking.left, tracking.right))
+    head, left, right = (
+        random_pose_near(pose, rng) for pose in (tracking.head, tracking.left, tracking.right)
+    )
     return msgspec.structs.replace(tracking, head=head, left=left, right=right)
 
 
-def _kept(every: int, shown: int) -> Frames:
+def _hold(every: int, shown: int) -> Frames:
     """Another place every so many ticks, tracked for the first few of them."""
     last: list[Tracking] = []
 
     def frames(tick: int, tracking: Tracking, rng: np.random.Generator) -> Tracking | None:
         if tick % every == 0:
-            last[:] = [teleported(tracking, rng)]
+            last[:] = [teleport(tracking, rng)]
         if tick % every >= shown:
             return None
         poses = {name: getattr(last[0], name) for name in ("head", "left", "right")}
@@ -52,28 +54,28 @@ def _kept(every: int, shown: int) -> Frames:
     return frames
 
 
-ATTACKS: dict[str, Callable[[], Frames]] = {
-    "everywhere": lambda: lambda tick, tracking, rng: teleported(tracking, rng),
-    "for a while": lambda: _kept(every=15, shown=15),
-    "after absence": lambda: _kept(every=25, shown=3),
+PATTERNS: dict[str, Callable[[], Frames]] = {
+    "everywhere": lambda: lambda tick, tracking, rng: teleport(tracking, rng),
+    "for a while": lambda: _hold(every=15, shown=15),
+    "after absence": lambda: _hold(every=25, shown=3),
 }
 """At every tick; for as long as is needed to be believed; and found elsewhere after not being tracked."""
 
 
-def peak_force_n(folder: Path, environment: str, seed: int, attack: str, *, steps: int) -> float:
+def peak_force_n(folder: Path, environment: str, seed: int, pattern: str, *, steps: int) -> float:
     """The strongest force, N, on the person in any tick of a trial under an attack of this name, else at rest."""
     trial = TrialPlan(environment, "revised", seed, practice=False)
     session = SessionPlan([trial], "woman", 0.2, simulated=True, trial_steps=steps, countdown_s=0.1)
     visit, rng = Visit(folder, session, load_policies(session)), np.random.default_rng(seed)
     visit.participant.take_place(environment)
-    visit.sit_down()
-    visit.until("trial")
+    visit.calibrate()
+    visit.run_until("trial")
     visit.tracking = False
-    frames = ATTACKS[attack]() if attack in ATTACKS else lambda tick, tracking, rng: tracking
+    frames = PATTERNS[pattern]() if pattern in PATTERNS else lambda tick, tracking, rng: tracking
     peak_n, tick = 0.0, 0
     while visit.phase == "trial":
         tracking = frames(tick, visit.frame(), rng)
-        visit.tell(*([] if tracking is None else [tracking]))
+        visit.send(*([] if tracking is None else [tracking]))
         visit.tick()
         state, tick = visit.session.world.simulation.state(), tick + 1
         peak_n = max(peak_n, float(state.robot_force_n[0] + state.tool_force_n[0]))

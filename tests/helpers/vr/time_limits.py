@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
-UNHURRIED = ("avrgym.vr.session.session:MAX_TICK_GAP_S=inf", "avrgym.vr.session.state:UNTRACKED_LIMIT_S=60")
+RELAXED_LIMITS = (
+    "avrgym.vr.session.session:MAX_TICK_GAP_S=inf",
+    "avrgym.vr.session.state:UNTRACKED_LIMIT_S=60",
+)
 """No trial ends because a busy machine stands still or tracks late."""
 
 
@@ -19,7 +22,7 @@ def set_limits(limits: Iterable[str], patch: pytest.MonkeyPatch) -> None:
         patch.setattr(import_module(module), name, float(seconds))
 
 
-def with_limits(*limits: str) -> list[str | Path]:
+def command_with_limits(*limits: str) -> list[str | Path]:
     """The first words of a command that runs `avrgym` so."""
     return [sys.executable, Path(__file__), *limits, "--"]
 

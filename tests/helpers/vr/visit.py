@@ -36,7 +36,7 @@ FRAME_EVERY_TICKS = 4
 CALIBRATION_TICKS = 20
 
 
-def drive(environment: str) -> Policy:
+def constant_policy(environment: str) -> Policy:
     """Turns every joint at 0.6 of its speed, whatever it sees."""
     size = sizes(environment)[0]
     return Policy(
@@ -71,9 +71,9 @@ def plan(
     return SessionPlan(trials, sex, free_movement_s, simulated=True, trial_steps=trial_steps, countdown_s=0.1)
 
 
-def driving(plan: SessionPlan) -> Policies:
+def constant_policies(plan: SessionPlan) -> Policies:
     """The policy ``drive`` for every environment of a plan."""
-    return {(trial.environment, trial.policy): drive(trial.environment) for trial in plan.trials}
+    return {(trial.environment, trial.policy): constant_policy(trial.environment) for trial in plan.trials}
 
 
 def result(recording: Recording) -> str:
@@ -104,29 +104,29 @@ class Visit:
         make: Callable[[Send], Session] | None = None,
     ) -> None:
         """Begin a session with a plan in a folder, or one that ``make`` makes."""
-        self.heard: list[messages.ServerMessage | messages.State] = []
+        self.inbox: list[messages.ServerMessage | messages.State] = []
         self.participant = participant or SimulatedParticipant(draw_traits(plan.sex, 1), 1)
-        self.tracking = self.loads = self.content = True
+        self.tracking = self.loads_scenes = self.confirms = True
         self.pose_rad: FloatArray | None = None
         self.observed: list[session_events.SessionEvent] = []
         self.session = (
-            make(self.hear)
+            make(self.receive)
             if make
             else Session(
                 plan,
-                policies or driving(plan),
+                policies or constant_policies(plan),
                 folder,
-                self.hear,
+                self.receive,
                 "visit",
                 observe=self.observed.append,
             )
         )
         self._ticks = 0
 
-    def hear(self, message: messages.ServerMessage | messages.State) -> None:
+    def receive(self, message: messages.ServerMessage | messages.State) -> None:
         """Take a message of the session, which a connection could send."""
         messages.encode(message)
-        self.heard.append(message)
+        self.inbox.append(message)
 
     @property
     def now_s(self) -> float:
@@ -138,25 +138,25 @@ class Visit:
         """The session's phase."""
         return self.session.phase
 
-    def said(self, kind: type) -> list[Any]:
+    def received(self, kind: type) -> list[Any]:
         """All messages of a kind, in order."""
-        return [message for message in self.heard if isinstance(message, kind)]
+        return [message for message in self.inbox if isinstance(message, kind)]
 
     @property
     def problems(self) -> list[str]:
         """The words of all problems, but for the warning of a busy machine that its disk is slow."""
-        return [problem.message for problem in self.said(Problem) if "slow" not in problem.message]
+        return [problem.message for problem in self.received(Problem) if "slow" not in problem.message]
 
     @property
     def phases(self) -> list[str]:
         """The names of all phases that were entered."""
-        return [phase.name for phase in self.said(Phase)]
+        return [phase.name for phase in self.received(Phase)]
 
     def recordings(self) -> list[Recording]:
         """All attempts so far."""
         return [read_recording(path) for path in self.session.recordings]
 
-    def tell(self, *told: messages.ClientMessage | messages.ExperimenterMessage | Disconnected) -> None:
+    def send(self, *told: messages.ClientMessage | messages.ExperimenterMessage | Disconnected) -> None:
         """Send messages to the session, now."""
         for message in told:
             self.session.receive(message, self.now_s)
@@ -171,51 +171,51 @@ class Visit:
         """Let time pass."""
         for _ in range(count):
             if self.tracking and self._ticks % FRAME_EVERY_TICKS == 0:
-                self.tell(self.frame())
-            if self.loads and self.phase in ("loading", "headset") and self.said(Scene):
-                self.tell(SceneLoaded(url=self.said(Scene)[-1].url))
-            if self.content and self.phase in ("check", "ready"):
-                self.tell(Ready())
+                self.send(self.frame())
+            if self.loads_scenes and self.phase in ("loading", "headset") and self.received(Scene):
+                self.send(SceneLoaded(url=self.received(Scene)[-1].url))
+            if self.confirms and self.phase in ("check", "ready"):
+                self.send(Ready())
             self.session.tick(self.now_s)
             self._ticks += 1
 
-    def until(self, phase: str, limit_s: float = 60.0) -> None:
+    def run_until(self, phase: str, limit_s: float = 60.0) -> None:
         """Let time pass until the session enters a phase."""
         ends_s = self.now_s + limit_s
         while self.phase != phase:
             assert self.now_s < ends_s, f"still in {self.phase} after {limit_s} s; problems: {self.problems}"
             self.tick()
 
-    def sit_down(self) -> None:
+    def calibrate(self) -> None:
         """Enter VR and be measured."""
-        self.tell(Entered())
+        self.send(Entered())
         self.tick(CALIBRATION_TICKS)
-        self.tell(Ready())
+        self.send(Ready())
 
     def go_to(self, phase: str) -> None:
         """From the beginning to a phase of the first trial."""
         if phase == "waiting":
             return
         if phase == "calibration":
-            self.tell(Entered())
+            self.send(Entered())
             self.tick(CALIBRATION_TICKS)
             return
-        self.loads, self.content = phase != "loading", phase != "check"
-        self.sit_down()
-        self.until({"paused": "trial", "finished": "questionnaire"}.get(phase, phase))
+        self.loads_scenes, self.confirms = phase != "loading", phase != "check"
+        self.calibrate()
+        self.run_until({"paused": "trial", "finished": "questionnaire"}.get(phase, phase))
         self.tick(3)
         if phase == "paused":
-            self.tell(Stop())
+            self.send(Stop())
         if phase == "finished":
             self.answer(1, 2, 3, 4)
 
     def answer(self, *values: int) -> None:
         """Answer the questions that are asked, one after another."""
         for value in values:
-            item = self.said(Question)[-1].item
-            self.tell(Answer(item=item, value=value, response_time_s=1.5))
-        if self.content and self.phase == "confirm":
-            self.tell(Ready())
+            item = self.received(Question)[-1].item
+            self.send(Answer(item=item, value=value, response_time_s=1.5))
+        if self.confirms and self.phase == "confirm":
+            self.send(Ready())
 
     def leave(self) -> None:
         """End the session."""

@@ -6,38 +6,38 @@ from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import kinematics, transforms
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
-from helpers.simulation.starts import begun
+from helpers.simulation.initial_states import reset_episodes
 
-MOST_FORCE_N = 500.0
+MAX_FORCE_N = 500.0
 """Of all contacts together, up to ten at once where a hand is wedged between forearm, chest and thighs: that of each is
 derived in ``models.yielding``, how many there are is measured."""
 
-HOW = ("random", "constant", "at the person")
+MOTIONS = ("random", "constant", "at the person")
 
 
-def pressed(
-    environment: str, worlds: int, people: str, impairment: str, how: str, *, steps: int
+def peak_forces(
+    environment: str, worlds: int, people: str, impairment: str, motion: str, *, steps: int
 ) -> FloatArray:
     """The largest force (N,) on each person in so many steps.
 
     ``how`` the robot moves: anew at ``random`` in each step; each joint one way all the time, ``constant``; or with
     every joint that brings the tool closer ``at the person``'s head, shoulder, elbow or wrist.
     """
-    episodes = begun(environment, worlds, people, impairment)
+    episodes = reset_episodes(environment, worlds, people, impairment)
     random = np.random.default_rng(worlds)
     constant = random.choice([-1.0, 1.0], (worlds, 7))
     aim = random.integers(4, size=worlds)
     peak = np.zeros(worlds)
     for _ in range(steps):
-        if how == "at the person":
-            action = towards(episodes, aim)
+        if motion == "at the person":
+            action = actions_towards(episodes, aim)
         else:
-            action = constant if how == "constant" else random.uniform(-1.0, 1.0, (worlds, 7))
+            action = constant if motion == "constant" else random.uniform(-1.0, 1.0, (worlds, 7))
         peak = np.maximum(peak, episodes.step(action).force_on_person_n)
     return peak
 
 
-def towards(episodes: Episodes, aim: IntArray) -> FloatArray:
+def actions_towards(episodes: Episodes, aim: IntArray) -> FloatArray:
     """Actions (N, 7) that bring the tools closer to what is aimed at, each joint as fast as it goes."""
     state = episodes.simulation.state()
     parts = np.concatenate([state.head_pos_w[:, None], state.right_arm_pos_w], axis=1)

@@ -9,11 +9,11 @@ from avrgym.models.human import joint_angles
 from avrgym.models.robot import PREFIX
 from avrgym.tasks.episodes import Episodes
 
-HAND_AT_THE_ROBOT_RAD = joint_angles(right_shoulder_y=23.0, right_shoulder_x=-35.0, right_elbow_x=0.0)
+HAND_AT_ROBOT_RAD = joint_angles(right_shoulder_y=23.0, right_shoulder_x=-35.0, right_elbow_x=0.0)
 """Seated, the right arm stretched down and forward to where the Jaco is mounted on the wheelchair."""
 
 
-def begun(
+def reset_episodes(
     environment: str,
     worlds: int,
     people: str = "revised",
@@ -43,7 +43,7 @@ def begun(
     return episodes
 
 
-def at_once(episodes: Episodes) -> FloatArray:
+def first_step_forces(episodes: Episodes) -> FloatArray:
     """The forces (N,) on the people after one step without an action."""
     return episodes.step(np.zeros((episodes.simulation.num_worlds, 7))).force_on_person_n
 
