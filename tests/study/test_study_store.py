@@ -491,9 +491,9 @@ STATION = """
 import json, sys
 from pathlib import Path
 from avrgym.study.storage.store import Store
-from helpers.studies.small_studies import take_in
+from helpers.studies.small_studies import enrol_with_consent
 with Store(Path(sys.argv[1])) as store:
-    print(json.dumps([take_in(store) for _ in range(int(sys.argv[2]))]))
+    print(json.dumps([enrol_with_consent(store) for _ in range(int(sys.argv[2]))]))
 """
 
 
