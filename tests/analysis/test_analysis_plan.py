@@ -94,7 +94,7 @@ def test_the_report_lists_the_deviations_that_the_check_lists(folder: Path, tmp_
         withdraw(store, enrol_included(store, simulated=False))
     analysis, page = analysed(folder, tmp_path / "out")
     assert analysis.plan is not None
-    listed = [f"{each.where}: {each.what}" for each in analysis.plan.deviations]
+    listed = [f"{each.where}: {each.message}" for each in analysis.plan.deviations]
     assert len(listed) == 4
     for words, line in zip(
         (

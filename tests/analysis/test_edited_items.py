@@ -158,7 +158,9 @@ def test_check_report_and_deviations_name_each_edit(folder: Path, analysis: Anal
         assert words in line
         assert sum(field in each["what"] and words in each["what"] for each in results["differences"]) == 1
         assert page.index(field) < page.index("The plan was frozen")
-        (told,) = [each.what for each in analysis.plan.deviations if each.what.startswith(f"{field} was ")]
+        (told,) = [
+            each.message for each in analysis.plan.deviations if each.message.startswith(f"{field} was ")
+        ]
         assert f"and {value_text(value)} for sub-003" in told
     assert len(results["differences"]) == len(fields)
     assert page.index("Differences between participants") < page.index("People")
@@ -257,7 +259,7 @@ def test_recordings_report_what_was_asked(
     with Store(folder) as store:
         take_part_with_items(store)
         analysis = analyse(store)
-        found = {each.what.partition(" is ")[0] for each in analysis.differences if each.wrong}
+        found = {each.message.partition(" is ")[0] for each in analysis.differences if each.is_error}
         names = [version.item.id for version in AnsweredItems(store).versions]
     assert found == (
         {

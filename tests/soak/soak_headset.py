@@ -176,7 +176,7 @@ def test_a_long_session_at_90_hz_keeps_memory_flat_and_clocks_together(tmp_path:
     with ExitStack() as opened:
         journey = Journey(tmp_path, plan, load_policies(plan), opened)
         visitor = Visitor(journey)
-        journey.session._called_off = lambda: time.monotonic() > ends_s
+        journey.session._ended_elsewhere = lambda: time.monotonic() > ends_s
         visitor.run()
         ways = [latency_ms(path) for path in journey.session.recordings]
         sent, missed = journey.headset.call("trackingSent"), journey.server.loop.missed_ticks

@@ -126,12 +126,12 @@ def test_kills_lose_nothing_raise_no_alarm_and_leave_no_name(kind: str, tmp_path
 def end_study(folder: Path) -> None:
     """Check a study, delete everyone and search for their names."""
     with Store(folder) as store:
-        assert [f"{each.where}: {each.what}" for each in check_study(store) if each.wrong] == []
+        assert [f"{each.where}: {each.message}" for each in check_study(store) if each.is_error] == []
         for person in store.participants():
             for session in store.sessions(person.pseudonym):
                 assert session.state in ("open", "interrupted", "closed")
             delete_participant(store, person.pseudonym)
-        assert [f"{each.where}: {each.what}" for each in check_study(store) if each.wrong] == []
+        assert [f"{each.where}: {each.message}" for each in check_study(store) if each.is_error] == []
     for path in folder.rglob("*"):
         assert path.is_dir() or SURNAME.encode() not in path.read_bytes(), path
 

@@ -86,11 +86,11 @@ def raise_version(folder: Path, version: str = "2") -> None:
 
 def about_consent(folder: Path) -> list[Finding]:
     with Store(folder) as store:
-        return [each for each in check_study(store) if "consent" in f"{each.where} {each.what}"]
+        return [each for each in check_study(store) if "consent" in f"{each.where} {each.message}"]
 
 
 def wrong_about_consent(folder: Path) -> list[str]:
-    return [each.what for each in about_consent(folder) if each.wrong]
+    return [each.message for each in about_consent(folder) if each.is_error]
 
 
 def decisions(store: Store, pseudonym: str) -> list[tuple[bool, str | None]]:
@@ -185,7 +185,7 @@ def test_a_changed_archive_is_noticed(store: Store) -> None:
     with store.database.write() as connection:
         hash_chain.update(connection, schema.CONSENT_TEXT, 1, text="I agree to everything")
     assert "does not have the checksum that it was archived with" in [
-        each.what for each in about_consent(store.folder) if each.where == "consent_text 1"
+        each.message for each in about_consent(store.folder) if each.where == "consent_text 1"
     ]
 
 
@@ -345,7 +345,7 @@ def test_consents_of_earlier_versions_are_named_and_no_error(folder: Path) -> No
     with Store(folder) as store:
         assert store.consents(pseudonym) == given
         (found,) = [each for each in check_study(store) if each.where == "consent"]
-        assert (found.what, found.wrong) == (f"text not archived: that of {pseudonym}", False)
+        assert (found.message, found.is_error) == (f"text not archived: that of {pseudonym}", False)
         record_consent(store, enrol(store, "man"))
     assert about_consent(folder) == []
     reword(folder, "You take part", "You never take part")
@@ -357,7 +357,7 @@ def test_an_earlier_consent_to_another_text_is_an_error_though_no_text_is_archiv
     pseudonym = enrol_with_consent(store)
     before_the_archive(store)
     reword(folder, "You take part", "You never take part")
-    assert [each.wrong for each in about_consent(folder)] == [True, False]
+    assert [each.is_error for each in about_consent(folder)] == [True, False]
     assert pseudonym in wrong_about_consent(folder)[0]
     with Store(folder) as store, pytest.raises(StudyError, match=f"{pseudonym} read another consent text"):
         record_consent(store, enrol(store, "man"))
@@ -400,7 +400,7 @@ def test_a_rebuilt_study_has_the_consents_that_recordings_store(folder: Path, re
             assert (again.agreed, again.version, again.sha256) == (True, None, None)
         run_participant(store, pseudonym)
     not_archived = f"text not archived: that of {pseudonym}"
-    assert [each.what for each in about_consent(folder) if each.where == "consent"] == (
+    assert [each.message for each in about_consent(folder) if each.where == "consent"] == (
         [] if recorded else [not_archived]
     )
     assert wrong_about_consent(folder) == []

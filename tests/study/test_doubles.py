@@ -41,7 +41,7 @@ def contents(store: Store) -> tuple[object, ...]:
 
 
 def named(store: Store) -> list[str]:
-    return [f"{each.where} {each.what}" for each in check_study(store) if "same person" in each.what]
+    return [f"{each.where} {each.message}" for each in check_study(store) if "same person" in each.message]
 
 
 @pytest.mark.parametrize(("name", "contact"), SAME)
@@ -68,7 +68,7 @@ def test_a_confirmed_double_is_enrolled_and_check_names_codes_alone(store: Store
     assert warning.startswith("sub-002 may be the same person as sub-001")
     assert not any(part.lower() in warning.lower() for part in (*NAME.split(), CONTACT))
     assert "another person than sub-001" in store.events()[-1].detail
-    assert not any(each.wrong for each in check_study(store) if "same person" in each.what)
+    assert not any(each.is_error for each in check_study(store) if "same person" in each.message)
 
 
 def test_whoever_withdrew_is_no_double_in_check_but_is_not_enrolled_again_unseen(store: Store) -> None:

@@ -85,20 +85,20 @@ def found(undone: Path) -> list[Finding]:
 @pytest.fixture(scope="module")
 def deviating(undone: Path) -> list[str]:
     with Store(undone) as store:
-        return [f"{each.where}: {each.what}" for each in plan_of(store)[1]]
+        return [f"{each.where}: {each.message}" for each in plan_of(store)[1]]
 
 
 def naming(found: list[Finding], name: str) -> list[Finding]:
     """The findings about the field of an edit."""
     each = EDITS[name]
-    return [one for one in found if one.where == each.where and f"{each.field} is " in f"{one.what} "]
+    return [one for one in found if one.where == each.where and f"{each.field} is " in f"{one.message} "]
 
 
 def test_nothing_is_found_where_nobody_edited(made: Path) -> None:
     with Store(made) as store:
         assert list(check_design(store)) == []
-        assert [each.what for each in check_study(store) if each.wrong] == []
-        deviations = [each.what for each in plan_of(store)[1]]
+        assert [each.message for each in check_study(store) if each.is_error] == []
+        deviations = [each.message for each in plan_of(store)[1]]
     assert deviations == []
 
 
@@ -109,21 +109,21 @@ def test_an_edit_after_somebody_took_part_is_found(made: Path, tmp_path: Path, n
     edit(folder, each.by or name)
     with Store(folder) as store:
         (finding,) = naming(list(check_design(store)), name)
-    assert f"{each.field} is {each.then}" in finding.what
-    assert f"it was {each.was}" in finding.what
-    assert "sub-002" in finding.what
-    assert finding.wrong is each.wrong
+    assert f"{each.field} is {each.then}" in finding.message
+    assert f"it was {each.was}" in finding.message
+    assert "sub-002" in finding.message
+    assert finding.is_error is each.is_error
 
 
 @pytest.mark.parametrize("name", EDITS)
 def test_an_edit_that_was_undone_is_found(found: list[Finding], name: str) -> None:
     (finding,) = naming(found, name)
     each = EDITS[name]
-    assert f"{each.field} is {each.was}" in finding.what
-    assert f"it was {each.then}" in finding.what
-    assert "sub-003" in finding.what
-    assert not any(other in finding.what for other in ("sub-001", "sub-002", "sub-004"))
-    assert finding.wrong is each.wrong
+    assert f"{each.field} is {each.was}" in finding.message
+    assert f"it was {each.then}" in finding.message
+    assert "sub-003" in finding.message
+    assert not any(other in finding.message for other in ("sub-001", "sub-002", "sub-004"))
+    assert finding.is_error is each.is_error
 
 
 @pytest.mark.parametrize("name", EDITS)
@@ -136,8 +136,8 @@ def test_an_edit_that_was_undone_is_a_deviation(deviating: list[str], name: str)
 
 
 def test_other_languages_are_found(found: list[Finding], deviating: list[str]) -> None:
-    (finding,) = [each for each in found if each.what.startswith("languages is ")]
-    assert (finding.wrong, finding.what) == (
+    (finding,) = [each for each in found if each.message.startswith("languages is ")]
+    assert (finding.is_error, finding.message) == (
         True,
         'languages is ["en", "de"]; it was ["en"] for sub-004 (trials 1 to 2)',
     )
@@ -158,15 +158,15 @@ def test_another_policy_is_found(made: Path, tmp_path: Path, when: str) -> None:
         (folder / POLICY).write_bytes(other if when == "afterwards" else before)
         found = list(check_policies_used(store))
         deviating = [each for each in plan_of(store)[1] if each.where == "policy mine"]
-    assert [(each.where, each.wrong) for each in found] == {
+    assert [(each.where, each.is_error) for each in found] == {
         "not at all": [],
         "in between": [("policy mine", True)],
         "afterwards": [("policy mine", False)],
     }[when]
     assert len(deviating) == (when != "not at all")
     if when == "in between":
-        assert "was not the same in all sessions" in found[0].what
-        assert deviating[0].what.endswith("for sub-002 (no trial)")
+        assert "was not the same in all sessions" in found[0].message
+        assert deviating[0].message.endswith("for sub-002 (no trial)")
 
 
 @pytest.mark.parametrize("guard", [True, False])
@@ -184,7 +184,7 @@ def test_a_recording_that_contradicts_its_session_is_found(made: Path, tmp_path:
         )
         complete_attempt(store, attempt.id, metrics)
         close_session(store, session.id)
-        found = {each.what.partition(" than")[0]: each.wrong for each in check_design(store)}
+        found = {each.message.partition(" than")[0]: each.is_error for each in check_design(store)}
     expected = {"was recorded with another furniture.seat_height_m": False}
     assert found == (expected if guard else expected | {"was recorded with another force_guard": True})
 
@@ -206,7 +206,7 @@ def test_a_record_of_a_plan_writes_nowhere_else(made: Path, tmp_path: Path) -> N
         frozen = read_frozen_plan(store)
     assert frozen is not None
     assert frozen.record is not None
-    record = msgspec.structs.replace(frozen.record, words={str(tmp_path / "elsewhere.toml"): "x = 1"})
+    record = msgspec.structs.replace(frozen.record, texts={str(tmp_path / "elsewhere.toml"): "x = 1"})
     assert frozen_design(frozen.record) is not None
     assert frozen_design(record) is None
     assert list(tmp_path.iterdir()) == []

@@ -76,7 +76,7 @@ def test_a_study_saved_with_windows_notepad_opens_and_is_sound(tmp_path: Path) -
     assert read_design(mark(folder / "study.toml")) == before
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
-        assert [each.what for each in check_study(store) if each.wrong] == []
+        assert [each.message for each in check_study(store) if each.is_error] == []
 
 
 def test_other_encodings_are_refused_with_what_to_do(tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ def test_trials_whose_person_was_held_too_long_are_left_out_and_listed(tmp_path:
         run_trials(store, pseudonym, held={1: 1, 2: STEPS})
         analysis = analyse(store)
         page = write_analysis(analysis, store.folder, tmp_path / "out").read_text()
-        findings = [finding for finding in check_study(store) if "held" in finding.what]
+        findings = [finding for finding in check_study(store) if "held" in finding.message]
     first, second = analysis.results()["trials"]
     assert (first["counted"], first["left_out"]) == (True, None)
     assert second["counted"] is False
@@ -92,8 +92,8 @@ def test_trials_whose_person_was_held_too_long_are_left_out_and_listed(tmp_path:
     (problem,) = (each for each in analysis.results()["problems"] if "left out" in each["what"])
     assert problem["where"] == second["recording"]
     (finding,) = findings
-    assert (finding.where, finding.wrong) == (f"{pseudonym}, trial 2", False)
-    assert "held for 100.0 %" in finding.what
+    assert (finding.where, finding.is_error) == (f"{pseudonym}, trial 2", False)
+    assert "held for 100.0 %" in finding.message
 
 
 def test_a_design_that_does_not_say_counts_all(tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def test_a_design_that_does_not_say_counts_all(tmp_path: Path) -> None:
     with Store(folder) as store:
         run_trials(store, enrol_included(store), held={1: STEPS})
         rows = analyse(store).observed.trials
-        assert not [finding for finding in check_study(store) if "held" in finding.what]
+        assert not [finding for finding in check_study(store) if "held" in finding.message]
     assert all(row.counted for row in rows)
     assert rows[0].held_share == 1.0
 

@@ -108,7 +108,7 @@ def test_no_trial_follows_before_the_one_before_is_stored(visit: StudyVisit, loc
     assert states(visit) == ["completed", "running"]
     attended.send(Command(name="end"))
     visit.end().result(PATIENCE_S)
-    assert [finding.what for finding in check_study(visit.store) if finding.wrong] == []
+    assert [finding.message for finding in check_study(visit.store) if finding.is_error] == []
 
 
 def test_the_robot_does_not_move_before_its_attempt_is_stored(visit: StudyVisit, locked: Lock) -> None:

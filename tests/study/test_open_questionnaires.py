@@ -69,7 +69,7 @@ def values(store: Store, pseudonym: str) -> dict[str, int]:
 
 
 def words(store: Store) -> list[str]:
-    return [finding.what for finding in check_study(store) if "policy" not in finding.where]
+    return [finding.message for finding in check_study(store) if "policy" not in finding.where]
 
 
 def test_it_is_answered_the_next_day(left: Callable[[], tuple[Store, str]]) -> None:
@@ -79,7 +79,7 @@ def test_it_is_answered_the_next_day(left: Callable[[], tuple[Store, str]]) -> N
     assert store.trials(pseudonym)[0].state == "completed"
     assert [each.id for each in attempts_with_open_questionnaire(store, [attempt])] == [attempt.id]
     assert any("questionnaire is open: no answer to L3, L4" in each for each in words(store))
-    assert not any(finding.wrong for finding in check_study(store) if "L3" in finding.what)
+    assert not any(finding.is_error for finding in check_study(store) if "L3" in finding.message)
     assert summarise_study(store).participants[0].questionnaires_open == 1
     assert participant_view(store, pseudonym).trials[0].questionnaire_open
 
@@ -152,7 +152,7 @@ def test_who_withdraws_leaves_it_unanswered(left: Callable[[], tuple[Store, str]
     withdraw(store, pseudonym, "")
     assert [each.state for each in store.attempts(pseudonym)] == ["completed"]
     assert values(store, pseudonym) == {"L1": 1, "L2": 2}
-    assert not any(finding.wrong for finding in check_study(store) if "L3" in finding.what)
+    assert not any(finding.is_error for finding in check_study(store) if "L3" in finding.message)
 
 
 def test_the_last_trial_waits_for_its_answers(folder: Path) -> None:
@@ -195,7 +195,7 @@ def assert_completed_with(store: Store, pseudonym: str, answers: dict[str, int])
     recording = read_recording(store.path(attempt.recording))
     assert (recording.complete, recording.result) == (True, "completed")
     assert {answer.item: answer.value for _, answer in recording.topics["/answers"]} == answers
-    assert [each.what for each in check_study(store) if each.wrong and "policy" not in each.where] == []
+    assert [each.message for each in check_study(store) if each.is_error and "policy" not in each.where] == []
 
 
 @pytest.mark.parametrize(

@@ -176,7 +176,7 @@ def test_what_was_answered_before_a_crash_is_not_asked_again(store: Store) -> No
         assert [each.id for each in visit.items("before_session")] == rest
         crash(store)
     assert remaining(store, pseudonym, "before_session") == []
-    assert [finding.what for finding in check_study(store) if finding.where.startswith("ses-")] == [
+    assert [finding.message for finding in check_study(store) if finding.where.startswith("ses-")] == [
         "has no answer to S_1, S_2"  # after the session
     ]
     assert remaining(store, pseudonym, "before_session") == ["S_1", "S_2"]  # another visit

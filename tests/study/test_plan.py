@@ -318,5 +318,5 @@ def test_other_words_for_participants_are_a_deviation(tmp_path: Path) -> None:
         record = read_frozen_plan(store)
         assert record is not None
         assert record.record is not None
-        earlier = FrozenPlan(msgspec.structs.replace(record.record, words=None))
+        earlier = FrozenPlan(msgspec.structs.replace(record.record, texts=None))
         assert deviations(store, earlier, required_tests(store.design)) == []

@@ -124,15 +124,15 @@ def test_a_forged_plan_and_a_rebuilt_database_confirm_nothing(folder: Path, tmp_
 def test_the_rebuilding_stays_on_record_and_an_honest_plan_is_unknown_too(folder: Path) -> None:
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
-    assert frozen_plan(folder).confirms
+    assert frozen_plan(folder).is_confirmatory
     lose_database(folder)
     frozen = frozen_plan(folder)
-    assert (frozen.confirms, frozen.at) == (False, "an unknown time")
-    assert "was rebuilt at" in frozen.words
+    assert (frozen.is_confirmatory, frozen.at) == (False, "an unknown time")
+    assert "was rebuilt at" in frozen.origin_text
     for command in ("freeze", "check"):
         assert "was rebuilt" in study(command, folder).output.replace("\n", " ")
     assert study("freeze", folder, "--export", "osf").exit_code == 1
-    assert not frozen_plan(folder).confirms
+    assert not frozen_plan(folder).is_confirmatory
 
 
 def test_a_plan_from_another_station_is_adopted_only_before_the_first_participant(
@@ -146,14 +146,14 @@ def test_a_plan_from_another_station_is_adopted_only_before_the_first_participan
     assert adopted.exit_code == 0
     assert "adopted" in adopted.stdout
     frozen = frozen_plan(early)
-    assert frozen.confirms
+    assert frozen.is_confirmatory
     assert frozen.record is not None
     assert frozen.at > frozen.record.frozen_at
-    assert "was stored in the database" in frozen.words
+    assert "was stored in the database" in frozen.origin_text
     with Store(late) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
     assert "has taken part already" in study("freeze", late).output
-    assert not frozen_plan(late).confirms
+    assert not frozen_plan(late).is_confirmatory
 
 
 # Evidence from outside
@@ -177,14 +177,14 @@ def test_a_registration_is_a_claim_and_proves_nothing(folder: Path) -> None:
     assert frozen.registration == timestamps.Registration(address, date(2026, 1, 2))
     assert (
         f"The researchers claim a registration of 2026-01-02 at {address}; this is not verified."
-        in frozen.words
+        in frozen.origin_text
     )
     before = (folder / REGISTRATION).read_bytes()
     assert study("freeze", folder, "--registered", "https://osf.io/other").exit_code == 1
     assert study("freeze", folder, "--registered", "osf").exit_code == 1
     assert (folder / REGISTRATION).read_bytes() == before
     lose_database(folder)
-    assert not frozen_plan(folder).confirms
+    assert not frozen_plan(folder).is_confirmatory
 
 
 @needs_openssl
@@ -241,13 +241,13 @@ def test_a_trusted_time_stamp_from_before_the_first_recording_proves_a_plan(
         monkeypatch.setattr("avrgym.recording.writer.datetime", datetime)
     lose_database(folder)
     frozen = frozen_plan(folder)
-    assert not frozen.confirms
-    assert "the time stamp alone proves nothing" in frozen.words
+    assert not frozen.is_confirmatory
+    assert "the time stamp alone proves nothing" in frozen.origin_text
     trust(authority, monkeypatch)
     frozen = frozen_plan(folder)
-    assert frozen.confirms
+    assert frozen.is_confirmatory
     assert frozen.faults == ()
-    assert "existed at" in frozen.words
+    assert "existed at" in frozen.origin_text
     assert "unknown date" not in study("check", folder).stdout
     forged = (folder / FROZEN).read_bytes().replace(b"higher", b"lower")
     (folder / FROZEN).write_bytes(forged)
@@ -257,7 +257,7 @@ def test_a_trusted_time_stamp_from_before_the_first_recording_proves_a_plan(
         "avrgym.study.plan.frozen_plan.read_header",
         lambda path: Header(configuration(), datetime(2026, 1, 1, tzinfo=UTC)),
     )
-    assert not frozen_plan(folder).confirms
+    assert not frozen_plan(folder).is_confirmatory
 
 
 class Later(datetime):

@@ -114,12 +114,12 @@ def test_a_policy_that_was_repeated_until_it_succeeded_is_named_everywhere(folde
     assert [
         line
         for line in listed
-        if "more often than max_repeats = 1 allows" in line and "ordered by ada" in line
+        if "more often than max_repeats = 1 allows" in line and "requested by ada" in line
     ]
     assert [line for line in listed if "depend on the outcome" in line and "(exact test" in line]
     assert named in study("status", folder)
     assert analysis.plan is not None
-    assert named in " ".join(each.what for each in analysis.plan.deviations)
+    assert named in " ".join(each.message for each in analysis.plan.deviations)
     page = " ".join(Page(write_analysis(analysis, folder, folder / "analysis")).text.split())
     assert page.count(named) == 2  # in the plan's deviations and in the section about repeats
     assert (
@@ -204,9 +204,9 @@ def test_a_blind_experimenter_reads_letters(tmp_path: Path) -> None:
                 complete=False,
             )
         (found,) = check_repeats(store)
-        assert "original" not in found.what
+        assert "original" not in found.message
         letter = store.design.policy_codes()["original"]
-        assert f"{letter} 8 extra attempts in 8 of 8 trials" in found.what
+        assert f"{letter} 8 extra attempts in 8 of 8 trials" in found.message
 
 
 # Reasons
@@ -270,7 +270,7 @@ def repeat_after(store: Store) -> list[str]:
     session = open_session(store, "sub-001", take_over=True)
     begin_attempt(store, session.id, store.remaining_trials("sub-001")[0].position)
     repeat = attempted_trials(store)[0].repeats[0]
-    return [repeat.reason, repeat.cause, repeat.by]
+    return [repeat.reason, repeat.cause, repeat.requested_by]
 
 
 def test_an_attempt_that_a_crash_left_open_is_a_restart(store: Store) -> None:
@@ -322,7 +322,7 @@ def test_repeats_of_failures_alone_are_found() -> None:
     design, generator = parse_design(default_text()), np.random.default_rng(0)
     found = [
         any(
-            "outcome" in each.what
+            "outcome" in each.message
             for each in repeat_findings(imagined(design, generator, 0.5, 0.0), design, None)
         )
         for _ in range(100)

@@ -91,7 +91,7 @@ def test_a_design_without_periods_keeps_everything(folder: Path) -> None:
 
 def test_each_kind_of_data_is_due_on_its_day_and_not_before(store: Store) -> None:
     def kinds(day: date) -> list[tuple[str, tuple[str, ...]]]:
-        return [(each.what, each.participants) for each in due(store, day)]
+        return [(each.kind, each.participants) for each in due(store, day)]
 
     both = ("sub-001", "sub-002")
     assert kinds(date(2126, 12, 29)) == []
@@ -114,7 +114,7 @@ def test_recordings_go_and_the_check_knows_why(store: Store) -> None:
     assert {path.name for path in (store.folder / "recordings").iterdir()} == {"sub-003"}
     found = [each for each in check_study(store) if each.where.startswith("recordings/")]
     assert len(found) == 4
-    assert all("was deleted by schedule" in each.what and not each.wrong for each in found)
+    assert all("was deleted by schedule" in each.message and not each.is_error for each in found)
     assert len(store.answers("sub-001")) > 0
     assert list(delete_due(store, date(2128, 7, 1))) == []
 
@@ -122,7 +122,7 @@ def test_recordings_go_and_the_check_knows_why(store: Store) -> None:
 def test_a_recording_that_somebody_else_deleted_is_still_missing(store: Store) -> None:
     path = store.folder / store.attempts("sub-001")[0].recording
     path.unlink()
-    assert "is missing" in {each.what for each in check_study(store) if each.wrong}
+    assert "is missing" in {each.message for each in check_study(store) if each.is_error}
 
 
 def test_all_data_go_as_in_a_deletion_and_simulated_participants_stay(store: Store) -> None:
@@ -157,8 +157,8 @@ def test_only_the_command_deletes(store: Store, monkeypatch: pytest.MonkeyPatch)
     before = files(store.folder)
     words = "names and contacts of 1 participant were due on 2126-12-30"
     (finding,) = check_due(store)
-    assert words in finding.what
-    assert not finding.wrong
+    assert words in finding.message
+    assert not finding.is_error
     assert any(words in warning for warning in overview(store, None, store.design.furniture).warnings)
     assert words in run("retention", store.folder)
     assert files(store.folder) == before

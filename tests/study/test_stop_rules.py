@@ -145,7 +145,7 @@ def test_symptoms_rise_the_session_pauses_and_the_experimenter_sees_why(store: S
     assert met.detail == f"then pause, why {WHY}"
     recording = read_recording(store.path(store.attempts(pseudonym)[0].recording))
     assert WHY in [event.detail for _, event in recording.topics["/events"]]
-    assert not [finding for finding in check_study(store) if finding.wrong]
+    assert not [finding for finding in check_study(store) if finding.is_error]
 
 
 def test_stronger_symptoms_end_the_session_and_the_trial_counts(store: Store) -> None:

@@ -41,10 +41,10 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
 
 
 def test_check_names_the_jump_and_nothing_is_wrong(store: Store) -> None:
-    found = [each for each in check_study(store) if "clock" in each.what]
+    found = [each for each in check_study(store) if "clock" in each.message]
     assert len(found) == 2
-    assert not any(each.wrong for each in found)
-    assert "the clock of the stream heart jumped: -1.000 s at 0.2 s" in found[0].what
+    assert not any(each.is_error for each in found)
+    assert "the clock of the stream heart jumped: -1.000 s at 0.2 s" in found[0].message
 
 
 def test_the_analysis_counts_a_reset_and_no_gap(store: Store) -> None:

@@ -178,7 +178,9 @@ def test_the_check_finds_and_names(folder: Path, store: Store, damage: str) -> N
     act, where, what = DAMAGES[damage]
     act(store)
     findings = check_study(store)
-    assert any(finding.wrong and finding.where == where and what in finding.what for finding in findings)
+    assert any(
+        finding.is_error and finding.where == where and what in finding.message for finding in findings
+    )
     checked = study("check", folder)
     assert checked.exit_code == 1
     assert re.search(rf"error  {re.escape(where)}: .*{re.escape(what)}", checked.stdout)
@@ -189,9 +191,10 @@ def test_a_policy_that_is_still_missing_is_noted(tmp_path: Path, monkeypatch: py
     folder = make_study(tmp_path, tasks='["Feeding"]', policies='["mine", "revised"]', robots='["Jaco"]')
     with Store(folder) as store:
         (finding,) = check_study(store)
-        assert (finding.where, finding.wrong) == ("policy mine", True)
+        assert (finding.where, finding.is_error) == ("policy mine", True)
         assert (
-            "no policy 'mine' for avrgym/FeedingJaco-v1; allowed: adaptive, original, revised" in finding.what
+            "no policy 'mine' for avrgym/FeedingJaco-v1; allowed: adaptive, original, revised"
+            in finding.message
         )
         own = folder / "mine" / "FeedingJaco.safetensors"
         own.parent.mkdir()
@@ -204,7 +207,7 @@ def test_a_policy_that_is_still_missing_is_noted(tmp_path: Path, monkeypatch: py
 def test_an_attempt_that_runs_is_no_fault(store: Store) -> None:
     session = open_session(store, "sub-002")
     begin_attempt(store, session.id, store.remaining_trials("sub-002")[0].position)
-    assert not any(finding.wrong for finding in check_study(store))
+    assert not any(finding.is_error for finding in check_study(store))
 
 
 def test_an_answer_may_lack_where_a_crash_cut_its_recording(store: Store) -> None:
@@ -215,12 +218,12 @@ def test_an_answer_may_lack_where_a_crash_cut_its_recording(store: Store) -> Non
     configuration = trial_configuration(store.design, trial, simulated=False, person=person)
     RecordingWriter(store.path(attempt.recording), configuration).close()
     record_answer(store, attempt.id, Answer("L1", 6, 1.25))
-    assert not any(finding.wrong for finding in check_study(store))
+    assert not any(finding.is_error for finding in check_study(store))
 
 
 def test_recordings_of_another_station_are_noted_only(folder: Path, store: Store) -> None:
     store.station = "elsewhere"
     store.path(FIRST).unlink()
     (finding,) = (finding for finding in check_study(store) if finding.where == FIRST)
-    assert not finding.wrong
-    assert "is at another station; it was recorded at" in finding.what
+    assert not finding.is_error
+    assert "is at another station; it was recorded at" in finding.message

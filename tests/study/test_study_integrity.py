@@ -82,7 +82,7 @@ def _study(folder: Path, url: str) -> Path:
 
 def wrong(folder: Path) -> list[Finding]:
     with Store(folder) as store:
-        return [finding for finding in check_study(store) if finding.wrong]
+        return [finding for finding in check_study(store) if finding.is_error]
 
 
 def run_sql(folder: Path, *statements: str) -> None:
@@ -139,7 +139,7 @@ def test_a_recording_of_a_body_of_another_height_is_noticed(tmp_path: Path, more
         complete_attempt(store, attempt.id, METRICS)
         close_session(store, session.id)
     words = "was recorded with another torso height than in the database"
-    assert [finding.what for finding in wrong(tmp_path)] == [words] * (more_m > 0.0)
+    assert [finding.message for finding in wrong(tmp_path)] == [words] * (more_m > 0.0)
 
 
 def test_the_end_of_chain_and_rows_cannot_be_cut_together(folder: Path) -> None:
@@ -159,10 +159,10 @@ def test_rows_that_are_read_are_checked(folder: Path) -> None:
 
 def test_what_the_program_does_itself_is_no_edit(folder: Path) -> None:
     with Store(folder) as store, Store(folder) as beside:
-        assert [finding for finding in check_study(store) if finding.wrong] == []
+        assert [finding for finding in check_study(store) if finding.is_error] == []
         withdraw(beside, "sub-002", "felt sick")
         enrol(store, "man")
-        assert [finding for finding in check_study(beside) if finding.wrong] == []
+        assert [finding for finding in check_study(beside) if finding.is_error] == []
     assert wrong(folder) == []
 
 
@@ -289,6 +289,6 @@ def test_a_study_of_an_earlier_version_keeps_its_ledger(
     folder = Path(shutil.copytree(OLD, tmp_path / "old"))
     with Store(folder) as store:
         findings = check_study(store)
-    assert {finding.where for finding in findings if finding.wrong} <= {"private", "private/key.json"}
+    assert {finding.where for finding in findings if finding.is_error} <= {"private", "private/key.json"}
     run_sql(folder, "UPDATE answer SET value = 8 - value WHERE id = 1")
     assert "answer 1" in {finding.where for finding in wrong(folder)}

@@ -126,7 +126,7 @@ def test_a_participant_reads_one_language_throughout(folder: Path, tmp_path: Pat
         assert answers == [("L1", 3), ("L2", 4), ("L3", 5), ("L4", 6)]
         changes = [event.detail for event in store.events() if event.name == "answer changed"]
         assert changes == ["L1 from 2 to 3"]
-        assert not [each for each in check_study(store) if each.wrong]
+        assert not [each for each in check_study(store) if each.is_error]
         export_study(store, "csv", tmp_path / "csv")
     with open(tmp_path / "csv" / "participants.csv", encoding="utf-8-sig", newline="") as file:
         assert [row["language"] for row in csv.DictReader(file)] == ["de"]
@@ -160,4 +160,4 @@ def test_a_note_is_changed_and_its_former_words_are_nowhere(folder: Path) -> Non
         edit_note(store, first, note.id, "They looked left")
         assert [each.text for each in store.notes(first)] == ["They looked left"]
         assert "Ada" not in json.dumps([event.detail for event in store.events()])
-        assert not [each for each in check_study(store) if each.wrong]
+        assert not [each for each in check_study(store) if each.is_error]

@@ -75,7 +75,7 @@ def states(store: Store) -> list[str]:
 
 
 def wrong(store: Store) -> list[str]:
-    return [f"{finding.where}: {finding.what}" for finding in check_study(store) if finding.wrong]
+    return [f"{finding.where}: {finding.message}" for finding in check_study(store) if finding.is_error]
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -226,7 +226,7 @@ def test_withdrawal_in_mid_trial_stops_robot_and_recording(store: Store) -> None
 def await_word(visit: StudyVisit) -> None:
     """Wait until the visit knows that it was ended elsewhere."""
     ends_s = time.monotonic() + PATIENCE_S
-    while not visit.called_off:
+    while not visit.ended_elsewhere:
         assert time.monotonic() < ends_s
         time.sleep(0.01)
 
@@ -281,7 +281,7 @@ def test_a_session_that_is_taken_over_ends_here(store: Store) -> None:
             await_word(visit)
             attended.tick()
             assert attended.phase == "finished"
-            assert not elsewhere.called_off
+            assert not elsewhere.ended_elsewhere
             assert [session.state for session in store.sessions(pseudonym)] == ["interrupted", "open"]
     assert [session.state for session in store.sessions(pseudonym)] == ["interrupted", "closed"]
 

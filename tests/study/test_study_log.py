@@ -414,9 +414,9 @@ def test_people_alone_count_where_there_are_some(store: Store) -> None:
 def interim(store: Store) -> list[str]:
     frozen = read_frozen_plan(store)
     if frozen is not None:
-        listed = [each.what for each in deviations(store, frozen, {}) if "viewed" in each.what]
-        assert listed == [each.what for each in check_study(store) if "viewed" in each.what]
-    return [each.what for each in check_study(store) if "viewed" in each.what]
+        listed = [each.message for each in deviations(store, frozen, {}) if "viewed" in each.message]
+        assert listed == [each.message for each in check_study(store) if "viewed" in each.message]
+    return [each.message for each in check_study(store) if "viewed" in each.message]
 
 
 def test_the_dashboard_shows_results_only_to_who_asks(

@@ -382,7 +382,7 @@ def test_differences_that_are_accepted_are_told(sites: list[Path], out: Path) ->
     assert told[0] == "study.toml: free_movement_s is 5.0 at atlanta (line 28), 4.0 at berlin (line 28)"
     with Store(out) as store:
         notes = [each for each in check_study(store) if each.where == "sites"]
-    assert [(each.wrong, each.what) for each in notes] == [(False, f"were merged although {told[0]}")]
+    assert [(each.is_error, each.message) for each in notes] == [(False, f"were merged although {told[0]}")]
 
 
 # Damage
@@ -402,13 +402,13 @@ def test_damaged_recordings_are_named_and_left_out_on_request(sites: list[Path],
     assert len(told) == 2
     assert check_errors(out) == []
     with Store(out) as store:
-        left_out = [each.what for each in check_study(store) if "left out" in each.what]
+        left_out = [each.message for each in check_study(store) if "left out" in each.message]
     assert len(left_out) == 2
     damaged.write_bytes(whole[0])
     missing.write_bytes(whole[1])
     assert merge_studies(sites, out)[0].recordings_copied == 2
     with Store(out) as store:
-        assert not [each for each in check_study(store) if "left out" in each.what]
+        assert not [each for each in check_study(store) if "left out" in each.message]
 
 
 def test_damage_to_a_merged_study_is_noticed_and_recordings_come_again(sites: list[Path], out: Path) -> None:
@@ -464,7 +464,7 @@ def test_sites_share_a_frozen_plan(out: Path, tmp_path: Path) -> None:
         frozen = read_frozen_plan(store)
         assert frozen is not None
         assert frozen.faults == ()
-        assert frozen.confirms
+        assert frozen.is_confirmatory
         assert frozen.record is not None
         assert frozen.record.design != (out / "study.toml").read_text()
         found = deviations(store, frozen, required_tests(store.design))
@@ -493,7 +493,7 @@ def test_differences_between_sites_are_notes_and_edits_at_a_site_are_errors(
     add_participant(b, 2)
     merge_studies([a, b], tmp_path / "merged", accept_differences=True)
     with Store(tmp_path / "merged") as store:
-        found = [each for each in check_design(store) if "free_movement_s" in each.what]
-    assert [(each.wrong, "free_movement_s is 5.0; it was 4.0 for sub-" in each.what) for each in found] == [
-        (in_between, True)
-    ]
+        found = [each for each in check_design(store) if "free_movement_s" in each.message]
+    assert [
+        (each.is_error, "free_movement_s is 5.0; it was 4.0 for sub-" in each.message) for each in found
+    ] == [(in_between, True)]

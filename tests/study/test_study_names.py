@@ -71,7 +71,7 @@ def is_readable(folder: Path) -> bool:
 
 def notes(folder: Path) -> str:
     with Store(folder) as store:
-        return " ".join(f"{each.where} {each.what} {each.wrong}" for each in check_private(store))
+        return " ".join(f"{each.where} {each.message} {each.is_error}" for each in check_private(store))
 
 
 # A key file
@@ -285,7 +285,7 @@ def test_what_a_broken_off_exchange_of_keys_left_goes_with_the_deleted(folder: P
         left = folder / "private" / "identities.json.new"
         left.write_bytes((folder / "private" / "identities.json").read_bytes())
         assert "identities.json.new is the temporary file of a killed process" in " ".join(
-            f"{each.where} {each.what}" for each in check_private(store)
+            f"{each.where} {each.message}" for each in check_private(store)
         )
         delete_participant(store, "sub-001")
         assert not left.exists()

@@ -91,7 +91,7 @@ def states(folder: Path) -> dict[str, str]:
 def wrong(folder: Path) -> dict[str, str]:
     with Store(folder) as store:
         checks = (check_database, check_participation, check_strays)
-        return {each.where: each.what for check in checks for each in check(store) if each.wrong}
+        return {each.where: each.message for check in checks for each in check(store) if each.is_error}
 
 
 def losses(folder: Path) -> str:
@@ -121,7 +121,7 @@ def test_only_a_list_that_is_younger_than_the_first_participant_is_noted(
         (store.folder / FILE).unlink()
     with Store(tmp_path / "study") as store:
         enrol(store, "man")
-        assert any("was begun at" in finding.what for finding in check_participation(store))
+        assert any("was begun at" in finding.message for finding in check_participation(store))
 
 
 def test_withdrawals_exclusions_and_deletions_survive_the_loss_of_the_database(folder: Path) -> None:

@@ -57,18 +57,18 @@ def test_a_robot_that_changes_within_a_study_is_named_with_everybody_who_met_it(
         before = plugins_of(ENVIRONMENT)[0]
         change(robot)
         (note,) = findings(store)
-        assert (note.where, note.wrong) == ("robot Jaco", False)
-        assert note.what == f"is {plugins_of(ENVIRONMENT)[0]} now, as in no trial; it was {before}"
+        assert (note.where, note.is_error) == ("robot Jaco", False)
+        assert note.message == f"is {plugins_of(ENVIRONMENT)[0]} now, as in no trial; it was {before}"
         run_participant(store, first, 1)
         run_participant(store, second, 1)
         (wrong,) = findings(store)
-        assert wrong.wrong
-        assert wrong.what == (
+        assert wrong.is_error
+        assert wrong.message == (
             f"was not the same in all trials: {before} in sub-001 trials 1 2; "
             f"{plugins_of(ENVIRONMENT)[0]} in sub-001 trial 3, sub-002 trial 1"
         )
         (problem,) = (each for each in read_study(store).problems if each.where == "robot Jaco")
-        assert (problem.what, problem.simulated) == (wrong.what, True)
+        assert (problem.what, problem.simulated) == (wrong.message, True)
     code, said = checked(folder)
     assert code == 1
     assert "wrong robot Jaco: was not the same in all trials" in " ".join(said.split())
@@ -79,7 +79,7 @@ def test_a_dry_run_before_a_change_says_nothing_about_people(robot: Path, folder
         run_participant(store, enrol_with_consent(store), 1)
         change(robot)
         run_participant(store, enrol_with_consent(store, simulated=False), 1, simulated=False)
-        assert [each for each in findings(store) if each.wrong] == []
+        assert [each for each in findings(store) if each.is_error] == []
 
 
 def test_a_study_without_plug_ins_has_nothing_to_say(folder: Path) -> None:
@@ -111,7 +111,7 @@ def deviating(store: Store, change: Callable[[PlanRecord], PlanRecord] = lambda 
     assert frozen is not None
     assert frozen.record is not None
     changed = replace(frozen, record=change(frozen.record))
-    return [each.what for each in deviations(store, changed, {}) if each.where == "plug-ins"]
+    return [each.message for each in deviations(store, changed, {}) if each.where == "plug-ins"]
 
 
 def test_a_plan_stores_them_and_a_change_is_a_deviation(robot: Path, folder: Path) -> None:

@@ -99,7 +99,7 @@ def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None
         participant = again.participant("sub-001")
         assert (participant.state, participant.sex, participant.cell) == ("unknown", "man", 0)
         assert confirm_participation(again, "sub-001", "consent form in folder 2") == "completed"
-        wrong = [finding.what for finding in check_study(again) if finding.wrong]
+        wrong = [finding.message for finding in check_study(again) if finding.is_error]
         assert [what for what in wrong if "other users" not in what] == [
             "contains sub-002, who is not in this study; `avrgym study delete-participant` removes the entry"
         ]
@@ -203,7 +203,7 @@ def test_what_a_killed_write_left_is_found_and_removed(tmp_path: Path) -> None:
         analysis = folder / "analysis" / ".analysis-x"
         analysis.mkdir(parents=True)
         (analysis / "page.html").write_text("sub-001")
-        wrong = {finding.where for finding in check_study(opened) if finding.wrong}
+        wrong = {finding.where for finding in check_study(opened) if finding.is_error}
         assert {"private/.identities.json.4194305.part", "analysis/.analysis-x"} <= wrong
     with Store(folder) as opened:
         assert not left.exists()

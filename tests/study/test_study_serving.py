@@ -224,9 +224,9 @@ def test_the_experimenter_skips_questions_or_ends_the_session_before_its_trials(
     assert loop.sessions.participant == pseudonym
     loop.ask(loop.sessions.withdraw, pseudonym, "")
     assert asking.participant(pseudonym).state == "withdrawn"
-    notes = [finding.what for finding in check_study(asking) if finding.where.startswith("ses-")]
+    notes = [finding.message for finding in check_study(asking) if finding.where.startswith("ses-")]
     assert notes == ["has no answer to strain, effort", "has no answer to nausea, strain, effort"]
-    assert not any(finding.wrong for finding in check_study(asking))
+    assert not any(finding.is_error for finding in check_study(asking))
     loop.sessions.close(loop.now_s)
 
 

@@ -109,7 +109,7 @@ def test_a_dry_run_is_a_whole_study_and_a_second_one_goes_on(folder: Path) -> No
         assert all(person.simulated and person.consented_at for person in store.participants())
         assert {person.sex for person in store.participants()} == {"man", "woman"}
         assert [len(store.sessions(person.pseudonym)) for person in store.participants()] == [1, 1]
-        assert [finding for finding in check_study(store) if finding.wrong] == []
+        assert [finding for finding in check_study(store) if finding.is_error] == []
         answers = store.answers("sub-001")
         assert [answer.item for answer in answers if answer.attempt is None] == [
             "before_session",
@@ -138,7 +138,7 @@ def test_who_is_withdrawn_during_a_dry_run_is_no_failure(
         simulation.simulate_participant(folder, "sub-001", DryRun(SEED))
         assert store.participant("sub-001").state == "withdrawn"
         assert [trial.state for trial in store.trials("sub-001")] == ["completed", "planned", "planned"]
-        assert [finding for finding in check_study(store) if finding.wrong] == []
+        assert [finding for finding in check_study(store) if finding.is_error] == []
 
 
 def test_another_seed_does_not_go_on_with_earlier_people(folder: Path) -> None:
@@ -171,7 +171,7 @@ def test_partners_of_the_zoo_take_part(tmp_path: Path) -> None:
     result = study("simulate", folder, *asked, "--people", "zoo/unseen", "--impairment", "limits")
     assert result.exit_code == 0, result.output
     with Store(folder) as store:
-        assert [finding for finding in check_study(store) if finding.wrong] == []
+        assert [finding for finding in check_study(store) if finding.is_error] == []
         (person,) = store.participants()
         traits = draw_participant_traits(person, find_dry_run(SEED, "zoo/unseen", "limits"))
         assert traits.partner is not None

@@ -126,11 +126,11 @@ def test_evaluation_of_a_robot_with_room_counts_one_draw_a_start(monkeypatch: py
 def test_a_study_is_checked_for_each_body_before_anybody_takes_part(refused: None, folder: Path) -> None:
     with Store(folder) as store:
         found = list(check_study_starts(store))
-    assert [(each.where, each.wrong) for each in found] == [(ENVIRONMENT, True)] * 4
+    assert [(each.where, each.is_error) for each in found] == [(ENVIRONMENT, True)] * 4
     bodies = [
         f"beside a {sex} with a torso of {height}" for sex in ("man", "woman") for height in ("0.40", "0.75")
     ]
-    assert all(sum(body in each.what for each in found) == 1 for body in bodies)
+    assert all(sum(body in each.message for each in found) == 1 for body in bodies)
     ran = CliRunner().invoke(app, ["study", "check", str(folder)])
     assert ran.exit_code == 1
     assert "inside the table" in ran.output
@@ -140,8 +140,8 @@ def test_a_study_check_reports_often_rejected_bodies(crowded: None, folder: Path
     with Store(folder) as store:
         found = list(check_study_starts(store))
     assert found
-    assert not any(each.wrong for each in found)
-    assert "a start is drawn" in found[0].what
+    assert not any(each.is_error for each in found)
+    assert "a start is drawn" in found[0].message
 
 
 def test_a_task_whose_starts_cannot_be_drawn_is_wrong(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -151,7 +151,7 @@ def test_a_task_whose_starts_cannot_be_drawn_is_wrong(folder: Path, monkeypatch:
     monkeypatch.setattr("avrgym.study.checking.preflight.draws_by_body", broken)
     with Store(folder) as store:
         (found,) = check_study_starts(store)
-    assert (found.wrong, found.what) == (True, "no start can be sampled: KeyError: 'elbow'")
+    assert (found.is_error, found.message) == (True, "no start can be sampled: KeyError: 'elbow'")
 
 
 def test_a_study_of_ours_has_room(folder: Path) -> None:

@@ -37,10 +37,12 @@ class ItemRow:
     answers: Annotated[int, Column("Number of answers to it.", allowed=FROM_1)]
 
 
-def item_rows(store: Store, asked: AnsweredItems) -> list[ItemRow]:
+def item_rows(store: Store, answered_items: AnsweredItems) -> list[ItemRow]:
     """A row for each version of an item and group of participants, ordered by item."""
     simulated = {each.pseudonym: each.simulated for each in store.participants()}
-    scales = {item.id: own.scale_of(item) for own in asked.design.questionnaires for item in own.items}
+    scales = {
+        item.id: own.scale_of(item) for own in answered_items.design.questionnaires for item in own.items
+    }
     return [
         ItemRow(
             simulated=group,
@@ -56,10 +58,10 @@ def item_rows(store: Store, asked: AnsweredItems) -> list[ItemRow]:
             asked_of=", ".join(sorted(own)),
             answers=sum(own.values()),
         )
-        for version in asked.versions
+        for version in answered_items.versions
         for scale in (scales[version.item.id],)
         for group in (False, True)
-        for own in ({name: n for name, n in version.asked.items() if simulated[name] is group},)
+        for own in ({name: n for name, n in version.answer_counts.items() if simulated[name] is group},)
         if own
     ]
 
@@ -74,7 +76,7 @@ DIFFERENCES_NOTICE = (
 
 def differences_notice(differences: Sequence[Finding]) -> list[Markup]:
     """The notice about differences between designs; empty without differences."""
-    wrong = any(each.wrong for each in differences)
+    wrong = any(each.is_error for each in differences)
     return [warning_box(f"{DIFFERENCES_TITLE}.", DIFFERENCES_NOTICE)] if wrong else []
 
 
@@ -82,7 +84,7 @@ def differences_section(differences: Sequence[Finding], items: Sequence[ItemRow]
     """Each difference with its participants and trials, and the items that have versions."""
     if not differences:
         return Markup()
-    lines = bullet_list([f"{each.where}: {each.what}." for each in differences])
+    lines = bullet_list([f"{each.where}: {each.message}." for each in differences])
     return tag("section", tag("h2", DIFFERENCES_TITLE), lines, *_versions(items), id="differences")
 
 

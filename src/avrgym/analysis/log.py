@@ -32,7 +32,7 @@ def study_log(store: Store) -> StudyLog:
         people=list(dict.fromkeys(describe_person(entry, sites) for entry in own)),
         first_at=min((entry.at for entry in own), default=None),
         last_at=max((entry.at for entry in own), default=None),
-        interim_looks=[f"{each.where} {each.what}" for each in check_interim_looks(store)],
+        interim_looks=[f"{each.where} {each.message}" for each in check_interim_looks(store)],
     )
 
 

@@ -118,7 +118,7 @@ def _better_policy(design: Design, questionnaire: Questionnaire) -> Expected:
 class FrozenPlan:
     """A study's frozen plan (``None`` if its contents are unknown), and the study's deviations from it.
 
-    ``words`` describe its date. ``confirms``: it is certainly older than the first participant. ``sha256``: checksum of
+    ``origin_text`` describes its date. ``is_confirmatory``: it is certainly older than the first participant. ``sha256``: checksum of
     the plan. ``record_sha256``: checksum of its frozen record.
     """
 
@@ -126,14 +126,14 @@ class FrozenPlan:
     plan: Plan | None
     sha256: str | None
     deviations: list[Finding]
-    words: str
-    confirms: bool
+    origin_text: str
+    is_confirmatory: bool
     record_sha256: str
 
     @property
     def confirmed(self) -> Plan | None:
         """The plan if it makes tests confirmatory."""
-        return self.plan if self.confirms else None
+        return self.plan if self.is_confirmatory else None
 
 
 def read_frozen_plan(store: Store, design: Design, observed: StudyData) -> FrozenPlan | None:
@@ -150,8 +150,8 @@ def read_frozen_plan(store: Store, design: Design, observed: StudyData) -> Froze
         plan=record.parsed() if record else None,
         sha256=record.sha256[PLAN_FILE] if record else None,
         deviations=found,
-        words=frozen.words,
-        confirms=frozen.confirms,
+        origin_text=frozen.origin_text,
+        is_confirmatory=frozen.is_confirmatory,
         record_sha256=frozen.sha256,
     )
 
@@ -175,10 +175,10 @@ def plan_results(plan: FrozenPlan) -> dict[str, Any]:
         "frozen_at": plan.at,
         "sha256": plan.sha256,
         "record_sha256": plan.record_sha256,
-        "origin": plan.words,
-        "confirms": plan.confirms,
+        "origin": plan.origin_text,
+        "confirms": plan.is_confirmatory,
         "plan": None if plan.plan is None else msgspec.to_builtins(plan.plan),
-        "deviations": [{"where": each.where, "what": each.what} for each in plan.deviations],
+        "deviations": [{"where": each.where, "what": each.message} for each in plan.deviations],
     }
 
 
@@ -199,10 +199,14 @@ def _frozen_text(frozen: FrozenPlan) -> Markup:
     if frozen.plan is None:
         return tag("p", "The record of a frozen plan is missing or damaged: nothing is confirmatory.")
     plan = frozen.plan
-    tests = "Tests of its hypotheses are confirmatory, all others are exploratory." if frozen.confirms else ""
+    tests = (
+        "Tests of its hypotheses are confirmatory, all others are exploratory."
+        if frozen.is_confirmatory
+        else ""
+    )
     words = (
-        f"{frozen.words} The SHA-256 of plan.toml is {frozen.sha256}, that of plan-frozen.json {frozen.record_sha256}. "
-        f"{tests}"
+        f"{frozen.origin_text} The SHA-256 of plan.toml is {frozen.sha256}, "
+        f"that of plan-frozen.json {frozen.record_sha256}. {tests}"
     )
     said = {
         "Participants planned": str(plan.participants),
@@ -216,7 +220,7 @@ def _frozen_text(frozen: FrozenPlan) -> Markup:
 
 
 def _deviations(frozen: FrozenPlan) -> Markup:
-    found = [f"{each.where}: {each.what}." for each in frozen.deviations]
+    found = [f"{each.where}: {each.message}." for each in frozen.deviations]
     if not found:
         return join([tag("h3", "Deviations"), tag("p", "None.")])
     return join([tag("h3", "Deviations"), bullet_list(found)])

@@ -51,7 +51,7 @@ def _rows(condition: tuple[bool, str, str, str], own: list[AttemptedTrial]) -> I
     simulated, task, robot, policy = condition
     groups = defaultdict[Hashable, list[Repeat]](list)
     for repeat in (repeat for each in own for repeat in each.repeats):
-        groups[repeat.reason, repeat.cause, repeat.by].append(repeat)
+        groups[repeat.reason, repeat.cause, repeat.requested_by].append(repeat)
     for repeats in groups.values():
         first, outcomes = repeats[0], [repeat.success for repeat in repeats]
         yield RepeatRow(
@@ -62,7 +62,7 @@ def _rows(condition: tuple[bool, str, str, str], own: list[AttemptedTrial]) -> I
             trials=len(own),
             reason=first.reason,
             cause=first.cause,
-            ordered_by=first.by,
+            ordered_by=first.requested_by,
             repeated=len({repeat.trial.id for repeat in repeats}),
             replaced_attempts=len(repeats),
             replaced_successes=outcomes.count(True),

@@ -92,7 +92,7 @@ def _notices(analysis: Analysis) -> Markup:
         )
         notices.append(warning_box("SIMULATED PARTICIPANTS.", words))
     notices += [warning_box("Rebuilt database.", words) for words in analysis.losses]
-    if analysis.plan is not None and not analysis.plan.confirms:
+    if analysis.plan is not None and not analysis.plan.is_confirmatory:
         notices.append(warning_box("Exploratory.", "No plan was frozen before the first participant."))
     if any(use.design.blind_experimenter for use in analysis.uses) or analysis.design.blind_experimenter:
         notices.append(

@@ -180,7 +180,8 @@ class Analysis:
                 "exact_rank_sum": EXACT_RANK_SUM,
             },
             "differences": [
-                {"where": each.where, "what": each.what, "wrong": each.wrong} for each in self.differences
+                {"where": each.where, "what": each.message, "wrong": each.is_error}
+                for each in self.differences
             ],
             **({"plan": plan_results(self.plan)} if self.plan else {}),
             **({"database_rebuilt_at": self.rebuilt_at} if self.rebuilt_at else {}),
@@ -198,9 +199,9 @@ def analyse(
     skip_damaged: bool = False,
 ) -> Analysis:
     """Analyses a study in its current state; arguments and errors as for ``read_study``."""
-    asked = AnsweredItems(store)
-    design = asked.design
-    observed = read_study(store, progress, skip_damaged=skip_damaged, asked=asked)
+    answered_items = AnsweredItems(store)
+    design = answered_items.design
+    observed = read_study(store, progress, skip_damaged=skip_damaged, answered_items=answered_items)
     differences = list(check_design(store))
     observed.problems.extend(_problem(each, FROM_FILE) for each in check_stored_designs(store))
     people = sample_training_people(design)
@@ -222,7 +223,7 @@ def analyse(
         plan=plan,
         differences=differences,
         uses=recorded_designs(store),
-        items=item_rows(store, asked),
+        items=item_rows(store, answered_items),
         observed=observed,
         flows=participant_flows(store, observed),
         headsets=headset_rows(store),
@@ -246,10 +247,10 @@ def analyse(
         functioning=[vars(row) for row in functioning_counts(store)] if store.design.ask_functioning else [],
         losses=describe_data_loss(store),
         repeats=repeat_rows(attempted_trials(store)),
-        repeat_findings=[f"{each.where}: {each.what}" for each in check_repeats(store)],
+        repeat_findings=[f"{each.where}: {each.message}" for each in check_repeats(store)],
         repeats_about=is_simulated(store),
     )
 
 
 def _problem(found: Finding, consequence: str) -> ProblemRow:
-    return ProblemRow(simulated=None, where=found.where, what=found.what, consequence=consequence)
+    return ProblemRow(simulated=None, where=found.where, what=found.message, consequence=consequence)

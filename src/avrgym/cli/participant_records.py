@@ -172,7 +172,7 @@ def retention(
             day = today()
             rows = [
                 {
-                    "data": DATA_NAMES[each.what],
+                    "data": DATA_NAMES[each.kind],
                     "due_on": each.due_on.isoformat(),
                     "due": each.is_due(day),
                     "participants": list(each.participants),

@@ -222,5 +222,5 @@ def checked(store: "Store") -> "list[Finding]":
     _, deviating = plan_of(store, [each for each in found if isinstance(each, ExcludedTrial)])
     return [
         *(each for each in found if each not in deviating),
-        *(replace(each, what=f"deviates from the plan: {each.what}") for each in deviating),
+        *(replace(each, message=f"deviates from the plan: {each.message}") for each in deviating),
     ]

@@ -101,7 +101,7 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
     if frozen_at is not None:
         print_line(f"plan frozen at {frozen_at}, deviations: {len(deviations)}")
     for each in deviations:
-        print_line(f"deviation  {each.where}: {each.what}")
+        print_line(f"deviation  {each.where}: {each.message}")
 
 
 def _row(participant: "ParticipantSummary") -> dict[str, Any]:
@@ -324,10 +324,10 @@ def check(
             head = store.database.head()
         write_json(json_file, [asdict(finding) for finding in findings])
     for finding in findings:
-        print_line(f"{'error' if finding.wrong else 'note '}  {finding.where}: {finding.what}")
+        print_line(f"{'error' if finding.is_error else 'note '}  {finding.where}: {finding.message}")
     print_line(f"hash chain {head.number} entries, last digest {head.digest or 'none'}")
-    wrong = sum(finding.wrong for finding in findings)
-    print_line(f"{wrong} errors" if wrong else "no errors")
+    errors = sum(finding.is_error for finding in findings)
+    print_line(f"{errors} errors" if errors else "no errors")
     if wrong:
         raise typer.Exit(1)
 

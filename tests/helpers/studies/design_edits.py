@@ -68,7 +68,7 @@ DESIGN, DE, JIAN = "study.toml", "texts/de.toml", "instruments/jian-trust.toml"
 class Edit(NamedTuple):
     """An edit of a file, and the words that the finding must contain: the field and both values.
 
-    ``wrong``: it is an error; ``by``: another edit makes this one too.
+    ``is_error``: the check reports an error; ``by``: another edit makes this one too.
     """
 
     before: str
@@ -77,7 +77,7 @@ class Edit(NamedTuple):
     was: str
     then: str
     file: str = DESIGN
-    wrong: bool = True
+    is_error: bool = True
     by: str = ""
 
     @property
@@ -87,10 +87,12 @@ class Edit(NamedTuple):
 
 
 EDITS = {
-    "title": Edit('title = "Assistive VR Gym: ', 'title = "', "title", '"Assistive VR', '"real', wrong=False),
-    "participants": Edit("participants = 8", "participants = 9", "participants", "8", "9", wrong=False),
+    "title": Edit(
+        'title = "Assistive VR Gym: ', 'title = "', "title", '"Assistive VR', '"real', is_error=False
+    ),
+    "participants": Edit("participants = 8", "participants = 9", "participants", "8", "9", is_error=False),
     "max_held_share": Edit(
-        "max_held_share = 0.05", "max_held_share = 0.5", "max_held_share", "0.05", "0.5", wrong=False
+        "max_held_share = 0.05", "max_held_share = 0.5", "max_held_share", "0.05", "0.5", is_error=False
     ),
     "free_movement_s": Edit(
         "free_movement_s = 5.0", "free_movement_s = 4.0", "free_movement_s", "5.0", "4.0"

@@ -277,7 +277,7 @@ class FaultyStudy:
                     found.append(f"{attempt} is {attempt.state}, counts: {each.counts}, {each}")
             found += self._faults_of_trials(pseudonym)
         return found + [
-            str(each) for each in check_study(self.store) if each.wrong and "policy" not in each.where
+            str(each) for each in check_study(self.store) if each.is_error and "policy" not in each.where
         ]
 
     def _held_after(self, attempt: TrialAttempt, switch: Expected) -> int:

@@ -24,6 +24,6 @@ def is_detected(study: Path) -> bool:
     """Whether a study does not open, or its check finds something wrong."""
     try:
         with Store(study) as store:
-            return any(finding.wrong for finding in check_study(store))
+            return any(finding.is_error for finding in check_study(store))
     except StudyError:
         return True

@@ -51,7 +51,7 @@ def files_in(folder: Path) -> Tree:
 def check_errors(folder: Path) -> list[str]:
     """What a study's check finds wrong."""
     with Store(folder) as store:
-        return [f"{each.where}: {each.what}" for each in check_study(store) if each.wrong]
+        return [f"{each.where}: {each.message}" for each in check_study(store) if each.is_error]
 
 
 def study_contents(folder: Path) -> dict[str, list[Any]]:

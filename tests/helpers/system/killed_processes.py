@@ -188,7 +188,7 @@ def assert_same(undisturbed: Path, folder: Path) -> int:
             ):
                 assert recorded == wanted
         assert exported_tables(store) == exported_tables(expected)
-        assert [f"{each.where}: {each.what}" for each in check_study(store) if each.wrong] == []
+        assert [f"{each.where}: {each.message}" for each in check_study(store) if each.is_error] == []
         return sum(len(store.attempts(pseudonym)) for pseudonym in pseudonyms)
 
 

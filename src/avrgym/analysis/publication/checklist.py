@@ -99,7 +99,9 @@ def _about_the_analysis(analysis: Analysis, flow: ParticipantFlow) -> list[Check
     own = [row for row in analysis.observed.participants if row.simulated is flow.simulated]
     missing = sum(row.trials_missing for row in own)
     frozen = (
-        f"frozen at {time_text(analysis.plan.at)} (UTC)" if analysis.plan and analysis.plan.confirms else ""
+        f"frozen at {time_text(analysis.plan.at)} (UTC)"
+        if analysis.plan and analysis.plan.is_confirmatory
+        else ""
     )
     return [
         ChecklistField(

@@ -209,7 +209,9 @@ def _withdrawal(design: Design) -> str:
 def _plugins(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
     """The plug-ins in the recordings."""
     used = Counter(
-        f"{each.label}: {each.then}" for each in analysis.observed.plugins if each.simulated is flow.simulated
+        f"{each.label}: {each.recorded}"
+        for each in analysis.observed.plugins
+        if each.simulated is flow.simulated
     )
     if used:
         said = "; ".join(f"{what}, {count_text(number, 'trial')}" for what, number in sorted(used.items()))
@@ -303,7 +305,7 @@ def _analysis(analysis: Analysis) -> Iterator[str]:
     else:
         rationale = plan.plan.sample_size_rationale or missing("why so many participants")
         yield (
-            f"{plan.words} The SHA-256 of the frozen record is {plan.record_sha256}. "
+            f"{plan.origin_text} The SHA-256 of the frozen record is {plan.record_sha256}. "
             f"{plan.plan.participants} participants were planned: {rationale}"
         )
         yield " ".join(f"{each.id}: {each.text}" for each in plan.plan.hypotheses)
@@ -337,7 +339,7 @@ def _which_are_primary(analysis: Analysis) -> str:
 def _deviations(analysis: Analysis) -> list[str]:
     if analysis.plan is None:
         return ["There was no plan to deviate from."]
-    found = [f"{each.where}: {each.what}." for each in analysis.plan.deviations]
+    found = [f"{each.where}: {each.message}." for each in analysis.plan.deviations]
     return found or ["None."]
 
 

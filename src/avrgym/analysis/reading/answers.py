@@ -25,10 +25,10 @@ class ParticipantAnswers:
         participant: Participant,
         attempts: Sequence[ExportedAttempt],
         counted_positions: set[int],
-        asked: AnsweredItems,
+        answered_items: AnsweredItems,
     ) -> None:
-        self._store, self._participant, self._asked = store, participant, asked
-        self._answers = answers_of(store, participant, attempts, asked)
+        self._store, self._participant, self._answered_items = store, participant, answered_items
+        self._answers = answers_of(store, participant, attempts, answered_items)
         takes_part = participant.state in PARTICIPATING
         self._compared = _compared(self._answers) if takes_part else set[int]()
         of_trials = {each.given.id for each in self._answers if _is_of_trial(each, counted_positions)}
@@ -42,7 +42,7 @@ class ParticipantAnswers:
 
     def scores(self) -> Iterator[ScoreRow]:
         """Every score; it counts if all its answers count."""
-        for score in scores_of(self._store, self._participant, self._answers, self._asked):
+        for score in scores_of(self._store, self._participant, self._answers, self._answered_items):
             counted = all(answer.given.id in self._counted for answer in score.answers)
             columns = {name: value for name, value in vars(score.row()).items() if name in SCORE_COLUMNS}
             yield ScoreRow(counted=counted, **columns)

@@ -78,7 +78,7 @@ def read_study(
     progress: Callable[[int, int], None] = lambda done, all_: None,
     *,
     skip_damaged: bool = False,
-    asked: AnsweredItems | None = None,
+    answered_items: AnsweredItems | None = None,
 ) -> StudyData:
     """Read a study. Unusable recordings are in the table of problems.
 
@@ -86,12 +86,12 @@ def read_study(
         store: the study.
         progress: called after each recording with the number of recordings read and their total.
         skip_damaged: ignore recordings that changed after their trials.
-        asked: the items that participants answered; read from the study if absent.
+        answered_items: the items that participants answered; read from the study if absent.
 
     Raises:
         StudyError: for recordings that changed, unless they are skipped; the message contains their names.
     """
-    asked = asked or AnsweredItems(store)
+    answered_items = answered_items or AnsweredItems(store)
     found = StudyData(problems=list(_site_problems(store)))
     attempts = list(all_attempts(store))
     completed = {each.trial.id: each for each in attempts if each.attempt.state == "completed"}
@@ -111,7 +111,7 @@ def read_study(
     counted = {(row.participant, row.position) for row in found.trials if row.counted}
     for participant in store.participants():
         positions = {position for pseudonym, position in counted if pseudonym == participant.pseudonym}
-        answered = ParticipantAnswers(store, participant, attempts, positions, asked)
+        answered = ParticipantAnswers(store, participant, attempts, positions, answered_items)
         found.problems.extend(answered.problems())
         found.answers.extend(answered.rows())
         found.scores.extend(answered.scores())
@@ -134,7 +134,7 @@ def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[ProblemRow]:
             yield ProblemRow(
                 simulated=simulated,
                 where=found.where,
-                what=found.what,
+                what=found.message,
                 consequence="trials are used as they were recorded",
             )
 

@@ -83,7 +83,7 @@ def _check_stray(store: Store, name: str) -> Finding:
     sessions = [each for person in store.participants() for each in store.sessions(person.pseudonym)]
     own = name.rpartition("/")[0] in {session.folder for session in sessions}
     if own and not _is_completed(store.folder / name):
-        return Finding(name, "was opened for an attempt that did not begin", wrong=False)
+        return Finding(name, "was opened for an attempt that did not begin", is_error=False)
     return Finding(name, "belongs to no attempt of this study")
 
 
@@ -96,7 +96,7 @@ def _is_completed(path: Path) -> bool:
 
 def check_due(store: Store) -> Iterator[Finding]:
     """Data with an expired retention period."""
-    return (Finding("retention", words, wrong=False) for words in describe_due(store, today()))
+    return (Finding("retention", words, is_error=False) for words in describe_due(store, today()))
 
 
 def check_policies(store: Store) -> Iterator[Finding]:
@@ -151,7 +151,7 @@ def _check_session(store: Store, session: StudySession, design: Design) -> Itera
     ]
     last = session.id == store.sessions(pseudonym_of(session.participant))[-1].id
     if missing and (session.state == "closed" or (session.state == "interrupted" and last)):
-        yield Finding(str(session), f"has no answer to {', '.join(missing)}", wrong=False)
+        yield Finding(str(session), f"has no answer to {', '.join(missing)}", is_error=False)
 
 
 def _check_attempt(
@@ -178,12 +178,12 @@ def _check_attempt(
         yield from _check_recording(store, participant, trial, attempt, path, answers)
     elif participant.site_number is None and session.station != store.station:
         yield Finding(
-            attempt.recording, f"is at another station; it was recorded at {session.station}", wrong=False
+            attempt.recording, f"is at another station; it was recorded at {session.station}", is_error=False
         )
     elif why := _not_merged(store, attempt):
-        yield Finding(attempt.recording, f"was left out when sites were merged: {why}", wrong=False)
+        yield Finding(attempt.recording, f"was left out when sites were merged: {why}", is_error=False)
     elif at := recordings_deleted(store).get(participant.number):
-        yield Finding(attempt.recording, f"was deleted by schedule at {at}", wrong=False)
+        yield Finding(attempt.recording, f"was deleted by schedule at {at}", is_error=False)
     elif completed or attempt.sha256 is not None:
         yield Finding(attempt.recording, "is missing")
 
@@ -199,7 +199,7 @@ def _not_answered(store: Store, attempt: TrialAttempt, missing: list[str]) -> Fi
     if not opened:
         return Finding(attempt.recording, f"completed without answers to {items}")
     state = "its questionnaire is open" if still_open else "its questionnaire was skipped"
-    return Finding(attempt.recording, f"{state}: no answer to {items}", wrong=False)
+    return Finding(attempt.recording, f"{state}: no answer to {items}", is_error=False)
 
 
 def _not_merged(store: Store, attempt: TrialAttempt) -> str:
@@ -223,7 +223,7 @@ def _check_recording(
     try:
         recording = read_recording(path)
     except (OSError, RecordingError) as error:
-        yield Finding(attempt.recording, f"does not load: {error}", wrong=attempt.state == "completed")
+        yield Finding(attempt.recording, f"does not load: {error}", is_error=attempt.state == "completed")
         return
     if attempt.state == "completed" and not recording.complete:
         yield Finding(attempt.recording, "is not complete though its trial is")
@@ -237,7 +237,7 @@ def _check_recording(
             yield excluded_trial(participant.pseudonym, trial.position, held)
     for name, times in _clocks(recording):
         if times.resets:
-            yield Finding(attempt.recording, _jumped(name, times), wrong=False)
+            yield Finding(attempt.recording, _jumped(name, times), is_error=False)
     for name in _differences(recording, _stored(participant, trial, attempt), answers):
         yield Finding(attempt.recording, f"was recorded with another {name} than in the database")
 

@@ -28,7 +28,7 @@ def check_consents(store: Store) -> Iterator[Finding]:
     without = [each for each in consents if each.sha256 not in archived]
     if without:
         yield Finding(
-            "consent", f"text not archived: that of {consenting_participants(without)}", wrong=False
+            "consent", f"text not archived: that of {consenting_participants(without)}", is_error=False
         )
 
 

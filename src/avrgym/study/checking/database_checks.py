@@ -26,15 +26,15 @@ _PRIVATE = (DATABASE, HEAD, CHECKSUM, PARTICIPATION, RECORDINGS, BACKUPS, ANALYS
 
 def check_database(store: Store) -> Iterator[Finding]:
     """Changes by other programs, damage, rebuilds, and accepted differences between sites."""
-    for where, what in store.database.faults():
-        yield Finding(where, what)
+    for where, message in store.database.faults():
+        yield Finding(where, message)
     for event in store.events():
         if event.name == REBUILT:
             yield Finding(
-                "database", f"was rebuilt from the recordings at {event.at}; {event.detail}", wrong=False
+                "database", f"was rebuilt from the recordings at {event.at}; {event.detail}", is_error=False
             )
         elif event.name == SITE_DIFFERS:
-            yield Finding("sites", f"were merged although {event.detail}", wrong=False)
+            yield Finding("sites", f"were merged although {event.detail}", is_error=False)
 
 
 def check_private(store: Store) -> Iterator[Finding]:
@@ -44,8 +44,10 @@ def check_private(store: Store) -> Iterator[Finding]:
     for name in _PRIVATE:
         others = len(list(exposed(store.folder / name)))
         if others:
-            what = f"{others} files or folders can be read by other users; --fix-permissions restricts them"
-            yield Finding(name, what, wrong=False)
+            message = (
+                f"{others} files or folders can be read by other users; --fix-permissions restricts them"
+            )
+            yield Finding(name, message, is_error=False)
     analysis = store.folder / ANALYSIS
     for path in [
         *identity_file.unfinished_files(store.folder),
@@ -75,7 +77,7 @@ def _check_names(store: Store) -> Iterator[Finding]:
     try:
         key = identity_file.read_identities(store.folder)
     except KeyUnavailable as error:
-        yield Finding(where, f"was not searched for duplicate enrolments: {error}", wrong=False)
+        yield Finding(where, f"was not searched for duplicate enrolments: {error}", is_error=False)
         return
     except StudyError as error:
         yield Finding(where, str(error))
@@ -83,7 +85,7 @@ def _check_names(store: Store) -> Iterator[Finding]:
     for first, second in possible_duplicates(
         key, (name for name, state in states.items() if state not in _GONE)
     ):
-        yield Finding(second, f"may be the same person as {first}: name or contact are equal", wrong=False)
+        yield Finding(second, f"may be the same person as {first}: name or contact are equal", is_error=False)
 
 
 def _check_encryption(store: Store) -> Iterator[Finding]:
@@ -94,7 +96,7 @@ def _check_encryption(store: Store) -> Iterator[Finding]:
     where = str(plain.relative_to(store.folder))
     command = f"`avrgym study encrypt-names {store.folder}`"
     if identity_file.key_source(store.folder) is None:
-        yield Finding(where, f"contains unencrypted names; {command} encrypts them", wrong=False)
+        yield Finding(where, f"contains unencrypted names; {command} encrypts them", is_error=False)
     else:
         yield Finding(where, f"is an unencrypted copy of the names; {command} removes it")
 

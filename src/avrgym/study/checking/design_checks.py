@@ -40,62 +40,67 @@ NOT_FOR_PARTICIPANTS = ("title", "participants", "max_held_share", "max_repeats"
 
 @dataclass(frozen=True)
 class Difference:
-    """A value ``here`` in one design that is another, ``there``, in ``uses``; either may be ``NOTHING``."""
+    """A value that differs between the study's design (``present``) and that of ``sessions`` (``used``).
+
+    Either may be ``MISSING``.
+    """
 
     file: str
     place: Place
-    here: Any
-    there: Any
-    uses: list[SessionDesign]
+    present: Any
+    used: Any
+    sessions: list[SessionDesign]
 
 
 def check_design(store: Store) -> Iterator[Finding]:
     """Differences between the designs of sessions and the design in the study's folder."""
-    uses = session_designs(store)
-    for each in differences_of(store.design, _present_wordings(store), uses):
-        wrong = each.place[0] not in NOT_FOR_PARTICIPANTS and not is_accepted_site_difference(
-            store, each.uses, uses
+    sessions = session_designs(store)
+    for each in differences_of(store.design, _present_wordings(store), sessions):
+        is_error = each.place[0] not in NOT_FOR_PARTICIPANTS and not is_accepted_site_difference(
+            store, each.sessions, sessions
         )
-        what = f"{place_text(each.place)} is {value_text(each.here)}; it was {value_text(each.there)} for"
-        yield Finding(each.file, f"{what} {describe_trials(each.uses, uses)}", wrong=wrong)
+        message = (
+            f"{place_text(each.place)} is {value_text(each.present)}; it was {value_text(each.used)} for"
+        )
+        yield Finding(each.file, f"{message} {describe_trials(each.sessions, sessions)}", is_error=is_error)
     yield from _check_inclusion(store)
-    yield from _check_recordings(store, uses)
+    yield from _check_recordings(store, sessions)
 
 
 def check_stored_designs(store: Store) -> Iterator[Finding]:
     """Sessions of earlier versions, whose design the database does not contain."""
-    uses = session_designs(store)
-    unknown = [use for use in uses if use.wordings is None]
+    sessions = session_designs(store)
+    unknown = [entry for entry in sessions if entry.wordings is None]
     if unknown:
-        trials = describe_trials(unknown, uses)
-        what = f"does not contain the design of {trials}: only their recordings contain a part of it"
-        yield Finding("database", what, wrong=False)
+        trials = describe_trials(unknown, sessions)
+        message = f"does not contain the design of {trials}: only their recordings contain a part of it"
+        yield Finding("database", message, is_error=False)
 
 
 def differences_of(
-    design: Design, wordings: Wordings | None, uses: Sequence[SessionDesign]
+    design: Design, wordings: Wordings | None, sessions: Sequence[SessionDesign]
 ) -> list[Difference]:
-    """Each difference between a design and those that people took part with."""
+    """Each difference between a design and the designs of sessions."""
     found: dict[str, Difference] = {}
     known: dict[bytes, list[Difference]] = {}
-    for use in uses:
-        key = msgspec.json.encode([use.design, use.wordings, use.language], order="deterministic")
+    for entry in sessions:
+        key = msgspec.json.encode([entry.design, entry.wordings, entry.language], order="deterministic")
         if key not in known:
-            known[key] = list(_differences(design, wordings, use))
+            known[key] = list(_differences(design, wordings, entry))
         for each in known[key]:
-            name = f"{each.file} {each.place} {each.there!r}"
-            found.setdefault(name, replace(each, uses=[])).uses.append(use)
+            name = f"{each.file} {each.place} {each.used!r}"
+            found.setdefault(name, replace(each, sessions=[])).sessions.append(entry)
     return list(found.values())
 
 
-def _differences(design: Design, wordings: Wordings | None, use: SessionDesign) -> Iterator[Difference]:
-    for place, here, there in differences(_of_sessions(design), _of_sessions(use.design)):
+def _differences(design: Design, wordings: Wordings | None, entry: SessionDesign) -> Iterator[Difference]:
+    for place, here, there in differences(_of_sessions(design), _of_sessions(entry.design)):
         yield Difference(FILE, place, here, there, [])
-    if wordings is None or use.wordings is None:
+    if wordings is None or entry.wordings is None:
         return
-    language = use.language
-    for place, here, there in differences(wordings.get(language, {}), use.wordings.get(language, {})):
-        if place[0] != "sentences" or place[-1] in _both(design, use.design):
+    language = entry.language
+    for place, here, there in differences(wordings.get(language, {}), entry.wordings.get(language, {})):
+        if place[0] != "sentences" or place[-1] in _both(design, entry.design):
             yield Difference(f"{TEXTS_FOLDER}/{language}.toml", place, here, there, [])
 
 
@@ -123,8 +128,8 @@ def _present_wordings(store: Store) -> Wordings | None:
 def _check_inclusion(store: Store) -> Iterator[Finding]:
     """Differences between present inclusion questions and those that participants answered."""
     for (place, here, there), people in admission_differences(store, store.design, AT_ADMISSION):
-        what = f"{place_text(place)} is {value_text(here)}; it was {value_text(there)} for"
-        yield Finding(FILE, f"{what} {', '.join(people)}")
+        message = f"{place_text(place)} is {value_text(here)}; it was {value_text(there)} for"
+        yield Finding(FILE, f"{message} {', '.join(people)}")
 
 
 def admission_differences(
@@ -141,20 +146,20 @@ def admission_differences(
     return list(found.values())
 
 
-def _check_recordings(store: Store, uses: Sequence[SessionDesign]) -> Iterator[Finding]:
+def _check_recordings(store: Store, sessions: Sequence[SessionDesign]) -> Iterator[Finding]:
     """Differences between recordings and the stored design of their session.
 
     The real seat may differ in a session; every other difference is an error.
     """
-    stored = {use.session.id: use for use in uses if use.wordings is not None}
-    for use in recorded_designs(store):
-        own = stored.get(use.session.id)
+    stored = {entry.session.id: entry for entry in sessions if entry.wordings is not None}
+    for entry in recorded_designs(store):
+        own = stored.get(entry.session.id)
         if own is None:
             continue
-        for place, before, then in differences(_of_sessions(own.design), _of_sessions(use.design)):
+        for place, before, then in differences(_of_sessions(own.design), _of_sessions(entry.design)):
             yield Finding(
-                str(use.session),
+                str(entry.session),
                 f"was recorded with another {place_text(place)} than its design has: {value_text(then)} instead of "
-                f"{value_text(before)}, for {describe_trials([use])}",
-                wrong=place[0] != "furniture",
+                f"{value_text(before)}, for {describe_trials([entry])}",
+                is_error=place[0] != "furniture",
             )

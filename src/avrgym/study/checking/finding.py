@@ -8,8 +8,8 @@ class Finding:
     """A finding: place, message, and whether it is an error that must be corrected."""
 
     where: str
-    what: str
-    wrong: bool = True
+    message: str
+    is_error: bool = True
 
 
 class ExcludedTrial(Finding):
@@ -19,5 +19,5 @@ class ExcludedTrial(Finding):
 def excluded_trial(participant: str, position: int, why: str) -> ExcludedTrial:
     """The finding about an excluded trial of a participant."""
     return ExcludedTrial(
-        f"{participant}, trial {position}", f"is left out of the analysis: {why}", wrong=False
+        f"{participant}, trial {position}", f"is left out of the analysis: {why}", is_error=False
     )

@@ -27,11 +27,11 @@ def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
         times = f" {len(entries)} times" if len(entries) > 1 else ""
         first = ", first" if len(entries) > 1 else ""
         names = ", ".join(dict.fromkeys(entry.name for entry in entries))
-        what = (
+        message = (
             f"were viewed{times} after {completed} of {most} participants by {who}{first} at {entries[0].at} (UTC): "
             f"{names}"
         )
-        yield Finding(RESULTS, what, wrong=False)
+        yield Finding(RESULTS, message, is_error=False)
 
 
 def is_interim(entry: LogEntry, planned: int = 0) -> bool:

@@ -20,11 +20,11 @@ def check_participation(store: Store) -> Iterator[Finding]:
     yield from _check_events(store)
     for participant in store.participants():
         if participant.state == UNKNOWN:
-            what = (
+            message = (
                 "consent, withdrawal or deletion is unknown since the database was rebuilt; they are in no analysis. "
                 "Run `avrgym study confirm-participation` or `avrgym study withdraw`"
             )
-            yield Finding(participant.pseudonym, what)
+            yield Finding(participant.pseudonym, message)
     for gone in store.tombstones():
         if any((store.folder / RECORDINGS / pseudonym_of(gone.number)).rglob("*")):
             yield Finding(pseudonym_of(gone.number), recordings_came_back(gone.deleted_at))
@@ -44,14 +44,14 @@ def _check_list(store: Store) -> Iterator[Finding]:
     known = people | {each.number for each in store.tombstones()}
     for number, content in listed.latest.items():
         if number not in known:
-            what = f"contains {pseudonym_of(number)}, who is not in the database: restore a later copy"
-            yield Finding(FILE, what)
+            message = f"contains {pseudonym_of(number)}, who is not in the database: restore a later copy"
+            yield Finding(FILE, message)
         elif content["state"] == DELETED and number in people:
-            what = (
+            message = (
                 f"was deleted at {content['at']} and is in the database again; `avrgym study delete-participant` "
                 "removes them"
             )
-            yield Finding(pseudonym_of(number), what)
+            yield Finding(pseudonym_of(number), message)
 
 
 def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
@@ -61,7 +61,7 @@ def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
         detail = listed.without_participant[0]["detail"]
         why = f" and {detail}" if detail else ""
         yield Finding(
-            FILE, f"was begun at {listed.begun_at} with what the database contained{why}", wrong=False
+            FILE, f"was begun at {listed.begun_at} with what the database contained{why}", is_error=False
         )
 
 
@@ -70,12 +70,12 @@ def _check_events(store: Store) -> Iterator[Finding]:
     for event in store.events():
         where = pseudonym_of(event.participant) if event.participant else "study"
         if event.name == STATE_RESTORED:
-            yield Finding(where, f"was {event.detail}; the database did not contain it", wrong=False)
+            yield Finding(where, f"was {event.detail}; the database did not contain it", is_error=False)
         elif event.name == STUDY_SET_BACK:
-            yield Finding(where, f"was set back: at {event.at} {event.detail}", wrong=False)
+            yield Finding(where, f"was set back: at {event.at} {event.detail}", is_error=False)
         elif event.name == PARTICIPATION_CONFIRMED:
-            what = f"participation was confirmed at {event.at} by the experimenter: {event.detail}"
-            yield Finding(where, what, wrong=False)
+            message = f"participation was confirmed at {event.at} by the experimenter: {event.detail}"
+            yield Finding(where, message, is_error=False)
 
 
 _CLOCK = timedelta(minutes=1)
@@ -110,7 +110,7 @@ def _faults(store: Store, listed: Participation, beginnings: Mapping[int, dateti
     end = signing.last_entry(store.folder) or signing.last_entry_of_moved_study(listed.list_digest)
     if end is not None and end.list_digest != listed.list_digest:
         yield "is of another study than the earlier list in this folder"
-    elif end is not None and not listed.has(end.digest):
+    elif end is not None and not listed.contains(end.digest):
         yield "was replaced by an older copy: this computer has stored later entries"
     for number, began in beginnings.items():
         content = listed.latest.get(number)

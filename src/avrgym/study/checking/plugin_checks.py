@@ -17,11 +17,11 @@ from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 
 @dataclass(frozen=True)
 class RecordedPlugin:
-    """The content of a plug-in in a participant's trial (``then``), and its content now."""
+    """A plug-in as recorded in a participant's trial, and as installed at present."""
 
     label: str
-    then: str
-    now: str
+    recorded: str
+    present: str
     participant: str
     position: int
     simulated: bool
@@ -37,25 +37,26 @@ def plugin_findings(recorded: Iterable[RecordedPlugin]) -> Iterator[Finding]:
     groups = defaultdict[tuple[str, bool], list[RecordedPlugin]](list)
     for each in recorded:
         groups[each.label, each.simulated].append(each)
-    for (label, _), uses in groups.items():
-        yield from _differing(label, uses)
+    for (label, _), trials in groups.items():
+        yield from _findings_of_plugin(label, trials)
 
 
-def _differing(label: str, uses: list[RecordedPlugin]) -> Iterator[Finding]:
-    trials = defaultdict[str, list[RecordedPlugin]](list)
-    for each in uses:
-        trials[each.then].append(each)
-    if len(trials) > 1:
-        parts = [f"{then} in {_listed(own)}" for then, own in trials.items()]
+def _findings_of_plugin(label: str, trials: list[RecordedPlugin]) -> Iterator[Finding]:
+    by_content = defaultdict[str, list[RecordedPlugin]](list)
+    for each in trials:
+        by_content[each.recorded].append(each)
+    if len(by_content) > 1:
+        parts = [f"{content} in {_trials_text(own)}" for content, own in by_content.items()]
         yield Finding(label, f"was not the same in all trials: {'; '.join(parts)}")
-    now = uses[0].now
-    if now not in trials:
-        yield Finding(label, f"is {now} now, as in no trial; it was {' and '.join(trials)}", wrong=False)
+    present = trials[0].present
+    if present not in by_content:
+        recorded = " and ".join(by_content)
+        yield Finding(label, f"is {present} now, as in no trial; it was {recorded}", is_error=False)
 
 
-def _listed(uses: Iterable[RecordedPlugin]) -> str:
+def _trials_text(trials: Iterable[RecordedPlugin]) -> str:
     positions = defaultdict[str, list[int]](list)
-    for each in uses:
+    for each in trials:
         positions[each.participant].append(each.position)
     return ", ".join(
         f"{participant} trial{'s' * (len(own) > 1)} {' '.join(map(str, own))}"

@@ -75,13 +75,13 @@ def policies_used(store: Store) -> dict[tuple[str, str], list[UsedPolicy]]:
     """The files of all sessions by environment and policy, in order of use."""
     files = {event.session: _decoded(event) for event in store.events() if event.name == POLICIES_USED}
     found: dict[tuple[str, str], list[UsedPolicy]] = {}
-    for use in session_designs(store):
-        for file in files.get(use.session.id, []):
+    for entry in session_designs(store):
+        for file in files.get(entry.session.id, []):
             known = found.setdefault((file.environment, file.policy), [])
             same = [each for each in known if each.file == file]
             if not same:
                 known.append(UsedPolicy(file, []))
-            (same or known[-1:])[0].sessions.append(use)
+            (same or known[-1:])[0].sessions.append(entry)
     return found
 
 
@@ -100,14 +100,14 @@ def check_policies_used(store: Store) -> Iterator[Finding]:
         where = f"policy {key[1]}"
         if len(files) > 1:
             parts = [f"{policy_file_text(each.file)} for {describe_trials(each.sessions)}" for each in files]
-            uses = [use for each in files for use in each.sessions]
-            wrong = not all(is_accepted_site_difference(store, each.sessions, uses) for each in files)
-            what = f"of {key[0]} was not the same in all sessions: {'; '.join(parts)}"
-            yield Finding(where, what, wrong=wrong)
+            sessions = [entry for each in files for entry in each.sessions]
+            is_error = not all(is_accepted_site_difference(store, each.sessions, sessions) for each in files)
+            message = f"of {key[0]} was not the same in all sessions: {'; '.join(parts)}"
+            yield Finding(where, message, is_error=is_error)
         now = present.get(key)
         if now is not None and now not in [each.file for each in files]:
             yield Finding(
-                where, f"of {key[0]} is {policy_file_text(now)}, which no session used", wrong=False
+                where, f"of {key[0]} is {policy_file_text(now)}, which no session used", is_error=False
             )
 
 

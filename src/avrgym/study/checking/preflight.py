@@ -74,4 +74,4 @@ def _check_environment(environment: str) -> Iterator[Finding]:
             yield Finding(environment, drawn.refused.removeprefix(f"{environment}: "))
         elif drawn.fault:
             body = f"a {person.sex} with a torso of {person.torso_height_m:.2f} m"
-            yield Finding(environment, f"next to {body} {drawn.fault}", wrong=False)
+            yield Finding(environment, f"next to {body} {drawn.fault}", is_error=False)

@@ -76,14 +76,16 @@ def is_simulated(store: Store) -> bool:
 
 
 def _too_many(trials: Sequence[AttemptedTrial], limit: int) -> Iterator[Finding]:
-    over = [each for each in trials if each.ordered > limit]
+    over = [each for each in trials if each.requested_repeats > limit]
     if not over:
         return
-    listed = ", ".join(f"{each.participant} trial {each.trial.position} ({each.ordered})" for each in over)
-    people = Counter(repeat.by for each in over for repeat in each.repeats if repeat.ordered)
+    listed = ", ".join(
+        f"{each.participant} trial {each.trial.position} ({each.requested_repeats})" for each in over
+    )
+    people = Counter(repeat.requested_by for each in over for repeat in each.repeats if repeat.is_requested)
     by = ", ".join(f"{person} ({number})" for person, number in people.items())
     yield _finding(
-        f"{_trials(len(over))} repeated more often than max_repeats = {limit} allows: {listed}; ordered by {by}"
+        f"{_trials(len(over))} repeated more often than max_repeats = {limit} allows: {listed}; requested by {by}"
     )
 
 
@@ -102,22 +104,24 @@ def _by_condition(trials: Sequence[AttemptedTrial], design: Design) -> Iterator[
 
 
 def _unequal(
-    what: str, trials: Sequence[AttemptedTrial], group_of: Callable[[AttemptedTrial], str], alpha: float
+    quantity: str, trials: Sequence[AttemptedTrial], group_of: Callable[[AttemptedTrial], str], alpha: float
 ) -> Iterator[Finding]:
     groups = sorted({group_of(each) for each in trials})
     tests = 1 if len(groups) == 2 else len(groups)
-    p = [min(1.0, tests * _p(trials, _in(group_of, group), _ordered)) for group in groups]
+    p = [min(1.0, tests * _p(trials, _in(group_of, group), _is_repeated)) for group in groups]
     if min(p, default=1.0) > alpha:
         return
     counts = "; ".join(
         _count(group, [each for each in trials if group_of(each) == group]) for group in groups
     )
-    yield _finding(f"ordered by experimenters depend on the {what}: {counts} (exact test, p = {min(p):.1g})")
+    yield _finding(
+        f"requested by experimenters depend on the {quantity}: {counts} (exact test, p = {min(p):.1g})"
+    )
 
 
 def _count(group: str, own: Sequence[AttemptedTrial]) -> str:
-    extra, repeated = sum(each.ordered for each in own), sum(map(_ordered, own))
-    succeeded = sum(bool(repeat.success) for each in own for repeat in each.repeats if repeat.ordered)
+    extra, repeated = sum(each.requested_repeats for each in own), sum(map(_is_repeated, own))
+    succeeded = sum(bool(repeat.success) for each in own for repeat in each.repeats if repeat.is_requested)
     outcomes = f" ({succeeded} of the replaced attempts had succeeded)" if extra else ""
     return f"{group} {extra} extra attempts in {repeated} of {len(own)} trials{outcomes}"
 
@@ -125,15 +129,15 @@ def _count(group: str, own: Sequence[AttemptedTrial]) -> str:
 def _by_outcome(trials: Sequence[AttemptedTrial], steps: int) -> Iterator[Finding]:
     """Findings about repeats that depend on the outcome of the finished first attempt."""
     finished = [each for each in trials if (each.attempts[0].metrics.steps or 0) >= steps]
-    p = _p(finished, _failed, _first_ordered)
+    p = _p(finished, _failed, _is_first_repeated)
     if p > OUTCOME_ALPHA:
         return
     failed = [each for each in finished if _failed(each)]
     others = [each for each in finished if not _failed(each)]
     yield _finding(
-        "ordered by experimenters depend on the outcome: of finished first attempts "
-        f"{sum(map(_first_ordered, failed))} of {len(failed)} without success were repeated, "
-        f"{sum(map(_first_ordered, others))} of {len(others)} with success (exact test, p = {p:.1g})"
+        "requested by experimenters depend on the outcome: of finished first attempts "
+        f"{sum(map(_is_first_repeated, failed))} of {len(failed)} without success were repeated, "
+        f"{sum(map(_is_first_repeated, others))} of {len(others)} with success (exact test, p = {p:.1g})"
     )
 
 
@@ -154,21 +158,21 @@ def _in(group_of: Callable[[AttemptedTrial], str], group: str) -> Callable[[Atte
     return lambda each: group_of(each) == group
 
 
-def _ordered(each: AttemptedTrial) -> bool:
-    return each.ordered > 0
+def _is_repeated(each: AttemptedTrial) -> bool:
+    return each.requested_repeats > 0
 
 
 def _failed(each: AttemptedTrial) -> bool:
     return not each.attempts[0].metrics.success
 
 
-def _first_ordered(each: AttemptedTrial) -> bool:
-    return bool(each.repeats) and each.repeats[0].ordered
+def _is_first_repeated(each: AttemptedTrial) -> bool:
+    return bool(each.repeats) and each.repeats[0].is_requested
 
 
 def _trials(number: int) -> str:
     return "1 trial was" if number == 1 else f"{number} trials were"
 
 
-def _finding(what: str) -> Finding:
-    return Finding(REPEATS, what, wrong=False)
+def _finding(message: str) -> Finding:
+    return Finding(REPEATS, message, is_error=False)

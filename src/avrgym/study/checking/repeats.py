@@ -45,17 +45,17 @@ _ENDED = re.compile(r"attempt (?!running)")
 
 @dataclass(frozen=True)
 class Repeat:
-    """An attempt that a later one replaced; ``by`` is the experimenter who requested it, if known."""
+    """An attempt that a later one replaced; ``requested_by`` is the experimenter who requested it, if known."""
 
     participant: Participant
     trial: Trial
     attempt: TrialAttempt
     reason: str
     cause: str
-    by: str
+    requested_by: str
 
     @property
-    def ordered(self) -> bool:
+    def is_requested(self) -> bool:
         """Whether an experimenter requested it."""
         return self.reason == EXPERIMENTER
 
@@ -75,9 +75,9 @@ class AttemptedTrial:
     repeats: Sequence[Repeat]
 
     @property
-    def ordered(self) -> int:
+    def requested_repeats(self) -> int:
         """The number of repeats that an experimenter requested."""
-        return sum(repeat.ordered for repeat in self.repeats)
+        return sum(repeat.is_requested for repeat in self.repeats)
 
 
 def attempted_trials(store: Store) -> list[AttemptedTrial]:

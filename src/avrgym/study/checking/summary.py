@@ -141,18 +141,23 @@ class ConditionResults:
     answer_means: dict[str, float]
 
 
-def summarise_results(store: Store, asked: AnsweredItems | None = None) -> tuple[ConditionResults, ...]:
+def summarise_results(
+    store: Store, answered_items: AnsweredItems | None = None
+) -> tuple[ConditionResults, ...]:
     """Results of allocated and completed participants so far.
 
-    ``asked`` contains the answered items; default: they are read.
+    ``answered_items`` contains the answered items; default: they are read.
     """
-    asked = asked or AnsweredItems(store)
+    answered_items = answered_items or AnsweredItems(store)
     with store.database.read() as connection:
         completed = _completed_attempts(store, connection)
         answers = _answers_by_attempt(connection)
     return tuple(
         _summarise_condition(
-            asked, condition, attempts, [each for attempt in attempts for each in answers[attempt.id]]
+            answered_items,
+            condition,
+            attempts,
+            [each for attempt in attempts for each in answers[attempt.id]],
         )
         for condition, attempts in sorted(completed.items())
     )
@@ -183,14 +188,14 @@ def _answers_by_attempt(connection: sa.Connection) -> dict[int | None, list[Give
 
 
 def _summarise_condition(
-    asked: AnsweredItems,
+    answered_items: AnsweredItems,
     condition: Condition,
     attempts: Sequence[TrialAttempt],
     answers: Sequence[GivenAnswer],
 ) -> ConditionResults:
     values = defaultdict[str, list[int]](list)
-    for answer in filter(asked.contains, answers):
-        values[asked.item(answer).id].append(asked.value(answer))
+    for answer in filter(answered_items.contains, answers):
+        values[answered_items.item(answer).id].append(answered_items.value(answer))
     return ConditionResults(
         *condition,
         trials=len(attempts),

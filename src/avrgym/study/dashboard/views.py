@@ -175,11 +175,11 @@ def overview(
 
 def results_view(store: Store) -> Results:
     """The results of the completed trials."""
-    asked = AnsweredItems(store)
+    answered_items = AnsweredItems(store)
     return Results(
         blinded=store.design.blind_experimenter,
-        items={name: item.text for name, item in asked.design.items.items()},
-        results=summarise_results(store, asked),
+        items={name: item.text for name, item in answered_items.design.items.items()},
+        results=summarise_results(store, answered_items),
     )
 
 
@@ -232,8 +232,10 @@ def _due(store: Store) -> Iterator[str]:
 def _scores(store: Store, participant: Participant) -> Iterator[ScoreView]:
     if not uses_instruments(store.design):
         return
-    attempts, asked = list(attempts_of(store, participant)), AnsweredItems(store, [participant])
-    for score in scores_of(store, participant, answers_of(store, participant, attempts, asked), asked):
+    attempts, answered_items = list(attempts_of(store, participant)), AnsweredItems(store, [participant])
+    for score in scores_of(
+        store, participant, answers_of(store, participant, attempts, answered_items), answered_items
+    ):
         row = score.row()
         yield ScoreView(**{name: getattr(row, name) for name in ScoreView.__dataclass_fields__})
 

@@ -241,15 +241,15 @@ def _is_followed(frame: TrackingFrame, field: str) -> bool:
 
 def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Path) -> None:
     folder.mkdir()
-    asked_of = AnsweredItems(store)
-    for questionnaire in asked_of.design.questionnaires:
+    answered_items = AnsweredItems(store)
+    for questionnaire in answered_items.design.questionnaires:
         items = {item.id: item for item in questionnaire.items}
-        rows, asked = _rows_of_answers(store, attempts, questionnaire, asked_of)
-        if not asked:
+        rows, item_by_column = _rows_of_answers(store, attempts, questionnaire, answered_items)
+        if not item_by_column:
             continue
-        columns, name = ["participant_id", "simulated", *asked], _label(questionnaire.name)
+        columns, name = ["participant_id", "simulated", *item_by_column], _label(questionnaire.name)
         _write_table(folder / f"{name}.tsv", [{c: row.get(c) for c in columns} for row in rows])
-        described = {column: _describe(questionnaire, items[item]) for column, item in asked.items()}
+        described = {column: _describe(questionnaire, items[item]) for column, item in item_by_column.items()}
         described["simulated"] = {"Description": CONDITION["simulated"]}
         write_json(folder / f"{name}.json", described)
     if not any(folder.iterdir()):
@@ -272,14 +272,17 @@ def _label(name: str) -> str:
 
 
 def _rows_of_answers(
-    store: Store, attempts: Sequence[ExportedAttempt], questionnaire: Questionnaire, asked_of: AnsweredItems
+    store: Store,
+    attempts: Sequence[ExportedAttempt],
+    questionnaire: Questionnaire,
+    answered_items: AnsweredItems,
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
     """One row for each participant with answers, one column for each condition or session and item.
 
     The second value maps columns to items.
     """
     rows: list[dict[str, Any]] = []
-    asked: dict[str, str] = {}
+    item_by_column: dict[str, str] = {}
     scales = {item.id: questionnaire.scale_of(item) for item in questionnaire.items}
     people = {person.number: person for person in store.participants()}
     for number, own in groupby(attempts, key=lambda exported: exported.participant.number):
@@ -290,14 +293,14 @@ def _rows_of_answers(
         answers = store.answers(participant.pseudonym)
         moments = answer_moments(store.design, answers, store.events())
         for answer in answers:
-            item = asked_of.item(answer).id
+            item = answered_items.item(answer).id
             if item not in scales or (answer.attempt is not None and answer.attempt not in about):
                 continue
             session = f"{sessions[answer.session]}_{moments[answer.id]}"
             column = f"{session if answer.attempt is None else about[answer.attempt]}_{_label(item)}"
-            row[column], asked[column] = scales[item].counts_as(answer.value), item
+            row[column], item_by_column[column] = scales[item].counts_as(answer.value), item
         rows.append(row)
-    return rows, asked
+    return rows, item_by_column
 
 
 def _write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:

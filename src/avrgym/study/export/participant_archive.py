@@ -97,13 +97,13 @@ def _write(store: Store, person: Participant, folder: Path) -> None:
 def _tables(store: Store, person: Participant) -> dict[str, Iterable[Any]]:
     attempts = list(attempts_of(store, person))
     completed = [each for each in attempts if each.attempt.state == "completed"]
-    asked = AnsweredItems(store)
+    answered_items = AnsweredItems(store)
     heights = {each.attempt.id: each.attempt.torso_height_m for each in attempts}
     tables: dict[str, Iterable[Any]] = {
         name: _own(rows, person)
-        for name, rows in participant_tables(store, attempts, completed, heights, asked).items()
+        for name, rows in participant_tables(store, attempts, completed, heights, answered_items).items()
     }
-    everything, design = Extras(free_text=True), asked.design
+    everything, design = Extras(free_text=True), answered_items.design
     return {
         **tables,
         "items": item_rows(design),

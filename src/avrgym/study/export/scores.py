@@ -46,7 +46,7 @@ class Score:
 
 
 def scores_of(
-    store: Store, participant: Participant, answers: Sequence[ExportedAnswer], asked_of: AnsweredItems
+    store: Store, participant: Participant, answers: Sequence[ExportedAnswer], answered_items: AnsweredItems
 ) -> list[Score]:
     """Every score of a participant, in the order of their answers.
 
@@ -54,16 +54,19 @@ def scores_of(
     those of the design; otherwise the participant's answers at the same time; otherwise the latest ones.
     """
     sessions = store.sessions(participant.pseudonym)
-    asked: dict[tuple[str, When], list[ExportedAnswer]] = {}
+    answers_by_questionnaire: dict[tuple[str, When], list[ExportedAnswer]] = {}
     for answer in answers:
         if _is_of_instrument(answer):
-            key = answer.questionnaire.name, _asked(answer, sessions)
-            asked.setdefault(key, []).append(answer)
-    given = {key: {each.given.item: each.given.value for each in own} for key, own in asked.items()}
-    design = asked_of.design
+            key = answer.questionnaire.name, _moment(answer, sessions)
+            answers_by_questionnaire.setdefault(key, []).append(answer)
+    given = {
+        key: {each.given.item: each.given.value for each in own}
+        for key, own in answers_by_questionnaire.items()
+    }
+    design = answered_items.design
     return [
         score
-        for (name, when), own in asked.items()
+        for (name, when), own in answers_by_questionnaire.items()
         for questionnaire in design.questionnaires
         if questionnaire.name == name and questionnaire.instrument is not None
         for weights in (_weights(design, questionnaire, when, given),)
@@ -108,7 +111,7 @@ def _is_of_instrument(answer: ExportedAnswer) -> bool:
     return instrument is not None and any(item.id == answer.given.item for item in instrument.items)
 
 
-def _asked(answer: ExportedAnswer, sessions: Sequence[StudySession]) -> When:
+def _moment(answer: ExportedAnswer, sessions: Sequence[StudySession]) -> When:
     if answer.given.attempt is not None:
         return answer.given.attempt, answer.given.session, answer.moment
     return 0, sessions_of_visit(sessions, answer.given.session)[0], answer.moment
@@ -139,9 +142,9 @@ def _weights(
         return None
     sources = [each for each in design.questionnaires if each.use == weighting.instrument]
     whole = {
-        asked: weights
+        when: weights
         for source in sources
-        for (name, asked), answers in given.items()
+        for (name, when), answers in given.items()
         if name == source.name and source.instrument is not None
         for weights in (_chosen(source.instrument, answers),)
         if weights is not None

@@ -40,17 +40,17 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extr
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     attempts = list(all_attempts(store))
     heights: Heights = {exported.attempt.id: exported.torso_height_m() for exported in completed}
-    asked = AnsweredItems(store)
-    for name, rows in participant_tables(store, attempts, completed, heights, asked).items():
+    answered_items = AnsweredItems(store)
+    for name, rows in participant_tables(store, attempts, completed, heights, answered_items).items():
         write_csv(folder / f"{name}.csv", rows)
     write_consent_texts(store, folder)
-    write_csv(folder / "items.csv", item_rows(asked.design))
+    write_csv(folder / "items.csv", item_rows(answered_items.design))
     records = record_tables(store, extras)
     for name, rows in records.items():
         write_csv(folder / f"{name}.csv", rows, TABLES[name])
     absent = {"left_out", *RECORDS} - set(records)
-    if uses_instruments(asked.design):
-        write_csv(folder / "scales.csv", scale_rows(asked.design))
+    if uses_instruments(answered_items.design):
+        write_csv(folder / "scales.csv", scale_rows(answered_items.design))
     else:
         absent |= set(INSTRUMENT_TABLES)
     if store.log():
@@ -67,7 +67,7 @@ def participant_tables(
     attempts: list[ExportedAttempt],
     completed: Sequence[ExportedAttempt],
     heights: Heights,
-    asked: AnsweredItems,
+    answered_items: AnsweredItems,
 ) -> dict[str, Iterable[Any]]:
     """The tables with one participant in each row, by name."""
     tables: dict[str, Iterable[Any]] = {
@@ -78,14 +78,16 @@ def participant_tables(
         "answers": (
             answer.row()
             for participant in store.participants()
-            for answer in answers_of(store, participant, attempts, asked)
+            for answer in answers_of(store, participant, attempts, answered_items)
         ),
     }
-    if uses_instruments(asked.design):
+    if uses_instruments(answered_items.design):
         tables["scores"] = (
             score.row()
             for participant in store.participants()
-            for score in scores_of(store, participant, answers_of(store, participant, attempts, asked), asked)
+            for score in scores_of(
+                store, participant, answers_of(store, participant, attempts, answered_items), answered_items
+            )
         )
     return tables
 

@@ -167,7 +167,7 @@ class ExportedAnswer:
 
 
 def answers_of(
-    store: Store, participant: Participant, attempts: Iterable[ExportedAttempt], asked: AnsweredItems
+    store: Store, participant: Participant, attempts: Iterable[ExportedAttempt], answered_items: AnsweredItems
 ) -> list[ExportedAnswer]:
     """All answers of a participant in order; ``attempts`` must include those of the participant."""
     by_id = {exported.attempt.id: exported for exported in attempts}
@@ -181,8 +181,8 @@ def answers_of(
             by_id.get(given.attempt or 0),
             given,
             moments[given.id],
-            asked.questionnaire(given),
-            asked.item(given),
+            answered_items.questionnaire(given),
+            answered_items.item(given),
         )
         for given in answers
     ]

@@ -22,7 +22,7 @@ DATA_NAMES = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", DATA: 
 class ScheduledDeletion:
     """A kind of data, the first day on which it is due, and the participants with such data."""
 
-    what: str
+    kind: str
     due_on: date
     participants: tuple[str, ...]
 
@@ -46,8 +46,8 @@ def schedule(store: Store) -> list[ScheduledDeletion]:
         DATA: people,
     }
     return [
-        ScheduledDeletion(what, day, tuple(present[what]))
-        for what, day in store.design.retention.due_on.items()
+        ScheduledDeletion(kind, day, tuple(present[kind]))
+        for kind, day in store.design.retention.due_on.items()
     ]
 
 
@@ -62,7 +62,7 @@ def describe_due(store: Store, day: date) -> Iterator[str]:
     for each in due(store, day):
         number = len(each.participants)
         yield (
-            f"{DATA_NAMES[each.what]} of {number} participant{'' if number == 1 else 's'} were due on {each.due_on}: "
+            f"{DATA_NAMES[each.kind]} of {number} participant{'' if number == 1 else 's'} were due on {each.due_on}: "
             f"`avrgym study retention {store.folder}` lists them, with --delete it deletes them"
         )
     if retention.months and retention.end is None and _is_complete(store):
@@ -83,11 +83,11 @@ def delete_due(store: Store, day: date) -> Iterator[tuple[str, str]]:
     for each in due(store, day):
         for pseudonym in each.participants:
             try:
-                _delete(store, each.what, pseudonym)
+                _delete(store, each.kind, pseudonym)
             except StudyError as error:
                 errors.append(str(error))
             else:
-                yield each.what, pseudonym
+                yield each.kind, pseudonym
     if errors:
         raise StudyError("; ".join(errors))
 
@@ -99,18 +99,18 @@ def recordings_deleted(store: Store) -> Mapping[int, str]:
     return {event.participant: event.at for event in events if event.participant is not None}
 
 
-def _delete(store: Store, what: str, pseudonym: str) -> None:
-    if what == DATA:
+def _delete(store: Store, kind: str, pseudonym: str) -> None:
+    if kind == DATA:
         delete_participant(store, pseudonym)
         return
     with store.database.write() as connection:
-        record_event(connection, EVENTS[what], "", {"participant": participant_number(pseudonym)})
-        if what == IDENTITIES:
+        record_event(connection, EVENTS[kind], "", {"participant": participant_number(pseudonym)})
+        if kind == IDENTITIES:
             identity_file.remove_entry(store.folder, pseudonym)
     folder = store.folder / FOLDER / pseudonym
-    if what == RECORDINGS and folder.is_symlink():
+    if kind == RECORDINGS and folder.is_symlink():
         folder.unlink()
-    elif what == RECORDINGS:
+    elif kind == RECORDINGS:
         shutil.rmtree(folder)
 
 

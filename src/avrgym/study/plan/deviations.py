@@ -53,32 +53,32 @@ def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
     Differences in sessions are listed even if the present files match the plan.
     """
     frozen = frozen_design(record)
-    had = _had(store, *frozen) if frozen else {}
-    for name, before in {DESIGN: record.design, **(record.words or {})}.items():
-        fault, changes = _compared(store, record, name, before, frozen[0] if frozen else None)
+    differing = _session_values(store, *frozen) if frozen else {}
+    for name, before in {DESIGN: record.design, **(record.texts or {})}.items():
+        fault, changes = _compare(store, record, name, before, frozen[0] if frozen else None)
         if fault:
             yield deviation(name, fault)
         for change in changes:
-            _, who = had.pop((name, change[0], value_text(change[2])), (None, ""))
-            yield deviation(name, changed(*change) + (f", for {who}" if who else ""))
-    for (name, place, value), (before, who) in had.items():
-        yield deviation(name, f"{place_text(place)} was {before} in the plan and {value} for {who}")
+            _, participants = differing.pop((name, change[0], value_text(change[2])), (None, ""))
+            yield deviation(name, changed(*change) + (f", for {participants}" if participants else ""))
+    for (name, place, value), (before, participants) in differing.items():
+        yield deviation(name, f"{place_text(place)} was {before} in the plan and {value} for {participants}")
     for name in text_files(store.design, store.folder):
-        if record.words is not None and name not in record.words:
+        if record.texts is not None and name not in record.texts:
             yield deviation(name, "was added")
 
 
-def _had(
+def _session_values(
     store: Store, design: Design, wordings: Wordings | None
 ) -> dict[tuple[str, Place, str], tuple[str, str]]:
     """The frozen value and the participants, by file, place and their different value."""
-    uses = session_designs(store)
+    sessions = session_designs(store)
     found = {
-        (each.file, each.place, value_text(each.there)): (
-            value_text(each.here),
-            describe_trials(each.uses, uses),
+        (each.file, each.place, value_text(each.used)): (
+            value_text(each.present),
+            describe_trials(each.sessions, sessions),
         )
-        for each in differences_of(design, wordings, uses)
+        for each in differences_of(design, wordings, sessions)
     }
     admitted = admission_differences(store, design, (CONSENT, *AT_ADMISSION))
     return found | {
@@ -89,7 +89,7 @@ def _had(
 
 def changed_file(store: Store, record: PlanRecord, name: str, before: str) -> Iterator[Finding]:
     """Each difference of another file from the frozen one."""
-    fault, changes = _compared(store, record, name, before, None)
+    fault, changes = _compare(store, record, name, before, None)
     if fault:
         yield deviation(name, fault)
     yield from (deviation(name, changed(*change)) for change in changes)
@@ -99,19 +99,19 @@ def frozen_design(record: PlanRecord) -> tuple[Design, Wordings | None] | None:
     """The design and the texts of a frozen plan; ``None`` if this version cannot read them."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        for name, text in (record.words or {}).items():
+        for name, text in (record.texts or {}).items():
             if not (folder / name).resolve().is_relative_to(folder.resolve()):
                 return None
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(text, encoding="utf-8")
         try:
             design = parse_design(record.design, FROZEN, folder)
-            return design, None if record.words is None else read_wordings(design, folder)
+            return design, None if record.texts is None else read_wordings(design, folder)
         except (DesignError, TextsError):
             return None
 
 
-def _compared(
+def _compare(
     store: Store, record: PlanRecord, name: str, before: str, frozen: Design | None
 ) -> tuple[str, list[Change]]:
     """The fault of a file as a whole, and its differences from the frozen text."""
@@ -147,9 +147,9 @@ def changed(place: Place, before: Any, after: Any) -> str:
     return f"{place_text(place)} was {value_text(before)}, is {value_text(after)}"
 
 
-def deviation(where: str, what: str) -> Finding:
+def deviation(where: str, message: str) -> Finding:
     """A finding about a deviation, which is a note and not an error."""
-    return Finding(where, what, wrong=False)
+    return Finding(where, message, is_error=False)
 
 
 def deviations(
@@ -213,8 +213,8 @@ def _policies(store: Store, record: PlanRecord) -> Iterator[Finding]:
         for other in used.get(key, []):
             if other.file != before:
                 file, trials = policy_file_text(other.file), describe_trials(other.sessions)
-                what = f"of {before.environment} was {file} for {trials}"
-                yield deviation(f"policy {before.policy}", what)
+                message = f"of {before.environment} was {file} for {trials}"
+                yield deviation(f"policy {before.policy}", message)
 
 
 def _replaced(before: PolicyFile, after: PolicyFile) -> str:
@@ -238,8 +238,8 @@ def _people(store: Store, record: PlanRecord) -> Iterator[Finding]:
         if participant.state == "withdrawn":
             yield deviation(participant.pseudonym, "withdrew and is in no test")
         elif participant.state == UNKNOWN:
-            what = "is in no test: consent or withdrawal is unknown since the database was rebuilt"
-            yield deviation(participant.pseudonym, what)
+            message = "is in no test: consent or withdrawal is unknown since the database was rebuilt"
+            yield deviation(participant.pseudonym, message)
         elif participant.state == "excluded":
             yield deviation(participant.pseudonym, "was excluded by the inclusion questions")
     for gone in deleted:
@@ -258,8 +258,8 @@ def _tests(record: PlanRecord, offered: AvailableTests, besides: AvailableTests)
     for test, measures in offered.items():
         unplanned = [measure for measure in measures if plan.label(test, measure) == NOT_PLANNED]
         if unplanned:
-            what = f"contains a test that is not in the plan: {test} ({'; '.join(unplanned)})"
-            yield deviation("the report", what)
+            message = f"contains a test that is not in the plan: {test} ({'; '.join(unplanned)})"
+            yield deviation("the report", message)
     for hypothesis in plan.hypotheses:
         for test in hypothesis.tests:
             done = {*offered.get(test, ()), *besides.get(test, ())}

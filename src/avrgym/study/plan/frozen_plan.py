@@ -46,7 +46,7 @@ FORMAT = "avrgym frozen plan 1"
 class PlanRecord(msgspec.Struct, frozen=True):
     """A study at the time of freezing.
 
-    ``plan`` and ``design`` are the texts of the files, ``words`` those of the study's text files, ``plugins`` the
+    ``plan`` and ``design`` are the texts of the files, ``texts`` those of the study's text files, ``plugins`` the
     plug-ins of its trials; records of earlier versions have neither.
     """
 
@@ -57,7 +57,7 @@ class PlanRecord(msgspec.Struct, frozen=True):
     policies: tuple[PolicyFile, ...]
     plan: str
     design: str
-    words: dict[str, str] | None = None
+    texts: dict[str, str] | None = msgspec.field(default=None, name="words")
     plugins: tuple[UsedPlugin, ...] | None = None
 
     def parsed(self) -> Plan:
@@ -147,16 +147,16 @@ def _check_nobody_took_part(connection: sa.Connection) -> None:
 
 
 def _record(store: Store, plan: str) -> PlanRecord:
-    words = text_files(store.design, store.folder)
+    texts = text_files(store.design, store.folder)
     return PlanRecord(
         format=FORMAT,
         frozen_at=now(),
-        sha256={name: sha256((store.folder / name).read_bytes()) for name in (FILE, DESIGN, *words)},
+        sha256={name: sha256((store.folder / name).read_bytes()) for name in (FILE, DESIGN, *texts)},
         versions=software_versions(),
         policies=policy_files(store),
         plan=plan,
         design=read_text(store.folder / DESIGN),
-        words={name: read_text(store.folder / name) for name in words},
+        texts={name: read_text(store.folder / name) for name in texts},
         plugins=plugins_needed(store),
     )
 
@@ -198,7 +198,7 @@ class FrozenPlan:
     sha256: str = ""
 
     @property
-    def confirms(self) -> bool:
+    def is_confirmatory(self) -> bool:
         """Whether the plan is certainly older than the first participant."""
         return self.record is not None and (self.known_since is not None or self.is_proven)
 
@@ -212,7 +212,7 @@ class FrozenPlan:
         return UNKNOWN
 
     @property
-    def words(self) -> str:
+    def origin_text(self) -> str:
         """Sentences about its date and claims."""
         return " ".join(self._sentences())
 
@@ -291,7 +291,7 @@ def _with_evidence(store: Store, data: bytes, frozen: FrozenPlan) -> FrozenPlan:
         faults.append(str(error))
     is_proven = stamp is not None and stamp.is_trusted and _is_before_all(store, stamp.at)
     result = replace(frozen, stamp=stamp, registration=registration, is_proven=is_proven)
-    if not result.confirms:
+    if not result.is_confirmatory:
         faults.insert(0, UNKNOWN_ORIGIN)
     return replace(result, faults=tuple(faults))
 

@@ -42,7 +42,7 @@ def write_preregistration(store: Store, offered: AvailableTests, form: str) -> P
     if frozen is None:
         check_can_freeze(store)
         plan, state = read_plan(store.folder, store.design, offered)[0], "Not frozen yet."
-    elif frozen.record is None or not frozen.confirms:
+    elif frozen.record is None or not frozen.is_confirmatory:
         raise StudyError(f"{FROZEN} {'; '.join(frozen.faults)}")
     else:
         plan, state = frozen.record.parsed(), f"Frozen with AVR Gym at {frozen.at} (UTC)."

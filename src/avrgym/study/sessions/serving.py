@@ -263,7 +263,7 @@ class StudySessions:
 
     def _ask_last(self, visit: StudyVisit, now_s: float) -> None:
         """Begin the questions after the trials."""
-        self._questions = None if visit.called_off else self._questions_of(visit, "after_session")
+        self._questions = None if visit.ended_elsewhere else self._questions_of(visit, "after_session")
         if self._questions is None:
             self._end_visit(now_s)
         else:

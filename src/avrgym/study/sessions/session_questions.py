@@ -50,7 +50,7 @@ class SessionQuestions:
     def ended(self) -> bool:
         """Whether the session has ended: by the experimenter, by another process or by a stop rule."""
         by_rule = self._over and self.decision is not None and self.decision.then == "end"
-        return self._ended or by_rule or self._visit.called_off
+        return self._ended or by_rule or self._visit.ended_elsewhere
 
     def begin(self) -> None:
         """Show the first item."""

@@ -146,7 +146,7 @@ def _attend(store: Store, pseudonym: str, dry_run: DryRun) -> None:
         _answer(visit, "before_session", rng)
         while has_remaining(store, pseudonym):
             _run_trial(visit, dry_run)
-            if visit.called_off:
+            if visit.ended_elsewhere:
                 raise StudyError(f"{visit.stored} was ended elsewhere")
         _answer(visit, "after_session", rng)
 

@@ -59,11 +59,11 @@ CHECK_EVERY_S = 0.5
 class SessionWatch:
     """A thread that polls whether a session is still open in the database.
 
-    ``called_off``: another process has ended it, by withdrawing the participant or by taking over.
+    ``ended_elsewhere``: another process has ended it, by withdrawing the participant or by taking over.
     """
 
     def __init__(self, store: Store, session_id: int) -> None:
-        self.called_off = False
+        self.ended_elsewhere = False
         self._store, self._session_id = store, session_id
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, name="watch session", daemon=True)
@@ -74,11 +74,11 @@ class SessionWatch:
         self._closed.set()
 
     def _run(self) -> None:
-        while not self._closed.wait(CHECK_EVERY_S) and not self.called_off:
+        while not self._closed.wait(CHECK_EVERY_S) and not self.ended_elsewhere:
             with suppress(StudyError):  # other operations report an unreadable database
                 self._look()
 
     def _look(self) -> None:
         with self._store.database.read() as connection:
             still_open = find_all(connection, StudySession, id=self._session_id, state="open")
-        self.called_off = not still_open
+        self.ended_elsewhere = not still_open

@@ -98,9 +98,9 @@ class StudyVisit:
         return language_message(self.texts)
 
     @property
-    def called_off(self) -> bool:
+    def ended_elsewhere(self) -> bool:
         """Whether another process has ended the session."""
-        return self._watch.called_off
+        return self._watch.ended_elsewhere
 
     def plan(self, furniture: RealFurniture | None = None, *, headset_check: bool = False) -> SessionPlan:
         """The remaining trials; ``StudyError`` if there are none. Arguments as in ``plan_session``."""
@@ -131,7 +131,7 @@ class StudyVisit:
                 self.identifier,
                 observe=self._observer(),
                 kept=self.storing.done,
-                called_off=lambda: self.called_off,
+                ended_elsewhere=lambda: self.ended_elsewhere,
                 workers=workers,
                 scenes=scenes,
                 streams=streams,
@@ -317,7 +317,7 @@ class EventStorage:
 
     def __call__(self, event: SessionEvent) -> None:
         """Store an event; it is on disk when this returns."""
-        if self._watch.called_off:
+        if self._watch.ended_elsewhere:
             return
         match event:
             case events.TrialBegun():

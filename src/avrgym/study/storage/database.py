@@ -263,7 +263,7 @@ class Database:
         if is_filled:
             return
         listed = self.participation.read()
-        is_own = listed is None or not listed.entries or begun_with in listed.ledgers
+        is_own = listed is None or not listed.entries or begun_with in listed.chain_ids
         _refuse_if_lost(self._folder, self._called, ignored=(HEAD, PARTICIPATION) if is_own else (HEAD,))
 
     @property

@@ -27,23 +27,23 @@ from avrgym.study.storage.session_designs import (
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 
-Words = tuple[Item, ...]
+Items = tuple[Item, ...]
 
 
 @dataclass(frozen=True)
 class ItemVersion:
     """A version of an item.
 
-    ``item`` has the name of the version, ``of`` is the name in the design, ``number`` counts versions from 1. ``words``
-    are the texts by language, ``asked`` counts answers by participant.
+    ``item`` has the name of the version, ``base_name`` is the name in the design, ``number`` counts versions from 1.
+    ``texts`` are its texts by language, ``answer_counts`` the numbers of answers by participant.
     """
 
     item: Item
-    of: str
+    base_name: str
     number: int
     questionnaire: str
-    words: dict[str, Item] = field(default_factory=dict[str, Item])
-    asked: dict[str, int] = field(default_factory=dict[str, int])
+    texts: dict[str, Item] = field(default_factory=dict[str, Item])
+    answer_counts: dict[str, int] = field(default_factory=dict[str, int])
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,11 @@ class Form:
 
 
 @dataclass(frozen=True)
-class _Whole:
+class _QuestionnaireVersion:
     """A version of a validated questionnaire. Its items change together; other questionnaires have one version."""
 
     content: Any
-    words: dict[str, Words] = field(default_factory=dict[str, Words])
+    texts: dict[str, Items] = field(default_factory=dict[str, Items])
 
 
 class ItemCatalogue:
@@ -67,7 +67,7 @@ class ItemCatalogue:
     def __init__(self) -> None:
         self.questionnaires: dict[str, Questionnaire] = {}
         self._versions: dict[str, list[tuple[Item, int, ItemVersion]]] = {}
-        self._wholes: dict[str, list[_Whole]] = {}
+        self._questionnaire_versions: dict[str, list[_QuestionnaireVersion]] = {}
 
     @property
     def versions(self) -> list[ItemVersion]:
@@ -79,9 +79,9 @@ class ItemCatalogue:
         found: dict[str, ItemVersion] = {}
         for questionnaire in design.questionnaires:
             words = tuple(translate_item(item, translate) for item in questionnaire.items)
-            whole = self._whole(questionnaire, language, words)
-            name = version_name(questionnaire.name, whole)
-            own = whole if questionnaire.use else 0
+            number = self._questionnaire_number(questionnaire, language, words)
+            name = version_name(questionnaire.name, number)
+            own = number if questionnaire.use else 0
             for item, read in zip(questionnaire.items, words, strict=True):
                 found[item.id] = self.version(item, read, language, name, own)
             items = tuple(found[item.id].item for item in questionnaire.items)
@@ -89,17 +89,19 @@ class ItemCatalogue:
         return Form(found)
 
     def version(
-        self, item: Item, words: Item, language: str, questionnaire: str, whole: int = 0
+        self, item: Item, words: Item, language: str, questionnaire: str, questionnaire_number: int = 0
     ) -> ItemVersion:
         """The version of an item; a new version if the item or its text in this language is new."""
         versions = self._versions.setdefault(item.id, [])
-        for known, of, version in versions:
-            if (known, of) == (item, whole) and version.words.setdefault(language, words) == words:
+        for known, known_number, version in versions:
+            if (known, known_number) == (item, questionnaire_number) and version.texts.setdefault(
+                language, words
+            ) == words:
                 return version
         number = len(versions) + 1
         named = msgspec.structs.replace(item, id=version_name(item.id, number))
         version = ItemVersion(named, item.id, number, questionnaire, {language: words})
-        versions.append((item, whole, version))
+        versions.append((item, questionnaire_number, version))
         return version
 
     def add(self, questionnaire: Questionnaire) -> None:
@@ -111,19 +113,19 @@ class ItemCatalogue:
         when = known.when if set(moments) == set(known.moments) else moments
         self.questionnaires[known.name] = msgspec.structs.replace(known, items=items, when=when)
 
-    def _whole(self, questionnaire: Questionnaire, language: str, words: Words) -> int:
+    def _questionnaire_number(self, questionnaire: Questionnaire, language: str, words: Items) -> int:
         """The number of a questionnaire among those with its name, from 1."""
         content = (
             [questionnaire.use, questionnaire.weights, questionnaire.items] if questionnaire.use else None
         )
-        wholes = self._wholes.setdefault(questionnaire.name, [])
-        for number, known in enumerate(wholes, start=1):
+        versions_of_name = self._questionnaire_versions.setdefault(questionnaire.name, [])
+        for number, known in enumerate(versions_of_name, start=1):
             if known.content == content and (
-                content is None or known.words.setdefault(language, words) == words
+                content is None or known.texts.setdefault(language, words) == words
             ):
                 return number
-        wholes.append(_Whole(content, {language: words}))
-        return len(wholes)
+        versions_of_name.append(_QuestionnaireVersion(content, {language: words}))
+        return len(versions_of_name)
 
 
 def version_name(name: str, version: int) -> str:
@@ -139,23 +141,25 @@ def base_name(name: str) -> str:
 def design_with_versions(design: Design, catalogue: ItemCatalogue) -> Design:
     """A design with all versions of items that participants read, in the order of the design."""
     versions = {version.item.id: version for version in catalogue.versions}
-    of = {version.of for version in versions.values()}
-    whole = ItemCatalogue()
+    answered = {version.base_name for version in versions.values()}
+    combined = ItemCatalogue()
     for questionnaire in catalogue.questionnaires.values():
-        whole.add(questionnaire)
+        combined.add(questionnaire)
     for questionnaire in design.questionnaires:
-        new = tuple(item for item in questionnaire.items if item.id not in of)
+        new = tuple(item for item in questionnaire.items if item.id not in answered)
         if new:
-            whole.add(msgspec.structs.replace(questionnaire, items=new))
+            combined.add(msgspec.structs.replace(questionnaire, items=new))
     places = _places(design)
 
     def rank(item: Item) -> tuple[int, int]:
         version = versions.get(item.id)
-        return places.get(version.of if version else item.id, len(places)), version.number if version else 0
+        return places.get(
+            version.base_name if version else item.id, len(places)
+        ), version.number if version else 0
 
     names = [each.name for each in design.questionnaires]
     ordered = sorted(
-        whole.questionnaires.values(),
+        combined.questionnaires.values(),
         key=lambda each: names.index(each.name) if each.name in names else len(names),
     )
     return msgspec.structs.replace(
@@ -190,9 +194,9 @@ class AnsweredItems:
                 stored.setdefault(row.participant, []).append(row)
         everyone = store.participants() if participants is None else participants
         for participant in sorted(everyone, key=lambda each: (each.simulated, each.number)):
-            reading = _Reading(self, store, participant, stored.get(participant.number, []))
+            own_items = _ParticipantItems(self, store, participant, stored.get(participant.number, []))
             for answer in store.answers(participant.pseudonym):
-                self._take(participant, answer, reading.form(answer))
+                self._take(participant, answer, own_items.form(answer))
 
     @property
     def design(self) -> Design:
@@ -234,7 +238,7 @@ class AnsweredItems:
         version = form.versions.get(answer.item)
         if version is None or answer.value > version.item.points:
             version = self._unknown(participant, answer)
-        version.asked[participant.pseudonym] = version.asked.get(participant.pseudonym, 0) + 1
+        version.answer_counts[participant.pseudonym] = version.answer_counts.get(participant.pseudonym, 0) + 1
         self._of_answers[answer.id] = version
 
     def _unknown(self, participant: Participant, answer: GivenAnswer) -> ItemVersion:
@@ -246,13 +250,22 @@ class AnsweredItems:
         return version
 
 
-class _Reading:
+class _ParticipantItems:
     """Finds the item of each answer of a participant: in the database, else in the trial's recording."""
 
     def __init__(
-        self, asked: AnsweredItems, store: Store, participant: Participant, stored: list[StoredDesign]
+        self,
+        answered_items: AnsweredItems,
+        store: Store,
+        participant: Participant,
+        stored: list[StoredDesign],
     ) -> None:
-        self._asked, self._store, self._participant, self._stored = asked, store, participant, stored
+        self._answered_items, self._store, self._participant, self._stored = (
+            answered_items,
+            store,
+            participant,
+            stored,
+        )
         self._by_row: dict[int, Form] = {}
         self._by_attempt: dict[int | None, Form] = {}
 
@@ -265,7 +278,7 @@ class _Reading:
     def _of_row(self, row: StoredDesign) -> Form:
         if row.id not in self._by_row:
             design = design_from_row(row)
-            self._by_row[row.id] = self._asked.form(self._participant, design, row.wordings)
+            self._by_row[row.id] = self._answered_items.form(self._participant, design, row.wordings)
         return self._by_row[row.id]
 
     def _of_attempt(self, attempt: int | None) -> Form:
@@ -273,7 +286,7 @@ class _Reading:
             design = self._store.design
             with suppress(OSError, RecordingError, StudyError, KeyError):  # other checks report it
                 design = self._recorded(self._attempts[attempt or 0])
-            self._by_attempt[attempt] = self._asked.form(self._participant, design, None)
+            self._by_attempt[attempt] = self._answered_items.form(self._participant, design, None)
         return self._by_attempt[attempt]
 
     def _recorded(self, attempt: TrialAttempt) -> Design:

@@ -70,12 +70,12 @@ class Participation:
         return [each.content for each in self.entries if each.participant is None and each.content]
 
     @property
-    def ledgers(self) -> set[str | None]:
+    def chain_ids(self) -> set[str | None]:
         """Identifiers (first digests) of the hash chains that the list has belonged to."""
         return {each.get("ledger") for each in self.without_participant}
 
     @property
-    def ledger(self) -> str | None:
+    def chain_id(self) -> str | None:
         """The identifier of the hash chain that the list belongs to."""
         return next((each["ledger"] for each in reversed(self.without_participant) if "ledger" in each), None)
 
@@ -112,7 +112,7 @@ class Participation:
         own = signing.user_key()
         return own is not None and self.entries[-1].key == signing.public_key(own)
 
-    def has(self, digest: str) -> bool:
+    def contains(self, digest: str) -> bool:
         """Whether an entry has this digest."""
         return any(each.digest == digest for each in reversed(self.entries))
 

@@ -184,7 +184,7 @@ def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
         return Differences(begin="" if contents else None)
     if before.fault:
         return Differences(begin=f"replaces a list that {before.fault}")
-    if chain_id(connection) not in before.ledgers:
+    if chain_id(connection) not in before.chain_ids:
         return Differences(begin="replaces a list of another study")
     restored = {
         number: content
@@ -194,7 +194,9 @@ def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
     missing = {number: each for number, each in contents.items() if _is_news(before, number, each)}
     if before.is_signed_by_user():
         end = signing.last_entry(known.path.parent)
-        set_back = end is not None and end.list_digest == before.list_digest and not before.has(end.digest)
+        set_back = (
+            end is not None and end.list_digest == before.list_digest and not before.contains(end.digest)
+        )
         return Differences(restored=restored, missing=missing, set_back=set_back)
     if restored or missing:
         return Differences(begin="replaces a list that another user's key signed, and that differs")

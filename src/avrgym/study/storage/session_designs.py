@@ -134,10 +134,10 @@ def session_designs(store: Store, participants: Sequence[Participant] | None = N
     """
     stored = _stored(store)
     return [
-        use
+        entry
         for participant in (store.participants() if participants is None else participants)
         for session, attempts in _sessions(store, participant)
-        for use in _designs_of(store, participant, session, attempts, stored.get(session.id))
+        for entry in _designs_of(store, participant, session, attempts, stored.get(session.id))
     ]
 
 
@@ -149,12 +149,12 @@ def recorded_designs(store: Store) -> list[SessionDesign]:
     """
     stored, admitted = _stored(store), _admitted(store)
     return [
-        replace(use, design=msgspec.structs.replace(use.design, inclusion=admitted[participant.number]))
+        replace(entry, design=msgspec.structs.replace(entry.design, inclusion=admitted[participant.number]))
         if participant.number in admitted
-        else use
+        else entry
         for participant in store.participants()
         for session, attempts in _sessions(store, participant)
-        for use in _recorded(store, participant, session, attempts, stored.get(session.id))
+        for entry in _recorded(store, participant, session, attempts, stored.get(session.id))
     ]
 
 
@@ -177,33 +177,33 @@ def translator(store: Store, language: str, wordings: Wordings | None) -> Callab
         return lambda sentence: sentence
 
 
-def describe_trials(uses: Iterable[SessionDesign], everyone: Iterable[SessionDesign] = ()) -> str:
+def describe_trials(sessions: Iterable[SessionDesign], everyone: Iterable[SessionDesign] = ()) -> str:
     """Text that lists participants with their trials; ``everyone`` are all designs of the study."""
-    own, names = list(uses), list[str]()
-    if own and {_key(use) for use in own} == {_key(use) for use in everyone}:
-        people = {use.participant.pseudonym for use in own}
-        trials = sum(len(use.positions) for use in own)
+    own, names = list(sessions), list[str]()
+    if own and {_key(entry) for entry in own} == {_key(entry) for entry in everyone}:
+        people = {entry.participant.pseudonym for entry in own}
+        trials = sum(len(entry.positions) for entry in own)
         return f"all participants ({', '.join(sorted(people))}: {trials} trials)"
-    for pseudonym in dict.fromkeys(use.participant.pseudonym for use in own):
+    for pseudonym in dict.fromkeys(entry.participant.pseudonym for entry in own):
         positions = sorted(
-            {at for use in own if use.participant.pseudonym == pseudonym for at in use.positions}
+            {at for entry in own if entry.participant.pseudonym == pseudonym for at in entry.positions}
         )
         names.append(f"{pseudonym} ({_ranges(positions)})")
     return ", ".join(names)
 
 
 def is_accepted_site_difference(
-    store: Store, own: Sequence[SessionDesign], uses: Sequence[SessionDesign]
+    store: Store, own: Sequence[SessionDesign], sessions: Sequence[SessionDesign]
 ) -> bool:
     """Whether a difference is one between sites that was accepted when they were merged."""
     accepted = any(event.name == SITE_DIFFERS for event in store.events())
-    sites = {use.participant.site for use in own}
-    whole = [use for use in uses if use.participant.site in sites]
+    sites = {entry.participant.site for entry in own}
+    whole = [entry for entry in sessions if entry.participant.site in sites]
     return accepted and len(whole) == len(own)
 
 
-def _key(use: SessionDesign) -> tuple[int, tuple[int, ...]]:
-    return use.session.id, use.positions
+def _key(entry: SessionDesign) -> tuple[int, tuple[int, ...]]:
+    return entry.session.id, entry.positions
 
 
 def _ranges(positions: list[int]) -> str:

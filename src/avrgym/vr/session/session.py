@@ -53,7 +53,7 @@ class Session:
         *,
         observe: events.Observer = lambda event: None,
         kept: Callable[[], bool] = lambda: True,
-        called_off: Callable[[], bool] = lambda: False,
+        ended_elsewhere: Callable[[], bool] = lambda: False,
         workers: Executor | None = None,
         scenes: list[tuple[str, Person]] | None = None,
         streams: Streams | None = None,
@@ -70,7 +70,7 @@ class Session:
             observe: called with every event. If it raises, the session pauses.
             kept: returns whether the observer has stored all events. Until then no phase ends by itself, and no trial
                 follows a completed one. If it raises, the session pauses.
-            called_off: returns whether the session was ended elsewhere; called at every tick.
+            ended_elsewhere: returns whether the session was ended elsewhere; called at every tick.
             workers: make the worlds of later trials. Without workers the ticking thread makes them, and waits for
                 external controllers.
             scenes: those of earlier sessions, which keep their addresses; the session adds its own.
@@ -88,7 +88,7 @@ class Session:
         drivers = Drivers(policies, background=workers is not None)
         versions()  # reads files the first time, for which no tick may wait
         self._state = SessionState(plan, drivers, identifier, send, sink, storage, worlds, trial, person)
-        self._called_off = called_off
+        self._ended_elsewhere = ended_elsewhere
         self._streams = None if streams is None else StreamRecording(streams, self._state)
         self._reporter = Reporter(send, state_every_ticks)
         self._ticked_s: float | None = None
@@ -180,7 +180,7 @@ class Session:
         state, storage = self._state, self._state.storage
         before_s, self._ticked_s = self._ticked_s, now_s
         state.now_s = now_s
-        if self._called_off() or self._is_over():
+        if self._ended_elsewhere() or self._is_over():
             self._go_to(self._phase.cancel())
         if storage.attempt is not None:
             self._check_continuity(0.0 if before_s is None else now_s - before_s)
