@@ -154,9 +154,11 @@ def test_check_report_and_deviations_name_each_edit(folder: Path, analysis: Anal
     for field, value in fields.items():
         words = f"it was {value_text(value)} for sub-003 (trials 1 to 5), sub-004 (trials 1 to 5)"
         (line,) = [each for each in checked.stdout.splitlines() if f"study.toml: {field} is " in each]
-        assert line.startswith("wrong")
+        assert line.startswith("error")
         assert words in line
-        assert sum(field in each["what"] and words in each["what"] for each in results["differences"]) == 1
+        assert (
+            sum(field in each["message"] and words in each["message"] for each in results["differences"]) == 1
+        )
         assert page.index(field) < page.index("The plan was frozen")
         (told,) = [
             each.message for each in analysis.plan.deviations if each.message.startswith(f"{field} was ")

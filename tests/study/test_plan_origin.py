@@ -118,7 +118,7 @@ def test_a_forged_plan_and_a_rebuilt_database_confirm_nothing(folder: Path, tmp_
     methods = (tmp_path / "forged" / "reporting" / "methods.md").read_text()
     assert "2025" not in methods
     assert "all results are exploratory" in methods
-    assert json.loads((tmp_path / "forged" / "results.json").read_text())["plan"]["confirms"] is False
+    assert json.loads((tmp_path / "forged" / "results.json").read_text())["plan"]["is_confirmatory"] is False
 
 
 def test_the_rebuilding_stays_on_record_and_an_honest_plan_is_unknown_too(folder: Path) -> None:

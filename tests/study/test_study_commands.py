@@ -67,7 +67,7 @@ def test_the_life_of_a_study_on_the_command_line(folder: Path, tmp_path: Path) -
 
     checked = study("check", folder, "--json", tmp_path / "check.json")
     assert checked.exit_code == 0
-    assert not any(finding["wrong"] for finding in json.loads((tmp_path / "check.json").read_text()))
+    assert not any(finding["is_error"] for finding in json.loads((tmp_path / "check.json").read_text()))
     assert "no errors" in checked.stdout
 
     exported = study("export", folder, "--format", "csv", "--out", tmp_path / "tables")

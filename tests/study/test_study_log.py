@@ -371,7 +371,7 @@ def test_results_that_are_viewed_too_early_are_a_deviation(planned: Path) -> Non
     assert page.count(expected) == 2  # in the plan's deviations, and in the section about the log
     assert "The log has 3 entries" in page
     results = json.loads((out / "results.json").read_text())
-    assert expected in " ".join(each["what"] for each in results["plan"]["deviations"])
+    assert expected in " ".join(each["message"] for each in results["plan"]["deviations"])
     methods = (out / "reporting" / "methods.md").read_text()
     assert expected in methods
 

@@ -71,7 +71,7 @@ def test_a_robot_that_changes_within_a_study_is_named_with_everybody_who_met_it(
         assert (problem.what, problem.simulated) == (wrong.message, True)
     code, said = checked(folder)
     assert code == 1
-    assert "wrong robot Jaco: was not the same in all trials" in " ".join(said.split())
+    assert "error robot Jaco: was not the same in all trials" in " ".join(said.split())
 
 
 def test_a_dry_run_before_a_change_says_nothing_about_people(robot: Path, folder: Path) -> None:

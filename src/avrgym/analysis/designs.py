@@ -76,8 +76,8 @@ DIFFERENCES_NOTICE = (
 
 def differences_notice(differences: Sequence[Finding]) -> list[Markup]:
     """The notice about differences between designs; empty without differences."""
-    wrong = any(each.is_error for each in differences)
-    return [warning_box(f"{DIFFERENCES_TITLE}.", DIFFERENCES_NOTICE)] if wrong else []
+    has_errors = any(each.is_error for each in differences)
+    return [warning_box(f"{DIFFERENCES_TITLE}.", DIFFERENCES_NOTICE)] if has_errors else []
 
 
 def differences_section(differences: Sequence[Finding], items: Sequence[ItemRow]) -> Markup:

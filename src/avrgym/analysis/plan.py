@@ -176,9 +176,9 @@ def plan_results(plan: FrozenPlan) -> dict[str, Any]:
         "sha256": plan.sha256,
         "record_sha256": plan.record_sha256,
         "origin": plan.origin_text,
-        "confirms": plan.is_confirmatory,
+        "is_confirmatory": plan.is_confirmatory,
         "plan": None if plan.plan is None else msgspec.to_builtins(plan.plan),
-        "deviations": [{"where": each.where, "what": each.message} for each in plan.deviations],
+        "deviations": [{"where": each.where, "message": each.message} for each in plan.deviations],
     }
 
 

@@ -180,7 +180,7 @@ class Analysis:
                 "exact_rank_sum": EXACT_RANK_SUM,
             },
             "differences": [
-                {"where": each.where, "what": each.message, "wrong": each.is_error}
+                {"where": each.where, "message": each.message, "is_error": each.is_error}
                 for each in self.differences
             ],
             **({"plan": plan_results(self.plan)} if self.plan else {}),

@@ -328,7 +328,7 @@ def check(
     print_line(f"hash chain {head.number} entries, last digest {head.digest or 'none'}")
     errors = sum(finding.is_error for finding in findings)
     print_line(f"{errors} errors" if errors else "no errors")
-    if wrong:
+    if errors:
         raise typer.Exit(1)
 
 
