@@ -212,7 +212,7 @@ def test_only_the_checksum_of_a_token_is_stored(store: Store) -> None:
     with pytest.raises(StudyError, match="ada has a token"):
         add_experimenter(store, "ada")
     for name in ("", "unnamed", "a b", "ü"):
-        with pytest.raises(StudyError, match="no name of an experimenter"):
+        with pytest.raises(StudyError, match="is not a valid name"):
             add_experimenter(store, name)
     revoke_experimenter(store, "ada")
     with pytest.raises(StudyError, match="has no token"):

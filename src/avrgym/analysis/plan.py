@@ -118,8 +118,8 @@ def _better_policy(design: Design, questionnaire: Questionnaire) -> Expected:
 class FrozenPlan:
     """A study's frozen plan (``None`` if its contents are unknown), and the study's deviations from it.
 
-    ``origin_text`` describes its date. ``is_confirmatory``: it is certainly older than the first participant. ``sha256``: checksum of
-    the plan. ``record_sha256``: checksum of its frozen record.
+    ``origin_text`` describes its date. ``is_confirmatory``: it is certainly older than the first participant.
+    ``sha256``: checksum of the plan. ``record_sha256``: checksum of its frozen record.
     """
 
     at: str
