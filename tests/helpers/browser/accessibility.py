@@ -1,10 +1,10 @@
-"""What axe, the common checker of accessible pages, finds wrong with a page."""
+"""Accessibility checks of pages by axe."""
 
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page
 
 
 def violations(page: Page) -> list[str]:
-    """Each rule that a page breaks, with the elements that break it."""
+    """Return the violated rules of a page with their elements."""
     found = Axe().run(page).response["violations"]
     return [f"{rule['id']}: {node['html']}" for rule in found for node in rule["nodes"]]

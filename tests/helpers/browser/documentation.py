@@ -1,4 +1,4 @@
-"""The documentation's pages: their blocks of code and the commands in them."""
+"""Code blocks and commands of the documentation's pages."""
 
 import re
 import runpy
@@ -22,19 +22,19 @@ class Block(NamedTuple):
 
 
 def blocks(page: Path) -> list[Block]:
-    """The blocks of a page in order; indentation of lists is removed."""
+    """Return the code blocks of a page in order, without the indentation of lists."""
     found = _BLOCK.findall(page.read_text())
     return [Block(language, textwrap.dedent(text)) for _, language, text in found]
 
 
 def commands(text: str) -> list[list[str]]:
-    """The words of each shell command of a block, without comments and redirections."""
+    """Split a block into shell commands, without comments and redirections."""
     lines = text.replace("\\\n", " ").splitlines()
     return [words for line in lines if (words := shlex.split(line.partition(" > ")[0], comments=True))]
 
 
 def missing_rows(note: str, script: str, table: str, *arguments: str) -> list[str]:
-    """The rows of a script's table that a note in ``research`` does not contain."""
+    """Return the rows of a script's table that are missing in a research note."""
     lines = (ROOT / "research" / note).read_text().splitlines()
     rows = [*runpy.run_path(str(ROOT / "research" / f"{script}.py"))[table](*arguments)]
     assert len(rows) > 2
@@ -42,12 +42,12 @@ def missing_rows(note: str, script: str, table: str, *arguments: str) -> list[st
 
 
 def anchors(page: Path) -> set[str]:
-    """The anchors of a page's headings: their words, joined by hyphens."""
+    """Return the anchors of a page's headings."""
     headings = re.findall(r"^#+ +(.+)$", _BLOCK.sub("", page.read_text()), flags=re.MULTILINE)
     words = (re.sub(r"[^\w\s-]", "", heading).lower() for heading in headings)
     return {re.sub(r"[\s-]+", "-", each.strip()) for each in words}
 
 
 def name_of(page: Path) -> str:
-    """The path of a page, such as ``docs/how_to/connect_headset.md``."""
+    """Return the path of a page, such as ``docs/how_to/connect_headset.md``."""
     return page.relative_to(ROOT).as_posix()

@@ -13,7 +13,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
 class GlbFile:
-    """The document of a GLB file, and the numbers of its accessors as glTF 2.0 defines them."""
+    """The JSON document and the accessors of a GLB file (glTF 2.0)."""
 
     def __init__(self, data: bytes) -> None:
         magic, version, length = struct.unpack("<4sII", data[:12])
@@ -26,7 +26,7 @@ class GlbFile:
         return self.document[name]
 
     def numbers(self, accessor: int) -> np.ndarray:
-        """Rows (N, K); normalised integers become shares."""
+        """Return an accessor as rows (N, K). Normalised integers are scaled to [−1, 1]."""
         about = self["accessors"][accessor]
         view = self["bufferViews"][about["bufferView"]]
         kind, width = np.dtype(KINDS[about["componentType"]]), WIDTHS[about["type"]]
@@ -37,7 +37,7 @@ class GlbFile:
         return values / np.iinfo(kind).max if about.get("normalized") else values
 
     def image_size(self, view: int) -> tuple[int, int]:
-        """Width and height of the picture in a buffer's view, pixels."""
+        """Return width and height of the image in a buffer view, pixels."""
         start, length = self["bufferViews"][view]["byteOffset"], self["bufferViews"][view]["byteLength"]
         return Image.open(io.BytesIO(self._binary[start : start + length])).size
 
@@ -45,6 +45,6 @@ class GlbFile:
         return [primitive for mesh in self["meshes"] for primitive in mesh["primitives"]]
 
     def nodes(self, extra: str) -> dict[str, dict[str, Any]]:
-        """The nodes that have this word in their ``extras``, by what it says."""
+        """Return the nodes that have this key in their ``extras``, by its value."""
         found = [node for node in self["nodes"] if extra in node.get("extras", {})]
         return {str(node["extras"][extra]): node for node in found}

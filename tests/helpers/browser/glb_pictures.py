@@ -1,6 +1,6 @@
-"""Pictures of a GLB file by three.js in Chromium, and of its model by MuJoCo, from one camera, without light.
+"""Renders a GLB file with three.js and its model with MuJoCo from one camera.
 
-Each surface has the same colour everywhere, so that only shapes and colours are compared.
+Surfaces are unlit: only shapes and colours are compared.
 """
 
 import base64
@@ -49,7 +49,7 @@ _SCRIPT = """async ([glb, width, height, { position, target, degrees }]) => {
 
 
 class Rendering(NamedTuple):
-    """A picture (H, W, 3) and where a surface is in it (H, W)."""
+    """An image (H, W, 3) and the mask (H, W) of its surfaces."""
 
     colours: np.ndarray
     covered: np.ndarray
@@ -58,7 +58,7 @@ class Rendering(NamedTuple):
 def camera_at(
     target: np.ndarray, distance_m: float, azimuth_deg: float, elevation_deg: float
 ) -> mujoco.MjvCamera:
-    """MuJoCo's camera that looks at a place."""
+    """Return a MuJoCo camera that looks at a target."""
     camera = mujoco.MjvCamera()
     camera.lookat[:], camera.distance = target, distance_m
     camera.azimuth, camera.elevation = azimuth_deg, elevation_deg
@@ -66,7 +66,7 @@ def camera_at(
 
 
 def open_page(page: Page) -> Page:
-    """Let a page load three.js, and nothing else."""
+    """Open a page that can load only three.js and its loader."""
 
     def answer(route: Route) -> None:
         path = route.request.url.removeprefix(ADDRESS).lstrip("/")
@@ -81,7 +81,7 @@ def open_page(page: Page) -> Page:
 
 
 def render_three(page: Page, glb: bytes, model: mujoco.MjModel, camera: mujoco.MjvCamera) -> Rendering:
-    """What three.js draws of a file; bodies that look alike are left out."""
+    """Render a file with three.js."""
     azimuth, elevation = np.radians([camera.azimuth, camera.elevation])
     ahead = np.array(
         [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
@@ -97,7 +97,7 @@ def render_three(page: Page, glb: bytes, model: mujoco.MjModel, camera: mujoco.M
 
 
 def render_mujoco(model: mujoco.MjModel, camera: mujoco.MjvCamera, excluded: set[int]) -> Rendering:
-    """What MuJoCo draws of a model, but for the geoms of some bodies."""
+    """Render a model with MuJoCo, without the geoms of ``excluded`` bodies."""
     model.vis.headlight.ambient, model.vis.headlight.diffuse, model.vis.headlight.specular = (
         [1] * 3,
         [0] * 3,

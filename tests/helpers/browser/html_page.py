@@ -1,4 +1,4 @@
-"""What a page of HTML says."""
+"""Text and attributes of HTML pages."""
 
 from html.parser import HTMLParser
 from pathlib import Path
@@ -7,7 +7,7 @@ VOID = {"meta", "img", "br"}
 
 
 class Page(HTMLParser):
-    """Collects what a page says, and checks that its tags are balanced."""
+    """Collects the text of a page and checks that its tags are balanced."""
 
     def __init__(self, path: Path):
         super().__init__()

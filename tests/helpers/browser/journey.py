@@ -1,4 +1,4 @@
-"""A participant in a real browser: headless Chromium with an emulated headset, the real server and physics."""
+"""A session in headless Chromium with an emulated headset, the real server and physics."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -16,15 +16,15 @@ from avrgym.vr.session.session import Session
 
 TIMEOUT_S = 180.0
 SEATING = ("calibration", "loading", "check")
-"""The phases in which a participant takes their place."""
+"""Phases before the first trial."""
 TRIAL = ("free_before", "countdown", "trial", "retreat", "free_after", "questionnaire")
-"""The phases of a trial in their order; all but the last end by themselves."""
+"""Phases of a trial in order. All except the last end automatically."""
 WATCH_SCENES = """
 window.scenes = [];
 window.__THREE_DEVTOOLS__ = new EventTarget();
 __THREE_DEVTOOLS__.addEventListener("observe", ({ detail }) => detail.isScene && scenes.push(detail));
 """
-"""three.js tells developers' tools of its scenes: so the page is asked what it draws, and needs no door for tests."""
+"""Collects the scenes that three.js announces to developer tools."""
 DRAW_LITTLE = """() => {
     const next = window.requestAnimationFrame.bind(window);
     const asked = new Map();
@@ -52,7 +52,7 @@ DRAW_LITTLE = """() => {
 
 
 def wait_until(condition: Callable[[], bool]) -> None:
-    """Wait until something is so."""
+    """Wait until a condition is true."""
     give_up = time.monotonic() + TIMEOUT_S
     while not condition():
         assert time.monotonic() < give_up
@@ -60,10 +60,9 @@ def wait_until(condition: Callable[[], bool]) -> None:
 
 
 def finish_phases(headset: EmulatedHeadset, *phases: str) -> None:
-    """Press the trigger until phases that follow each other are over.
+    """Press the trigger until the page leaves these consecutive phases.
 
-    More than once: a slow page may have sent too few frames to be measured by. A press may arrive late and end the
-    next phase too, so whoever presses through several names them all.
+    A slow page may need several presses. A late press can also end the next phase, so name all phases in one call.
     """
     _wait_for_any(headset, phases)
     while headset.call("phase")["name"] in phases:
@@ -72,9 +71,9 @@ def finish_phases(headset: EmulatedHeadset, *phases: str) -> None:
 
 
 def wait_for_phase(headset: EmulatedHeadset, name: str) -> None:
-    """Wait until the page shows a phase, or one that follows it in its trial.
+    """Wait until the page shows a phase or a later one of its trial.
 
-    A phase that ends by itself may be over before a slow machine looks again.
+    A slow machine can miss a phase that ends automatically.
     """
     _wait_for_any(headset, TRIAL[TRIAL.index(name) :] if name in TRIAL else (name,))
 
@@ -88,7 +87,7 @@ def _wait_for_any(headset: EmulatedHeadset, names: Sequence[str]) -> None:
 
 
 def wait_for_buttons(headset: EmulatedHeadset, item: str) -> None:
-    """Wait until the panel shows the buttons of a question, or of the ``body`` to choose."""
+    """Wait until the panel shows the buttons of an item, or of the choice ``body``."""
     headset.page.wait_for_function(
         "([item]) => window.avrgymEmulator.buttons()[0]?.item === item",
         arg=[item],
@@ -97,25 +96,24 @@ def wait_for_buttons(headset: EmulatedHeadset, item: str) -> None:
 
 
 def skip_drawing(headset: EmulatedHeadset) -> None:
-    """Let the page do all that it does but fill pixels, which takes software ten times as long as all the rest.
+    """Make the page skip rasterization, which dominates the time of software rendering.
 
-    It draws a frame every third time that a display would. Tests that look at pictures ask for them with
-    ``draw_triangles``.
+    The page renders every third frame. Tests that compare images call ``draw_triangles``.
     """
     headset.page.add_init_script(f"({DRAW_LITTLE})()")
     headset.page.evaluate(DRAW_LITTLE)
 
 
 def draw_triangles(headset: EmulatedHeadset) -> None:
-    """Fill triangles from the next frame on, and wait until it is drawn."""
+    """Rasterize triangles from the next frame on, and wait for that frame."""
     headset.page.evaluate("() => { window.drawsTriangles = true; }")
     headset.wait_for_frames(2)
 
 
 class Journey:
-    """A session on its server, a browser with an emulated headset, and who wears it.
+    """A session on its server, a browser with an emulated headset, and a simulated participant.
 
-    ``observed`` is what the session told its observer; recordings go into ``folder``.
+    ``observed`` contains the events of the session. Recordings are stored in ``folder``.
     """
 
     def __init__(
@@ -130,7 +128,7 @@ class Journey:
     ) -> None:
         """Start server and browser; ``opened`` closes them.
 
-        ``draws``: the page fills triangles from the beginning on. ``browser``: arguments of ``EmulatedHeadset``.
+        ``draws``: rasterize triangles from the start. ``browser``: arguments of ``EmulatedHeadset``.
         """
         self.folder = folder
         self.observed: list[session_events.SessionEvent] = []
@@ -152,36 +150,35 @@ class Journey:
 
     @property
     def session(self) -> Session:
-        """The session."""
         return self.server.session
 
     def enter(self) -> None:
-        """Rest and enter VR."""
+        """Enter VR with the participant at rest."""
         self.headset.set_poses(self.participant.frame(0.0, moving=False))
         self.headset.enter_vr()
         self.wait_for_phase("calibration")
 
     def calibrate(self) -> None:
-        """Press the trigger until the participant is measured and has seen that they fit."""
+        """Press the trigger until the participant has completed calibration and body check."""
         self.go_on(*SEATING)
 
     def finish_phases(self, *phases: str) -> None:
-        """Press the trigger until phases that follow each other are over."""
+        """Press the trigger until the page leaves these consecutive phases."""
         finish_phases(self.headset, *phases)
 
     def wait_for_phase(self, name: str) -> None:
-        """Wait until the page shows a phase, or one that follows it in its trial."""
+        """Wait until the page shows a phase or a later one of its trial."""
         wait_for_phase(self.headset, name)
 
     def wait_for_buttons(self, item: str) -> None:
-        """Wait until the panel shows the buttons of a question, or of the ``body`` to choose."""
+        """Wait until the panel shows the buttons of an item, or of the choice ``body``."""
         wait_for_buttons(self.headset, item)
 
     def results(self) -> list[str]:
-        """How the attempts ended that have."""
+        """Return the results of the completed attempts."""
         return [each.result for each in self.observed if isinstance(each, session_events.TrialEnded)]
 
     def drop_sockets(self) -> None:
-        """Break every connection to the browser without a word."""
+        """Drop every connection to the browser without a close message."""
         for connection in list(self.server._web._uvicorn.server_state.connections):
             connection.loop.call_soon_threadsafe(connection.transport.abort)

@@ -1,4 +1,4 @@
-// Runs before the page does: what the page asks of the GPU, how long its frames' JavaScript takes, how long scenes take.
+// Runs before the page. Measures GPU memory, draw calls, JavaScript time per frame and loading time of scenes.
 (() => {
   const meter = { bytes: 0, calls: 0, triangles: 0, messagesMs: 0, frames: [], scenes: [] };
   window.pageMeter = meter;
@@ -19,8 +19,7 @@
     };
   };
 
-  // Memory: buffers, textures with their mipmaps, renderbuffers. A headset brings the buffers of its eyes itself; here they
-  // are as large as the canvas.
+  // Memory of buffers, textures with mipmaps and renderbuffers, without the eye buffers, which have the size of the canvas.
   const ofEyes = (gl, width, height) => width === gl.drawingBufferWidth && height === gl.drawingBufferHeight;
   const BYTES = {
     0x8058: 4, 0x8c43: 4, 0x1908: 4, 0x8051: 3, 0x1907: 3, 0x8229: 1, 0x822b: 2, 0x881a: 8, 0x881b: 6, 0x8814: 16,
@@ -64,7 +63,7 @@
   });
   around("compressedTexImage2D", () => { throw Error("the size of compressed textures is not known"); });
 
-  // Draw calls and triangles of a frame of both eyes, and of its shadows; with `idle` the GPU's work is left out.
+  // Draw calls and triangles of a frame: both eyes and shadows. With `idle` the GPU draws nothing.
   const counted = (name, vertices) => {
     const original = GL[name];
     GL[name] = function (...given) {
@@ -83,7 +82,7 @@
     if (!meter.idle) clear.call(this, mask);
   };
 
-  // Frames in VR, with the messages since the one before. The emulator installs its own XRSession.
+  // VR frames, with the messages since the previous frame. The emulator installs its own XRSession.
   meter.watchFrames = () => {
     const session = window.XRSession.prototype;
     const request = session.requestAnimationFrame;
@@ -99,7 +98,7 @@
     };
   };
 
-  // Scenes: from the message that tells of one to the answer that it is shown.
+  // Scenes: time from the scene message to the reply that it is loaded.
   const starts = (data, words) => {
     const head = new Uint8Array(data.buffer ?? data, data.byteOffset ?? 0, Math.min(data.byteLength, 24));
     return String.fromCharCode(...head).includes(words);

@@ -1,4 +1,4 @@
-"""The client's pages in a browser without a server: they are sent what a session in the same process once said."""
+"""The client's pages in a browser without a server, with stored messages of a session."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,15 +11,15 @@ from avrgym.vr.protocol import messages
 
 STATIC = Path(avrgym.vr.__file__).parent / "static"
 ADDRESS = "http://localhost:9"
-"""Nobody listens there: Playwright answers every request."""
+"""Playwright answers every request to this address."""
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
 
 class StagedPage:
-    """A page that is sent messages; ``sent`` are those that it sends, but for poses and receipts."""
+    """A page that receives messages. ``sent`` contains its own messages, without poses and receipts."""
 
     def __init__(self, page: Page, said: Sequence[messages.Message], glb: bytes | None = None) -> None:
-        """Stage a page; it is sent ``said`` when it has greeted. ``glb`` is the file of every scene."""
+        """Send ``said`` after the page's hello. ``glb`` is the file of every scene."""
         self.page, self._said, self._glb = page, said, glb
         self.sent: list[dict] = []
         self.answers: dict[str, Callable[[], object]] = {}
@@ -33,12 +33,12 @@ class StagedPage:
         return self.page
 
     def send(self, *said: messages.Message) -> None:
-        """Send the page messages."""
+        """Send messages to the page."""
         for message in said:
             self._sockets[-1].send(messages.encode(message))
 
     def kinds(self) -> list[str]:
-        """The types of what the page sent, and the names of its commands."""
+        """Return the types of the page's messages, and the names of its commands."""
         return [message.get("name", message["type"]) for message in self.sent]
 
     def _connected(self, socket: WebSocketRoute) -> None:

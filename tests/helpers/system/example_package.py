@@ -1,4 +1,4 @@
-"""The example package, installed apart beside another one that is broken, and commands that find both."""
+"""Installs the example package and a broken package, and runs commands with both."""
 
 import json
 import os
@@ -22,7 +22,7 @@ for command in json.loads(sys.argv[1]):
 
 
 def install(folder: Path) -> None:
-    """Install the example package into a folder as pip does, and a package of which nothing can be used."""
+    """Install the example package and a broken package into a folder."""
     command = [
         sys.executable,
         "-m",
@@ -46,12 +46,12 @@ def install(folder: Path) -> None:
 
 
 def environment_variables(folder: Path) -> dict[str, str]:
-    """The variables of processes that find the packages of a folder."""
+    """Return environment variables with which processes find the packages of a folder."""
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(folder)])}
 
 
 def python(folder: Path, *arguments: str) -> str:
-    """What a Python process prints that runs in the folder and finds its packages; it must succeed."""
+    """Run Python in a folder with its packages, and return the output. The process must succeed."""
     ran = subprocess.run(
         [sys.executable, *arguments],
         env=environment_variables(folder),
@@ -67,7 +67,7 @@ def python(folder: Path, *arguments: str) -> str:
 
 
 def avrgym(folder: Path, *arguments: str) -> str:
-    """What a command prints that finds the packages of a folder."""
+    """Run an `avrgym` command with the packages of a folder, and return the output."""
     return python(folder, "-c", "from avrgym.cli import app; app()", *arguments)
 
 
@@ -81,10 +81,9 @@ def train_and_study(
     policies: tuple[str, ...],
     little: bool = False,
 ) -> None:
-    """From training to a report with a reward term and a recording that steps again to the same bits, by command.
+    """Train a policy, simulate a study, and check its report and a replayed recording, by commands.
 
-    The study compares the trained policy with others. A little training takes few worlds, and is measured by few
-    episodes.
+    The study compares the trained policy with ``policies``. With ``little`` the training uses few worlds and episodes.
     """
     environment = f"avrgym/{task}{robot}-v1"
     (folder / "settings.toml").write_text("worlds = 4\nminibatch = 200\n" if little else "")
@@ -120,7 +119,7 @@ def train_and_study(
 
 
 def _commands(folder: Path, *commands: list[str], first: str = "") -> None:
-    """Run commands one after another in one process."""
+    """Run commands in one process."""
     python(folder, "-c", first + COMMANDS, json.dumps(commands))
 
 

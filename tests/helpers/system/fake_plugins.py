@@ -1,4 +1,4 @@
-"""A built-in robot or task, as if the package ``lab-robots`` registered it from a folder of a test."""
+"""Registers built-in robots or tasks as plug-ins of a package ``lab-robots``."""
 
 import sys
 from importlib.metadata import Distribution, EntryPoint
@@ -13,7 +13,7 @@ MODULE = "lab_robots"
 
 
 def register(patch: pytest.MonkeyPatch, folder: Path, group: str, name: str) -> Path:
-    """Have a robot or task come from a package in the folder; gives its module, a file to change."""
+    """Register a robot or task from a package in the folder. Returns the file of its module."""
     package = folder / "src" / MODULE
     about = folder / "site" / f"{MODULE}-1.0.dist-info"
     package.mkdir(parents=True)
@@ -31,6 +31,6 @@ def register(patch: pytest.MonkeyPatch, folder: Path, group: str, name: str) -> 
 
 
 def change(module: Path) -> None:
-    """Change one line that decides what the plug-in does, as seen by the next process."""
+    """Change the plug-in's source, and clear the cached checksum."""
     module.write_text("SPEED = 2.0\n")
     content_sha256.cache_clear()

@@ -1,4 +1,4 @@
-"""Simulated participants whose processes are killed at random instants."""
+"""Simulated participants in processes that are killed at random times."""
 
 import csv
 import os
@@ -31,11 +31,11 @@ from avrgym.vr.session.plan import SessionPlan
 SEED = 5
 HEADER_BYTES = 8192
 JOURNAL_ENTRY = struct.Struct("<qq")
-"""What is noted of each record as it is queued: its time in the trial and the machine's, nanoseconds."""
+"""Times of a queued record, ns: in the trial, and on the machine's clock."""
 
 
 def shorten_delays() -> None:
-    """Let simulated participants waste no time in this process."""
+    """Shorten the delays of simulated participants in this process."""
     in_process_client.CALIBRATION_S = 0.6
     in_process_client.ANSWER_AFTER_S = 0.05
     plan_session: Callable[..., SessionPlan] = visit.plan_session
@@ -43,14 +43,14 @@ def shorten_delays() -> None:
 
 
 def take_part(folder: Path, pseudonym: str, seed: int, journal: Path) -> None:
-    """A quick participant, whose records are noted as they are queued; ends by leaving the process."""
+    """Run a participant's session and log its queued records."""
     shorten_delays()
     _note_records(journal)
     simulate_participant(folder, pseudonym, DryRun(seed))
 
 
 def _note_records(journal: Path) -> None:
-    """Append to a file beside the recordings what the session hands to their writer."""
+    """Log the times of the records that the session sends to the recording writer."""
     write = RecordingWriter.write
 
     def noted(self: RecordingWriter, topic: str, log_time_ns: int, record) -> None:
@@ -62,7 +62,7 @@ def _note_records(journal: Path) -> None:
 
 
 def start_participant(folder: Path, pseudonym: str, seed: int, journal: Path) -> BaseProcess:
-    """Let someone take part in a process of their own, forked from one that has imported what they need."""
+    """Run a participant's session in another process."""
     context = get_context("forkserver")
     context.set_forkserver_preload(["avrgym.study.sessions.simulation"])
     journal.mkdir(exist_ok=True)
@@ -72,7 +72,7 @@ def start_participant(folder: Path, pseudonym: str, seed: int, journal: Path) ->
 
 
 def run_and_kill(folder: Path, pseudonym: str, seed: int, after_s: float, journal: Path) -> float:
-    """Kill someone's process after a while, unless it is over before; the seconds that an open trial lost."""
+    """Kill a participant's process after ``after_s``. Returns the lost seconds of an open trial."""
     process = start_participant(folder, pseudonym, seed, journal)
     process.join(after_s)
     process.kill()
@@ -82,10 +82,9 @@ def run_and_kill(folder: Path, pseudonym: str, seed: int, after_s: float, journa
 
 
 def _lost_s(path: Path, journal: Path) -> float:
-    """How much of a recording is lost, compared with what was handed to its writer since the last kill.
+    """Return the seconds of queued records that a recording lacks since the last kill.
 
-    By the trial's time or the machine's, whichever is less: where a person takes part both are the same, and here
-    the one runs ahead of the other on a quick machine, and stays behind on a busy one.
+    Takes the minimum of trial time and machine time: the simulated clock is not synchronous with the machine's.
     """
     noted = journal / f"{path.parent.name}-{path.name}"
     if not noted.exists():
@@ -94,18 +93,18 @@ def _lost_s(path: Path, journal: Path) -> float:
     noted.unlink()
     queued = list(JOURNAL_ENTRY.iter_unpack(data[: len(data) // JOURNAL_ENTRY.size * JOURNAL_ENTRY.size]))
     try:
-        kept = sum(len(records) for records in read_recording(path).topics.values())
-    except RecordingError:  # killed before the header was whole
-        kept = 0
-    if kept >= len(queued):
+        stored = sum(len(records) for records in read_recording(path).topics.values())
+    except RecordingError:  # killed while it wrote the header
+        stored = 0
+    if stored >= len(queued):
         return 0.0
-    return min(last - first for first, last in zip(queued[kept], queued[-1], strict=True)) / 1e9
+    return min(last - first for first, last in zip(queued[stored], queued[-1], strict=True)) / 1e9
 
 
 def completed_results(
     store: Store, pseudonym: str
 ) -> list[tuple[Trial, Metrics, list[tuple[str, int, float]]]]:
-    """A participant's completed trials: what was planned, its metrics and its answers."""
+    """Return a participant's completed trials with their metrics and answers."""
     answers = store.answers(pseudonym)
     completed = {a.trial: a for a in store.attempts(pseudonym) if a.state == "completed"}
     return [
@@ -116,13 +115,10 @@ def completed_results(
 
 
 def compare_with_killed(undisturbed: Path, folder: Path, journal: Path, kills: int) -> str:
-    """Let the same participants take part in two equal studies, once undisturbed, once killed so often.
+    """Run the same participants in two equal studies: one undisturbed, one with ``kills`` kills.
 
-    What was completed before a kill must be completed after it. Both studies must be the same in the end, nothing
-    may be wrong with them, every file must load, and an open trial may have lost a second at most.
-
-    Returns:
-        What was counted and measured, in words.
+    Completed trials stay completed. Both studies are equal in the end and without errors, every file is readable, and
+    an open trial loses less than one second. Returns a summary.
     """
     trials = _take_part_undisturbed(undisturbed, 1, journal)
     participants, lost_s = _kill(folder, kills, 1.5 * _first_session_s(undisturbed) / trials, journal)
@@ -137,7 +133,7 @@ def compare_with_killed(undisturbed: Path, folder: Path, journal: Path, kills: i
 
 
 def _first_session_s(folder: Path) -> float:
-    """How long the first participant's session took on this machine."""
+    """Return the duration of the first participant's session, s."""
     with Store(folder) as store:
         session = store.sessions("sub-001")[0]
     assert session.closed_at is not None
@@ -146,7 +142,7 @@ def _first_session_s(folder: Path) -> float:
 
 
 def _kill(folder: Path, kills: int, longest_s: float, journal: Path) -> tuple[int, float]:
-    """Kill one participant after another; how many there were, and the seconds that an open trial lost at most."""
+    """Kill sessions of participants. Returns the number of participants, and the longest loss of an open trial, s."""
     rng, done, participants, lost_s = random.Random(SEED), 0, 0, 0.0
     with Store(folder) as store:
         while done < kills:
@@ -163,7 +159,7 @@ def _kill(folder: Path, kills: int, longest_s: float, journal: Path) -> tuple[in
 
 
 def _take_part_undisturbed(folder: Path, participants: int, journal: Path) -> int:
-    """How many trials so many participants had."""
+    """Run participants without kills. Returns their number of trials."""
     with Store(folder) as store:
         pseudonyms = [simulated_participant(store, index, DryRun(SEED)) for index in range(participants)]
         _finish_all(folder, store, journal)
@@ -177,7 +173,7 @@ def _finish_all(folder: Path, store: Store, journal: Path) -> None:
 
 
 def assert_same(undisturbed: Path, folder: Path) -> int:
-    """Assert that two studies are the same in the end; how many attempts the second has, which was broken off."""
+    """Assert that two studies have equal results. Returns the number of attempts of the second, killed study."""
     with Store(folder) as store, Store(undisturbed) as expected:
         pseudonyms = [person.pseudonym for person in store.participants()]
         for pseudonym in pseudonyms:
@@ -193,7 +189,7 @@ def assert_same(undisturbed: Path, folder: Path) -> int:
 
 
 def recorded_contents(store: Store, pseudonym: str) -> Iterator[tuple[dict[str, Any], Outcome | None, list]]:
-    """All that the recordings of a participant's completed trials hold, but for session, attempt and slow disks."""
+    """Yield the recordings of a participant's completed trials, without what depends on the run."""
     completed = {a.trial: a for a in store.attempts(pseudonym) if a.state == "completed"}
     for trial in store.trials(pseudonym):
         recording = read_recording(store.path(completed[trial.id].recording))
@@ -223,13 +219,13 @@ RUN_COLUMNS = {
     "decided_at",
     "at",
 }
-"""Columns about the run that made a study, not about the study."""
+"""Columns that depend on the run of a study."""
 LOG_TABLES = {"events.csv", "log.csv"}
-"""Tables in which a killed run has more rows."""
+"""Tables to which a killed run adds rows."""
 
 
 def exported_tables(store: Store) -> dict[str, list[dict[str, str]]]:
-    """The rows of the exported tables but logs, of attempts and what was done in them only those of completed ones."""
+    """Return the rows of the exported tables, without logs and incomplete attempts."""
     with TemporaryDirectory() as folder:
         export_study(store, "csv", Path(folder) / "tables")
         paths = (Path(folder) / "tables").glob("*.csv")
@@ -255,7 +251,7 @@ def _attempt(row: dict[str, str]) -> tuple[str, str, str]:
 
 
 def assert_readable(path: Path) -> None:
-    """A file reads up to where it was broken off; only one that was killed as it was opened is none yet."""
+    """Assert that a recording is readable, or that it was killed while it wrote the header."""
     try:
         assert read_recording(path).configuration.simulated
     except RecordingError:
@@ -263,7 +259,7 @@ def assert_readable(path: Path) -> None:
 
 
 def finish(folder: Path, pseudonym: str, seed: int, journal: Path) -> None:
-    """Let someone take part to the end."""
+    """Run a participant's session to the end."""
     process = start_participant(folder, pseudonym, seed, journal)
     process.join()
     assert process.exitcode == os.EX_OK

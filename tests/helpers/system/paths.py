@@ -1,4 +1,4 @@
-"""Where the repository, these helpers and the tests' data lie."""
+"""Paths of the repository and of the tests' data."""
 
 from pathlib import Path
 
@@ -6,4 +6,4 @@ ROOT = Path(__file__).parents[3]
 TESTS = ROOT / "tests"
 DATA = TESTS / "data"
 OLD_RECORDING = DATA / "study-of-0.2.0" / "recordings" / "sub-001" / "ses-01" / "trial-01_attempt-1.mcap"
-"""A trial of ScratchItchJaco that an earlier version recorded."""
+"""A trial of ScratchItchJaco, recorded by version 0.2.0."""

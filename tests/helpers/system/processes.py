@@ -1,4 +1,4 @@
-"""Processes that tests start: none outlives the tests, however those end."""
+"""Child processes that end with the tests."""
 
 import ctypes
 import re
@@ -18,9 +18,9 @@ _LIBC = ctypes.CDLL(None)
 
 
 def kill_with_parent() -> None:
-    """For ``preexec_fn``: Linux kills this process when the one that started it ends.
+    """Use as ``preexec_fn``: Linux kills this process when its parent ends.
 
-    Signals end it as one started by hand, also where the tests run in the background of a shell or under ``nohup``.
+    Also restores the default signal handlers, which ``nohup`` and background shells change.
     """
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -29,9 +29,9 @@ def kill_with_parent() -> None:
 
 @dataclass(frozen=True)
 class RunningServer:
-    """A server of its own process, and the addresses that it printed for this machine.
+    """A server process and its local addresses.
 
-    That of ``participant`` has a token, unless a study waits for its first session.
+    The address of ``participant`` has a token, unless a study waits for its first session.
     """
 
     process: subprocess.Popen[str]
@@ -41,7 +41,7 @@ class RunningServer:
 
 @contextmanager
 def running_server(study: Path, *options: str, limits: tuple[str, ...] = ()) -> Iterator[RunningServer]:
-    """`avrgym serve`, of a study or without one; killed when the context ends, unless it has ended before."""
+    """Run `avrgym serve` until the context ends."""
     command = [*command_with_limits(*limits), "serve", "--port", "0", "--study", study, *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=kill_with_parent) as process:
         try:

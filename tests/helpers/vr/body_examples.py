@@ -1,6 +1,6 @@
-"""Poses of head and hands and the angles that bring a body there: what the client's solver is held to.
+"""Poses of head and hands with the joint angles of the body solver, for tests of the client's solver.
 
-``python -m helpers.vr.body_examples`` writes the few that the client's own tests read.
+``python -m helpers.vr.body_examples`` writes the examples of the client's tests.
 """
 
 import json
@@ -32,7 +32,7 @@ SITES = (("head_centre", "head"), ("left_hand_centre", "left_hand"), ("right_han
 
 @dataclass(frozen=True)
 class _Body:
-    """A person, and who solves for them."""
+    """A person's model and body solver."""
 
     solver: BodySolver
     model: mujoco.MjModel
@@ -41,7 +41,7 @@ class _Body:
 
 
 def examples(rng: np.random.Generator, count: int) -> Iterator[dict[str, Any]]:
-    """Of three bodies, two with unusual arms: poses all over the joints' ranges, near the start, and of nobody's."""
+    """Yield examples of three bodies: poses over the joint ranges, near the start, and unreachable ones."""
     bodies = [_body(*each) for each in BODIES]
     for number in range(count):
         start = SEATED_RAD + rng.uniform(0.0, 1.0) * (rng.uniform(LOWER_RAD, UPPER_RAD) - SEATED_RAD)
@@ -88,7 +88,7 @@ def _solved(body: _Body, pose: BodyPose, start_rad: np.ndarray, turn_rad: float)
 
 
 def write(path: Path, seed: int, count: int) -> None:
-    """Write examples as JSON, a line each."""
+    """Write examples as JSON, one per line."""
     lines = [json.dumps(each) for each in examples(np.random.default_rng(seed), count)]
     path.write_text("[\n" + ",\n".join(lines) + "\n]\n", "utf-8")
 

@@ -1,6 +1,6 @@
-"""Hands whose device changes, and the grips that are followed: what the client's law is held to.
+"""Hands that switch tracking devices, with the resulting grip poses, for the client's tests.
 
-``python -m helpers.vr.device_switch_examples`` writes the examples that the client's own tests read.
+``python -m helpers.vr.device_switch_examples`` writes the examples of the client's tests.
 """
 
 import json
@@ -20,7 +20,7 @@ from avrgym.vr.tracking.switches import Hand
 
 Side = Literal["left", "right"]
 Error = tuple[FloatArray, FloatArray]
-"""How a device misjudges a hand, in the axes of its pose: position (3,), quaternion (4,)."""
+"""Tracking error of a device in the axes of its pose: position (3,), quaternion (4,)."""
 
 FILE = Path(__file__).parents[3] / "client/tests/data/switches.json"
 COUNT, FRAMES, SEED = 16, 40, 11
@@ -30,7 +30,7 @@ NO_ERROR: Error = (np.zeros(3), transforms.IDENTITY_QUATERNION)
 
 
 def compose(pose: XRPose, pos: FloatArray, q: FloatArray) -> XRPose:
-    """A pose given in another."""
+    """Transform a relative pose by another pose."""
     x, y, z, w = pose.orientation
     there, there_q = np.empty(3), np.empty(4)
     mujoco.mju_mulPose(there, there_q, np.array(pose.position), np.array([w, x, y, z]), pos, q)
@@ -39,7 +39,7 @@ def compose(pose: XRPose, pos: FloatArray, q: FloatArray) -> XRPose:
 
 
 def measured_pose(grip: XRPose, side: Side, modality: Modality, error: Error = NO_ERROR) -> XRPose:
-    """The pose that a device gives of a hand whose grip is this."""
+    """Return the pose that a device reports for a grip."""
     if modality != "hand":
         return compose(grip, *error)
     wrist = transforms.invert(HAND_CENTRE_FROM_WRIST, GRIP_FROM_WRIST_AXES[side])
@@ -47,7 +47,7 @@ def measured_pose(grip: XRPose, side: Side, modality: Modality, error: Error = N
 
 
 def random_error(rng: np.random.Generator, distance_m: float, angle_deg: float) -> Error:
-    """An error of this size, in any direction."""
+    """Return an error of a given size in a random direction."""
     turn = transforms.from_axis_angle(
         transforms.normalize(rng.normal(size=3)), np.asarray(np.radians(angle_deg))
     )
@@ -55,14 +55,14 @@ def random_error(rng: np.random.Generator, distance_m: float, angle_deg: float) 
 
 
 def random_grip(rng: np.random.Generator) -> XRPose:
-    """A grip within a person's reach."""
+    """Return a random grip within a person's reach."""
     x, y, z = rng.uniform((-0.5, 0.5, -0.6), (0.5, 1.3, 0.0)).tolist()
     qx, qy, qz, qw = transforms.normalize(rng.normal(size=4)).tolist()
     return XRPose((x, y, z), (qx, qy, qz, qw))
 
 
 def examples() -> Iterator[dict[str, Any]]:
-    """Hands that rest, tremble and move, whose devices change at any time, some after long gaps or far apart."""
+    """Return hands at rest, with tremor and in motion. Devices switch at random times, also after gaps."""
     rng = np.random.default_rng(SEED)
     return (_example(rng, SIDES[number % 2], 0.03 * (number % 4)) for number in range(COUNT))
 
@@ -88,7 +88,7 @@ def _example(rng: np.random.Generator, side: Side, step_m: float) -> dict[str, A
 
 
 def write(path: Path) -> None:
-    """Write examples as JSON, a line each."""
+    """Write examples as JSON, one per line."""
     lines = [json.dumps(each) for each in examples()]
     path.write_text("[\n" + ",\n".join(lines) + "\n]\n", "utf-8")
 

@@ -1,4 +1,4 @@
-"""Real outlets of Lab Streaming Layer on this machine alone, and a session that lives in real time."""
+"""Lab Streaming Layer outlets on this machine, and a session in real time."""
 
 import os
 import threading
@@ -19,7 +19,7 @@ from avrgym.vr.lab_streaming.streams import LabStreams  # noqa: E402
 from avrgym.vr.lab_streaming.streams import lab_streams as lab_streams  # noqa: E402
 
 LSL_SESSION = f"avrgym-tests-{os.getpid()}"
-"""Streams of other tests, which may run at the same time, are in another lab."""
+"""Separates these streams from those of tests that run at the same time."""
 RATE_HZ = 200.0
 TIMEOUT_S = 60.0
 
@@ -29,7 +29,7 @@ pylsl.set_config_content(
 
 
 class Device:
-    """A device with a stream of a regular rate; each sample is the time at which it was taken, and its number."""
+    """A device with a constant sample rate. Each sample contains its time and its number."""
 
     def __init__(self, name: str = "Belt", kind: str = "ECG", rate_hz: float = RATE_HZ) -> None:
         info = pylsl.StreamInfo(name, kind, 2, rate_hz, "double64", f"{name}-of-the-tests")
@@ -37,25 +37,25 @@ class Device:
         info.set_channel_units(["s", ""])
         self._outlet = pylsl.StreamOutlet(info)
         self._rate_hz = rate_hz
-        self._on = threading.Event()
+        self._off = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
         began_s, number = pylsl.local_clock(), 0
-        while not self._on.wait(0.01):
+        while not self._off.wait(0.01):
             while (taken_s := began_s + number / self._rate_hz) < pylsl.local_clock():
                 self._outlet.push_sample([taken_s, float(number)], taken_s)
                 number += 1
 
     def turn_off(self) -> None:
-        self._on.set()
+        self._off.set()
         self._thread.join()
-        del self._outlet  # which ends the stream
+        del self._outlet  # ends the stream
 
 
 class LiveVisit(Visit):
-    """A visit whose session goes by Lab Streaming Layer's clock, as far as the machine keeps up."""
+    """A visit on the clock of Lab Streaming Layer."""
 
     def __init__(self, folder: Path, streams: LabStreams) -> None:
         self._began_s = pylsl.local_clock()
@@ -76,7 +76,7 @@ class LiveVisit(Visit):
 
     @property
     def began_s(self) -> float:
-        """When the session began, on Lab Streaming Layer's clock."""
+        """Start of the session on the clock of Lab Streaming Layer."""
         return self._began_s
 
     @property
@@ -84,7 +84,7 @@ class LiveVisit(Visit):
         return pylsl.local_clock() - self._began_s
 
     def run_live(self, until: Callable[[], bool]) -> None:
-        """Tick in real time until something is so."""
+        """Tick in real time until a condition is true."""
         give_up = time.monotonic() + TIMEOUT_S
         while not until():
             assert time.monotonic() < give_up, f"still in {self.phase}; problems: {self.problems}"

@@ -1,6 +1,6 @@
-"""How simulated participants move while robots help them, for the client's tests: python motion_examples.py.
+"""Movements of simulated participants for the client's tests: python motion_examples.py.
 
-Of each environment one session: rest, free movement, the trial, the retreat. The client's tests look for stops in it.
+Contains one session of each environment: rest, free movement, trial and retreat.
 """
 
 import json
@@ -16,15 +16,15 @@ from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.vr.visit import FRAME_EVERY_TICKS, Visit
 
 FILE = Path(__file__).parents[3] / "client/tests/data/motions.json"
-EVERY = 5
-"""Of the frames that a participant sends, one in so many is written: five a second."""
+FRAME_STEP = 5
+"""Every fifth frame is written: five per second."""
 
 
-class Watched(Visit):
-    """A visit that keeps the participant's frames."""
+class RecordingVisit(Visit):
+    """A visit that stores the participant's frames."""
 
     def __init__(self, folder: Path, environment: str, seed: int, trial_steps: int) -> None:
-        """A session of one trial."""
+        """Plan a session of one trial."""
         trial = TrialPlan(environment, "revised", seed, practice=False)
         plan = SessionPlan(
             [trial], "woman" if seed % 2 else "man", 3.0, simulated=True, trial_steps=trial_steps
@@ -34,28 +34,28 @@ class Watched(Visit):
         super().__init__(folder, plan, load_policies(plan), person)
 
     def frame(self) -> Tracking:
-        """The participant's next frame, which is kept."""
+        """Return and store the participant's next frame."""
         frame = super().frame()
         self.frames.append(frame)
         return frame
 
 
 def examples(trial_steps: int, seeds: int) -> Iterator[dict[str, object]]:
-    """Sessions of so many participants in each environment: milliseconds between frames, and the frames."""
+    """Yield a session for each seed and environment: the frame interval in ms and the frames."""
     for seed in range(seeds):
         for number, environment in enumerate(ENVIRONMENTS):
             with TemporaryDirectory() as folder:
-                visit = Watched(Path(folder), environment, 100 * seed + number, trial_steps)
+                visit = RecordingVisit(Path(folder), environment, 100 * seed + number, trial_steps)
                 visit.participant.take_place(environment)
                 visit.calibrate()
                 visit.run_until("questionnaire", limit_s=120.0)
                 visit.leave()
-            rows = [_row(frame) for frame in visit.frames[::EVERY]]
-            yield {"environment": environment, "everyMs": 10 * FRAME_EVERY_TICKS * EVERY, "frames": rows}
+            rows = [_row(frame) for frame in visit.frames[::FRAME_STEP]]
+            yield {"environment": environment, "everyMs": 10 * FRAME_EVERY_TICKS * FRAME_STEP, "frames": rows}
 
 
 def _row(frame: Tracking) -> list[int]:
-    """Head, left and right: positions in millimetres, quaternions in thousandths."""
+    """Return head, left and right: positions in mm, quaternions in thousandths."""
     return [number for pose in (frame.head, frame.left, frame.right) for number in _plain(pose)]
 
 

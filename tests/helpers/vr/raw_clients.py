@@ -1,4 +1,4 @@
-"""Raw clients that keep to no rule, and what a server answers to them."""
+"""Raw TCP clients that ignore the protocol."""
 
 import socket
 from collections.abc import Iterator
@@ -13,19 +13,18 @@ CLOSE = b"Connection: close\r\n"
 
 
 def connect(port: int) -> socket.socket:
-    """A TCP connection."""
     return socket.create_connection(("127.0.0.1", port), TIMEOUT_S)
 
 
 @contextmanager
 def idle_connections(port: int, count: int) -> Iterator[list[socket.socket]]:
-    """Connections that say nothing; to a TLS port they leave the handshake undone."""
+    """Open connections that send nothing. On a TLS port their handshake stays incomplete."""
     with ExitStack() as opened:
         yield [opened.enter_context(connect(port)) for _ in range(count)]
 
 
 def is_closed(connection: socket.socket, timeout_s: float = TIMEOUT_S) -> bool:
-    """Whether the server closes a connection, having said whatever it says."""
+    """Return whether the server closes a connection within the timeout; received data is dropped."""
     connection.settimeout(timeout_s)
     try:
         while connection.recv(1 << 16):
@@ -38,7 +37,7 @@ def is_closed(connection: socket.socket, timeout_s: float = TIMEOUT_S) -> bool:
 
 
 def is_open(connection: socket.socket) -> bool:
-    """Whether the server has not closed a connection by now; what it sent is dropped."""
+    """Return whether a connection is still open; received data is dropped."""
     connection.setblocking(False)
     try:
         while connection.recv(1 << 16):
@@ -51,13 +50,13 @@ def is_open(connection: socket.socket) -> bool:
 
 
 def request(port: int, target: str = "/", *fields: bytes, method: str = "GET", body: bytes = b"") -> bytes:
-    """The bytes of a request with its own host name, then the fields as they are."""
+    """Return the bytes of a request with its host name and the given header fields."""
     line = f"{method} {target} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n".encode("utf-8", "surrogateescape")
     return line + b"".join(fields) + b"\r\n" + body
 
 
 def exchange(port: int, data: bytes, timeout_s: float = TIMEOUT_S) -> bytes:
-    """All that the server answers to these bytes, until it closes or says nothing for so long."""
+    """Send bytes, and return the response until the connection closes or the timeout passes."""
     with connect(port) as connection:
         connection.settimeout(timeout_s)
         answer = b""
@@ -71,11 +70,11 @@ def exchange(port: int, data: bytes, timeout_s: float = TIMEOUT_S) -> bytes:
 
 
 def status(answer: bytes) -> int | None:
-    """The status of an answer; ``None`` where there is none."""
+    """Return the status code of a response, or ``None``."""
     return int(answer.split(None, 2)[1]) if answer.startswith(b"HTTP/1.1 ") else None
 
 
 def response_headers(answer: bytes) -> dict[str, str]:
-    """The headers of an answer."""
+    """Return the headers of a response by lower-case name."""
     lines = answer.partition(b"\r\n\r\n")[0].decode("latin-1").split("\r\n")[1:]
     return {name.lower(): value.strip() for name, _, value in (line.partition(":") for line in lines)}

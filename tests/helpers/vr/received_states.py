@@ -1,4 +1,4 @@
-"""What a socket brings, understood as browsers do: of states they say how many they have received."""
+"""Decodes the messages of a socket, and counts its states as browsers do."""
 
 from contextlib import suppress
 from weakref import WeakKeyDictionary
@@ -10,11 +10,11 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Receipt, ServerMessage, StateChange
 
 _received: WeakKeyDictionary[ClientConnection, int] = WeakKeyDictionary()
-"""How many states each socket has brought."""
+"""Number of states received by each socket."""
 
 
 def decode_message(socket: ClientConnection, data: str | bytes) -> ServerMessage:
-    """The message that a socket brought."""
+    """Decode a received message."""
     assert isinstance(data, bytes)
     message = messages.decode_server(data)
     if isinstance(message, StateChange):

@@ -1,4 +1,4 @@
-"""Tracking of heads and hands that teleport, and how hard the robot then presses on the person."""
+"""Contact forces of the robot on a person whose tracked head and hands jump."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,15 +13,15 @@ from helpers.vr.visit import Visit
 
 SPREAD_M = 0.6
 IMPACT_KG, CONTACT_S = 10.0, 0.02
-"""More than arm and person together bring into an impact, and the time constant of contacts in the simulation."""
+"""Upper bound of the effective mass of arm and person, and the time constant of simulated contacts."""
 IMPACT_N = 2.0 * IMPACT_KG * MAX_SPEED_M_S * RETURN_SHARE / CONTACT_S
-"""What stops so much at the speed of a limb that returns: a critically damped contact begins with force 2 m v / t."""
+"""Impact force at the speed of a returning limb. A critically damped contact starts with the force 2 m v / t."""
 
 Frames = Callable[[int, Tracking, np.random.Generator], Tracking | None]
 
 
 def random_pose_near(pose: XRPose, rng: np.random.Generator, spread_m: float = SPREAD_M) -> XRPose:
-    """A pose anywhere about another, turned anyhow."""
+    """Return a random pose within ``spread_m`` of another, in any orientation."""
     x, y, z = (np.array(pose.position) + rng.uniform(-spread_m, spread_m, 3)).tolist()
     turn = rng.normal(size=4)
     qx, qy, qz, qw = (turn / np.linalg.norm(turn)).tolist()
@@ -29,7 +29,7 @@ def random_pose_near(pose: XRPose, rng: np.random.Generator, spread_m: float = S
 
 
 def teleport(tracking: Tracking, rng: np.random.Generator) -> Tracking:
-    """A frame whose head and hands are elsewhere."""
+    """Return a frame with random poses of head and hands."""
     assert tracking.head is not None
     assert tracking.left is not None
     assert tracking.right is not None
@@ -40,7 +40,7 @@ def teleport(tracking: Tracking, rng: np.random.Generator) -> Tracking:
 
 
 def _hold(every: int, shown: int) -> Frames:
-    """Another place every so many ticks, tracked for the first few of them."""
+    """Jump every ``every`` ticks; the pose is tracked for the first ``shown`` ticks."""
     last: list[Tracking] = []
 
     def frames(tick: int, tracking: Tracking, rng: np.random.Generator) -> Tracking | None:
@@ -59,11 +59,11 @@ PATTERNS: dict[str, Callable[[], Frames]] = {
     "for a while": lambda: _hold(every=15, shown=15),
     "after absence": lambda: _hold(every=25, shown=3),
 }
-"""At every tick; for as long as is needed to be believed; and found elsewhere after not being tracked."""
+"""Jumps at every tick; jumps that last until they are accepted; and jumps after lost tracking."""
 
 
 def peak_force_n(folder: Path, environment: str, seed: int, pattern: str, *, steps: int) -> float:
-    """The strongest force, N, on the person in any tick of a trial under an attack of this name, else at rest."""
+    """Return the peak contact force on the person in a trial, N; a name that is not in ``PATTERNS`` means rest."""
     trial = TrialPlan(environment, "revised", seed, practice=False)
     session = SessionPlan([trial], "woman", 0.2, simulated=True, trial_steps=steps, countdown_s=0.1)
     visit, rng = Visit(folder, session, load_policies(session)), np.random.default_rng(seed)

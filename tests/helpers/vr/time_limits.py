@@ -1,4 +1,4 @@
-"""`avrgym` with other limits of time: python limits.py MODULE:NAME=SECONDS ... -- ARGUMENTS."""
+"""Runs `avrgym` with other time limits: python time_limits.py MODULE:NAME=SECONDS ... -- ARGUMENTS."""
 
 import sys
 from collections.abc import Iterable
@@ -11,11 +11,11 @@ RELAXED_LIMITS = (
     "avrgym.vr.session.session:MAX_TICK_GAP_S=inf",
     "avrgym.vr.session.state:UNTRACKED_LIMIT_S=60",
 )
-"""No trial ends because a busy machine stands still or tracks late."""
+"""Limits with which no trial ends on a busy machine."""
 
 
 def set_limits(limits: Iterable[str], patch: pytest.MonkeyPatch) -> None:
-    """Set what the limits say, until the patch is undone; each must be there."""
+    """Set limits until the patch is undone. Each constant must exist."""
     for limit in limits:
         place, seconds = limit.split("=")
         module, name = place.split(":")
@@ -23,7 +23,7 @@ def set_limits(limits: Iterable[str], patch: pytest.MonkeyPatch) -> None:
 
 
 def command_with_limits(*limits: str) -> list[str | Path]:
-    """The first words of a command that runs `avrgym` so."""
+    """Return the start of a command line that runs `avrgym` with these limits."""
     return [sys.executable, Path(__file__), *limits, "--"]
 
 

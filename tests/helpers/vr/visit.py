@@ -1,4 +1,4 @@
-"""A participant's client and a session that share one simulated clock: no network, no waiting."""
+"""Runs a session and a simulated client on one simulated clock, without a network."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -37,7 +37,7 @@ CALIBRATION_TICKS = 20
 
 
 def constant_policy(environment: str) -> Policy:
-    """Turns every joint at 0.6 of its speed, whatever it sees."""
+    """Return a policy that moves every joint at 0.6 of its maximum speed."""
     size = sizes(environment)[0]
     return Policy(
         weights=(np.zeros((size, 7)),),
@@ -60,9 +60,9 @@ def plan(
     trial_steps: int = 3,
     environments: Sequence[str] = (ENVIRONMENT,),
 ) -> SessionPlan:
-    """Short trials with the policy ``drive``, the first of them a practice trial if wanted.
+    """Plan one short trial for each seed with the policy ``drive``.
 
-    There is one for each seed; their environments take turns.
+    Trials alternate between the environments. With ``practice`` the first one is a practice trial.
     """
     trials = [
         TrialPlan(environments[i % len(environments)], "drive", seed, practice and i == 0)
@@ -72,27 +72,28 @@ def plan(
 
 
 def constant_policies(plan: SessionPlan) -> Policies:
-    """The policy ``drive`` for every environment of a plan."""
+    """Return the constant policy for every environment of a plan."""
     return {(trial.environment, trial.policy): constant_policy(trial.environment) for trial in plan.trials}
 
 
 def result(recording: Recording) -> str:
-    """How an attempt ended, by its recording."""
+    """Return the result of a recorded attempt."""
     assert recording.outcome is not None
     return recording.outcome.result
 
 
 def events(recording: Recording) -> list[str]:
-    """The names of all events of a recording, in order."""
+    """Return the names of a recording's events in order."""
     return [event.name for _, event in recording.topics["/events"]]
 
 
 class Visit:
-    """A session and whoever attends it. ``heard`` holds all that the session said, ``observed`` what happened.
+    """A session with a simulated client. ``inbox`` contains the received messages, ``observed`` the events.
 
-    While ``tracking`` is true the participant's frames flow; ``pose_rad`` (20,) is a pose to keep instead of
-    their own movement. While ``loads`` is true the client shows every scene at once, and while ``content`` is true
-    the participant finds that body and seat fit, is ready for every trial and confirms their answers.
+    - ``tracking``: the client sends frames.
+    - ``pose_rad`` (20,): a constant pose that replaces the participant's movement.
+    - ``loads_scenes``: the client loads every scene immediately.
+    - ``confirms``: the participant confirms the body check, the start of each trial and the answers.
     """
 
     def __init__(
@@ -103,7 +104,7 @@ class Visit:
         participant: SimulatedParticipant | None = None,
         make: Callable[[Send], Session] | None = None,
     ) -> None:
-        """Begin a session with a plan in a folder, or one that ``make`` makes."""
+        """Start a session from a plan, or the session that ``make`` returns."""
         self.inbox: list[messages.ServerMessage | messages.State] = []
         self.participant = participant or SimulatedParticipant(draw_traits(plan.sex, 1), 1)
         self.tracking = self.loads_scenes = self.confirms = True
@@ -124,51 +125,50 @@ class Visit:
         self._ticks = 0
 
     def receive(self, message: messages.ServerMessage | messages.State) -> None:
-        """Take a message of the session, which a connection could send."""
+        """Store a message, after a check that it can be encoded."""
         messages.encode(message)
         self.inbox.append(message)
 
     @property
     def now_s(self) -> float:
-        """Seconds since the session began."""
+        """Seconds since the start of the session."""
         return self._ticks * TICK_S
 
     @property
     def phase(self) -> str:
-        """The session's phase."""
         return self.session.phase
 
     def received(self, kind: type) -> list[Any]:
-        """All messages of a kind, in order."""
+        """Return the received messages of a type in order."""
         return [message for message in self.inbox if isinstance(message, kind)]
 
     @property
     def problems(self) -> list[str]:
-        """The words of all problems, but for the warning of a busy machine that its disk is slow."""
+        """Texts of all problems, without the warning about a slow disk."""
         return [problem.message for problem in self.received(Problem) if "slow" not in problem.message]
 
     @property
     def phases(self) -> list[str]:
-        """The names of all phases that were entered."""
+        """Names of the phases so far."""
         return [phase.name for phase in self.received(Phase)]
 
     def recordings(self) -> list[Recording]:
-        """All attempts so far."""
+        """Read the recordings of all attempts so far."""
         return [read_recording(path) for path in self.session.recordings]
 
-    def send(self, *told: messages.ClientMessage | messages.ExperimenterMessage | Disconnected) -> None:
-        """Send messages to the session, now."""
-        for message in told:
+    def send(self, *sent: messages.ClientMessage | messages.ExperimenterMessage | Disconnected) -> None:
+        """Send messages to the session."""
+        for message in sent:
             self.session.receive(message, self.now_s)
 
     def frame(self) -> messages.Tracking:
-        """The participant's next frame."""
+        """Return the participant's next tracking frame."""
         if self.pose_rad is not None:
             return self.participant.frame_of(self.pose_rad, self.now_s)
         return self.participant.frame(self.now_s, moving=self.phase != "calibration")
 
     def tick(self, count: int = 1) -> None:
-        """Let time pass."""
+        """Advance the clock."""
         for _ in range(count):
             if self.tracking and self._ticks % FRAME_EVERY_TICKS == 0:
                 self.send(self.frame())
@@ -180,20 +180,20 @@ class Visit:
             self._ticks += 1
 
     def run_until(self, phase: str, limit_s: float = 60.0) -> None:
-        """Let time pass until the session enters a phase."""
+        """Advance the clock until the session enters a phase."""
         ends_s = self.now_s + limit_s
         while self.phase != phase:
             assert self.now_s < ends_s, f"still in {self.phase} after {limit_s} s; problems: {self.problems}"
             self.tick()
 
     def calibrate(self) -> None:
-        """Enter VR and be measured."""
+        """Enter VR and complete the calibration."""
         self.send(Entered())
         self.tick(CALIBRATION_TICKS)
         self.send(Ready())
 
     def go_to(self, phase: str) -> None:
-        """From the beginning to a phase of the first trial."""
+        """Advance from the start to a phase of the first trial."""
         if phase == "waiting":
             return
         if phase == "calibration":
@@ -210,7 +210,7 @@ class Visit:
             self.answer(1, 2, 3, 4)
 
     def answer(self, *values: int) -> None:
-        """Answer the questions that are asked, one after another."""
+        """Answer the next questions."""
         for value in values:
             item = self.received(Question)[-1].item
             self.send(Answer(item=item, value=value, response_time_s=1.5))
