@@ -27,7 +27,7 @@ from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.texts.interface_texts import included_languages, read_texts
 from avrgym.vr.latency import STAGE_WORDS
 from avrgym.vr.protocol import messages, state_encoding, webxr
-from avrgym.vr.session.phases import where
+from avrgym.vr.session.phases import phases_with
 from avrgym.vr.tracking import arm, body, switches
 from avrgym.vr.tracking.frames import STALE_S
 
@@ -149,7 +149,7 @@ def generate() -> str:
 
 def phases_text() -> str:
     """The phases in which each of the client's flags holds."""
-    sets = "".join(f"  {flag}: {json.dumps(where(flag))},\n" for flag in PHASE_FLAGS)
+    sets = "".join(f"  {flag}: {json.dumps(phases_with(flag))},\n" for flag in PHASE_FLAGS)
     flags = " | ".join(json.dumps(flag) for flag in PHASE_FLAGS)
     return f"export const PHASES_WHERE: Record<{flags}, readonly PhaseName[]> = {{\n{sets}}};\n"
 
@@ -160,15 +160,15 @@ ANATOMY: dict[str, dict[str, object]] = {
         "upper_rad": arm.UPPER,
         "most_turn_rad": arm.MAX_TURN_RAD,
         "detour_rad": arm.DETOUR_RAD,
-        "reached": arm.REACHED,
+        "reached": arm.MAX_REACH_FRACTION,
         "pole_rad": arm.POLE_RAD,
         "swivel_step_rad": arm.SWIVEL_STEP_RAD,
-        "outside": arm.OUTSIDE,
-        "stay": arm.STAY,
-        "ease": arm.EASE,
-        "at_ease_rad": arm.AT_EASE_RAD,
-        "lift": arm.LIFT,
-        "elbow_rests": arm.ELBOW_RESTS,
+        "outside": arm.OUT_OF_RANGE_COST,
+        "stay": arm.MOTION_COST,
+        "ease": arm.COMFORT_COSTS,
+        "at_ease_rad": arm.COMFORTABLE_RAD,
+        "lift": arm.RAISED_ELBOW_COST,
+        "elbow_rests": arm.ELBOW_REST_DIRECTION,
         "least_squares_steps": arm.LEAST_SQUARES_STEPS,
         "metres_per_radian": arm.METRES_PER_RADIAN,
         "exact_rad": arm.EXACT_RAD,
@@ -186,8 +186,8 @@ ANATOMY: dict[str, dict[str, object]] = {
         "hand_from_wrist_q": webxr.HAND_FROM_WRIST_AXES,
     },
     "SWITCHES": {
-        "same_m": switches.SAME_M,
-        "same_rad": switches.SAME_RAD,
+        "same_m": switches.MAX_DEVICE_OFFSET_M,
+        "same_rad": switches.MAX_DEVICE_OFFSET_RAD,
         "max_switch_gap_s": switches.MAX_SWITCH_GAP_S,
         "rest_radius_m": switches.REST_RADIUS_M,
         "fading_per_metre": switches.FADING_PER_METRE,

@@ -29,7 +29,7 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.session import events
 from avrgym.vr.session.headset_measuring import HeadsetMeasurement, dropped_share, jitter_mm
-from avrgym.vr.session.phases import where
+from avrgym.vr.session.phases import phases_with
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from helpers.vr.visit import Visit, plan
 
@@ -132,7 +132,7 @@ def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way
     visit = Visit(tmp_path, CHECKED)
     visit.send(Entered())
     measure(visit)
-    assert "headset_stop" in where("can_be_stopped")
+    assert "headset_stop" in phases_with("can_be_stopped")
     visit.send(Command("stop"))
     assert visit.phase == "headset_stop"
     visit.tick(25)

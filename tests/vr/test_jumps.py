@@ -13,7 +13,7 @@ from avrgym.recording.schema import TrackingFrame
 from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
 from avrgym.vr.protocol.webxr import is_valid
 from avrgym.vr.tracking.frames import TrackingFeed
-from avrgym.vr.tracking.jumps import PARTS, RETURN_SHARE, SETTLED_S, Limb, min_duration_s
+from avrgym.vr.tracking.jumps import PARTS, RETURN_SPEED_FRACTION, VALID_AFTER_S, Limb, min_duration_s
 from helpers.vr.teleporting_hands import IMPACT_N, PATTERNS, peak_force_n, random_pose_near
 from helpers.vr.visit import Visit, plan
 
@@ -39,7 +39,7 @@ def test_what_a_person_can_do_is_followed_exactly() -> None:
     for _ in range(5000):
         passed_s = float(rng.uniform(FASTEST_FRAME_S, 0.05))
         pose, now_s = towards(pose, passed_s, rng), now_s + passed_s
-        limb.see(pose, now_s, now_s)
+        limb.update(pose, now_s, now_s)
         assert limb.follow(now_s) == pose
         assert not limb.deviates
 
@@ -49,13 +49,13 @@ def test_a_jump_is_held_and_the_limb_comes_at_leisure() -> None:
     followed = []
     for tick in range(300):
         now_s = tick * TICK_S
-        limb.see(REST if tick < 10 else away, now_s, now_s)
+        limb.update(REST if tick < 10 else away, now_s, now_s)
         followed.append(limb.follow(now_s))
     steps_s = [min_duration_s(one, other) for one, other in pairwise(followed)]
     moved = [tick for tick, step_s in enumerate(steps_s) if step_s > 0.0]
-    assert moved[0] == pytest.approx(10 + SETTLED_S / TICK_S, abs=2)
-    assert max(steps_s) == pytest.approx(RETURN_SHARE * TICK_S)
-    assert len(moved) == pytest.approx(min_duration_s(REST, away) / (RETURN_SHARE * TICK_S), abs=2)
+    assert moved[0] == pytest.approx(10 + VALID_AFTER_S / TICK_S, abs=2)
+    assert max(steps_s) == pytest.approx(RETURN_SPEED_FRACTION * TICK_S)
+    assert len(moved) == pytest.approx(min_duration_s(REST, away) / (RETURN_SPEED_FRACTION * TICK_S), abs=2)
     assert followed[-1] == away
     assert not limb.deviates
 
@@ -63,11 +63,11 @@ def test_a_jump_is_held_and_the_limb_comes_at_leisure() -> None:
 def test_who_teleports_at_90_hz_moves_nothing() -> None:
     """Only a pose that happens to lie where the limb can have got is believed."""
     rng, limb = np.random.default_rng(3), Limb()
-    limb.see(REST, 0.0, 0.0)
+    limb.update(REST, 0.0, 0.0)
     assert limb.follow(0.0) == REST
     for frame in range(1, 9000):
         now_s = frame / 90.0
-        limb.see(random_pose_near(REST, rng, 1.0), now_s, now_s)
+        limb.update(random_pose_near(REST, rng, 1.0), now_s, now_s)
         assert limb.follow(now_s) == REST
 
 
@@ -76,7 +76,7 @@ def test_no_sequence_of_poses_makes_a_limb_faster_than_the_fastest() -> None:
     rng = np.random.default_rng(4)
     for _ in range(200):
         limb, pose, followed, followed_s = Limb(), REST, REST, 0.0
-        limb.see(REST, 0.0, 0.0)
+        limb.update(REST, 0.0, 0.0)
         limb.follow(0.0)
         for tick in range(1, 150):
             now_s = tick * TICK_S
@@ -86,7 +86,7 @@ def test_no_sequence_of_poses_makes_a_limb_faster_than_the_fastest() -> None:
             elif kind == "move":
                 pose = towards(pose, TICK_S, rng)
             if kind != "gap":
-                limb.see(pose, now_s, now_s)
+                limb.update(pose, now_s, now_s)
             here = limb.follow(now_s)
             assert is_valid(here)
             if here != followed:

@@ -463,7 +463,7 @@ def test_scenes_are_shared_by_trials_that_look_alike(visit: Callable[..., Visit]
 def test_people_rest_as_their_task_finds_them() -> None:
     person = human.Person("man", 0.6)
     for environment in ENVIRONMENTS:
-        resting = trial_worlds.resting(environment, person)
+        resting = trial_worlds.resting_person(environment, person)
         pose = TASKS[find_environment(environment)[0]].pose
         assert np.array_equal(resting.joint_angles_rad, pose.rest_rad)
         assert (resting.sex, resting.torso_height_m) == ("man", 0.6)

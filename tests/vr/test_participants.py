@@ -249,7 +249,7 @@ def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
         client.hear(message)
 
     session = Session(
-        trials, constant_policies(trials), tmp_path, send, "whole", state_every_ticks=STATE_EVERY_TICKS
+        trials, constant_policies(trials), tmp_path, send, "whole", state_interval_ticks=STATE_EVERY_TICKS
     )
     client.run(session)
     assert phases[-1] == "finished (trial 2 of 2)"

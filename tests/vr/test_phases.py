@@ -33,7 +33,7 @@ from avrgym.vr.protocol.messages import (
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.phases import PHASES
 from avrgym.vr.session.phases.phase import Phase
-from avrgym.vr.session.phases.preparing import Reaching
+from avrgym.vr.session.phases.preparing import ReachMeasurement
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from avrgym.vr.session.session import Session
 from helpers.vr.visit import Visit, constant_policies, plan
@@ -180,7 +180,7 @@ def test_no_message_and_no_tick_leads_where_no_annotation_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Thousands of messages at random; every phase is seen, and every method's outcome compared."""
-    monkeypatch.setattr(Reaching, "seconds", 0.1)
+    monkeypatch.setattr(ReachMeasurement, "seconds", 0.1)
     allowed = {(phase, step): followers(phase, step) for phase in PHASES for step in STEPS}
     seen: set[type[Phase]] = set()
 

@@ -15,7 +15,13 @@ from avrgym.models import human
 from avrgym.vr.protocol.messages import Modality, State, Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_wrist, hand_pose, hand_pose_from_wrist
 from avrgym.vr.tracking.jumps import MAX_SPEED_M_S, min_duration_s
-from avrgym.vr.tracking.switches import FADING_PER_METRE, MAX_SWITCH_GAP_S, REST_RADIUS_M, SAME_M, Hand
+from avrgym.vr.tracking.switches import (
+    FADING_PER_METRE,
+    MAX_DEVICE_OFFSET_M,
+    MAX_SWITCH_GAP_S,
+    REST_RADIUS_M,
+    Hand,
+)
 from helpers.vr import device_switch_examples
 from helpers.vr.device_switch_examples import (
     NO_ERROR,
@@ -119,7 +125,7 @@ def test_the_correction_fades_while_the_hand_moves_and_nobody_sees_it(
 
 def test_who_is_elsewhere_has_moved(rng: np.random.Generator) -> None:
     """Farther than devices are apart, or after a long time: there the hand is."""
-    for way_m, gap_s in ((2.0 * SAME_M, 0.1), (0.05, 1.5 * MAX_SWITCH_GAP_S)):
+    for way_m, gap_s in ((2.0 * MAX_DEVICE_OFFSET_M, 0.1), (0.05, 1.5 * MAX_SWITCH_GAP_S)):
         hand, grip = Hand("right"), random_grip(rng)
         hand.grip(grip, "controller", 0.0)
         wrist = measured_pose(grip, "right", "hand", random_error(rng, way_m, 10.0))

@@ -243,7 +243,7 @@ def seen(frames: int, make: Callable[[int], Tracking]) -> tuple[Part, ...]:
     """Which parts are stale after so many frames."""
     freshness = Freshness()
     for number in range(frames):
-        freshness.see(make(number), number * FRAME_S)
+        freshness.update(make(number), number * FRAME_S)
     return freshness.stale((frames - 1) * FRAME_S)
 
 

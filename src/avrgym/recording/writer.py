@@ -89,7 +89,7 @@ class RecordingWriter:
         """
         self._queue.put(outcome)
 
-    def catch_up(self) -> None:
+    def wait_for_writes(self) -> None:
         """Wait until the queue is short, for callers faster than real time. Returns on a disk error."""
         while self._queue.qsize() > FEW_MESSAGES and self.error is None:
             time.sleep(0.001)

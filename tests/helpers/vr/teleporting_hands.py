@@ -8,13 +8,13 @@ import numpy as np
 
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
-from avrgym.vr.tracking.jumps import MAX_SPEED_M_S, RETURN_SHARE
+from avrgym.vr.tracking.jumps import MAX_SPEED_M_S, RETURN_SPEED_FRACTION
 from helpers.vr.visit import Visit
 
 SPREAD_M = 0.6
 IMPACT_KG, CONTACT_S = 10.0, 0.02
 """Upper bound of the effective mass of arm and person, and the time constant of simulated contacts."""
-IMPACT_N = 2.0 * IMPACT_KG * MAX_SPEED_M_S * RETURN_SHARE / CONTACT_S
+IMPACT_N = 2.0 * IMPACT_KG * MAX_SPEED_M_S * RETURN_SPEED_FRACTION / CONTACT_S
 """Impact force at the speed of a returning limb. A critically damped contact starts with the force 2 m v / t."""
 
 Frames = Callable[[int, Tracking, np.random.Generator], Tracking | None]

@@ -115,7 +115,7 @@ class StudyVisit:
         workers: Executor | None = None,
         scenes: list[tuple[str, Person]] | None = None,
         streams: Streams | None = None,
-        state_every_ticks: int = 1,
+        state_interval_ticks: int = 1,
     ) -> Session:
         """A session in VR of the plan or its first trials, which stores its events. Arguments as in ``Session``.
 
@@ -135,7 +135,7 @@ class StudyVisit:
                 workers=workers,
                 scenes=scenes,
                 streams=streams,
-                state_every_ticks=state_every_ticks,
+                state_interval_ticks=state_interval_ticks,
             )
         except NoClearanceError as error:
             raise StudyError(

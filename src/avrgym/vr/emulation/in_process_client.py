@@ -59,7 +59,7 @@ class InProcessClient:
                 session.receive(frame, self._now_s)
             self._respond(session)
             session.tick(self._now_s)
-            session.catch_up()
+            session.wait_for_writes()
             tick += 1
         session.close(self._now_s)
 

@@ -11,9 +11,9 @@ from avrgym.safety.limits import BODY_REGIONS
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.session.events import SessionEvent
-from avrgym.vr.session.streams import SEND_EVERY_TICKS
+from avrgym.vr.session.streams import SEND_INTERVAL_TICKS
 
-RATE_HZ = 1.0 / (SEND_EVERY_TICKS * TICK_S)
+RATE_HZ = 1.0 / (SEND_INTERVAL_TICKS * TICK_S)
 POSED = {
     "head": f"{PREFIX}head",
     "left_hand": f"{PREFIX}left_hand",

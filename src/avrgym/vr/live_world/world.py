@@ -127,7 +127,7 @@ class LiveWorld:
 
     @property
     def retreating(self) -> bool:
-        """Whether the robot zero_action moves its tool away."""
+        """Whether the robot moves its tool away."""
         return self._retreated_ticks is not None
 
     def prepare(
@@ -150,7 +150,7 @@ class LiveWorld:
     def tick(self, driver: Driver | None, *, hold: bool = False) -> ControlStep | None:
         """Advance by 10 ms; with a prepared driver the robot moves, and every tenth tick returns a control step.
 
-        With ``hold``, the brakes hold the robot, in a retreat too; a guard that overrides zero_action moves it.
+        With ``hold``, the brakes hold the robot, in a retreat too; a guard that overrides still moves it.
         """
         self.ticks += 1
         if self._retreated_ticks is not None:

@@ -15,7 +15,7 @@ from avrgym.vr.live_world.scene_message import most_loaded_region, poses, scene_
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, Received, Send
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.session.reporting import STATUS_EVERY_TICKS
+from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS
 
 LOOK_AT_END_S = 2.0
 LOADING_S = 15.0
@@ -107,7 +107,7 @@ class EnvironmentViewer:
             self._go_on()
         self._ticks += 1
         self._send_state()
-        if self._ticks % STATUS_EVERY_TICKS == 0:
+        if self._ticks % STATUS_INTERVAL_TICKS == 0:
             self._send(self._status())
 
     def close(self, now_s: float) -> None:

@@ -108,15 +108,15 @@ class Attempt:
         self._told_of_stall = True
         return error
 
-    def catch_up(self) -> None:
+    def wait_for_writes(self) -> None:
         """Wait until most records are written, in sessions faster than real time."""
-        self._recording.catch_up()
+        self._recording.wait_for_writes()
 
     def record(self, topic: str, record: schema.Record, now_s: float) -> None:
-        """Add a record of the time ``now_s``; the next ``hand_over`` writes it."""
+        """Add a record of the time ``now_s``; the next ``submit_records`` writes it."""
         self._records.append((topic, round((now_s - self.began_s) * 1e9), record))
 
-    def hand_over(self) -> None:
+    def submit_records(self) -> None:
         """Pass the records to the thread that writes them.
 
         Call it at the end of a tick. Within a tick, both threads would compete for the interpreter and the tick would
@@ -153,7 +153,7 @@ class Attempt:
         self.record("/control", control_record(self.steps, step, driver, idle), now_s)
 
     def robot_finished(self, now_s: float) -> None:
-        """Record with the next ``hand_over`` that the robot has finished; the attempt then counts after a crash."""
+        """Record that the robot has finished, so that the attempt counts after a crash; see ``submit_records``."""
         self._finished = self._outcome("completed", now_s)
 
     def record_frames(self, followed: TrackingUpdate) -> None:
@@ -181,7 +181,7 @@ class Attempt:
 
     def close(self, result: schema.AttemptEnd, now_s: float) -> RecordingError | None:
         """Close the recording; returns the error that makes it incomplete, if there is one."""
-        self.hand_over()
+        self.submit_records()
         try:
             self._recording.close(self._outcome(result, now_s))
         except RecordingError as error:

@@ -15,7 +15,7 @@ from avrgym.vr.tracking.tracking_state import TrackingUpdate
 
 
 @dataclass(frozen=True)
-class Answering:
+class QuestionnaireAttempt:
     """The attempt with the open questionnaire: trial and attempt number, both from 1, and recording."""
 
     trial: int
@@ -27,8 +27,8 @@ class AttemptStorage:
     """Stores one attempt after another; the observer of ``sink`` stores the events.
 
     ``attempt`` is the running one, ``recordings`` the files of all. ``completing`` is the index of a trial with a
-    completion that is not stored yet; ``failing``: the last attempt could not be stored. ``answering`` is the latest
-    attempt; its answers may follow after its end.
+    completion that is not stored yet; ``failing``: the last attempt could not be stored.
+    ``questionnaire_attempt`` is the latest attempt; its answers may follow after its end.
     """
 
     def __init__(self, folder: Path, sink: EventSink) -> None:
@@ -37,7 +37,7 @@ class AttemptStorage:
         self.recordings: list[Path] = []
         self.completing: int | None = None
         self.failing = False
-        self.answering: Answering | None = None
+        self.questionnaire_attempt: QuestionnaireAttempt | None = None
         self._folder, self._sink = folder, sink
         self._latest: Attempt | None = None
 
@@ -54,7 +54,7 @@ class AttemptStorage:
         if self.failing:
             self._sink.forget_failures()
         self.attempt = self._latest = attempt
-        self.answering = Answering(attempt.trial, attempt.number, attempt.path)
+        self.questionnaire_attempt = QuestionnaireAttempt(attempt.trial, attempt.number, attempt.path)
         self.failing = False
         self.recordings.append(attempt.path)
         self._sink.report(events.TrialBegun(now_s, attempt.trial, attempt.number, attempt.path))
@@ -73,8 +73,8 @@ class AttemptStorage:
         """
         if self.attempt is not None:
             self.attempt.record("/answers", answer, now_s)
-        elif self.answering is not None:
-            answers_file.append_answer(self.answering.recording, answer)
+        elif self.questionnaire_attempt is not None:
+            answers_file.append_answer(self.questionnaire_attempt.recording, answer)
 
     def end(self, result: AttemptEnd, arrived: Sequence[Frame], now_s: float) -> RecordingError | None:
         """End a running attempt; returns the error that makes its recording incomplete, if there is one.

@@ -16,7 +16,7 @@ def take_message(phase: Phase, message: Received) -> Phase:
         case messages.HeadsetFrames():
             phase.take_frames(message)
         case messages.SceneLoaded():
-            phase.state.worlds.show(message.url)
+            phase.state.worlds.mark_shown(message.url)
         case messages.Entered():
             return phase.enter_vr()
         case messages.Left():

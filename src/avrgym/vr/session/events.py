@@ -15,7 +15,7 @@ from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.schema import Answer, AttemptEnd
 from avrgym.vr.protocol.messages import PhaseName, StopMethod, Visibility
 
-Who = Literal["participant", "experimenter"]
+Initiator = Literal["participant", "experimenter"]
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class QuestionsLeft(SessionEvent):
 class Stopped(SessionEvent):
     """The robot was stopped; ``way`` is the participant's way to stop it."""
 
-    by: Who
+    by: Initiator
     way: StopMethod | None = None
 
 

@@ -11,15 +11,15 @@ from avrgym.recording.schema import Latency
 from avrgym.vr.latency import percentiles_ms
 from avrgym.vr.protocol.messages import HeadsetFrames, StopMethod, Tracking, XRPose
 
-Take = Callable[[Tracking], XRPose | None]
+PoseGetter = Callable[[Tracking], XRPose | None]
 
 WINDOW_S = 0.5
-LEAST_IN_WINDOW = 5
-LATE = 1.5
+MIN_WINDOW_FRAMES = 5
+LATE_FRAME_PERIODS = 1.5
 """Frames were dropped before a frame that is later than this many display periods."""
-_HEAD: Take = lambda frame: frame.head  # noqa: E731
-_LEFT: Take = lambda frame: frame.left  # noqa: E731
-_RIGHT: Take = lambda frame: frame.right  # noqa: E731
+_HEAD: PoseGetter = lambda frame: frame.head  # noqa: E731
+_LEFT: PoseGetter = lambda frame: frame.left  # noqa: E731
+_RIGHT: PoseGetter = lambda frame: frame.right  # noqa: E731
 
 
 class HeadsetMeasurement:
@@ -86,7 +86,7 @@ class HeadsetMeasurement:
             stop_after_s=self._stop_after_s,
         )
 
-    def _part(self, modality: str, take: Take, *, hand: bool = False) -> TrackedPart:
+    def _part(self, modality: str, take: PoseGetter, *, hand: bool = False) -> TrackedPart:
         tracked = sum(take(frame) is not None for frame in self._tracked)
         return TrackedPart(
             with_=modality,
@@ -104,11 +104,13 @@ def dropped_share(intervals_ms: FloatArray, display_hz: float | None) -> float:
     if not len(intervals_ms):
         return 0.0
     period_ms = 1000.0 / display_hz if display_hz else float(np.median(intervals_ms))
-    shown = np.where(intervals_ms > LATE * period_ms, np.rint(intervals_ms / period_ms), 1.0).sum()
+    shown = np.where(
+        intervals_ms > LATE_FRAME_PERIODS * period_ms, np.rint(intervals_ms / period_ms), 1.0
+    ).sum()
     return float(1.0 - len(intervals_ms) / shown)
 
 
-def jitter_mm(frames: Sequence[Tracking], take: Take) -> float | None:
+def jitter_mm(frames: Sequence[Tracking], take: PoseGetter) -> float | None:
     """Returns the jitter of a part at rest in mm: root mean square about a parabola, median over half seconds.
 
     The parabola removes slow sway. Returns ``None`` if no half second has enough frames.
@@ -123,7 +125,7 @@ def jitter_mm(frames: Sequence[Tracking], take: Take) -> float | None:
     strays = [
         _stray_m(times_s[windows == window], positions[windows == window])
         for window in np.unique(windows)
-        if (windows == window).sum() >= LEAST_IN_WINDOW
+        if (windows == window).sum() >= MIN_WINDOW_FRAMES
     ]
     return 1000.0 * float(np.median(strays)) if strays else None
 
@@ -135,7 +137,7 @@ def _stray_m(times_s: FloatArray, positions: FloatArray) -> float:
     return float(np.sqrt((left * left).sum() / (len(times_s) - design.shape[1])))
 
 
-def _reach_m(frames: Sequence[Tracking], take: Take) -> float | None:
+def _reach_m(frames: Sequence[Tracking], take: PoseGetter) -> float | None:
     """The maximum distance in metres of the part from the head."""
     distances = [
         float(np.linalg.norm(np.subtract(pose.position, frame.head.position)))

@@ -55,7 +55,7 @@ class Preparation:
         self._workers = workers
         self._world: Future[LiveWorld] | None = None
 
-    def ask(self, key: TrialKey, environment: str, person: Person, seed: int) -> None:
+    def request(self, key: TrialKey, environment: str, person: Person, seed: int) -> None:
         """Start to make a world with a person in this pose; an earlier request is cancelled."""
         if self._world is not None:
             self._world.cancel()

@@ -13,26 +13,26 @@ from avrgym.vr.protocol.messages import TICK_S, Send
 from avrgym.vr.session.attempt import Attempt
 from avrgym.vr.tracking.tracking_state import TrackingState
 
-STATUS_EVERY_TICKS = 20
+STATUS_INTERVAL_TICKS = 20
 
-NOTHING_FELT = messages.Feedback(left_touched=False, right_touched=False, events=0)
+NO_FEEDBACK = messages.Feedback(left_touched=False, right_touched=False, events=0)
 
 
 class Reporter:
     """Sends states and feedback of the present world; call ``tick`` once a tick."""
 
-    def __init__(self, send: Send, state_every_ticks: int = 1) -> None:
-        """With ``state_every_ticks`` above 1, a state due at the end of a control step is sent one tick later."""
-        self._send, self._state_every_ticks = send, state_every_ticks
-        self._ticks, self._state_due = 0, state_every_ticks
-        self._felt = NOTHING_FELT
+    def __init__(self, send: Send, state_interval_ticks: int = 1) -> None:
+        """With ``state_interval_ticks`` above 1, a state due at the end of a control step is sent one tick later."""
+        self._send, self._state_every_ticks = send, state_interval_ticks
+        self._ticks, self._state_due = 0, state_interval_ticks
+        self._felt = NO_FEEDBACK
         self._touched = False, False
         self._world: LiveWorld | None = None
 
     @property
     def status_is_due(self) -> bool:
         """Whether a status is due."""
-        return self._ticks % STATUS_EVERY_TICKS == 0
+        return self._ticks % STATUS_INTERVAL_TICKS == 0
 
     def tick(self, world: LiveWorld, tracking: TrackingState, step: ControlStep | None) -> None:
         """Send the state after a tick, in which the body followed the tracking."""
@@ -42,7 +42,7 @@ class Reporter:
             self._obstruction = ObstructionMonitor(world.simulation, world.skeleton)
         if self._ticks % SUBSTEPS == 0:
             self._touched = self._touch.sides()
-        self._tell_feedback(step)
+        self._send_feedback(step)
         if self._ticks >= self._state_due and (step is None or self._state_every_ticks == 1):
             self._state_due = self._ticks + self._state_every_ticks
             self._send(self._state(world, tracking))
@@ -58,7 +58,7 @@ class Reporter:
             poses=world.body_poses(),
         )
 
-    def _tell_feedback(self, step: ControlStep | None) -> None:
+    def _send_feedback(self, step: ControlStep | None) -> None:
         """Send touches that begin or end, and successes."""
         events = int(step.outcome.events[0]) if step is not None else 0
         felt = messages.Feedback(*self._touched, events)

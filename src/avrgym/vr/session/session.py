@@ -22,7 +22,7 @@ from avrgym.vr.protocol.messages import PhaseName, Received, Send
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session import events
 from avrgym.vr.session.attempt import Attempt, Experience, versions
-from avrgym.vr.session.attempt_storage import Answering, AttemptStorage
+from avrgym.vr.session.attempt_storage import AttemptStorage, QuestionnaireAttempt
 from avrgym.vr.session.dispatch import take_message
 from avrgym.vr.session.events import EventSink, Observer
 from avrgym.vr.session.interruptions import lost_time, lost_tracking
@@ -57,7 +57,7 @@ class Session:
         workers: Executor | None = None,
         scenes: list[tuple[str, Person]] | None = None,
         streams: Streams | None = None,
-        state_every_ticks: int = 1,
+        state_interval_ticks: int = 1,
     ) -> None:
         """Start in phase ``waiting`` with a person of reference height.
 
@@ -75,7 +75,7 @@ class Session:
                 external controllers.
             scenes: those of earlier sessions, which keep their addresses; the session adds its own.
             streams: the streams of other devices, for sessions in real time.
-            state_every_ticks: interval of the world's states, in ticks.
+            state_interval_ticks: interval of the world's states, in ticks.
         """
         left = plan.open_questionnaire
         trial = (plan.first_trial if left is None else left.trial) - 1
@@ -90,7 +90,7 @@ class Session:
         self._state = SessionState(plan, drivers, identifier, send, sink, storage, worlds, trial, person)
         self._ended_elsewhere = ended_elsewhere
         self._streams = None if streams is None else StreamRecording(streams, self._state)
-        self._reporter = Reporter(send, state_every_ticks)
+        self._reporter = Reporter(send, state_interval_ticks)
         self._ticked_s: float | None = None
         self._enter(Waiting(self._state) if left is None else self._reopened(left))
 
@@ -171,7 +171,7 @@ class Session:
         self._announce(send)
 
     def receive(self, message: Received, now_s: float) -> None:
-        """Take a message of the participant's client or of the experimenter's."""
+        """PoseGetter a message of the participant's client or of the experimenter's."""
         self._state.now_s = now_s
         self._go_to(take_message(self._phase, message))
 
@@ -204,12 +204,12 @@ class Session:
         if self._ends_at is not None and now_s >= self._ends_at and state.sink.all_stored():
             self._go_to(self._phase.on_timeout())
         if storage.attempt is not None:
-            storage.attempt.hand_over()
+            storage.attempt.submit_records()
 
-    def catch_up(self) -> None:
+    def wait_for_writes(self) -> None:
         """Wait for the disk, where ticks follow each other faster than in real time."""
         if self.attempt is not None:
-            self.attempt.catch_up()
+            self.attempt.wait_for_writes()
 
     def close(self, now_s: float) -> None:
         """End the session. A running trial is stored as interrupted, or as completed if the robot has finished."""
@@ -232,7 +232,7 @@ class Session:
     def _reopened(self, left: OpenQuestionnaire) -> Questionnaire:
         """The open questionnaire of an earlier session."""
         state = self._state
-        state.storage.answering = Answering(left.trial, left.attempt, left.recording)
+        state.storage.questionnaire_attempt = QuestionnaireAttempt(left.trial, left.attempt, left.recording)
         return Questionnaire(state, Questions(state.plan.items_after(state.current), left.given))
 
     def _go_to(self, phase: Phase) -> bool:
@@ -277,7 +277,7 @@ class Session:
             state.follow_seat()
         for part in PARTS:
             if (part in followed.lost) != (part in followed.lost_before):
-                self._tell_tracking(part, lost=part in followed.lost)
+                self._report_tracking(part, lost=part in followed.lost)
             if (part in followed.deviating) != (part in followed.deviating_before):
                 state.record_event("pose_held" if part in followed.deviating else "pose_followed", part)
         if attempt is None:
@@ -285,7 +285,7 @@ class Session:
         attempt.record_frames(followed)
         attempt.record_targets(self.world.joint_targets_rad, state.now_s)
 
-    def _tell_tracking(self, part: Part, *, lost: bool) -> None:
+    def _report_tracking(self, part: Part, *, lost: bool) -> None:
         """Report that a part that the task needs is no longer tracked, or is tracked again."""
         state = self._state
         state.record_event("tracking_lost" if lost else "tracking_found", part)

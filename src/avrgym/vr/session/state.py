@@ -33,7 +33,7 @@ from avrgym.vr.session.trial_drivers import Drivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
 from avrgym.vr.tracking.tracking_state import TrackingState
 
-NOT_YET = Text("waiting")
+NOT_IN_VR = Text("waiting")
 """The reason before the participant has entered VR."""
 LATENCY_SECONDS = 5
 """Number of seconds in the latency statistics of the experimenter's page."""
@@ -67,7 +67,7 @@ class SessionState:
     pause_reason: str = ""
     ending: bool = False
     ready_for: int = -1
-    away: Text | None = NOT_YET
+    away: Text | None = NOT_IN_VR
     visibility: messages.Visibility = "visible"
     headset: HeadsetCheck | None = None
     headset_checked: bool = False
@@ -206,7 +206,7 @@ class SessionState:
         self.sink.report(events.TorsoHeightCorrected(self.now_s, torso_height_m))
         return True
 
-    def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> bool:
+    def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> bool:
         """Change the participant's body; returns whether the choice is valid, and reports if not.
 
         A body of the other sex must be calibrated again: the headset's height gives the torso height only above the

@@ -11,7 +11,7 @@ from avrgym.vr.protocol.messages import StreamStatus
 from avrgym.vr.session.events import SessionEvent, StreamFound, StreamLost
 from avrgym.vr.session.state import SessionState
 
-SEND_EVERY_TICKS = 2
+SEND_INTERVAL_TICKS = 2
 """Interval of poses and forces: 50 a second."""
 
 
@@ -56,7 +56,7 @@ class StreamRecording:
         state, now_s = self._state, self._state.now_s
         arrived = self._streams.take(now_s)
         self._ticks += 1
-        if self._ticks % SEND_EVERY_TICKS == 0:
+        if self._ticks % SEND_INTERVAL_TICKS == 0:
             self._streams.send_state(state.world, now_s)
         if state.storage.attempt is not self._attempt:
             self._begin()

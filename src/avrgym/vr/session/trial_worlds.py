@@ -34,7 +34,7 @@ class TrialWorlds:
         self._shown: int | None = None
         environment = plan.trials[trial].environment
         self.number = self._number(environment, person)
-        self.world = LiveWorld(environment, resting(environment, person))
+        self.world = LiveWorld(environment, resting_person(environment, person))
 
     @property
     def url(self) -> str:
@@ -45,7 +45,7 @@ class TrialWorlds:
         """Returns whether the present world is made for this trial and body, and no robot has moved in it."""
         return self._fresh_for == _key(trial, person)
 
-    def use_up(self) -> None:
+    def mark_used(self) -> None:
         """Mark the present world as used: the robot moves."""
         self._fresh_for = None
 
@@ -61,8 +61,8 @@ class TrialWorlds:
         if plan.environment == now.environment:
             begins = replace(person, joint_angles_rad=now.joint_targets_rad)
         else:
-            begins = resting(plan.environment, person)
-        self._preparation.ask(key, plan.environment, begins, plan.seed)
+            begins = resting_person(plan.environment, person)
+        self._preparation.request(key, plan.environment, begins, plan.seed)
 
     def upcoming(self, trial: int, person: Person) -> str | None:
         """Returns the address of a trial's scene, unless it is the present one."""
@@ -74,7 +74,7 @@ class TrialWorlds:
         """Whether the requested world is made."""
         return self._preparation.ready
 
-    def change(self) -> None:
+    def switch(self) -> None:
         """Replace the present world by the prepared one, or raise its error."""
         key, world = self._preparation.key, self._preparation.take()
         self.number = self._number(world.environment, world.person)
@@ -84,7 +84,7 @@ class TrialWorlds:
         """Note that a client has just connected and shows nothing yet."""
         self._shown = None
 
-    def show(self, url: str) -> None:
+    def mark_shown(self, url: str) -> None:
         """Note that the client shows the scene with this address."""
         if url == self.url:
             self._shown = self.number
@@ -99,11 +99,11 @@ class TrialWorlds:
         for number, (known, body) in enumerate(self.scenes):
             if known == environment and BodyKey.of(body) == BodyKey.of(person):
                 return number
-        self.scenes.append((environment, resting(environment, person)))
+        self.scenes.append((environment, resting_person(environment, person)))
         return len(self.scenes) - 1
 
 
-def resting(environment: str, person: Person) -> Person:
+def resting_person(environment: str, person: Person) -> Person:
     """Returns the person in the rest pose of an environment's task."""
     task, _ = find_environment(environment)
     return replace(person, joint_angles_rad=TASKS[task].pose.rest_rad)

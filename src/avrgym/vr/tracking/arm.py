@@ -34,22 +34,22 @@ MAX_TURN_RAD = 0.0999
 """Maximum turn of a joint in one tick."""
 DETOUR_RAD = 1.2
 """The hand may leave its path on the way to a target farther than this, because no joint path keeps it in place."""
-REACHED = 1.0 - 1e-9
+MAX_REACH_FRACTION = 1.0 - 1e-9
 """Relative tolerance of the reach of a wrist. At the limits of reach, rounding alone bends the elbow."""
 POLE_RAD = 0.006
 """Within this angle from straight ahead, an upper arm's direction is approximate: 3 mm for an arm of half a metre."""
 SWIVEL_STEP_RAD = np.radians(5.0)
 
-OUTSIDE, STAY = 1500.0, 1.0
+OUT_OF_RANGE_COST, MOTION_COST = 1500.0, 1.0
 """Costs of a swivel per squared radian outside a joint's range, and per squared radian from the present angles."""
-SHOULDER_Y, SHOULDER_Z, FOREARM, WRIST = 0.006, 0.012, 0.006, 0.012
+SHOULDER_Y_COST, SHOULDER_Z_COST, FOREARM_COST, WRIST_COST = 0.006, 0.012, 0.006, 0.012
 """Costs per squared radian from the comfortable angles of these joints. They are small, so elbows drift slowly and
 never jump. All costs are tuned on poses of free movement."""
-LIFT = 0.025
+RAISED_ELBOW_COST = 0.025
 """Half the cost of an elbow opposite to its rest position."""
-ELBOW_RESTS = transforms.normalize([-0.26, -0.1, -1.0])
+ELBOW_REST_DIRECTION = transforms.normalize([-0.26, -0.1, -1.0])
 """The direction from the shoulder to an elbow at rest: down, a little outward and to the front."""
-AT_EASE_RAD = np.radians([10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+COMFORTABLE_RAD = np.radians([10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def _within_reach(lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArr
     distance_m = np.maximum(transforms.norm(wrist), 1e-6)
     upper, fore = lengths.upper_m, lengths.fore_m
     nearest_m = sqrt(upper**2 + fore**2 + 2.0 * upper * fore * _COS_MOST_BENT)
-    within_m = _clipped(distance_m, nearest_m / REACHED, REACHED * (upper + fore))
+    within_m = _clipped(distance_m, nearest_m / MAX_REACH_FRACTION, MAX_REACH_FRACTION * (upper + fore))
     return wrist * (within_m / distance_m)[:, None] - to_wrist
 
 
@@ -207,7 +207,9 @@ def _entries() -> FloatArray:
     upper_arm, forearm = np.eye(18).reshape(2, 3, 3, 18)
     sines = upper_arm[0, 2], upper_arm[1, 0], -forearm[1, 0], -forearm[0, 2]
     cosines = upper_arm[2, 2], upper_arm[1, 1], forearm[1, 1], forearm[2, 2]
-    return np.array([*sines, *cosines, -upper_arm[1, 2], forearm[1, 2], ELBOW_RESTS @ upper_arm[:, 2]])
+    return np.array(
+        [*sines, *cosines, -upper_arm[1, 2], forearm[1, 2], ELBOW_REST_DIRECTION @ upper_arm[:, 2]]
+    )
 
 
 _ENTRIES = _entries()
@@ -314,12 +316,16 @@ def _costs(angles: FloatArray, rests: FloatArray, start_rad: FloatArray) -> Floa
     about the mean of the two angles.
     """
     outside = angles - _clipped(angles, _per_arm(LOWER[None]), _per_arm(UPPER[None]))
-    away = angles - _per_arm((STAY * start_rad + EASE * AT_EASE_RAD) / (STAY + EASE))
-    squares = OUTSIDE * (outside * outside) + _per_arm((STAY + EASE)[None]) * (away * away)
-    return squares.sum(axis=0).transpose(1, 0, 2) + LIFT * rests[:, None]
+    away = angles - _per_arm(
+        (MOTION_COST * start_rad + COMFORT_COSTS * COMFORTABLE_RAD) / (MOTION_COST + COMFORT_COSTS)
+    )
+    squares = OUT_OF_RANGE_COST * (outside * outside) + _per_arm((MOTION_COST + COMFORT_COSTS)[None]) * (
+        away * away
+    )
+    return squares.sum(axis=0).transpose(1, 0, 2) + RAISED_ELBOW_COST * rests[:, None]
 
 
-EASE = np.array([SHOULDER_Y, 0.0, SHOULDER_Z, 0.0, FOREARM, WRIST, WRIST])
+COMFORT_COSTS = np.array([SHOULDER_Y_COST, 0.0, SHOULDER_Z_COST, 0.0, FOREARM_COST, WRIST_COST, WRIST_COST])
 
 
 def _vertex(costs: FloatArray, lowest: int) -> float:

@@ -16,7 +16,7 @@ from avrgym.vr.tracking.freshness import STALE_S, Freshness
 CALIBRATION_S = 0.5
 CALIBRATION_FRAMES = 3
 """The smallest number with a meaningful median; a page that renders in software sends few frames."""
-STEADY_M = 0.03
+STEADY_RADIUS_M = 0.03
 MAX_GAZE_PITCH_SINE = 0.85
 """Sine of the steepest pitch at which a headset's yaw is reliable."""
 
@@ -89,7 +89,7 @@ class TrackingFeed:
         self._arrived.append(frame)
         if frame.usable:
             self.newest = frame
-            self.freshness.see(tracking, now_s)
+            self.freshness.update(tracking, now_s)
             self._recent.append(frame)
             self._forget(now_s - CALIBRATION_S)
         return frame
@@ -114,8 +114,8 @@ class TrackingFeed:
         if len(heads) < CALIBRATION_FRAMES:
             raise TextError(Text("head_untracked"))
         spread = np.ptp([head.position for head in heads], axis=0).max()
-        if spread > STEADY_M:
-            moved_cm, most_cm = f"{100 * spread:.1f}", f"{100 * STEADY_M:.0f}"
+        if spread > STEADY_RADIUS_M:
+            moved_cm, most_cm = f"{100 * spread:.1f}", f"{100 * STEADY_RADIUS_M:.0f}"
             raise TextError(Text("head_moved", {"moved_cm": moved_cm, "most_cm": most_cm}))
         head = sorted(heads, key=lambda head: head.position[1])[len(heads) // 2]
         q_w = head_pose(Registration(np.zeros(3), 0.0), head).q_w

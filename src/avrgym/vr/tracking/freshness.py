@@ -21,7 +21,7 @@ class Freshness:
         self._poses: dict[Part, XRPose] = {}
         self._measured_s: dict[Part, float] = {}
 
-    def see(self, frame: Tracking, now_s: float) -> None:
+    def update(self, frame: Tracking, now_s: float) -> None:
         """Add a usable frame that arrives now."""
         self._begun = True
         for part in PARTS:

@@ -14,11 +14,11 @@ from avrgym.vr.tracking.freshness import moves_by_mouse
 
 MAX_SPEED_M_S, MAX_SPEED_RAD_S = 10.0, 30.0
 """Maximum speeds of heads and hands of people who receive assistance."""
-SETTLED_S = 0.1
+VALID_AFTER_S = 0.1
 """A pose is valid again after this time without a jump."""
-ABSENT_AFTER_S = 0.2
+LOST_AFTER_S = 0.2
 """After this time without tracking, a limb may be anywhere."""
-RETURN_SHARE = 0.025
+RETURN_SPEED_FRACTION = 0.025
 """The share of the maximum speeds at which the body returns to the tracked pose: 0.25 m/s, 0.75 rad/s."""
 
 
@@ -51,7 +51,7 @@ class Limb:
         self._followed: XRPose | None = None
         self._captured_s = self._measured_s = self._believed_s = 0.0
 
-    def see(self, tracked: XRPose, captured_s: float, now_s: float, *, may_repeat: bool = False) -> None:
+    def update(self, tracked: XRPose, captured_s: float, now_s: float, *, may_repeat: bool = False) -> None:
         """Take the pose of a new frame, with a capture time that is never after the present.
 
         An identical pose is no new measurement, unless it ``may_repeat``.
@@ -60,8 +60,8 @@ class Limb:
         if self._tracked is not None:
             passed_s = captured_s - self._captured_s
             jumped = min_duration_s(self._tracked, tracked) > passed_s + ROUNDING_S
-            absent = measured and captured_s - self._measured_s > ABSENT_AFTER_S
-            self._believed_s = now_s + SETTLED_S if jumped else self._believed_s
+            absent = measured and captured_s - self._measured_s > LOST_AFTER_S
+            self._believed_s = now_s + VALID_AFTER_S if jumped else self._believed_s
             self.deviates = self.deviates or jumped or absent
         self._tracked, self._captured_s = tracked, captured_s
         self._measured_s = captured_s if measured else self._measured_s
@@ -72,7 +72,11 @@ class Limb:
         if self._followed is None or not self.deviates:
             self._followed = self._tracked
         elif now_s >= self._believed_s:
-            share = RETURN_SHARE * TICK_S / max(min_duration_s(self._followed, self._tracked), ROUNDING_S)
+            share = (
+                RETURN_SPEED_FRACTION
+                * TICK_S
+                / max(min_duration_s(self._followed, self._tracked), ROUNDING_S)
+            )
             self.deviates = share < 1.0
             self._followed = between(self._followed, self._tracked, share) if self.deviates else self._tracked
         return self._followed
@@ -89,11 +93,11 @@ class Limbs:
         """The parts that are not at their tracked poses."""
         return tuple(part for part, limb in self._limbs.items() if limb.deviates)
 
-    def see(self, tracking: Tracking, captured_s: float, now_s: float) -> None:
+    def update(self, tracking: Tracking, captured_s: float, now_s: float) -> None:
         """Take a new frame; see ``Limb``."""
         for part, pose in _tracked(tracking).items():
             may_repeat = moves_by_mouse(tracking, part)
-            self._limbs[part].see(pose, captured_s, now_s, may_repeat=may_repeat)
+            self._limbs[part].update(pose, captured_s, now_s, may_repeat=may_repeat)
 
     def follow(self, tracking: Tracking, now_s: float) -> Tracking:
         """Returns the newest frame with the body's poses for this tick."""

@@ -16,13 +16,13 @@ from avrgym.models.human import Person, Posture
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import HEAD, WAIST, resting_head_centre, skeleton
 
-SAMPLE_EVERY_TICKS = 10
+SAMPLE_INTERVAL_TICKS = 10
 SAMPLES_PER_SECOND = 11
 """Number of samples in one second."""
-STEADY_M = 0.03
+STEADY_RADIUS_M = 0.03
 SLIDING_THRESHOLD_M = 0.02
 """A resting head farther than this from its solved position has slid."""
-FARTHEST_M = 0.6
+MAX_DISTANCE_M = 0.6
 MAX_SHIFT_M = 0.1
 """A participant farther away, or higher above the rest position, has left the seat."""
 GLIDE_SPEED_M_S = 0.05
@@ -52,7 +52,10 @@ class SlidingMonitor:
     def look(self, head: Pose, joint_angles_rad: FloatArray) -> Glide | None:
         """Returns how the room follows a head with a tracked pose and solved angles (20,); ``None``: not at all."""
         self._seen.append(head.pos_w)
-        if len(self._seen) < SAMPLES_PER_SECOND or np.ptp(np.array(self._seen), axis=0).max() > STEADY_M:
+        if (
+            len(self._seen) < SAMPLES_PER_SECOND
+            or np.ptp(np.array(self._seen), axis=0).max() > STEADY_RADIUS_M
+        ):
             return None
         missed_m = float(np.linalg.norm(head.pos_w - self.head_centre_w(joint_angles_rad)))
         if missed_m <= SLIDING_THRESHOLD_M or head.pos_w[2] - self._rest_w[2] > MAX_SHIFT_M:
@@ -81,7 +84,7 @@ class SlidingMonitor:
         along_m = float(neck_w @ direction)
         too_far = float(neck_w @ neck_w - self._neck_t @ self._neck_t)
         way_m = along_m - sqrt(max(along_m * along_m - too_far, 0.0))
-        if not SLIDING_THRESHOLD_M < way_m <= FARTHEST_M:
+        if not SLIDING_THRESHOLD_M < way_m <= MAX_DISTANCE_M:
             return None
         self.forget()
         return Glide(-way_m * direction, way_m / GLIDE_SPEED_M_S)

@@ -21,7 +21,7 @@ from avrgym.vr.protocol.webxr import grip_from_wrist
 
 Side = Literal["left", "right"]
 
-SAME_M, SAME_RAD = 0.15, float(np.radians(75.0))
+MAX_DEVICE_OFFSET_M, MAX_DEVICE_OFFSET_RAD = 0.15, float(np.radians(75.0))
 """Larger differences between two devices are not of the same resting hand."""
 MAX_SWITCH_GAP_S = 2.0
 """Up to this time after the old device's last pose, the hand may still rest in its place."""
@@ -53,7 +53,9 @@ class Correction:
     @property
     def is_plausible(self) -> bool:
         """Whether two devices that track the same hand can differ by this."""
-        return float(np.linalg.norm(self.pos)) <= SAME_M and self.angle_rad <= SAME_RAD
+        return (
+            float(np.linalg.norm(self.pos)) <= MAX_DEVICE_OFFSET_M and self.angle_rad <= MAX_DEVICE_OFFSET_RAD
+        )
 
     def after(self, way_m: float) -> "Correction | None":
         """Returns the residual correction after the hand has moved this far."""

@@ -15,7 +15,7 @@ from avrgym.vr.protocol.webxr import Registration, head_pose, register
 from avrgym.vr.tracking.body import BodyPose, resting_head_centre
 from avrgym.vr.tracking.frames import Frame, TrackingFeed, body_pose
 from avrgym.vr.tracking.jumps import Limbs
-from avrgym.vr.tracking.sliding import SAMPLE_EVERY_TICKS, Glide, SlidingMonitor
+from avrgym.vr.tracking.sliding import SAMPLE_INTERVAL_TICKS, Glide, SlidingMonitor
 from avrgym.vr.tracking.switches import Hands
 
 
@@ -163,7 +163,7 @@ class TrackingState:
             return None
         self._ticks += 1
         if (
-            self._ticks % SAMPLE_EVERY_TICKS
+            self._ticks % SAMPLE_INTERVAL_TICKS
             or self._sliding is None
             or self._followed is None
             or self._resting is None
@@ -197,7 +197,7 @@ class TrackingState:
         if newest is not self._followed:
             self._followed = newest
             self._tracked = self._hands.follow(newest.tracking, newest.captured_s)
-            self._limbs.see(self._tracked, newest.captured_s, now_s)
+            self._limbs.update(self._tracked, newest.captured_s, now_s)
             self._pose = None
         if self._pose is None or self._limbs.deviating:
             assert self._tracked is not None

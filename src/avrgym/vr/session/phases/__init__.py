@@ -18,9 +18,9 @@ from avrgym.vr.session.phases.checking import (
 from avrgym.vr.session.phases.halted import Finished, Paused, RecordingFailed
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.phases.preparing import (
-    AskReady,
     Calibration,
     Check,
+    ConfirmReady,
     LoadCalibration,
     LoadCheck,
     LoadTrial,
@@ -32,14 +32,16 @@ from avrgym.vr.session.phases.preparing import (
 from avrgym.vr.session.phases.running import (
     Confirm,
     Countdown,
-    FreeAfter,
-    FreeBefore,
+    FreeMovementAfter,
+    FreeMovementBefore,
     Questionnaire,
     Retreat,
     Trial,
 )
 
-TrialStart = LoadTrial | Calibration | Storing | Waiting | Paused | RecordingFailed | AskReady | FreeBefore
+TrialStart = (
+    LoadTrial | Calibration | Storing | Waiting | Paused | RecordingFailed | ConfirmReady | FreeMovementBefore
+)
 """Phases that may follow when a trial is to start."""
 SessionEnd = Finished | RecordingFailed
 """Phases that may follow after the last trial, when an answered trial is completed first."""
@@ -51,17 +53,18 @@ AfterLeaving = Waiting | SessionEnd
 """Phases that may follow when the participant leaves."""
 AfterRecalibration = Calibration | LoadCalibration | SessionEnd
 """Phases that may follow a request for a new calibration."""
-Loaded = TrialStart | Check
+AfterLoading = TrialStart | Check
 """Phases that may follow when a world is shown."""
 
 PHASES: tuple[type[Phase], ...] = (
     Waiting, CheckStart, CheckAtRest, CheckStretched, CheckMoving, CheckStop, CheckSenses, CheckResult, Calibration,
-    ReachForward, ReachSideways, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, AskReady, FreeBefore, Countdown,
-    Trial, Retreat, FreeAfter, Questionnaire, Confirm, Paused, RecordingFailed, Finished,
+    ReachForward, ReachSideways, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, ConfirmReady,
+    FreeMovementBefore, Countdown, Trial, Retreat, FreeMovementAfter, Questionnaire, Confirm, Paused,
+    RecordingFailed, Finished,
 )  # fmt: skip
 """All phases, in the order of a session."""
 
 
-def where(flag: str) -> list[PhaseName]:
+def phases_with(flag: str) -> list[PhaseName]:
     """Returns the names of the phases in which this attribute is true."""
     return list(dict.fromkeys(phase.name for phase in PHASES if getattr(phase, flag)))

@@ -16,10 +16,10 @@ from avrgym.vr.session.plan import HeadsetCheckPlan
 from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
 
-YES = 1
+YES_ANSWER = 1
 MAX_FAULTS_SHOWN = 2
 """More would be too small to read; events, database and terminal contain all."""
-BUZZ = Item(
+HAPTICS_ITEM = Item(
     "haptics",
     "Do you feel a buzz in your hands, every second?",
     points=2,
@@ -27,14 +27,14 @@ BUZZ = Item(
     high="no",
     labels=("yes", "no"),
 )
-CHIME = Item(
+SOUND_ITEM = Item(
     "sound", "Do you hear a chime, every second?", points=2, low="yes", high="no", labels=("yes", "no")
 )
-SIGNAL_EVERY_S = 1.0
-SIGNAL_S = 0.5
+SIGNAL_INTERVAL_S = 1.0
+SIGNAL_DURATION_S = 0.5
 
 
-class Checking(InVR):
+class HeadsetCheckPhase(InVR):
     """Base of phases of the headset check; the experimenter may skip it."""
 
     moves = True
@@ -64,13 +64,13 @@ class Checking(InVR):
     def _ask_senses(self) -> CheckSenses | CheckResult:
         """Ask about haptics and sound, if the plan has them."""
         plan = self.state.plan
-        asked = [BUZZ] * (plan.haptics and self._measurement.has_motors) + [CHIME] * plan.sounds
+        asked = [HAPTICS_ITEM] * (plan.haptics and self._measurement.has_motors) + [SOUND_ITEM] * plan.sounds
         if asked:
             return CheckSenses(self.state, self._measurement, asked)
         return CheckResult(self.state, self._measurement, {})
 
 
-class CheckStart(Checking):
+class CheckStart(HeadsetCheckPhase):
     """The participant gets ready; the trigger starts the check and is tested by it."""
 
     name = "headset"
@@ -87,7 +87,7 @@ class CheckStart(Checking):
         return CheckAtRest(self.state, self._measurement)
 
 
-class Measuring(Checking, ABC):
+class TimedMeasurement(HeadsetCheckPhase, ABC):
     """Base of phases that measure for some time."""
 
     name = "headset_check"
@@ -110,7 +110,7 @@ class Measuring(Checking, ABC):
         """The next measurement."""
 
 
-class CheckAtRest(Measuring):
+class CheckAtRest(TimedMeasurement):
     """Measures the jitter of tracking."""
 
     message = Text("headset_at_rest")
@@ -126,7 +126,7 @@ class CheckAtRest(Measuring):
         return (CheckMoving if with_mouse else CheckStretched)(self.state, self._measurement)
 
 
-class CheckStretched(Measuring):
+class CheckStretched(TimedMeasurement):
     """Measures the range of hand tracking."""
 
     message = Text("headset_stretched")
@@ -140,7 +140,7 @@ class CheckStretched(Measuring):
         return CheckMoving(self.state, self._measurement)
 
 
-class CheckMoving(Measuring):
+class CheckMoving(TimedMeasurement):
     """Measures dropped frames during motion."""
 
     message = Text("headset_moving")
@@ -153,7 +153,7 @@ class CheckMoving(Measuring):
         return CheckStop(self.state, self._measurement)
 
 
-class CheckStop(Checking):
+class CheckStop(HeadsetCheckPhase):
     """The participant tests the emergency stop."""
 
     name = "headset_stop"
@@ -166,9 +166,9 @@ class CheckStop(Checking):
         self._asked_s = state.now_s
 
     def stop(
-        self, by: events.Who, method: messages.StopMethod | None = None
+        self, by: events.Initiator, method: messages.StopMethod | None = None
     ) -> CheckSenses | CheckResult | Self:
-        """Take the participant's test stop and continue; the experimenter cannot test it for them."""
+        """PoseGetter the participant's test stop and continue; the experimenter cannot test it for them."""
         if by == "experimenter":
             return self._report("the participant tries the stop; skip the check to go on without")
         self._measurement.take_stop(method or "page", self.state.now_s - self._asked_s)
@@ -179,7 +179,7 @@ class CheckStop(Checking):
         return self._ask_senses()
 
 
-class CheckSenses(Checking):
+class CheckSenses(HeadsetCheckPhase):
     """The participant answers whether haptics and sound work."""
 
     name = "headset_check"
@@ -189,7 +189,7 @@ class CheckSenses(Checking):
         super().__init__(state, measurement)
         self._asked, self._answers = asked, dict[str, bool]()
         self._questions = Questions(translate(asked, state.plan.texts))
-        self._next_s, self._ends_s = state.now_s + SIGNAL_EVERY_S, 0.0
+        self._next_s, self._ends_s = state.now_s + SIGNAL_INTERVAL_S, 0.0
 
     @property
     def question(self) -> messages.Question:
@@ -197,9 +197,12 @@ class CheckSenses(Checking):
 
     def wait(self) -> Self:
         """Repeat haptics or sound until the answer."""
-        now_s, buzzes = self.state.now_s, len(self._answers) < len(self._asked) and self._is_asked(BUZZ)
+        now_s, buzzes = (
+            self.state.now_s,
+            len(self._answers) < len(self._asked) and self._is_current(HAPTICS_ITEM),
+        )
         if now_s >= self._next_s:
-            self._next_s, self._ends_s = now_s + SIGNAL_EVERY_S, now_s + SIGNAL_S
+            self._next_s, self._ends_s = now_s + SIGNAL_INTERVAL_S, now_s + SIGNAL_DURATION_S
             self.state.send(messages.Feedback(buzzes, buzzes, 0 if buzzes else 1))
         elif 0.0 < self._ends_s <= now_s:
             self._ends_s = 0.0
@@ -213,17 +216,17 @@ class CheckSenses(Checking):
             self.state.send(self.question)
             self._refuse("not_an_answer")
             return self._report(str(error))
-        self._answers[given.item] = given.value == YES
+        self._answers[given.item] = given.value == YES_ANSWER
         if self._questions.done:
             return CheckResult(self.state, self._measurement, self._answers)
         self.state.send(self.question)
         return self
 
-    def _is_asked(self, item: Item) -> bool:
+    def _is_current(self, item: Item) -> bool:
         return self._asked[len(self._answers)] is item
 
 
-class CheckResult(Checking):
+class CheckResult(HeadsetCheckPhase):
     """Shows whether the headset passed, and what to do if not."""
 
     name = "headset"
@@ -234,7 +237,9 @@ class CheckResult(Checking):
         self, state: SessionState, measurement: HeadsetMeasurement, answers: dict[str, bool]
     ) -> None:
         super().__init__(state, measurement)
-        self._check = measurement.result(haptics=answers.get(BUZZ.id), sound=answers.get(CHIME.id))
+        self._check = measurement.result(
+            haptics=answers.get(HAPTICS_ITEM.id), sound=answers.get(SOUND_ITEM.id)
+        )
         self.message = result_message(self._check, MAX_FAULTS_SHOWN)
 
     def on_enter(self) -> None:

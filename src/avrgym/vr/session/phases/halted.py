@@ -7,12 +7,12 @@ from typing import Self
 from avrgym.texts.interface_texts import Text
 from avrgym.vr.session import phases
 from avrgym.vr.session.interruptions import Interruption
-from avrgym.vr.session.phases.kinds import Resting
+from avrgym.vr.session.phases.kinds import BetweenTrials
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.state import SessionState
 
 
-class Paused(Resting):
+class Paused(BetweenTrials):
     """The robot stands still until the participant presses the trigger, or the experimenter continues."""
 
     name = "paused"

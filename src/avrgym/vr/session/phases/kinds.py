@@ -1,6 +1,6 @@
 """Base classes of phases that share transitions."""
 
-# After the robot has helped, the same messages lead to other phases than before.
+# After the robot has finished, the same messages lead to other phases than before.
 # pyright: reportIncompatibleMethodOverride=false
 
 from __future__ import annotations
@@ -88,14 +88,14 @@ class Ongoing(Phase):
         if state.visibility != "visible":
             return phases.Paused(state, Text("not_visible"))
         if state.ready_for != state.trial:
-            return phases.AskReady(state)
+            return phases.ConfirmReady(state)
         if state.untracked is not None:
             return phases.Paused(state, Text(UNTRACKED[state.untracked]))
         try:
             state.begin_attempt()
         except OSError as error:
             return self.fail(error)
-        return phases.FreeBefore(state)
+        return phases.FreeMovementBefore(state)
 
     def _complete_trial(self) -> phases.TrialStart | phases.Finished:
         """End the attempt as completed, unless it cannot be stored, and continue."""
@@ -178,12 +178,14 @@ class RobotFinished(InPlace):
 
     def skip(self) -> phases.TrialStart | phases.Finished:
         """Continue without the missing answers."""
-        answering = self.state.storage.answering
-        assert answering is not None
+        questionnaire_attempt = self.state.storage.questionnaire_attempt
+        assert questionnaire_attempt is not None
         self.state.world.hold()
         left = tuple(self._unanswered)
         if left:
-            event = events.QuestionsLeft(self.state.now_s, answering.trial, answering.attempt, left)
+            event = events.QuestionsLeft(
+                self.state.now_s, questionnaire_attempt.trial, questionnaire_attempt.attempt, left
+            )
             self.state.record_event("questions_left", ", ".join(left))
             self.state.sink.report(event)
         return self._complete_trial()
@@ -215,7 +217,7 @@ class RobotFinished(InPlace):
         return phases.Questionnaire(self.state, Questions(items)) if items else self._complete_trial()
 
 
-class Resting(InPlace):
+class BetweenTrials(InPlace):
     """No trial runs; the participant may start one or change their body."""
 
     awaits_ready = can_recalibrate = can_choose_body = True
@@ -225,7 +227,7 @@ class Resting(InPlace):
         return self._calibrate_again()
 
     def choose_body(
-        self, choice: messages.ChooseBody, by: events.Who
+        self, choice: messages.ChooseBody, by: events.Initiator
     ) -> phases.Calibration | phases.LoadCalibration | phases.LoadCheck | Self:
         if not self.state.choose_body(choice, by):
             return self
@@ -241,7 +243,7 @@ class Stoppable(InPlace):
 
     moves = can_be_stopped = True
 
-    def stop(self, by: events.Who, method: messages.StopMethod | None = None) -> phases.Paused:
+    def stop(self, by: events.Initiator, method: messages.StopMethod | None = None) -> phases.Paused:
         return self._interrupt_attempt(
             "stopped", events.Stopped(self.state.now_s, by, method), Text("stopped")
         )

@@ -48,15 +48,15 @@ class Phase:
     # Messages of the participant's client -------------------------------------------------------------------------
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
-        """Take a tracking frame."""
+        """PoseGetter a tracking frame."""
         self.state.tracking.take(tracking, self.state.now_s)
 
     def take_latency(self, latency: messages.Latency) -> None:
-        """Take the latencies of the last second."""
+        """PoseGetter the latencies of the last second."""
         self.state.take_latency(latency)
 
     def take_frames(self, drawn: messages.HeadsetFrames) -> None:
-        """Take the render times of the last second's frames."""
+        """PoseGetter the render times of the last second's frames."""
 
     def enter_vr(self) -> Phase:
         """The participant entered VR, or plays without a headset."""
@@ -93,14 +93,14 @@ class Phase:
 
     # Messages of participant or experimenter ------------------------------------------------------------------------
 
-    def stop(self, by: events.Who, method: StopMethod | None = None) -> Phase:
+    def stop(self, by: events.Initiator, method: StopMethod | None = None) -> Phase:
         """The emergency stop: stop the robot immediately; the running trial may be repeated.
 
         ``method`` is how the participant stops it.
         """
         return self._refuse("holds_already", by)
 
-    def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> Phase:
+    def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> Phase:
         """Change the participant's body."""
         return self._refuse("body_between_trials", by)
 
@@ -187,7 +187,7 @@ class Phase:
 
     # -------------------------------------------------------------------------------------------------------------
 
-    def _refuse(self, key: str, by: events.Who = "participant") -> Self:
+    def _refuse(self, key: str, by: events.Initiator = "participant") -> Self:
         """Explain why a request is not done; ``key`` names a text."""
         if by == "participant":
             self.state.explain(Text(key))

@@ -12,7 +12,7 @@ from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.texts.interface_texts import Text, TextError
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.phases.kinds import InVR, Ongoing, Resting
+from avrgym.vr.session.phases.kinds import BetweenTrials, InVR, Ongoing
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.calibration import arm_length_m, measure_arm_scale, measure_torso_height
 from avrgym.vr.tracking.frames import body_pose
@@ -32,7 +32,7 @@ class Waiting(Ongoing):
         super().__init__(state)
         self.message = message
 
-    def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> Self:
+    def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> Self:
         self.state.choose_body(choice, by)
         return self
 
@@ -57,7 +57,7 @@ class Calibration(InVR):
             self.state.tracking.place(tracking.head, self.state.person, self.state.world.scene_config.posture)
             self.state.send_changed_scene()
 
-    def choose_body(self, choice: messages.ChooseBody, by: events.Who) -> Self:
+    def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> Self:
         if self.state.choose_body(choice, by):
             self.state.tracking.place_again(self.state.person)
             self.state.send_changed_scene()
@@ -85,7 +85,7 @@ class Calibration(InVR):
         return ReachForward(state) if measures_reach else LoadCheck(state)
 
 
-class Reaching(InVR, ABC):
+class ReachMeasurement(InVR, ABC):
     """The participant stretches the arms to measure their length; the trigger skips that."""
 
     name = "reach"
@@ -97,7 +97,7 @@ class Reaching(InVR, ABC):
         self._reached_m, self._seen_m = tuple(reached_m), list[float]()
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
-        """Take a frame; the last ones count."""
+        """PoseGetter a frame; the last ones count."""
         state = self.state
         frame = state.tracking.take(tracking, state.now_s)
         if not frame.usable or state.tracking.registration is None:
@@ -117,7 +117,7 @@ class Reaching(InVR, ABC):
         return (*self._reached_m, median(self._seen_m)) if self._seen_m else ()
 
 
-class ReachForward(Reaching):
+class ReachForward(ReachMeasurement):
     """The arms are stretched to the front."""
 
     message = Text("reach_ahead")
@@ -129,7 +129,7 @@ class ReachForward(Reaching):
         return LoadCheck(self.state)
 
 
-class ReachSideways(Reaching):
+class ReachSideways(ReachMeasurement):
     """The arms are stretched out to the sides."""
 
     message = Text("reach_aside")
@@ -156,7 +156,7 @@ class Loading(InVR, ABC):
     def on_enter(self) -> None:
         self.state.worlds.prepare(self.state.trial, self.state.person)
 
-    def wait(self) -> phases.Loaded | Self:
+    def wait(self) -> phases.AfterLoading | Self:
         """Show the prepared world; continue when the client shows it."""
         state = self.state
         if not state.worlds.is_fresh(state.trial, state.person):
@@ -164,7 +164,7 @@ class Loading(InVR, ABC):
             if not state.worlds.ready:
                 return self
             try:
-                state.worlds.change()
+                state.worlds.switch()
             except NoClearanceError as error:
                 state.report(f"the robot has no room to begin: {error}")
                 return phases.Paused(state, Text("no_room"))
@@ -175,7 +175,7 @@ class Loading(InVR, ABC):
         return self.loaded() if state.worlds.is_shown else self
 
     @abstractmethod
-    def loaded(self) -> phases.Loaded:
+    def loaded(self) -> phases.AfterLoading:
         """The phase that follows when the client shows the scene."""
 
 
@@ -210,14 +210,14 @@ class Storing(InVR):
         return self if self.state.storage.completing is not None else self._begin_trial()
 
 
-class Check(Resting):
+class Check(BetweenTrials):
     """The participant checks whether body and seat fit."""
 
     name = "check"
     message = Text("check")
 
 
-class AskReady(Resting):
+class ConfirmReady(BetweenTrials):
     """The trial is shown, and starts when the participant is ready."""
 
     name = "ready"

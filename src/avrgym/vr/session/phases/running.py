@@ -17,7 +17,7 @@ from avrgym.vr.session.questions import Questions
 from avrgym.vr.session.state import SessionState
 
 
-class FreeBefore(Stoppable):
+class FreeMovementBefore(Stoppable):
     """The participant moves freely before the robot starts."""
 
     name = "free_before"
@@ -44,7 +44,7 @@ class Countdown(Stoppable):
     def on_timeout(self) -> Trial | Self:
         if self.state.tracking.lost:
             return self
-        self.state.worlds.use_up()
+        self.state.worlds.mark_used()
         return Trial(self.state)
 
 
@@ -87,28 +87,28 @@ class Retreat(RobotFinished):
         super().__init__(state)
         state.world.retreat()
 
-    def wait(self) -> FreeAfter | Self:
+    def wait(self) -> FreeMovementAfter | Self:
         return self if self.state.world.retreating else self._hold()
 
-    def stop(self, by: events.Who, method: messages.StopMethod | None = None) -> FreeAfter:
+    def stop(self, by: events.Initiator, method: messages.StopMethod | None = None) -> FreeMovementAfter:
         self.state.record_event("retreat_stopped", by)
         self.state.sink.report(events.Stopped(self.state.now_s, by, method))
         return self._hold()
 
-    def pause(self) -> FreeAfter:
+    def pause(self) -> FreeMovementAfter:
         super().pause()
         return self._hold()
 
-    def interrupt(self, interruption: Interruption) -> FreeAfter:
+    def interrupt(self, interruption: Interruption) -> FreeMovementAfter:
         super().interrupt(interruption)
         return self._hold()
 
-    def _hold(self) -> FreeAfter:
+    def _hold(self) -> FreeMovementAfter:
         self.state.world.hold()
-        return FreeAfter(self.state)
+        return FreeMovementAfter(self.state)
 
 
-class FreeAfter(RobotFinished):
+class FreeMovementAfter(RobotFinished):
     """The participant moves freely after the robot has finished. The next world is made."""
 
     name = "free_after"
@@ -147,9 +147,9 @@ class Questionnaire(RobotFinished):
         return self._questions.question()
 
     def answer(self, answer: messages.Answer) -> Confirm | Self:
-        """Take the answer to the current question; after the last one the participant confirms all answers."""
+        """PoseGetter the answer to the current question; after the last one the participant confirms all answers."""
         storage, now_s = self.state.storage, self.state.now_s
-        assert storage.answering is not None
+        assert storage.questionnaire_attempt is not None
         earlier = self._questions.earlier
         try:
             given = self._questions.take(answer)
@@ -165,7 +165,7 @@ class Questionnaire(RobotFinished):
                 self.state.send(self.question)
                 return self._report(f"the answer cannot be stored: {error}")
             happened = events.Answered if earlier is None else events.AnswerChanged
-            whose = storage.answering.trial, storage.answering.attempt
+            whose = storage.questionnaire_attempt.trial, storage.questionnaire_attempt.attempt
             self.state.sink.report(happened(now_s, *whose, given))
             decision = self.state.plan.stop_rules.decide(given.item, given.value)
             if decision is not None:
