@@ -64,7 +64,7 @@ def read(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file, delimiter="\t" if path.suffix == ".tsv" else ","))
 
 
-def test_a_follow_up_replaces_nothing(store: Store) -> None:
+def test_follow_ups_keep_earlier_reports(store: Store) -> None:
     number = record_adverse_event(store, "sub-001", DIZZY, recorded_by="kim")
     before = store.adverse_events("sub-001")
     record_adverse_event(store, "sub-001", changed(outcome="recovered"), follows=number)
@@ -87,7 +87,7 @@ def test_a_follow_up_replaces_nothing(store: Store) -> None:
 
 
 @pytest.mark.parametrize("scale", SCALES)
-def test_only_grades_of_the_scales_are_stored(store: Store, scale: str) -> None:
+def test_grades_outside_the_scales_are_rejected(store: Store, scale: str) -> None:
     for grade in SCALES[scale]:
         record_adverse_event(store, "sub-001", changed(**{scale: grade}))
     with pytest.raises(StudyError, match=f"{scale} 'awful' is not known; allowed: {SCALES[scale][0]}"):
@@ -114,7 +114,7 @@ def test_only_grades_of_the_scales_are_stored(store: Store, scale: str) -> None:
         ("sub-001", {"began_at": "2126-11-27T14:30:00Z"}, None, "is in the future"),
     ],
 )
-def test_what_is_no_report_is_refused(
+def test_invalid_reports_are_rejected(
     store: Store, pseudonym: str, changes: dict[str, Any], follows: int | None, words: str
 ) -> None:
     record_adverse_event(store, "sub-001", DIZZY)
@@ -124,7 +124,7 @@ def test_what_is_no_report_is_refused(
     assert store.adverse_events("sub-001") == before
 
 
-def test_reports_go_with_their_participant_and_stay_with_who_withdraws(store: Store) -> None:
+def test_deletion_removes_reports_and_withdrawal_keeps_them(store: Store) -> None:
     number = record_adverse_event(store, "sub-001", DIZZY)
     record_adverse_event(store, "sub-001", changed(outcome="recovered"), follows=number)
     withdraw(store, "sub-001", "dizzy")
@@ -138,7 +138,7 @@ def test_reports_go_with_their_participant_and_stay_with_who_withdraws(store: St
     assert sum(path.read_bytes().count(SECRET.encode()) for path in held) == 1
 
 
-def test_what_the_robot_reports_is_next_to_adverse_events_and_none_of_them(store: Store) -> None:
+def test_safety_events_are_separate_from_adverse_events(store: Store) -> None:
     session = open_session(store, "sub-002")
     attempt = begin_attempt(store, session.id, 1)
     record_session_event(store, session.id, "stopped", "by participant", attempt.id)
@@ -165,9 +165,7 @@ def told(store: Store) -> Store:
 
 
 @pytest.mark.parametrize("data_format", WITH_RECORDS)
-def test_free_text_leaves_the_study_only_when_it_is_asked_for(
-    told: Store, tmp_path: Path, data_format: str
-) -> None:
+def test_free_text_is_exported_only_on_request(told: Store, tmp_path: Path, data_format: str) -> None:
     folder, suffix = ("", ".csv") if data_format == "csv" else ("sourcedata", ".tsv")
     export_study(told, data_format, tmp_path / "without")
     export_study(told, data_format, tmp_path / "with", extras=Extras(free_text=True))
@@ -188,9 +186,7 @@ def test_free_text_leaves_the_study_only_when_it_is_asked_for(
 
 
 @pytest.mark.parametrize("data_format", sorted(set(FORMATS) - set(WITH_RECORDS)))
-def test_a_format_without_a_place_for_free_text_refuses_it(
-    store: Store, tmp_path: Path, data_format: str
-) -> None:
+def test_formats_without_free_text_reject_the_option(store: Store, tmp_path: Path, data_format: str) -> None:
     with pytest.raises(StudyError, match="cannot contain free text and data on health; allowed: csv, bids"):
         export_study(store, data_format, tmp_path / "out", extras=Extras(free_text=True))
 
@@ -204,7 +200,7 @@ def run(*words: object, code: int = 0) -> str:
     return result.output
 
 
-def test_events_are_recorded_followed_up_and_listed_by_command(store: Store, tmp_path: Path) -> None:
+def test_command_records_follows_up_and_lists_events(store: Store, tmp_path: Path) -> None:
     folder = store.folder
     assert "No adverse events were recorded." in run("adverse-events", folder)
     graded = ("--severity", "mild", "--seriousness", "not serious", "--relatedness", "possible")
@@ -235,9 +231,7 @@ def test_events_are_recorded_followed_up_and_listed_by_command(store: Store, tmp
 
 
 @pytest.mark.slow
-def test_the_report_counts_events_by_condition_and_says_where_there_are_none(
-    store: Store, tmp_path: Path
-) -> None:
+def test_report_counts_events_by_condition(store: Store, tmp_path: Path) -> None:
     write_analysis(analyse(store), store.folder, tmp_path / "none")
     page = (tmp_path / "none" / "report" / "index.html").read_text()
     assert "No adverse events were recorded." in page

@@ -53,7 +53,7 @@ def answers(page: Page) -> list[str]:
 
 
 @pytest.mark.slow
-def test_questions_are_answered_by_keyboard_and_the_dashboard_says_why_the_session_pauses(
+def test_keyboard_answers_and_reason_of_a_pause(
     store: Store,
 ) -> None:
     expect.set_options(timeout=1000 * TIMEOUT_S)

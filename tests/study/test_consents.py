@@ -100,7 +100,7 @@ def decisions(store: Store, pseudonym: str) -> list[tuple[bool, str | None]]:
 # The archive -------------------------------------------------------------------------------------------------
 
 
-def test_the_text_that_was_read_is_archived_once_and_named_by_each_consent(store: Store) -> None:
+def test_consent_text_is_archived_once(store: Store) -> None:
     first, second = enrol_with_consent(store), enrol_with_consent(store)
     (kept,) = store.consent_texts()
     assert kept.text == store.design.consent.text
@@ -113,7 +113,7 @@ def test_the_text_that_was_read_is_archived_once_and_named_by_each_consent(store
     assert about_consent(store.folder) == []
 
 
-def test_each_language_has_its_own_text(tmp_path: Path) -> None:
+def test_consent_text_depends_on_language(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
     with Store(folder) as store:
         for language in ("en", "de"):
@@ -127,7 +127,7 @@ def test_each_language_has_its_own_text(tmp_path: Path) -> None:
     assert about_consent(folder) == []
 
 
-def test_another_text_under_the_same_version_is_an_error_that_names_participants(folder: Path) -> None:
+def test_changed_text_with_the_same_version_is_an_error(folder: Path) -> None:
     with Store(folder) as store:
         first, second = enrol_with_consent(store), enrol_with_consent(store)
     reword(folder, "You take part", "You do not take part")
@@ -144,7 +144,7 @@ def test_another_text_under_the_same_version_is_an_error_that_names_participants
     assert about_consent(folder) == []
 
 
-def test_a_translation_that_changed_names_only_those_who_read_it(tmp_path: Path) -> None:
+def test_changed_translation_concerns_only_its_readers(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
     with Store(folder) as store:
         enrol_with_consent(store)
@@ -157,7 +157,7 @@ def test_a_translation_that_changed_names_only_those_who_read_it(tmp_path: Path)
     assert wrong.startswith(f"[consent] in de is not the text that {german} read")
 
 
-def test_broken_lines_are_no_other_text(folder: Path) -> None:
+def test_line_breaks_do_not_change_a_text(folder: Path) -> None:
     with Store(folder) as store:
         enrol_with_consent(store)
     reword(folder, "You take part", "You\ntake part")
@@ -169,7 +169,7 @@ def test_broken_lines_are_no_other_text(folder: Path) -> None:
         )
 
 
-def test_another_text_under_another_version_is_no_error(folder: Path) -> None:
+def test_changed_text_with_a_new_version_is_valid(folder: Path) -> None:
     with Store(folder) as store:
         enrol_with_consent(store)
     raise_version(folder)
@@ -180,7 +180,7 @@ def test_another_text_under_another_version_is_no_error(folder: Path) -> None:
     assert about_consent(folder) == []
 
 
-def test_a_changed_archive_is_noticed(store: Store) -> None:
+def test_changed_archive_is_found(store: Store) -> None:
     enrol_with_consent(store)
     with store.database.write() as connection:
         hash_chain.update(connection, schema.CONSENT_TEXT, 1, text="I agree to everything")
@@ -192,7 +192,7 @@ def test_a_changed_archive_is_noticed(store: Store) -> None:
 # Asking again ------------------------------------------------------------------------------------------------
 
 
-def test_an_allocated_participant_must_reconsent_before_the_next_session(folder: Path) -> None:
+def test_allocated_participant_must_reconsent(folder: Path) -> None:
     with Store(folder) as store:
         pseudonym = enrol_with_consent(store)
         run_participant(store, pseudonym, trials=2)
@@ -218,7 +218,7 @@ def test_an_allocated_participant_must_reconsent_before_the_next_session(folder:
     assert about_consent(folder) == []
 
 
-def test_who_declines_withdraws_and_keeps_or_deletes_their_data(folder: Path) -> None:
+def test_declined_reconsent_withdraws(folder: Path) -> None:
     with Store(folder) as store:
         pseudonym = enrol_with_consent(store)
         run_participant(store, pseudonym, trials=2)
@@ -238,7 +238,7 @@ def test_who_declines_withdraws_and_keeps_or_deletes_their_data(folder: Path) ->
     assert about_consent(folder) == []
 
 
-def test_nobody_must_reconsent_without_another_version(store: Store) -> None:
+def test_no_reconsent_without_a_new_version(store: Store) -> None:
     enrolled, allocated = enrol(store, "man"), enrol_with_consent(store)
     for pseudonym in (enrolled, allocated):
         with pytest.raises(StudyError, match="needs no re-consent"):
@@ -247,7 +247,7 @@ def test_nobody_must_reconsent_without_another_version(store: Store) -> None:
         record_consent(store, allocated)
 
 
-def test_who_consented_and_has_no_order_yet_must_reconsent_first(folder: Path) -> None:
+def test_consented_participant_must_reconsent_before_allocation(folder: Path) -> None:
     with Store(folder) as store:
         pseudonym = enrol(store, "woman")
         record_consent(store, pseudonym)
@@ -259,7 +259,7 @@ def test_who_consented_and_has_no_order_yet_must_reconsent_first(folder: Path) -
         assert record_inclusion(store, pseudonym, eligible_answers(store))
 
 
-def test_the_command_asks_again(folder: Path) -> None:
+def test_command_requests_reconsent(folder: Path) -> None:
     with Store(folder) as store:
         agreeing, declining = (
             enrol_with_consent(store, simulated=False),
@@ -278,7 +278,7 @@ def test_the_command_asks_again(folder: Path) -> None:
         assert [person.state for person in store.participants()] == ["allocated", "withdrawn"]
 
 
-def test_the_command_shows_the_participants_language(tmp_path: Path) -> None:
+def test_command_shows_text_in_the_language_of_the_participant(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
     with Store(folder) as store:
         german = enrol(store, "man", language="de")
@@ -288,7 +288,7 @@ def test_the_command_shows_the_participants_language(tmp_path: Path) -> None:
     assert all(texts.translate(question.text) in asked.stdout for question in design.inclusion)
 
 
-def test_a_dry_run_goes_on_under_another_version(folder: Path) -> None:
+def test_dry_run_continues_with_a_new_version(folder: Path) -> None:
     with Store(folder) as store:
         pseudonym = simulated_participant(store, 0, DryRun(1))
     raise_version(folder)
@@ -301,7 +301,7 @@ def test_a_dry_run_goes_on_under_another_version(folder: Path) -> None:
 # Where consents go -------------------------------------------------------------------------------------------
 
 
-def test_exports_hold_every_decision_and_every_text(folder: Path, tmp_path: Path) -> None:
+def test_exports_contain_all_decisions_and_texts(folder: Path, tmp_path: Path) -> None:
     with Store(folder) as store:
         again, declining = enrol_with_consent(store), enrol_with_consent(store)
     raise_version(folder)
@@ -337,7 +337,7 @@ def before_the_archive(store: Store) -> None:
     store.close()
 
 
-def test_consents_of_earlier_versions_are_named_and_no_error(folder: Path) -> None:
+def test_consents_of_earlier_versions_are_notes(folder: Path) -> None:
     store = Store(folder)
     pseudonym = enrol_with_consent(store)
     given = store.consents(pseudonym)
@@ -352,7 +352,7 @@ def test_consents_of_earlier_versions_are_named_and_no_error(folder: Path) -> No
     assert pseudonym in wrong_about_consent(folder)[0]
 
 
-def test_an_earlier_consent_to_another_text_is_an_error_though_no_text_is_archived(folder: Path) -> None:
+def test_unarchived_consent_to_a_different_text_is_an_error(folder: Path) -> None:
     store = Store(folder)
     pseudonym = enrol_with_consent(store)
     before_the_archive(store)
@@ -363,7 +363,7 @@ def test_an_earlier_consent_to_another_text_is_an_error_though_no_text_is_archiv
         record_consent(store, enrol(store, "man"))
 
 
-def test_recordings_store_the_consent(folder: Path) -> None:
+def test_recordings_contain_the_consent(folder: Path) -> None:
     with Store(folder) as store:
         pseudonym = enrol_with_consent(store)
     raise_version(folder)
@@ -380,7 +380,7 @@ def test_recordings_store_the_consent(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("recorded", [True, False])
-def test_a_rebuilt_study_has_the_consents_that_recordings_store(folder: Path, recorded: bool) -> None:
+def test_rebuild_restores_consents_from_recordings(folder: Path, recorded: bool) -> None:
     with Store(folder) as store:
         pseudonym = enrol_with_consent(store)
         before = store.consents(pseudonym)
@@ -406,7 +406,7 @@ def test_a_rebuilt_study_has_the_consents_that_recordings_store(folder: Path, re
     assert wrong_about_consent(folder) == []
 
 
-def test_merged_studies_hold_the_consents_of_their_sites(tmp_path: Path) -> None:
+def test_merged_study_contains_consents_of_sites(tmp_path: Path) -> None:
     folders = [
         make_study(tmp_path / site, tasks='["Feeding"]', site=f'"{site}"') for site in ("here", "there")
     ]
@@ -422,7 +422,7 @@ def test_merged_studies_hold_the_consents_of_their_sites(tmp_path: Path) -> None
         assert [each for each in check_study(merged) if each.where == "consent"] == []
 
 
-def test_different_texts_of_one_site_under_one_version_are_an_error(tmp_path: Path) -> None:
+def test_different_texts_of_one_site_are_an_error(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "here", tasks='["Feeding"]', site='"here"')
     other = make_study(tmp_path / "there", tasks='["Feeding"]', site='"there"')
     with Store(other) as store:
@@ -446,7 +446,7 @@ def test_different_texts_of_one_site_under_one_version_are_an_error(tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_the_dashboard_asks_again(folder: Path, tmp_path: Path) -> None:
+def test_dashboard_requests_reconsent(folder: Path, tmp_path: Path) -> None:
     with Store(folder) as store:
         agreeing, declining = (
             enrol_with_consent(store, simulated=False),

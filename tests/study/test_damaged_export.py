@@ -78,9 +78,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
 
 @pytest.mark.parametrize("damage", DAMAGES)
 @pytest.mark.parametrize("data_format", FORMATS)
-def test_a_damaged_recording_is_named_and_nothing_is_exported(
-    folder: Path, data_format: str, damage: str
-) -> None:
+def test_damaged_recording_prevents_an_export(folder: Path, data_format: str, damage: str) -> None:
     break_it, words = DAMAGES[damage]
     break_it(folder / RECORDING)
     before = sorted(folder.parent.iterdir())
@@ -92,7 +90,7 @@ def test_a_damaged_recording_is_named_and_nothing_is_exported(
 
 
 @pytest.mark.parametrize("data_format", FORMATS)
-def test_every_damaged_recording_is_named(folder: Path, data_format: str) -> None:
+def test_all_damaged_recordings_are_listed(folder: Path, data_format: str) -> None:
     broken = sorted(folder.rglob("*.mcap"))[::3]
     for path in broken:
         cut(path)
@@ -101,7 +99,7 @@ def test_every_damaged_recording_is_named(folder: Path, data_format: str) -> Non
 
 
 @pytest.mark.parametrize("data_format", FORMATS)
-def test_damaged_recordings_can_be_left_out_and_are_listed(folder: Path, data_format: str) -> None:
+def test_damaged_recordings_can_be_skipped(folder: Path, data_format: str) -> None:
     cut(folder / RECORDING)
     result = export(folder, data_format, "--skip-damaged")
     assert result.exit_code == 0
@@ -115,7 +113,7 @@ def test_damaged_recordings_can_be_left_out_and_are_listed(folder: Path, data_fo
 
 
 @pytest.mark.parametrize("data_format", FORMATS)
-def test_a_sound_study_lists_nothing(folder: Path, data_format: str) -> None:
+def test_undamaged_study_lists_no_problems(folder: Path, data_format: str) -> None:
     assert export(folder, data_format, "--skip-damaged").exit_code == 0
     out = folder.parent / "out"
     assert not (out / LEFT_OUT).exists()
@@ -146,16 +144,14 @@ def exported_trials(out: Path, data_format: str) -> int:
 
 
 @pytest.mark.parametrize("data_format", FORMATS)
-def test_a_study_of_which_nothing_is_whole_exports_only_what_is_stored(
-    folder: Path, data_format: str
-) -> None:
+def test_export_without_readable_recordings(folder: Path, data_format: str) -> None:
     for path in folder.rglob("*.mcap"):
         path.unlink()
     assert export(folder, data_format, "--skip-damaged").exit_code == 0
     assert len(rows(folder.parent / "out" / LEFT_OUT)) == 2 * TRIALS
 
 
-def test_a_recording_of_another_station_is_said_to_be_there(folder: Path) -> None:
+def test_recording_of_another_station_is_reported(folder: Path) -> None:
     (folder / RECORDING).unlink()
     with Store(folder) as store:
         store.station = "another"
@@ -163,7 +159,7 @@ def test_a_recording_of_another_station_is_said_to_be_there(folder: Path) -> Non
             export_study(store, "csv", folder.parent / "out")
 
 
-def test_a_completed_trial_without_a_checksum_or_with_an_incomplete_recording_is_refused(
+def test_completed_trial_needs_checksum_and_complete_recording(
     folder: Path,
 ) -> None:
     with Store(folder) as store:
@@ -173,5 +169,5 @@ def test_a_completed_trial_without_a_checksum_or_with_an_incomplete_recording_is
     assert len(left_out) == 2 * TRIALS
 
 
-def test_damage_anywhere_is_noticed(folder: Path) -> None:
+def test_damage_at_any_byte_is_found(folder: Path) -> None:
     assert count_undetected(folder, 200) == 0

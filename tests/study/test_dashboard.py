@@ -117,7 +117,7 @@ def test_all_routes_are_tested(store: Store) -> None:
 
 
 @pytest.mark.parametrize(("method", "path"), ROUTES)
-def test_only_the_experimenter_comes_in(server: LiveServer, store: Store, method: str, path: str) -> None:
+def test_only_the_experimenter_has_access(server: LiveServer, store: Store, method: str, path: str) -> None:
     """No token, a wrong one, another role's, other origins and hosts: refused, and nothing is stored."""
     before = store.events(), store.participants(), store.log()
     path = path.format(pseudonym="sub-001")
@@ -135,7 +135,7 @@ def test_only_the_experimenter_comes_in(server: LiveServer, store: Store, method
     assert (store.events(), store.participants(), store.log()) == before
 
 
-def test_the_page_reaches_and_loads_nothing_but_this_server(server: LiveServer) -> None:
+def test_page_loads_only_from_this_server(server: LiveServer) -> None:
     page = CLIENT.get(f"http://127.0.0.1:{server.port}/dashboard")
     policy = page.headers["content-security-policy"]
     assert policy.startswith("default-src 'none'; script-src 'self'; style-src 'self';")
@@ -162,7 +162,7 @@ def test_the_page_reaches_and_loads_nothing_but_this_server(server: LiveServer) 
         ("/participants/sub-1/notes", {"text": "x"}, 409, "not a pseudonym"),
     ],
 )
-def test_what_cannot_be_is_refused_and_changes_nothing(
+def test_invalid_requests_change_nothing(
     server: LiveServer, store: Store, path: str, body: Any, status: int, words: str
 ) -> None:
     before = store.events(), store.participants()
@@ -170,7 +170,7 @@ def test_what_cannot_be_is_refused_and_changes_nothing(
     assert (store.events(), store.participants()) == before
 
 
-def test_only_json_is_understood(server: LiveServer) -> None:
+def test_only_json_is_accepted(server: LiveServer) -> None:
     """No form of another page can make a request that does something."""
     url = f"http://127.0.0.1:{server.port}/study/participants"
     own = {"authorization": f"Bearer {server.tokens.experimenter}"}
@@ -182,7 +182,7 @@ def test_only_json_is_understood(server: LiveServer) -> None:
 # The way of a participant ------------------------------------------------------------------------------------
 
 
-def test_a_participant_is_led_from_enrolment_to_withdrawal(server: LiveServer, store: Store) -> None:
+def test_participant_from_enrolment_to_withdrawal(server: LiveServer, store: Store) -> None:
     pseudonym = post(server, "/participants", {"sex": "woman", "age_years": 30}, 200)["participant"]
     path = f"/participants/{pseudonym}"
     assert (
@@ -203,7 +203,7 @@ def test_a_participant_is_led_from_enrolment_to_withdrawal(server: LiveServer, s
     assert "final" in post(server, f"{path}/withdrawal", {"reason": ""}, 409)["detail"]
 
 
-def test_names_go_encrypted_into_the_identity_file_and_nowhere_else(
+def test_names_are_only_in_the_encrypted_identity_file(
     server: LiveServer, store: Store, capfd: pytest.CaptureFixture[str]
 ) -> None:
     name, contact, later = "Zora Unmistakable", "zora@example.org", "Zora Corrected"
@@ -230,7 +230,7 @@ def test_names_go_encrypted_into_the_identity_file_and_nowhere_else(
 # Results and blinding ----------------------------------------------------------------------------------------
 
 
-def test_results_are_means_over_completed_trials_by_condition(tmp_path: Path) -> None:
+def test_results_are_means_of_completed_trials_by_condition(tmp_path: Path) -> None:
     with Store(make_study(tmp_path, tasks='["Feeding"]', blind_experimenter="true")) as store:
         assert summarise_results(store) == ()
         run_participant(store, enrol_with_consent(store))
@@ -249,7 +249,7 @@ def test_results_are_means_over_completed_trials_by_condition(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("blind", [False, True])
-def test_the_condition_is_hidden_from_a_blind_experimenter(tmp_path: Path, blind: bool) -> None:
+def test_blinded_experimenter_sees_no_condition(tmp_path: Path, blind: bool) -> None:
     folder = make_study(tmp_path, tasks='["Feeding"]', blind_experimenter=json.dumps(blind))
     with Store(folder) as store:
         pseudonym = enrol_with_consent(store)
@@ -292,7 +292,7 @@ def page(server: LiveServer) -> Iterator[Page]:
 
 
 @pytest.mark.slow
-def test_a_participant_is_taken_in_by_keyboard_alone(server: LiveServer, store: Store, page: Page) -> None:
+def test_enrolment_by_keyboard(server: LiveServer, store: Store, page: Page) -> None:
     """Enrol, consent, include, note: the table shows it, texts stay texts, and nothing overflows a narrow page."""
     expect.set_options(timeout=1000 * PATIENCE_S)
     expect(page.locator("#server")).to_contain_text("Connected")
@@ -336,7 +336,9 @@ def press(page: Page, summary: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_page_asks_to_confirm_a_possible_double(server: LiveServer, store: Store, page: Page) -> None:
+def test_page_requests_confirmation_of_a_possible_duplicate(
+    server: LiveServer, store: Store, page: Page
+) -> None:
     """Refused with the code alone; the box appears, and once it is chosen the other person is enrolled."""
     expect.set_options(timeout=1000 * PATIENCE_S)
     expect(page.locator("#server")).to_contain_text("Connected")

@@ -17,7 +17,7 @@ def written(folder: Path) -> dict[str, str]:
         return {path.name: path.read_text() for path in write_data_protection(store)}
 
 
-def test_each_article_has_its_place_and_the_design_fills_in_what_it_knows(tmp_path: Path) -> None:
+def test_drafts_contain_each_article_and_facts_of_the_design(tmp_path: Path) -> None:
     drafts = written(small_study(tmp_path / "study"))
     assessment, record = drafts["impact-assessment.md"], drafts["record-of-processing.md"]
     for letter in "abcd":
@@ -45,7 +45,7 @@ def test_drafts_follow_the_design(tmp_path: Path) -> None:
         assert "Signals of other devices: heart." in draft
 
 
-def test_what_somebody_has_filled_in_stays(tmp_path: Path) -> None:
+def test_edited_drafts_are_not_overwritten(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
     command = ["study", "data-protection", str(folder)]
     assert CliRunner().invoke(app, command).exit_code == 0

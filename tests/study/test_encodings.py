@@ -63,14 +63,14 @@ def read_outcome(path: Path) -> str:
 
 
 @pytest.mark.parametrize("kind", READERS)
-def test_a_byte_order_mark_changes_nothing_of_what_a_file_says(tmp_path: Path, kind: str) -> None:
+def test_byte_order_mark_does_not_change_contents(tmp_path: Path, kind: str) -> None:
     text, read = READERS[kind]
     path = own(tmp_path, "texts/de.toml", text)
     before = read(path)
     assert read(mark(path)) == before
 
 
-def test_a_study_saved_with_windows_notepad_opens_and_is_sound(tmp_path: Path) -> None:
+def test_study_saved_with_windows_notepad_is_valid(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
     before = read_design(folder / "study.toml")
     assert read_design(mark(folder / "study.toml")) == before
@@ -79,7 +79,7 @@ def test_a_study_saved_with_windows_notepad_opens_and_is_sound(tmp_path: Path) -
         assert [each.message for each in check_study(store) if each.is_error] == []
 
 
-def test_other_encodings_are_refused_with_what_to_do(tmp_path: Path) -> None:
+def test_other_encodings_are_rejected_with_advice(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
     path = folder / "study.toml"
     path.write_text(path.read_text(), encoding="utf-16")
@@ -87,7 +87,7 @@ def test_other_encodings_are_refused_with_what_to_do(tmp_path: Path) -> None:
         read_design(path)
 
 
-def test_a_frozen_plan_is_the_same_with_and_without_a_mark(tmp_path: Path) -> None:
+def test_byte_order_mark_does_not_change_a_frozen_plan(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
     for _ in range(2):  # the first writes a plan to fill in
         assert CliRunner().invoke(app, ["study", "freeze", str(folder)]).exit_code == 0
@@ -116,9 +116,7 @@ def write_analysis_table(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("write", [write_table, write_analysis_table])
-def test_tables_are_read_alike_by_pandas_python_and_whoever_heeds_the_mark(
-    tmp_path: Path, write: Callable[[Path], Path]
-) -> None:
+def test_pandas_and_python_read_the_same_tables(tmp_path: Path, write: Callable[[Path], Path]) -> None:
     path = write(tmp_path)
     assert path.read_bytes().startswith(codecs.BOM_UTF8), "Excel takes it for another encoding"
     engines: tuple[Any, ...] = ("c", "python")
@@ -132,7 +130,7 @@ def test_tables_are_read_alike_by_pandas_python_and_whoever_heeds_the_mark(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("data_format", ["csv", "bids"])
-def test_only_tables_for_people_have_a_mark(tmp_path: Path, data_format: str) -> None:
+def test_only_csv_files_have_a_byte_order_mark(tmp_path: Path, data_format: str) -> None:
     """Of an export or analysis every CSV file has one; TSV, JSON and text files have none."""
     with Store(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
         run_participant(store, enrol_with_consent(store), trials=2)

@@ -7,7 +7,7 @@ from helpers.studies.faulty_study import INTERRUPTIONS, Expected, Fault, FaultyS
 from helpers.studies.small_studies import make_study
 
 
-def test_the_right_attempts_count(tmp_path: Path) -> None:
+def test_expected_attempts_count(tmp_path: Path) -> None:
     protocol = {"free_movement_s": "0.4", "trial_steps": "10", "practice_policy": '""'}
     with Store(make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]', **protocol)) as store:
         study = FaultyStudy(store, seed=3)
@@ -16,7 +16,7 @@ def test_the_right_attempts_count(tmp_path: Path) -> None:
         assert study.faults() == []
 
 
-def test_the_oracle_knows_each_fault() -> None:
+def test_expected_result_covers_each_fault() -> None:
     def counts(kind: str, where: str, lasts_s: float, part: str = "head") -> bool | None:
         return Expected(Fault(kind, where, 0.0, lasts_s, part), ("head",), 1.0, where, 9.0).counts
 

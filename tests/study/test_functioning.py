@@ -48,12 +48,12 @@ def read(path: Path) -> list[dict[str, str]]:
 
 
 @pytest.mark.parametrize("language", included_languages())
-def test_every_language_has_every_sentence(language: str) -> None:
+def test_all_languages_have_all_sentences(language: str) -> None:
     texts = read_texts(language)
     assert language == "en" or texts.untranslated(list(sentences())) == []
 
 
-def test_every_question_may_be_declined(store: Store) -> None:
+def test_all_questions_can_be_declined(store: Store) -> None:
     record_functioning(store, "sub-001", Functioning(dict.fromkeys(QUESTIONS, DECLINED), (DECLINED,)))
     said = store.participant("sub-001").functioning
     assert said == {"levels": dict.fromkeys(QUESTIONS, DECLINED), "devices": [DECLINED], "diagnosis": ""}
@@ -73,14 +73,14 @@ def test_every_question_may_be_declined(store: Store) -> None:
         ({"diagnosis": "x" * 201}, "the diagnosis is 201 characters long"),
     ],
 )
-def test_what_is_no_answer_is_refused(store: Store, changes: dict[str, Any], words: str) -> None:
+def test_invalid_answers_are_rejected(store: Store, changes: dict[str, Any], words: str) -> None:
     before = store.participant("sub-001")
     with pytest.raises(StudyError, match=words):
         record_functioning(store, "sub-001", changed(**changes))
     assert store.participant("sub-001") == before
 
 
-def test_nobody_is_asked_before_consent_or_without_the_design(store: Store, tmp_path: Path) -> None:
+def test_answers_require_consent_and_the_design(store: Store, tmp_path: Path) -> None:
     with pytest.raises(StudyError, match="record the consent first"):
         record_functioning(store, enrol(store, "man"), ANSWERS)
     with pytest.raises(StudyError, match="is simulated; allowed: people"):
@@ -107,13 +107,11 @@ def test_nobody_is_asked_before_consent_or_without_the_design(store: Store, tmp_
         ([0, 0], [0, 0]),
     ],
 )
-def test_neither_small_groups_nor_what_they_follow_from_are_shown(
-    counts: list[int], shown: list[int | None]
-) -> None:
+def test_small_groups_are_suppressed(counts: list[int], shown: list[int | None]) -> None:
     assert suppress(counts) == shown
 
 
-def test_no_hidden_group_of_fewer_follows_from_the_total() -> None:
+def test_suppressed_groups_cannot_be_computed_from_the_total() -> None:
     for a in range(12):
         for b in range(12):
             for c in range(12):
@@ -123,9 +121,7 @@ def test_no_hidden_group_of_fewer_follows_from_the_total() -> None:
                 assert not hidden or sum(hidden) >= LEAST or all(seen is None for seen in shown)
 
 
-def test_an_export_contains_counts_and_what_persons_answered_only_on_request(
-    store: Store, tmp_path: Path
-) -> None:
+def test_export_contains_individual_answers_only_on_request(store: Store, tmp_path: Path) -> None:
     rows = {(row.question, row.answer): row.people for row in functioning_counts(store)}
     assert rows["seeing", "none"] == "7"
     assert rows["walking", "some"] == rows["walking", "none"] == "suppressed"
@@ -143,7 +139,7 @@ def test_an_export_contains_counts_and_what_persons_answered_only_on_request(
     assert {each.name for each in fields(Extras)} == {"free_text", "health"}
 
 
-def test_the_command_asks_in_the_participant_s_language(tmp_path: Path) -> None:
+def test_command_uses_the_language_of_the_participant(tmp_path: Path) -> None:
     folder = make_study(
         tmp_path / "study", tasks='["Feeding"]', ask_functioning="true", languages='["en", "de"]'
     )

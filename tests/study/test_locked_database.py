@@ -81,7 +81,7 @@ def states(visit: StudyVisit) -> list[str]:
     return [attempt.state for attempt in visit.store.attempts(visit.pseudonym)]
 
 
-def test_a_stop_holds_the_robot_while_the_database_is_locked(visit: StudyVisit, locked: Lock) -> None:
+def test_stop_works_while_the_database_is_locked(visit: StudyVisit, locked: Lock) -> None:
     attended = attend(visit)
     attended.calibrate()
     await_phase(attended, "trial")
@@ -95,7 +95,7 @@ def test_a_stop_holds_the_robot_while_the_database_is_locked(visit: StudyVisit, 
     assert states(visit) == ["stopped"]
 
 
-def test_no_trial_follows_before_the_one_before_is_stored(visit: StudyVisit, locked: Lock) -> None:
+def test_next_trial_waits_until_the_last_is_stored(visit: StudyVisit, locked: Lock) -> None:
     attended = attend(visit)
     attended.calibrate()
     await_phase(attended, "trial")
@@ -111,7 +111,7 @@ def test_no_trial_follows_before_the_one_before_is_stored(visit: StudyVisit, loc
     assert [finding.message for finding in check_study(visit.store) if finding.is_error] == []
 
 
-def test_the_robot_does_not_move_before_its_attempt_is_stored(visit: StudyVisit, locked: Lock) -> None:
+def test_robot_waits_until_its_attempt_is_stored(visit: StudyVisit, locked: Lock) -> None:
     attended = attend(visit)
     attended.calibrate()
     await_phase(attended, "check")
@@ -125,9 +125,7 @@ def test_the_robot_does_not_move_before_its_attempt_is_stored(visit: StudyVisit,
     assert states(visit) == ["interrupted"]
 
 
-def test_an_end_that_cannot_be_stored_is_said_and_the_next_session_ends_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_next_session_stores_an_unstored_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The loop's end waits no longer than its patience."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     monkeypatch.setattr("avrgym.study.sessions.visit.STORE_TIMEOUT_S", 0.5)

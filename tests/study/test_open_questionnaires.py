@@ -72,7 +72,7 @@ def words(store: Store) -> list[str]:
     return [finding.message for finding in check_study(store) if "policy" not in finding.where]
 
 
-def test_it_is_answered_the_next_day(left: Callable[[], tuple[Store, str]]) -> None:
+def test_open_questionnaire_is_answered_the_next_day(left: Callable[[], tuple[Store, str]]) -> None:
     store, pseudonym = left()
     (attempt,) = store.attempts(pseudonym)
     assert attempt.state == "completed"
@@ -102,7 +102,7 @@ def test_it_is_answered_the_next_day(left: Callable[[], tuple[Store, str]]) -> N
     assert summarise_study(store).participants[0].questionnaires_open == 0
 
 
-def test_a_lost_database_is_rebuilt_with_late_answers(left: Callable[[], tuple[Store, str]]) -> None:
+def test_rebuild_contains_late_answers(left: Callable[[], tuple[Store, str]]) -> None:
     store, pseudonym = left()
     day = ServerDay(store, pseudonym)
     day.answer(2)
@@ -124,7 +124,7 @@ def test_a_lost_database_is_rebuilt_with_late_answers(left: Callable[[], tuple[S
         assert attempts_with_open_questionnaire(again, again.attempts(pseudonym)) == []
 
 
-def test_an_open_questionnaire_is_rebuilt_open(left: Callable[[], tuple[Store, str]]) -> None:
+def test_rebuild_keeps_a_questionnaire_open(left: Callable[[], tuple[Store, str]]) -> None:
     store, pseudonym = left()
     folder = store.folder
     store.close()
@@ -135,7 +135,7 @@ def test_an_open_questionnaire_is_rebuilt_open(left: Callable[[], tuple[Store, s
         assert len(attempts_with_open_questionnaire(again, again.attempts(pseudonym))) == 1
 
 
-def test_what_the_experimenter_skips_is_missing(left: Callable[[], tuple[Store, str]]) -> None:
+def test_skipped_items_are_missing(left: Callable[[], tuple[Store, str]]) -> None:
     store, pseudonym = left()
     day = ServerDay(store, pseudonym)
     day.send(Command("skip"))
@@ -147,7 +147,7 @@ def test_what_the_experimenter_skips_is_missing(left: Callable[[], tuple[Store, 
     assert any("questionnaire was left: no answer to L3, L4" in each for each in words(store))
 
 
-def test_who_withdraws_leaves_it_unanswered(left: Callable[[], tuple[Store, str]]) -> None:
+def test_withdrawal_leaves_the_questionnaire_unanswered(left: Callable[[], tuple[Store, str]]) -> None:
     store, pseudonym = left()
     withdraw(store, pseudonym, "")
     assert [each.state for each in store.attempts(pseudonym)] == ["completed"]
@@ -155,7 +155,7 @@ def test_who_withdraws_leaves_it_unanswered(left: Callable[[], tuple[Store, str]
     assert not any(finding.is_error for finding in check_study(store) if "L3" in finding.message)
 
 
-def test_the_last_trial_waits_for_its_answers(folder: Path) -> None:
+def test_completion_waits_for_the_last_answers(folder: Path) -> None:
     """Nobody has completed the study before."""
     with Store(folder) as store:
         pseudonym = enrol_with_consent(store)
@@ -208,7 +208,7 @@ def assert_completed_with(store: Store, pseudonym: str, answers: dict[str, int])
         ("confirm", 4, 4),
     ],
 )
-def test_a_trial_counts_that_was_killed_after_its_robot_had_finished(
+def test_trial_killed_after_the_robot_finished_counts(
     killed: Callable[..., tuple[Store, str]], phase: str, answers: int, stored: int
 ) -> None:
     """Also where the program was killed before its last answer was stored in the database."""
@@ -226,7 +226,7 @@ def test_a_trial_counts_that_was_killed_after_its_robot_had_finished(
     day.end()
 
 
-def test_a_trial_is_repeated_that_was_killed_before_its_robot_had_finished(
+def test_trial_killed_before_the_robot_finished_is_repeated(
     killed: Callable[..., tuple[Store, str]],
 ) -> None:
     store, pseudonym = killed("trial")
@@ -237,7 +237,7 @@ def test_a_trial_is_repeated_that_was_killed_before_its_robot_had_finished(
     day.end()
 
 
-def test_a_database_is_rebuilt_from_a_killed_recording(killed: Callable[..., tuple[Store, str]]) -> None:
+def test_rebuild_from_a_truncated_recording(killed: Callable[..., tuple[Store, str]]) -> None:
     store, pseudonym = killed("questionnaire", 2, 1)
     folder = store.folder
     store.close()
@@ -249,7 +249,7 @@ def test_a_database_is_rebuilt_from_a_killed_recording(killed: Callable[..., tup
         assert len(attempts_with_open_questionnaire(again, again.attempts(pseudonym))) == 1
 
 
-def test_answers_agree_after_a_kill_whichever_is_behind(left: Callable[[], tuple[Store, str]]) -> None:
+def test_answers_agree_after_a_kill(left: Callable[[], tuple[Store, str]]) -> None:
     """L1 was changed twice in the recording and L2 once in the database, then the other was to follow."""
     store, pseudonym = left()
     (attempt,) = store.attempts(pseudonym)

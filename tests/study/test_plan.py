@@ -59,7 +59,7 @@ def study(*arguments: str | Path) -> Result:
 
 
 @pytest.mark.parametrize("text", DESIGNS.values(), ids=list(DESIGNS))
-def test_the_template_of_every_design_is_a_plan_that_names_every_test(text: str) -> None:
+def test_template_of_each_design_is_a_complete_plan(text: str) -> None:
     design = parse_design(text)
     offered = required_tests(design)
     plan = parse_plan(template(design, offered, suggested_hypotheses(design)), "plan.toml", design, offered)
@@ -89,9 +89,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("before", "after", "words"), BAD.values(), ids=list(BAD))
-def test_a_bad_plan_is_answered_with_its_line_and_what_is_allowed(
-    before: str, after: str, words: str
-) -> None:
+def test_error_of_an_invalid_plan_has_line_and_allowed_values(before: str, after: str, words: str) -> None:
     assert TEXT.count(before) == 1
     text = TEXT.replace(before, after)
     with pytest.raises(DesignError) as refused:
@@ -102,7 +100,7 @@ def test_a_bad_plan_is_answered_with_its_line_and_what_is_allowed(
     assert text.splitlines()[line - 1].strip() in after or after.split("=")[0] in text.splitlines()[line - 1]
 
 
-def test_a_bad_plan_is_not_frozen(tmp_path: Path) -> None:
+def test_invalid_plan_is_not_frozen(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study")
     (folder / "plan.toml").write_text(TEXT.replace("participants = 8", "participants = 9"))
     shown = study("freeze", folder)
@@ -110,7 +108,7 @@ def test_a_bad_plan_is_not_frozen(tmp_path: Path) -> None:
     assert not (folder / FROZEN).exists()
 
 
-def test_differences_are_told_value_by_value() -> None:
+def test_differences_are_listed_by_value() -> None:
     before = {"a": 1, "b": {"c": [1, 2]}, "items": [{"id": "x"}, {"id": "y"}], "gone": "?" * 200}
     after = {"a": 2, "b": {"c": [1, 3]}, "items": [{"id": "x"}, {"id": "z"}, {"id": "w"}], "new": True}
     assert list(differences(before, before)) == []
@@ -127,7 +125,7 @@ def test_differences_are_told_value_by_value() -> None:
 # Freezing
 
 
-def test_a_plan_is_written_then_frozen_once(tmp_path: Path) -> None:
+def test_plan_is_frozen_once(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
     assert "contains no plan.toml" in study("freeze", folder, "--export", "osf").stderr
     assert study("freeze", folder).exit_code == 0
@@ -148,7 +146,7 @@ def test_a_plan_is_written_then_frozen_once(tmp_path: Path) -> None:
     assert study("check", folder).stdout.count("deviates") == 0
 
 
-def test_who_has_taken_part_keeps_a_plan_from_being_frozen(tmp_path: Path) -> None:
+def test_plan_cannot_be_frozen_after_the_first_participant(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
     assert study("freeze", folder).exit_code == 0
     with Store(folder) as store:
@@ -163,7 +161,7 @@ def test_who_has_taken_part_keeps_a_plan_from_being_frozen(tmp_path: Path) -> No
     assert "frozen" not in study("status", folder).stdout
 
 
-def test_a_policy_that_is_missing_keeps_a_plan_from_being_frozen(tmp_path: Path) -> None:
+def test_plan_cannot_be_frozen_without_its_policies(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', policies='["original", "mine"]')
     study("freeze", folder)
     refused = study("freeze", folder)
@@ -171,7 +169,7 @@ def test_a_policy_that_is_missing_keeps_a_plan_from_being_frozen(tmp_path: Path)
     assert not (folder / FROZEN).exists()
 
 
-def test_the_record_is_vouched_for_by_the_database(tmp_path: Path) -> None:
+def test_database_contains_the_checksum_of_the_record(tmp_path: Path) -> None:
     folder = _frozen(small_study(tmp_path / "study"))
     record = (folder / FROZEN).read_bytes()
     (folder / FROZEN).write_bytes(record.replace(b"higher", b"lower"))
@@ -186,7 +184,7 @@ def test_the_record_is_vouched_for_by_the_database(tmp_path: Path) -> None:
     assert study("check", folder).exit_code == 0
 
 
-def test_a_record_outlives_the_database(tmp_path: Path) -> None:
+def test_record_remains_after_loss_of_the_database(tmp_path: Path) -> None:
     """A new database does not know the plan: that is wrong, and differences from it are still listed."""
     folder = _frozen(small_study(tmp_path / "study"))
     for lost in ("study.db", "study.db.sha256", "study.head"):
@@ -202,7 +200,7 @@ def test_a_record_outlives_the_database(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["osf", "aspredicted"])
-def test_registries_get_the_facts_of_the_study(tmp_path: Path, form: str) -> None:
+def test_preregistration_contains_facts_of_the_study(tmp_path: Path, form: str) -> None:
     folder = _frozen(make_study(tmp_path / "study"))
     for _ in range(2):
         assert study("freeze", folder, "--export", form).exit_code == 0
@@ -230,7 +228,7 @@ def _frozen(folder: Path) -> Path:
 # Deviations
 
 
-def test_every_deviation_is_listed(tmp_path: Path) -> None:
+def test_all_deviations_are_listed(tmp_path: Path) -> None:
     folder = make_study(
         tmp_path / "study",
         tasks='["Feeding"]',
@@ -279,7 +277,7 @@ def test_every_deviation_is_listed(tmp_path: Path) -> None:
     assert (checked.exit_code, (folder / FROZEN).read_text()) == (1, record)
 
 
-def test_other_software_is_a_deviation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_changed_software_is_a_deviation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = _frozen(small_study(tmp_path / "study"))
     with Store(folder) as store:
         frozen = read_frozen_plan(store)
@@ -290,14 +288,14 @@ def test_other_software_is_a_deviation(tmp_path: Path, monkeypatch: pytest.Monke
     assert f"software: scipy was {before}, is scipy 0" in study("status", folder).stdout
 
 
-def test_a_comment_alone_is_told_as_such(tmp_path: Path) -> None:
+def test_changed_comment_is_reported(tmp_path: Path) -> None:
     folder = _frozen(small_study(tmp_path / "study"))
     with open(folder / "study.toml", "a") as file:
         file.write("# later\n")
     assert "study.toml: was changed only in comments or layout" in study("status", folder).stdout
 
 
-def test_other_words_for_participants_are_a_deviation(tmp_path: Path) -> None:
+def test_changed_texts_for_participants_are_a_deviation(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
     german, english = folder / "texts" / "de.toml", folder / "texts" / "en.toml"
     german.parent.mkdir()

@@ -46,7 +46,7 @@ def check(folder: Path) -> tuple[int, list[str]]:
     return result.exit_code, (result.stdout + result.stderr).splitlines()
 
 
-def test_every_policy_is_loaded_in_every_environment(tmp_path: Path) -> None:
+def test_all_policies_are_loaded_in_all_environments(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "study")) as store:
         needed = policies_needed(store)
         assert len(needed) == len(set(needed)) == 4 * 2 * 2
@@ -55,7 +55,7 @@ def test_every_policy_is_loaded_in_every_environment(tmp_path: Path) -> None:
     assert (code, lines[-1]) == (0, "no errors")
 
 
-def test_own_policies_that_fit_are_fine(tmp_path: Path) -> None:
+def test_matching_custom_policies_are_accepted(tmp_path: Path) -> None:
     assert check(with_own_policies(tmp_path / "study", "FeedingPR2", "FeedingJaco"))[0] == 0
 
 
@@ -69,7 +69,7 @@ def test_own_policies_that_fit_are_fine(tmp_path: Path) -> None:
         ({"robots": '["Jako"]'}, "study.toml:15", "unknown name 'Jako'; allowed: "),
     ],
 )  # fmt: skip
-def test_what_is_missing_or_mistyped_is_an_error(
+def test_missing_policies_are_an_error(
     tmp_path: Path, changes: dict[str, str], where: str, words: str
 ) -> None:
     code, lines = check(make_study(tmp_path / "study", **({"tasks": '["Feeding"]'} | changes)))
@@ -77,13 +77,13 @@ def test_what_is_missing_or_mistyped_is_an_error(
     assert any(where in line and words in line for line in lines), lines
 
 
-def test_a_file_that_lies_where_the_program_runs_is_no_policy_of_the_study(tmp_path: Path) -> None:
+def test_files_in_the_working_directory_are_ignored(tmp_path: Path) -> None:
     shutil.copy(packaged_policies(JACO)["revised"], tmp_path / "revisd")
     code, _ = check(make_study(tmp_path / "study", tasks='["Feeding"]', policies='["revisd"]'))
     assert code == 1
 
 
-def test_check_says_what_serve_says(tmp_path: Path) -> None:
+def test_check_and_serve_report_the_same_fault(tmp_path: Path) -> None:
     """Of a policy for another task, and of a file that is damaged."""
     folder = with_own_policies(tmp_path / "study", "FeedingPR2", "ScratchItchJaco")
     for _ in range(2):
@@ -98,7 +98,7 @@ def test_check_says_what_serve_says(tmp_path: Path) -> None:
         (folder / "mine" / "FeedingJaco.safetensors").write_bytes(b"\x00" * 100)
 
 
-def test_a_policy_for_the_other_robot_is_refused_everywhere(tmp_path: Path) -> None:
+def test_policy_of_another_robot_is_rejected(tmp_path: Path) -> None:
     """Observations and actions of both robots have the same sizes; the file contains the robot of its training."""
     folder = with_own_policies(tmp_path / "feeding", "FeedingJaco", "FeedingJaco")
     words = f"trained for {JACO}, not for avrgym/FeedingPR2-v1"
@@ -120,7 +120,7 @@ def test_a_policy_for_the_other_robot_is_refused_everywhere(tmp_path: Path) -> N
     assert (allowed.exit_code, allowed.stderr) == (0, "")
 
 
-def test_damage_anywhere_in_a_policy_is_no_traceback(tmp_path: Path) -> None:
+def test_damaged_policy_files_raise_no_traceback(tmp_path: Path) -> None:
     """What is loaded runs; what is not is named."""
     folder = with_own_policies(tmp_path / "study", "FeedingPR2", "FeedingJaco")
     path = folder / "mine" / "FeedingJaco.safetensors"

@@ -96,7 +96,7 @@ def of_repeats(text: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_a_policy_that_was_repeated_until_it_succeeded_is_named_everywhere(folder: Path) -> None:
+def test_policy_repeated_until_success_is_reported(folder: Path) -> None:
     """24 extra attempts, all with one policy: in ``check``, in ``status``, and in the report with its methods."""
 
     def until_success(trial: Trial) -> Ends:
@@ -133,7 +133,7 @@ def test_a_policy_that_was_repeated_until_it_succeeded_is_named_everywhere(folde
 
 
 @pytest.mark.slow
-def test_technical_repeats_are_no_finding_however_unequal(folder: Path) -> None:
+def test_technical_repeats_are_no_finding(folder: Path) -> None:
     with Store(folder) as store:
         for _ in range(4):
             run(
@@ -147,7 +147,7 @@ def test_technical_repeats_are_no_finding_however_unequal(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_balanced_repeats_by_order_are_no_finding(folder: Path) -> None:
+def test_balanced_requested_repeats_are_no_finding(folder: Path) -> None:
     """One trial of each policy for each participant, with a robot and an outcome that change."""
     with Store(folder) as store:
         for number in range(4):
@@ -164,7 +164,7 @@ def test_balanced_repeats_by_order_are_no_finding(folder: Path) -> None:
     assert "8 attempts were replaced by repeats: experimenter 8. Ordered by: ada 8." in page
 
 
-def test_a_limit_that_is_raised_later_is_still_that_of_the_plan(folder: Path) -> None:
+def test_limit_of_the_frozen_plan_applies(folder: Path) -> None:
     with Store(folder) as store:
         run(
             store,
@@ -179,7 +179,7 @@ def test_a_limit_that_is_raised_later_is_still_that_of_the_plan(folder: Path) ->
     )
 
 
-def test_a_design_without_a_limit_has_none(tmp_path: Path) -> None:
+def test_design_without_a_limit(tmp_path: Path) -> None:
     folder = make_study(tmp_path, tasks='["Feeding"]')
     design = folder / "study.toml"
     design.write_text(design.read_text().replace("max_repeats = 1\n", ""))
@@ -193,7 +193,7 @@ def test_a_design_without_a_limit_has_none(tmp_path: Path) -> None:
         assert list(check_repeats(store)) == []
 
 
-def test_a_blind_experimenter_reads_letters(tmp_path: Path) -> None:
+def test_blinded_experimenter_sees_policy_codes(tmp_path: Path) -> None:
     folder = make_study(tmp_path, tasks='["Feeding"]', blind_experimenter="true")
     with Store(folder) as store:
         for _ in range(4):
@@ -252,7 +252,7 @@ ENDINGS: dict[str, tuple[Callable[[Store, Visit], None], str, str, str]] = {
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_a_repeat_has_its_reason_and_the_person_who_ordered_it(store: Store, ending: str) -> None:
+def test_repeat_has_reason_and_person(store: Store, ending: str) -> None:
     end, *expected = ENDINGS[ending]
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
@@ -273,7 +273,7 @@ def repeat_after(store: Store) -> list[str]:
     return [repeat.reason, repeat.cause, repeat.requested_by]
 
 
-def test_an_attempt_that_a_crash_left_open_is_a_restart(store: Store) -> None:
+def test_attempt_open_after_a_crash_is_a_restart(store: Store) -> None:
     session = open_session(store, enrol_with_consent(store))
     begin_attempt(store, session.id, store.remaining_trials("sub-001")[0].position)
     open_session(store, "sub-001", take_over=True)
@@ -284,7 +284,7 @@ def test_an_attempt_that_a_crash_left_open_is_a_restart(store: Store) -> None:
 
 
 @pytest.mark.parametrize("alpha", [0.0025, 0.005, 0.05])
-def test_the_exact_test_raises_no_more_false_alarms_than_it_states(alpha: float) -> None:
+def test_exact_test_keeps_its_level(alpha: float) -> None:
     """The probabilities of all outcomes that it rejects add up to no more than the level, for any blocks."""
     for blocks in (
         [(4, 2, 2)] * 8,
@@ -307,7 +307,7 @@ def test_the_exact_test_raises_no_more_false_alarms_than_it_states(alpha: float)
 
 
 @pytest.mark.slow
-def test_repeats_that_depend_on_nothing_raise_a_finding_in_at_most_1_percent_of_studies() -> None:
+def test_random_repeats_cause_at_most_1_percent_findings() -> None:
     """2 000 studies of 8 people and 16 trials; every tenth trial is repeated, and policies differ in success."""
     design, generator = parse_design(default_text()), np.random.default_rng(0)
     found = sum(
@@ -317,7 +317,7 @@ def test_repeats_that_depend_on_nothing_raise_a_finding_in_at_most_1_percent_of_
 
 
 @pytest.mark.slow
-def test_repeats_of_failures_alone_are_found() -> None:
+def test_repeats_after_failures_are_found() -> None:
     """Both policies alike: of finished first attempts half of those without success are repeated, none with success."""
     design, generator = parse_design(default_text()), np.random.default_rng(0)
     found = [

@@ -75,13 +75,13 @@ def test_periods_begin_at_the_end_of_the_study(ended_on: str, months: int, due_o
 
 
 @pytest.mark.parametrize("wrong", ['ended_on = "soon"', "identities_months = -1", "names_months = 3"])
-def test_what_is_no_period_is_refused_with_its_line(folder: Path, wrong: str) -> None:
+def test_error_of_an_invalid_period_has_its_line(folder: Path, wrong: str) -> None:
     state(folder, wrong + "\n")
     with pytest.raises(DesignError, match=r"study.toml:\d+: .*(allowed|Expected)"):
         read_design(folder / "study.toml")
 
 
-def test_a_design_without_periods_keeps_everything(folder: Path) -> None:
+def test_design_without_periods_has_nothing_due(folder: Path) -> None:
     assert parse_design((folder / "study.toml").read_text()).retention == Retention()
     with Store(folder) as store:
         assert schedule(store) == []
@@ -89,7 +89,7 @@ def test_a_design_without_periods_keeps_everything(folder: Path) -> None:
         assert list(delete_due(store, date(9999, 1, 1))) == []
 
 
-def test_each_kind_of_data_is_due_on_its_day_and_not_before(store: Store) -> None:
+def test_each_kind_of_data_has_its_due_date(store: Store) -> None:
     def kinds(day: date) -> list[tuple[str, tuple[str, ...]]]:
         return [(each.kind, each.participants) for each in due(store, day)]
 
@@ -100,7 +100,7 @@ def test_each_kind_of_data_is_due_on_its_day_and_not_before(store: Store) -> Non
     assert kinds(date(2136, 6, 30))[-1] == ("data", both)
 
 
-def test_names_go_and_the_rest_stays(store: Store) -> None:
+def test_due_names_are_deleted(store: Store) -> None:
     before = files(store.folder / "recordings")
     assert list(delete_due(store, date(2127, 1, 1))) == [("identities", "sub-001")]
     assert identity_file.read_identities(store.folder) == {}
@@ -109,7 +109,7 @@ def test_names_go_and_the_rest_stays(store: Store) -> None:
     assert list(delete_due(store, date(2127, 1, 1))) == []
 
 
-def test_recordings_go_and_the_check_knows_why(store: Store) -> None:
+def test_due_recordings_are_deleted(store: Store) -> None:
     assert len(list(delete_due(store, date(2128, 7, 1)))) == 3
     assert {path.name for path in (store.folder / "recordings").iterdir()} == {"sub-003"}
     found = [each for each in check_study(store) if each.where.startswith("recordings/")]
@@ -119,19 +119,19 @@ def test_recordings_go_and_the_check_knows_why(store: Store) -> None:
     assert list(delete_due(store, date(2128, 7, 1))) == []
 
 
-def test_a_recording_that_somebody_else_deleted_is_still_missing(store: Store) -> None:
+def test_recording_deleted_by_hand_is_missing(store: Store) -> None:
     path = store.folder / store.attempts("sub-001")[0].recording
     path.unlink()
     assert "is missing" in {each.message for each in check_study(store) if each.is_error}
 
 
-def test_all_data_go_as_in_a_deletion_and_simulated_participants_stay(store: Store) -> None:
+def test_due_data_of_people_are_deleted(store: Store) -> None:
     list(delete_due(store, date(2136, 7, 1)))
     assert [each.number for each in store.tombstones()] == [1, 2]
     assert [each.pseudonym for each in store.participants()] == ["sub-003"]
 
 
-def test_who_cannot_be_deleted_is_named_and_the_others_go(store: Store) -> None:
+def test_failed_deletion_does_not_stop_others(store: Store) -> None:
     session = open_session(store, "sub-001")
     with pytest.raises(StudyError, match="ses-02 of sub-001 is open"):
         list(delete_due(store, date(2136, 7, 1)))
@@ -141,7 +141,7 @@ def test_who_cannot_be_deleted_is_named_and_the_others_go(store: Store) -> None:
     assert [each.number for each in store.tombstones()] == [1, 2]
 
 
-def test_nothing_is_deleted_where_sessions_took_place_after_the_end(folder: Path) -> None:
+def test_sessions_after_the_end_prevent_deletion(folder: Path) -> None:
     state(folder, 'ended_on = "2020-01-01"\nidentities_months = 0\nrecordings_years = 0\n')
     before = files(folder)
     with Store(folder) as store, pytest.raises(StudyError, match="nothing was deleted; correct ended_on"):
@@ -150,7 +150,7 @@ def test_nothing_is_deleted_where_sessions_took_place_after_the_end(folder: Path
     assert files(folder) == before
 
 
-def test_only_the_command_deletes(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_the_command_deletes_due_data(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(retention, "today", lambda: date(2127, 1, 1))
     for module in ("avrgym.study.checking.checks", "avrgym.study.dashboard.views"):
         monkeypatch.setattr(f"{module}.today", lambda: date(2127, 1, 1))

@@ -45,7 +45,7 @@ def farewell(client: ClientConnection) -> tuple[int | None, str | None]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", SIGNALS)
-def test_a_server_says_goodbye_and_ends(tmp_path: Path, number: signal.Signals) -> None:
+def test_server_closes_connections_and_ends(tmp_path: Path, number: signal.Signals) -> None:
     folder = make_study(tmp_path)
     with Store(folder) as store:
         pseudonym = enrol_with_consent(store)
@@ -57,7 +57,7 @@ def test_a_server_says_goodbye_and_ends(tmp_path: Path, number: signal.Signals) 
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-def test_a_command_that_is_broken_off_says_so_in_its_exit_code(number: signal.Signals) -> None:
+def test_interrupted_command_has_its_exit_code(number: signal.Signals) -> None:
     command = [AVRGYM, "evaluate", "avrgym/FeedingJaco-v1", "--episodes", "100000"]
     with subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, preexec_fn=kill_with_parent
@@ -71,7 +71,7 @@ def test_a_command_that_is_broken_off_says_so_in_its_exit_code(number: signal.Si
 
 
 @pytest.mark.slow
-def test_simulated_participants_end_with_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_end_with_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A terminal sends Ctrl+C to all of them."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     command = [AVRGYM, "study", "simulate", make_study(tmp_path), "--participants", "2"]
@@ -92,9 +92,7 @@ def test_simulated_participants_end_with_the_command(tmp_path: Path, monkeypatch
 
 
 @pytest.mark.slow
-def test_a_session_whose_end_cannot_be_stored_is_told_and_exit_code_1(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unstored_end_of_a_session_has_exit_code_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     with Store(make_study(tmp_path, tasks='["Feeding"]')) as store:
         pseudonym = enrol_with_consent(store)

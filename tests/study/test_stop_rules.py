@@ -74,15 +74,13 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
         ('then = "pause"', 'then = "pause"\nof = 3', 4, "unknown name 'of'; allowed: item, at_least, then"),
     ],
 )
-def test_rules_that_cannot_be_followed_are_named_with_their_line(
-    old: str, new: str, line: int, words: str
-) -> None:
+def test_error_of_an_invalid_rule_has_its_line(old: str, new: str, line: int, words: str) -> None:
     text = default_text() + TABLES.replace(old, new, 1)
     with pytest.raises(DesignError, match=rf"study\.toml:{FIRST_RULE + line}: {re.escape(words)}"):
         parse_design(text)
 
 
-def test_the_strongest_rule_that_is_met_says_what_happens() -> None:
+def test_strongest_met_rule_applies() -> None:
     rules = parse_design(default_text() + TABLES).rules
     then = [rules.decide("nausea", value) for value in (1, 2, 3, 4)]
     assert then[:3] == [None, None, StopDecision("pause", WHY)]
@@ -91,7 +89,7 @@ def test_the_strongest_rule_that_is_met_says_what_happens() -> None:
     assert rules.decide("L1", 7) is None
 
 
-def test_rules_count_answers_as_their_instrument_does() -> None:
+def test_rules_use_the_scale_of_the_instrument() -> None:
     used = '\n[[questionnaires]]\nuse = "ssq"\nwhen = "after_trial"\n'
     rule = '\n[[stop_rules]]\nitem = "ssq_nausea"\nat_least = 2\nthen = "pause"\n'
     rules = parse_design(default_text() + used + rule).rules
@@ -121,7 +119,7 @@ def told(attended: Visit) -> list[str]:
     return [each.message for each in attended.received(Problem) if each.role == "experimenter"]
 
 
-def test_symptoms_rise_the_session_pauses_and_the_experimenter_sees_why(store: Store) -> None:
+def test_symptoms_pause_the_session(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
@@ -148,7 +146,7 @@ def test_symptoms_rise_the_session_pauses_and_the_experimenter_sees_why(store: S
     assert not [finding for finding in check_study(store) if finding.is_error]
 
 
-def test_stronger_symptoms_end_the_session_and_the_trial_counts(store: Store) -> None:
+def test_stronger_symptoms_end_the_session(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
@@ -165,7 +163,7 @@ def test_stronger_symptoms_end_the_session_and_the_trial_counts(store: Store) ->
 
 
 @pytest.mark.parametrize(("nausea", "runs"), [(2, True), (3, True), (4, False)])
-def test_who_is_sick_already_begins_paused_or_not_at_all(store: Store, nausea: int, runs: bool) -> None:
+def test_symptoms_before_the_session_pause_or_end_it(store: Store, nausea: int, runs: bool) -> None:
     pseudonym, heard = enrol_with_consent(store), list[Sent]()
     sessions = StudySessions(store, heard.append, first=pseudonym)
     sessions.receive(Answer(item="nausea", value=nausea, response_time_s=1.0), 0.0)

@@ -13,13 +13,13 @@ from helpers.studies.small_studies import make_study
 DEFAULT = "[streams]\nsend = false\nreceive = {}\n"
 
 
-def test_a_study_exchanges_nothing_unless_it_says_so(tmp_path: Path) -> None:
+def test_studies_exchange_no_streams_by_default(tmp_path: Path) -> None:
     with Store(make_study(tmp_path)) as store:
         assert store.design.streams == StreamChoice()
     assert parse_design(default_text().replace(DEFAULT, "")).streams == StreamChoice()
 
 
-def test_the_page_s_example_is_valid() -> None:
+def test_documented_example_is_valid() -> None:
     (added,) = (text for language, text in blocks(DOCS / "how_to" / "other_devices.md") if language == "toml")
     streams = parse_design(default_text().replace(DEFAULT, added)).streams
     assert streams.send
@@ -36,7 +36,7 @@ def test_the_page_s_example_is_valid() -> None:
     ],
     ids=["no query", "more than a query", "name", "field"],
 )
-def test_a_wrong_choice_is_told_with_its_line_and_what_is_allowed(line: str, words: str) -> None:
+def test_error_of_an_invalid_stream_has_its_line(line: str, words: str) -> None:
     text = default_text().replace("receive = {}", line)
     number = next(n for n, each in enumerate(text.splitlines(), start=1) if each == line)
     with pytest.raises(DesignError) as refused:
@@ -45,7 +45,7 @@ def test_a_wrong_choice_is_told_with_its_line_and_what_is_allowed(line: str, wor
     assert words in str(refused.value)
 
 
-def test_options_choose_the_same() -> None:
+def test_options_select_the_same_streams() -> None:
     assert stream_choice(True, ["heart=type='ECG'"]) == StreamChoice(True, {"heart": "type='ECG'"})
     with pytest.raises(ValueError, match="--receive heart: '' is no query for a stream; allowed: name="):
         stream_choice(False, ["heart"])

@@ -40,21 +40,21 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
         yield opened
 
 
-def test_check_names_the_jump_and_nothing_is_wrong(store: Store) -> None:
+def test_clock_jump_is_a_note(store: Store) -> None:
     found = [each for each in check_study(store) if "clock" in each.message]
     assert len(found) == 2
     assert not any(each.is_error for each in found)
     assert "the clock of the stream heart jumped: -1.000 s at 0.2 s" in found[0].message
 
 
-def test_the_analysis_counts_a_reset_and_no_gap(store: Store) -> None:
+def test_analysis_counts_a_reset_and_no_gap(store: Store) -> None:
     heart = [row for row in read_study(store).streams if row.stream == "heart"]
     assert [(row.gaps, row.clock_resets, round(row.clock_jump_s, 3)) for row in heart] == [(0, 1, JUMP_S)] * 2
     assert isinstance(heart[0], StreamRow)
     assert heart[0].measured_hz == pytest.approx(100.0)
 
 
-def test_bids_has_rising_times_and_says_what_was_corrected(store: Store, tmp_path: Path) -> None:
+def test_bids_times_rise_and_corrections_are_documented(store: Store, tmp_path: Path) -> None:
     export_study(store, "bids", tmp_path / "bids")
     for path in (tmp_path / "bids").rglob("*_recording-heart_physio.tsv.gz"):
         with gzip.open(path, "rt") as file:

@@ -52,7 +52,7 @@ def store(folder: Path) -> Iterator[Store]:
         yield opened
 
 
-def test_the_life_of_a_study_on_the_command_line(folder: Path, tmp_path: Path) -> None:
+def test_complete_study_on_the_command_line(folder: Path, tmp_path: Path) -> None:
     shown = study("status", folder, "--json", tmp_path / "status.json")
     assert shown.exit_code == 0
     assert "1 of 8 participants completed, 0 withdrew, 0 excluded, 0 deleted" in shown.stdout
@@ -81,7 +81,7 @@ def test_the_life_of_a_study_on_the_command_line(folder: Path, tmp_path: Path) -
     assert study("check", folder).exit_code == 0
 
 
-def test_a_new_study_is_written_once(tmp_path: Path) -> None:
+def test_new_study_is_not_overwritten(tmp_path: Path) -> None:
     assert study("new", tmp_path / "study").exit_code == 0
     again = study("new", tmp_path / "study")
     assert again.exit_code == 1
@@ -103,7 +103,7 @@ def test_a_new_study_is_written_once(tmp_path: Path) -> None:
         (["status", "STUDY", "--json", "no/such/file.json"], "the folder no/such does not exist"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_done_is_said_in_one_line(folder: Path, arguments: list[str], message: str) -> None:
+def test_errors_have_one_line(folder: Path, arguments: list[str], message: str) -> None:
     result = study(*(str(folder) if argument == "STUDY" else argument for argument in arguments))
     assert result.exit_code == 1
     (line,) = result.stderr.splitlines()
@@ -111,7 +111,7 @@ def test_what_cannot_be_done_is_said_in_one_line(folder: Path, arguments: list[s
     assert message in line
 
 
-def test_the_page_about_studies_in_python_runs(
+def test_documented_python_example_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
@@ -174,7 +174,7 @@ DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_the_check_finds_and_names(folder: Path, store: Store, damage: str) -> None:
+def test_check_reports_each_damage(folder: Path, store: Store, damage: str) -> None:
     act, where, what = DAMAGES[damage]
     act(store)
     findings = check_study(store)
@@ -186,7 +186,7 @@ def test_the_check_finds_and_names(folder: Path, store: Store, damage: str) -> N
     assert re.search(rf"error  {re.escape(where)}: .*{re.escape(what)}", checked.stdout)
 
 
-def test_a_policy_that_is_still_missing_is_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_policy_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     folder = make_study(tmp_path, tasks='["Feeding"]', policies='["mine", "revised"]', robots='["Jaco"]')
     with Store(folder) as store:
@@ -204,13 +204,13 @@ def test_a_policy_that_is_still_missing_is_noted(tmp_path: Path, monkeypatch: py
         assert store.policy_source("avrgym/FeedingJaco-v1", "revised") == "revised"
 
 
-def test_an_attempt_that_runs_is_no_fault(store: Store) -> None:
+def test_running_attempt_is_no_fault(store: Store) -> None:
     session = open_session(store, "sub-002")
     begin_attempt(store, session.id, store.remaining_trials("sub-002")[0].position)
     assert not any(finding.is_error for finding in check_study(store))
 
 
-def test_an_answer_may_lack_where_a_crash_cut_its_recording(store: Store) -> None:
+def test_truncated_recording_may_lack_answers(store: Store) -> None:
     session = open_session(store, "sub-002")
     trial = store.remaining_trials("sub-002")[0]
     attempt = begin_attempt(store, session.id, trial.position)
@@ -221,7 +221,7 @@ def test_an_answer_may_lack_where_a_crash_cut_its_recording(store: Store) -> Non
     assert not any(finding.is_error for finding in check_study(store))
 
 
-def test_recordings_of_another_station_are_noted_only(folder: Path, store: Store) -> None:
+def test_recordings_of_other_stations_are_notes(folder: Path, store: Store) -> None:
     store.station = "elsewhere"
     store.path(FIRST).unlink()
     (finding,) = (finding for finding in check_study(store) if finding.where == FIRST)

@@ -25,7 +25,7 @@ items = [
 """
 
 
-def test_a_new_study_holds_the_paper_s_protocol(tmp_path: Path) -> None:
+def test_new_study_has_the_protocol_of_the_paper(tmp_path: Path) -> None:
     design = read_design(create_study(tmp_path / "a" / "study"))
     assert (design.participants, design.trial_steps, design.blind_experimenter) == (8, 200, False)
     assert design.tasks == ("Feeding", "Drinking", "ScratchItch", "BedBathing")
@@ -38,7 +38,7 @@ def test_a_new_study_holds_the_paper_s_protocol(tmp_path: Path) -> None:
     }
 
 
-def test_a_new_study_includes_people_with_motor_impairments_who_can_stop_the_robot() -> None:
+def test_new_study_includes_people_with_motor_impairments() -> None:
     """Nobody must be able-bodied or press anything: some means to signal stop is enough."""
     asked = {question.id: question.text.lower() for question in parse_design(TEXT).inclusion}
     assert "stop" in asked["stop"]
@@ -47,14 +47,14 @@ def test_a_new_study_includes_people_with_motor_impairments_who_can_stop_the_rob
         assert not re.search(r"able-bodied|impairment|disab|trigger|controllers?|walk|hold", text), text
 
 
-def test_every_setting_is_explained() -> None:
+def test_all_settings_have_comments() -> None:
     for line in re.findall(r"^(\w+) = ", TEXT, re.MULTILINE):
         before = TEXT[: TEXT.index(f"\n{line} = ")].rpartition("\n\n")[2]
         assert "#" in before or "[" in before, f"{line} has no comment"
 
 
 @pytest.mark.parametrize("held", ["study.toml", "study.db", "recordings", "private"])
-def test_a_folder_that_holds_a_study_stays_as_it_is(tmp_path: Path, held: str) -> None:
+def test_existing_study_is_not_overwritten(tmp_path: Path, held: str) -> None:
     (tmp_path / held).write_text("precious")
     with pytest.raises(StudyError, match=f"contains {held} already; choose another folder"):
         create_study(tmp_path)
@@ -90,7 +90,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("good", "bad", "message"), MISTAKES, ids=[bad for _, bad, _ in MISTAKES])
-def test_a_mistake_is_named_with_its_line(tmp_path: Path, good: str, bad: str, message: str) -> None:
+def test_error_has_its_line(tmp_path: Path, good: str, bad: str, message: str) -> None:
     assert TEXT.count(good) >= 1
     text = TEXT.replace(good, bad, 1)
     path = tmp_path / "study.toml"
@@ -103,12 +103,12 @@ def test_a_mistake_is_named_with_its_line(tmp_path: Path, good: str, bad: str, m
     assert begin <= int(line) <= begin + bad.count("\n") + 1
 
 
-def test_a_missing_setting_is_named() -> None:
+def test_missing_setting_is_reported() -> None:
     with pytest.raises(DesignError, match=r"study.toml:\d+: Object missing required field seed"):
         parse_design(TEXT.replace("seed = 0", ""))
 
 
-def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+def test_binary_file_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_bytes(b"title = \xff")
     with pytest.raises(DesignError, match="not text in UTF-8"):
         read_design(tmp_path / "study.toml")
@@ -117,7 +117,7 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
 # Questionnaires and blinding
 
 
-def test_other_questionnaires_are_added_and_asked_at_their_moment() -> None:
+def test_added_questionnaires_have_their_moments() -> None:
     design = parse_design(TEXT + TLX)
     assert [item.id for item in design.items_at("after_trial")] == ["L1", "L2", "L3", "L4"]
     assert design.items_at("before_session") == ()
@@ -127,12 +127,12 @@ def test_other_questionnaires_are_added_and_asked_at_their_moment() -> None:
     assert design.items_at("after_session", 4) == design.items_at("after_session", 4)
 
 
-def test_ids_are_unique_over_all_questionnaires() -> None:
+def test_ids_are_unique_in_all_questionnaires() -> None:
     with pytest.raises(DesignError, match="'L1' is used twice"):
         parse_design(TEXT + TLX.replace('"mental"', '"L1"'))
 
 
-def test_a_blinded_experimenter_sees_letters() -> None:
+def test_blinded_experimenter_sees_letters() -> None:
     blind = TEXT.replace("blind_experimenter = false", "blind_experimenter = true")
     designs = [parse_design(blind.replace("seed = 0", f"seed = {seed}")) for seed in range(20)]
     assert {design.shown_policy("revised", practice=False) for design in designs} == {"A", "B"}
@@ -142,7 +142,7 @@ def test_a_blinded_experimenter_sees_letters() -> None:
     assert parse_design(TEXT).shown_policy("revised", practice=False) == "revised"
 
 
-def test_what_is_said_of_tasks_furniture_and_publication_is_checked_line_by_line():
+def test_goals_furniture_and_reporting_are_checked():
     text = default_text()
     design = parse_design(text)
     assert set(design.goals) == set(design.tasks)

@@ -76,16 +76,14 @@ def table(path: Path) -> Any:  # a pandas data frame, whose types no checker fol
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_no_name_is_in_an_export_and_it_is_called_pseudonymised(exports: dict[str, Path], name: str) -> None:
+def test_export_is_pseudonymised(exports: dict[str, Path], name: str) -> None:
     files = [path.read_bytes() for path in exports[name].rglob("*") if path.is_file()]
     assert not any(secret in data for data in files for secret in (NAME.encode(), b"ada@example.org"))
     assert any(b"pseudonymised, not anonymous" in data for data in files)
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_an_export_never_overwrites(
-    store: Store, exports: dict[str, Path], name: str, tmp_path: Path
-) -> None:
+def test_export_does_not_overwrite(store: Store, exports: dict[str, Path], name: str, tmp_path: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in exports[name].rglob("*")}
     with pytest.raises(StudyError, match="is not empty; choose another folder"):
         export_study(store, name, exports[name])
@@ -93,16 +91,14 @@ def test_an_export_never_overwrites(
     export_study(store, name, tmp_path)
 
 
-def test_an_export_that_fails_leaves_nothing(
-    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failed_export_leaves_no_files(store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Store, "trials", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         export_study(store, "csv", tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unknown_format_is_refused(store: Store, tmp_path: Path) -> None:
+def test_unknown_format_is_rejected(store: Store, tmp_path: Path) -> None:
     with pytest.raises(StudyError, match="unknown format 'xlsx'; allowed: csv, bids, hdf5, lerobot, minari"):
         export_study(store, "xlsx", tmp_path / "out")
 
@@ -110,7 +106,7 @@ def test_an_unknown_format_is_refused(store: Store, tmp_path: Path) -> None:
 # CSV
 
 
-def test_tables_hold_a_row_for_each_thing(exports: dict[str, Path]) -> None:
+def test_tables_have_all_rows(exports: dict[str, Path]) -> None:
     folder = exports["csv"]
     participants = table(folder / "participants.csv")
     assert participants["state"].tolist() == ["completed", "allocated"]
@@ -129,13 +125,13 @@ def test_tables_hold_a_row_for_each_thing(exports: dict[str, Path]) -> None:
 
 
 @pytest.mark.parametrize("name", ["participants", "trials", "attempts", "answers", "control_steps"])
-def test_every_row_says_whether_it_was_simulated(exports: dict[str, Path], name: str) -> None:
+def test_all_rows_contain_whether_simulated(exports: dict[str, Path], name: str) -> None:
     rows = table(exports["csv"] / f"{name}.csv")
     assert set(rows.loc[rows["simulated"], "participant"]) == {"sub-001"}
     assert set(rows.loc[~rows["simulated"], "participant"]) == {"sub-002"}
 
 
-def test_the_codebook_explains_every_column_of_every_table(exports: dict[str, Path]) -> None:
+def test_codebook_describes_all_columns(exports: dict[str, Path]) -> None:
     codebook = table(exports["csv"] / "codebook.csv")
     explained = codebook.groupby("table", sort=False)["column"].apply(list).to_dict()
     tables = {path.stem: list(table(path).columns) for path in exports["csv"].glob("*.csv")}
@@ -148,7 +144,7 @@ def test_the_codebook_explains_every_column_of_every_table(exports: dict[str, Pa
     assert codebook.loc[codebook["type"] == "number", "unit"].notna().all()
 
 
-def test_the_codebook_allows_what_the_tables_hold(exports: dict[str, Path]) -> None:
+def test_table_values_match_the_codebook(exports: dict[str, Path]) -> None:
     """Where it lists values, no other stands in the table; and only what may be empty is."""
     codebook = table(exports["csv"] / "codebook.csv")
     for _, row in codebook.iterrows():
@@ -160,7 +156,7 @@ def test_the_codebook_allows_what_the_tables_hold(exports: dict[str, Path]) -> N
             assert held.notna().all(), (row["table"], row["column"])
 
 
-def test_items_stand_with_their_words(store: Store, exports: dict[str, Path]) -> None:
+def test_item_table_contains_texts(store: Store, exports: dict[str, Path]) -> None:
     rows = table(exports["csv"] / "items.csv")
     for item, row in zip(store.design.items.values(), rows.itertuples(), strict=True):
         assert (row.item, row.text, row.points, row.low, row.high) == (
@@ -169,7 +165,7 @@ def test_items_stand_with_their_words(store: Store, exports: dict[str, Path]) ->
         assert (row.questionnaire, row.when) == ("likert", "after_trial")
 
 
-def test_torso_heights_are_those_that_were_recorded(store: Store, exports: dict[str, Path]) -> None:
+def test_torso_heights_match_recordings(store: Store, exports: dict[str, Path]) -> None:
     attempts = table(exports["csv"] / "attempts.csv")
     completed = attempts["state"] == "completed"
     assert attempts.loc[completed, "torso_height_m"].eq(TORSO_HEIGHT_M).all()
@@ -178,7 +174,7 @@ def test_torso_heights_are_those_that_were_recorded(store: Store, exports: dict[
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+A1", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "\n=1"])
-def test_no_spreadsheet_runs_a_text(tmp_path: Path, text: str) -> None:
+def test_spreadsheets_do_not_run_texts_as_formulas(tmp_path: Path, text: str) -> None:
     write_csv(tmp_path / "a.csv", [{"text": text, "number": -1.5, "truth": True, "nothing": None}])
     with open(tmp_path / "a.csv", encoding="utf-8-sig", newline="") as file:
         (_, row) = csv.reader(file)
@@ -212,7 +208,7 @@ def test_bids_runs_have_a_column_for_each_channel(exports: dict[str, Path]) -> N
         assert sidecar["Simulated"] == ("sub-001" in run.name)
 
 
-def test_the_validator_of_bids_finds_no_error(exports: dict[str, Path]) -> None:
+def test_bids_validator_finds_no_error(exports: dict[str, Path]) -> None:
     validator = Path(sys.executable).with_name("bids-validator-deno")
     if not validator.exists():
         pytest.skip("the validator of BIDS is not installed (`pip install avrgym[dev]` brings it)")
@@ -224,7 +220,7 @@ def test_the_validator_of_bids_finds_no_error(exports: dict[str, Path]) -> None:
     assert len(result["summary"]["subjects"]) == 2
 
 
-def test_bids_has_what_other_devices_sent(exports: dict[str, Path]) -> None:
+def test_bids_contains_streams_of_other_devices(exports: dict[str, Path]) -> None:
     folder = exports["bids"] / "sub-001" / "ses-01" / "motion"
     name = "sub-001_ses-01_task-Feeding_tracksys-headset_run-01"
     heart, gaze = (
@@ -265,7 +261,7 @@ def test_pybids_and_mne_bids_open_an_export(exports: dict[str, Path]) -> None:
         assert mne_bids.get_entity_vals(exports["bids"], key) == values
 
 
-def test_bids_tables_lead_to_the_runs_and_their_conditions(exports: dict[str, Path]) -> None:
+def test_bids_tables_list_runs_and_conditions(exports: dict[str, Path]) -> None:
     folder = exports["bids"]
     participants = table(folder / "participants.tsv")
     assert participants["participant_id"].tolist() == ["sub-001", "sub-002"]
@@ -292,7 +288,7 @@ def test_bids_answers_have_a_row_for_each_participant(exports: dict[str, Path]) 
 # robomimic
 
 
-def test_hdf5_has_robomimic_s_structure(exports: dict[str, Path]) -> None:
+def test_hdf5_has_the_structure_of_robomimic(exports: dict[str, Path]) -> None:
     files = sorted(exports["hdf5"].glob("*.hdf5"))
     assert {path.stem for path in files} == set(SCENES)
     for path in files:
@@ -325,7 +321,7 @@ def test_hdf5_has_robomimic_s_structure(exports: dict[str, Path]) -> None:
             assert "failure" not in filters
 
 
-def test_robomimic_makes_the_environment_of_an_export(exports: dict[str, Path]) -> None:
+def test_robomimic_creates_the_environment_of_an_export(exports: dict[str, Path]) -> None:
     for package in ("gym", "robomimic"):
         if importlib.util.find_spec(package) is None:
             pytest.skip(f"{package} is not installed (`pip install robomimic gym==0.26.2` brings both)")
@@ -366,7 +362,7 @@ def test_minari_opens_an_export(exports: dict[str, Path], monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_lerobot_datasets_are_described_by_their_metadata(exports: dict[str, Path], scene: str) -> None:
+def test_lerobot_metadata_describes_the_dataset(exports: dict[str, Path], scene: str) -> None:
     folder = exports["lerobot"] / scene
     info = json.loads((folder / "meta" / "info.json").read_text())
     frames: Any = pd.read_parquet(folder / info["data_path"].format(chunk_index=0, file_index=0))
@@ -399,7 +395,7 @@ STATISTICS = {"min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", 
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_lerobot_statistics_have_the_quantiles_of_every_feature(exports: dict[str, Path], scene: str) -> None:
+def test_lerobot_statistics_contain_quantiles_of_all_features(exports: dict[str, Path], scene: str) -> None:
     """Over all frames in stats.json, and over the frames of each episode in its own file."""
     folder = exports["lerobot"] / scene
     frames: Any = pd.read_parquet(folder / "data" / "chunk-000" / "file-000.parquet")
@@ -423,7 +419,7 @@ def check_quantiles(column: Any, found: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("shape", [(1,), (7,), (200,), (1, 3), (200, 7)])
-def test_lerobot_quantiles_are_those_of_numpy(shape: tuple[int, ...]) -> None:
+def test_lerobot_quantiles_match_numpy(shape: tuple[int, ...]) -> None:
     values = np.random.default_rng(5).normal(size=shape).astype(np.float32)
     found = statistics(values)
     check_quantiles(values, found)

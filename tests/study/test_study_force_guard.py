@@ -15,7 +15,7 @@ from helpers.studies.small_studies import make_study
 LINE = "force_guard = true\n"
 
 
-def test_new_studies_are_guarded_and_those_that_do_not_say_are_not() -> None:
+def test_default_of_the_force_guard() -> None:
     assert parse_design(default_text()).force_guard
     assert not parse_design(default_text().replace(LINE, "")).force_guard
     with pytest.raises(DesignError, match="force_guard"):
@@ -23,13 +23,13 @@ def test_new_studies_are_guarded_and_those_that_do_not_say_are_not() -> None:
 
 
 @pytest.mark.parametrize("force_guard", ["true", "false"])
-def test_sessions_are_guarded_as_the_design_says(tmp_path: Path, force_guard: str) -> None:
+def test_sessions_use_the_force_guard_of_the_design(tmp_path: Path, force_guard: str) -> None:
     with Store(make_study(tmp_path / "study", force_guard=force_guard)) as store:
         plan = plan_session(store, enrol_included(store))
     assert plan.force_guard == (force_guard == "true")
 
 
-def test_a_studys_guard_is_no_option_of_the_server(tmp_path: Path) -> None:
+def test_server_has_no_force_guard_option_for_studies(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study")
     for option in ("--force-guard", "--no-force-guard"):
         refused = CliRunner().invoke(app, ["serve", "--study", str(folder), option])

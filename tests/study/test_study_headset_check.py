@@ -37,7 +37,7 @@ CHECK = HeadsetCheck(
 )
 
 
-def test_new_studies_check_headsets_and_those_that_do_not_say_do_not() -> None:
+def test_default_of_the_headset_check() -> None:
     assert parse_design(default_text()).headset_check
     assert not parse_design(default_text().replace(LINE, "")).headset_check
 
@@ -52,7 +52,7 @@ def test_new_studies_check_headsets_and_those_that_do_not_say_do_not() -> None:
         ("false", False, True, True),
     ],
 )
-def test_people_s_headsets_are_checked_as_design_or_server_say(
+def test_design_or_server_selects_the_headset_check(
     tmp_path: Path, design: str, simulated: bool, asked: bool, checks: bool
 ) -> None:
     with Store(make_study(tmp_path / "study", headset_check=design)) as store:
@@ -60,7 +60,7 @@ def test_people_s_headsets_are_checked_as_design_or_server_say(
     assert (plan.headset_check is not None) is checks
 
 
-def test_a_check_is_stored_with_its_session_and_printed_in_the_methods(tmp_path: Path) -> None:
+def test_check_is_stored_with_its_session(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study")
     with Store(folder) as store:
         unchecked, pseudonym = enrol_included(store), enrol_included(store, simulated=False)
@@ -94,7 +94,7 @@ def test_a_check_is_stored_with_its_session_and_printed_in_the_methods(tmp_path:
         (None, None, ["", "", ""], ">not asked</td>"),
     ],
 )
-def test_the_stop_that_was_tried_is_in_table_and_report(
+def test_tested_stop_is_in_table_and_report(
     tmp_path: Path, stop: str | None, after_s: float | None, row: list[str], shown: str
 ) -> None:
     """A check of an earlier version has neither a stop nor its time."""
@@ -110,7 +110,7 @@ def test_the_stop_that_was_tried_is_in_table_and_report(
     assert shown in page[page.index("Checks of the headset") :]
 
 
-def test_a_study_without_checks_says_nothing_of_them(tmp_path: Path) -> None:
+def test_report_without_headset_checks(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "study")) as store:
         with StudyVisit(store, enrol_included(store)):
             pass
@@ -119,7 +119,7 @@ def test_a_study_without_checks_says_nothing_of_them(tmp_path: Path) -> None:
     assert not (tmp_path / "out/tables/headset_checks.csv").exists()
 
 
-def test_a_check_of_a_session_that_is_over_is_refused(tmp_path: Path) -> None:
+def test_check_after_the_session_is_rejected(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "study")) as store:
         with StudyVisit(store, enrol_included(store)) as visit:
             pass

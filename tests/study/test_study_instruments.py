@@ -53,7 +53,7 @@ def using(table: str) -> str:
 
 
 @pytest.mark.parametrize("name", [name for name, each in INSTRUMENTS.items() if not each.texts])
-def test_use_asks_an_instruments_items_in_its_words(name: str) -> None:
+def test_use_adds_items_of_an_instrument(name: str) -> None:
     questionnaire = parse_design(using(f'use = "{name}"\nwhen = "after_session"')).questionnaires[-1]
     instrument = INSTRUMENTS[name]
     assert (questionnaire.name, questionnaire.instrument) == (name, instrument)
@@ -90,12 +90,12 @@ def test_use_asks_an_instruments_items_in_its_words(name: str) -> None:
         ),
     ],
 )
-def test_what_cannot_be_used_is_named_with_its_line(table: str, line: int, words: str) -> None:
+def test_error_of_an_invalid_use_has_its_line(table: str, line: int, words: str) -> None:
     with pytest.raises(DesignError, match=rf"study\.toml:{LAST_LINE + 2 + line}: .*{re.escape(words)}"):
         parse_design(using(table))
 
 
-def test_an_instrument_is_used_once() -> None:
+def test_instrument_is_used_once() -> None:
     twice = (
         using('use = "ssq"\nwhen = "before_session"')
         + '\n[[questionnaires]]\nuse = "ssq"\nname = "again"\nwhen = "after_session"\n'
@@ -104,7 +104,7 @@ def test_an_instrument_is_used_once() -> None:
         parse_design(twice)
 
 
-def test_own_items_have_as_many_labels_as_points() -> None:
+def test_custom_items_have_a_label_for_each_point() -> None:
     text = default_text().replace(
         'high = "strongly agree" }', 'high = "strongly agree", labels = ["no", "yes"] }', 1
     )
@@ -112,7 +112,7 @@ def test_own_items_have_as_many_labels_as_points() -> None:
         parse_design(text)
 
 
-def test_words_that_may_not_be_brought_are_read_from_the_studys_folder(tmp_path: Path) -> None:
+def test_licensed_texts_are_read_from_the_folder_of_the_study(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(using('use = "ipq"\nwhen = "after_session"'))
     (tmp_path / "instruments").mkdir()
     own = tmp_path / "instruments" / "ipq.toml"
@@ -195,7 +195,7 @@ def out(study: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_load_is_scored_after_each_trial_and_weighted_by_what_was_chosen(out: Path) -> None:
+def test_workload_is_scored_with_weights(out: Path) -> None:
     """Choosing always the first of a pair gives the factors the weights 5, 4, 3, 2, 1 and 0."""
     scores = read(out / "analysis" / "tables" / "scores.csv").query("questionnaire == 'nasa-tlx'")
     assert scores["counted"].all()
@@ -215,7 +215,7 @@ def test_load_is_scored_after_each_trial_and_weighted_by_what_was_chosen(out: Pa
 
 
 @pytest.mark.slow
-def test_symptoms_are_scored_before_and_after_and_a_missing_answer_leaves_no_score(out: Path) -> None:
+def test_missing_answer_leaves_no_symptom_score(out: Path) -> None:
     tables = out / "analysis" / "tables"
     scores = read(tables / "scores.csv").query("questionnaire == 'ssq' and moment == 'after_session'")
     total = scores.query("scale == 'total'").set_index("participant")
@@ -235,7 +235,7 @@ def test_symptoms_are_scored_before_and_after_and_a_missing_answer_leaves_no_sco
     } <= families
 
 
-def test_the_report_shows_scores_with_their_source(out: Path) -> None:
+def test_report_shows_scores_and_sources(out: Path) -> None:
     page = (out / "analysis" / "report" / "index.html").read_text()
     words = " ".join(re.sub(r"<[^>]*>", " ", page).split())
     for said in (
@@ -246,7 +246,7 @@ def test_the_report_shows_scores_with_their_source(out: Path) -> None:
         assert said in words
 
 
-def test_the_export_has_scores_how_they_are_made_and_what_every_column_means(out: Path) -> None:
+def test_export_contains_scores_scales_and_codebook(out: Path) -> None:
     export = out / "export"
     exported = read(export / "scores.csv")
     analysed = read(out / "analysis" / "tables" / "scores.csv")
@@ -271,7 +271,7 @@ def test_the_export_has_scores_how_they_are_made_and_what_every_column_means(out
         assert list(codebook[codebook["table"] == table]["column"]) == columns
 
 
-def test_studies_without_instruments_have_no_such_tables(
+def test_studies_without_instruments_have_no_score_tables(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
@@ -295,7 +295,7 @@ def scale_of(item: str) -> tuple[int, int, int]:
     return (0, 100, 21) if item.startswith("tlx_") else (1, 7, 7)
 
 
-def test_answers_are_on_the_scales_of_their_instruments_in_every_table(out: Path) -> None:
+def test_answers_use_the_scales_of_their_instruments(out: Path) -> None:
     for table in (out / "analysis" / "tables" / "answers.csv", out / "export" / "answers.csv"):
         for row in read(table).itertuples():
             assert (row.least, row.most, row.points) == scale_of(row.item)
@@ -313,7 +313,7 @@ def test_answers_are_on_the_scales_of_their_instruments_in_every_table(out: Path
         assert rows["share"].sum() == pytest.approx(1.0)
 
 
-def test_scores_agree_with_the_items_beside_them(out: Path) -> None:
+def test_scores_agree_with_items(out: Path) -> None:
     tables = out / "analysis" / "tables"
     items = read(tables / "subjective.csv").query("task == 'all' and robot == 'all'")
     load = items[items["item"].str.startswith("tlx_")]
@@ -324,7 +324,7 @@ def test_scores_agree_with_the_items_beside_them(out: Path) -> None:
     assert effects.get("tlx_mental") == pytest.approx(effects.get("mental"), nan_ok=True)
 
 
-def test_report_and_methods_name_each_scale_as_published(out: Path) -> None:
+def test_report_and_methods_contain_published_scale_names(out: Path) -> None:
     page = (out / "analysis" / "report" / "index.html").read_text()
     methods = (out / "analysis" / "reporting" / "methods.md").read_text()
     assert "from 0 (very low) to 100 (very high) in steps of 5" in page
@@ -335,7 +335,7 @@ def test_report_and_methods_name_each_scale_as_published(out: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_bids_export_describes_the_values_that_it_holds(study: Store, tmp_path: Path) -> None:
+def test_bids_export_describes_its_values(study: Store, tmp_path: Path) -> None:
     export_study(study, "bids", tmp_path / "bids")
     for name in ("nasa-tlx", "ssq", "likert"):
         rows = pd.read_csv(tmp_path / "bids" / "phenotype" / f"{name}.tsv", sep="\t")
@@ -348,7 +348,7 @@ def test_the_bids_export_describes_the_values_that_it_holds(study: Store, tmp_pa
             assert (next(iter(levels)), list(levels)[-1], len(levels)) == (str(least), str(most), points)
 
 
-def test_the_dashboard_shows_means_on_the_scales_of_instruments(study: Store, out: Path) -> None:
+def test_dashboard_shows_means_on_the_scales_of_instruments(study: Store, out: Path) -> None:
     shown = {row.policy: row.answer_means for row in summarise_results(study)}
     items = read(out / "analysis" / "tables" / "subjective.csv").query("task == 'all' and robot == 'all'")
     for row in items.itertuples():

@@ -123,14 +123,14 @@ EDITS = {
 
 
 @pytest.mark.parametrize("edit", EDITS)
-def test_an_edit_of_the_database_is_noticed(folder: Path, edit: str) -> None:
+def test_edited_database_is_found(folder: Path, edit: str) -> None:
     assert wrong(folder) == []
     run_sql(folder, EDITS[edit])
     assert wrong(folder) != []
 
 
 @pytest.mark.parametrize("more_m", [0.0, 0.01], ids=["same", "taller"])
-def test_a_recording_of_a_body_of_another_height_is_noticed(tmp_path: Path, more_m: float) -> None:
+def test_different_torso_height_in_a_recording_is_found(tmp_path: Path, more_m: float) -> None:
     with Store(small_study(tmp_path)) as store:
         session = open_session(store, enrol_with_consent(store))
         trial = store.remaining_trials("sub-001")[0]
@@ -142,7 +142,7 @@ def test_a_recording_of_a_body_of_another_height_is_noticed(tmp_path: Path, more
     assert [finding.message for finding in wrong(tmp_path)] == [words] * (more_m > 0.0)
 
 
-def test_the_end_of_chain_and_rows_cannot_be_cut_together(folder: Path) -> None:
+def test_truncated_chain_is_found(folder: Path) -> None:
     run_sql(
         folder,
         "DELETE FROM note",
@@ -151,13 +151,13 @@ def test_the_end_of_chain_and_rows_cannot_be_cut_together(folder: Path) -> None:
     assert "an older copy replaced it" in str(wrong(folder))
 
 
-def test_rows_that_are_read_are_checked(folder: Path) -> None:
+def test_damaged_rows_raise_errors(folder: Path) -> None:
     run_sql(folder, EDITS["an unknown state"])
     with Store(folder) as store, pytest.raises(StudyError, match="unknown state 'zombie'; allowed: enrolled"):
         store.participants()
 
 
-def test_what_the_program_does_itself_is_no_edit(folder: Path) -> None:
+def test_own_changes_are_no_findings(folder: Path) -> None:
     with Store(folder) as store, Store(folder) as beside:
         assert [finding for finding in check_study(store) if finding.is_error] == []
         withdraw(beside, "sub-002", "felt sick")
@@ -166,7 +166,7 @@ def test_what_the_program_does_itself_is_no_edit(folder: Path) -> None:
     assert wrong(folder) == []
 
 
-def test_a_deletion_keeps_the_chain_and_leaves_nothing_to_guess_from(folder: Path) -> None:
+def test_deletion_keeps_a_valid_chain(folder: Path) -> None:
     with Store(folder) as store:
         delete_participant(store, "sub-002")
     assert wrong(folder) == []
@@ -179,7 +179,7 @@ def test_a_deletion_keeps_the_chain_and_leaves_nothing_to_guess_from(folder: Pat
         assert entries[-1].content is None
 
 
-def test_a_refused_action_leaves_no_entry(folder: Path) -> None:
+def test_rejected_action_adds_no_entry(folder: Path) -> None:
     with Store(folder) as store:
         before = store.database.head()
         with pytest.raises(StudyError):
@@ -194,7 +194,7 @@ def test_a_refused_action_leaves_no_entry(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_every_flipped_bit_of_the_file_is_noticed(on_sqlite: Path, tmp_path: Path) -> None:
+def test_flipped_bits_are_found(on_sqlite: Path, tmp_path: Path) -> None:
     assert wrong(on_sqlite) == []
     rng = random.Random(19)
     unnoticed = [
@@ -205,7 +205,7 @@ def test_every_flipped_bit_of_the_file_is_noticed(on_sqlite: Path, tmp_path: Pat
     assert unnoticed == []
 
 
-def test_a_change_before_a_session_is_still_noticed_after_it(on_sqlite: Path) -> None:
+def test_earlier_edit_is_found_after_a_session(on_sqlite: Path) -> None:
     path = on_sqlite / "study.db"
     data = bytearray(path.read_bytes())
     data[_unused(data)] ^= 1
@@ -222,7 +222,7 @@ def _unused(data: bytearray) -> int:
     return next(at for at in range(8192, len(data)) if not any(data[at - 40 : at + 40]))
 
 
-def test_a_database_set_back_to_an_older_copy_is_noticed(on_sqlite: Path, tmp_path: Path) -> None:
+def test_older_copy_of_the_database_is_found(on_sqlite: Path, tmp_path: Path) -> None:
     for name in ("study.db", "study.db.sha256"):
         shutil.copy(on_sqlite / name, tmp_path)
     with Store(on_sqlite) as store:
@@ -237,7 +237,7 @@ def test_a_database_set_back_to_an_older_copy_is_noticed(on_sqlite: Path, tmp_pa
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["study.head", "study.db.sha256"])
-def test_damage_beside_the_database_is_noticed(on_sqlite: Path, name: str) -> None:
+def test_damaged_integrity_files_are_found(on_sqlite: Path, name: str) -> None:
     path = on_sqlite / name
     data = bytearray(path.read_bytes())
     for bit in range(0, 8 * len(data), 7):
@@ -247,7 +247,7 @@ def test_damage_beside_the_database_is_noticed(on_sqlite: Path, name: str) -> No
         data[bit // 8] ^= 1 << bit % 8
 
 
-def test_a_missing_head_is_named(on_sqlite: Path) -> None:
+def test_missing_head_is_reported(on_sqlite: Path) -> None:
     (on_sqlite / "study.head").unlink()
     assert [finding.where for finding in wrong(on_sqlite)] == ["study.head"]
 
@@ -265,7 +265,7 @@ while True:
 
 
 @pytest.mark.slow
-def test_kills_between_transaction_and_seal_raise_no_alarm(folder: Path) -> None:
+def test_kills_between_transaction_and_checksum_cause_no_finding(folder: Path) -> None:
     """The share of 200 that every run of the tests can afford."""
     for pause in range(3):
         command = [sys.executable, "-c", KILLED, folder]
@@ -282,7 +282,7 @@ def test_kills_between_transaction_and_seal_raise_no_alarm(folder: Path) -> None
 # Earlier versions
 
 
-def test_a_study_of_an_earlier_version_keeps_its_ledger(
+def test_study_of_an_earlier_version_keeps_its_hash_chain(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)

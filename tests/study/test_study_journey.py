@@ -55,7 +55,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
-def test_a_study_survives_its_server_in_mid_trial(folder: Path) -> None:
+def test_study_continues_after_a_server_crash(folder: Path) -> None:
     expect.set_options(timeout=1000 * TIMEOUT_S)
     participant = SimulatedParticipant(draw_traits("woman", 5), 5)
     with (

@@ -40,7 +40,7 @@ def take_in_german(store: Store) -> str:
     return pseudonym
 
 
-def test_the_papers_study_is_there_in_every_language_brought_along(folder: Path) -> None:
+def test_default_study_has_all_packaged_languages(folder: Path) -> None:
     assert read_design(folder / "study.toml").languages == ("en", "de")
     for only in ("de", "en"):
         text = default_text().replace('languages = ["en"]', f'languages = ["{only}"]')
@@ -68,7 +68,7 @@ def test_the_papers_study_is_there_in_every_language_brought_along(folder: Path)
     ],
     ids=["unknown", "twice", "none", "no tag", "goal", "ends", "instrument"],
 )
-def test_what_lacks_a_translation_is_named_with_its_line(
+def test_error_of_a_missing_translation_has_its_line(
     tmp_path: Path, languages: str, change: dict[str, str], words: str
 ) -> None:
     text = default_text().replace('languages = ["en"]', f"languages = {languages}")
@@ -80,7 +80,7 @@ def test_what_lacks_a_translation_is_named_with_its_line(
     assert str(refused.value).startswith(f"study.toml:{line}: ")
 
 
-def test_a_study_may_have_words_for_the_page_alone(tmp_path: Path) -> None:
+def test_study_may_translate_only_the_page(tmp_path: Path) -> None:
     own = tmp_path / "texts" / "de.toml"
     own.parent.mkdir()
     own.write_text('[session]\nreach_ahead_page = "Strecken Sie beide Arme."\n')
@@ -98,7 +98,7 @@ def test_a_study_may_have_words_for_the_page_alone(tmp_path: Path) -> None:
             read_texts("de", tmp_path)
 
 
-def test_a_participant_reads_one_language_throughout(folder: Path, tmp_path: Path) -> None:
+def test_participant_reads_one_language(folder: Path, tmp_path: Path) -> None:
     with Store(folder) as store:
         with pytest.raises(StudyError, match="allowed: en, de"):
             enrol(store, "woman", language="fr")
@@ -132,7 +132,7 @@ def test_a_participant_reads_one_language_throughout(folder: Path, tmp_path: Pat
         assert [row["language"] for row in csv.DictReader(file)] == ["de"]
 
 
-def test_the_dashboard_shows_consent_in_the_participants_language(
+def test_dashboard_shows_consent_in_the_language_of_the_participant(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And warns of a full disk."""
@@ -149,7 +149,7 @@ def test_the_dashboard_shows_consent_in_the_participants_language(
         assert "GB left" in warning
 
 
-def test_a_note_is_changed_and_its_former_words_are_nowhere(folder: Path) -> None:
+def test_edited_note_leaves_no_earlier_text(folder: Path) -> None:
     with Store(folder) as store:
         first, second = take_in_german(store), take_in_german(store)
         add_note(store, first, "Ada looked left")

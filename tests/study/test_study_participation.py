@@ -110,9 +110,7 @@ def avrgym(*arguments: str | Path) -> Result:
 # With a sound list
 
 
-def test_only_a_list_that_is_younger_than_the_first_participant_is_noted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_list_begun_late_is_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     with Store(small_study(tmp_path / "study")) as store:
         enrol(store, "man")
@@ -124,7 +122,7 @@ def test_only_a_list_that_is_younger_than_the_first_participant_is_noted(
         assert any("was begun at" in finding.message for finding in check_participation(store))
 
 
-def test_withdrawals_exclusions_and_deletions_survive_the_loss_of_the_database(folder: Path) -> None:
+def test_final_states_survive_loss_of_the_database(folder: Path) -> None:
     with Store(folder) as store:
         before = {each.pseudonym: each for each in store.participants()}
     assert wrong(folder) == {}
@@ -149,7 +147,7 @@ def test_withdrawals_exclusions_and_deletions_survive_the_loss_of_the_database(f
     assert "was lost and rebuilt" in losses(folder)
 
 
-def test_a_deleted_participant_who_comes_back_is_named_and_not_taken_up(folder: Path, made: Path) -> None:
+def test_recordings_of_deleted_participants_are_ignored(folder: Path, made: Path) -> None:
     shutil.copytree(made.parent / "sub-003", folder / "recordings" / "sub-003")
     assert "there are recordings of them" in wrong(folder)["sub-003"]
     rebuilt = lose(folder)
@@ -161,7 +159,7 @@ def test_a_deleted_participant_who_comes_back_is_named_and_not_taken_up(folder: 
     assert wrong(folder) == {}
 
 
-def test_the_list_keeps_nothing_about_the_deleted_but_their_number(folder: Path) -> None:
+def test_list_contains_only_numbers_of_deleted_participants(folder: Path) -> None:
     with Store(folder) as store:
         listed = store.participation()
     assert listed is not None
@@ -173,7 +171,7 @@ def test_the_list_keeps_nothing_about_the_deleted_but_their_number(folder: Path)
     assert listed.fault == ""
 
 
-def test_the_database_gets_what_only_the_list_still_knows(folder: Path, tmp_path: Path) -> None:
+def test_database_is_updated_from_the_list(folder: Path, tmp_path: Path) -> None:
     """An older copy of the database is put back: nobody who left since then comes back with it."""
     older = {name: (folder / name).read_bytes() for name in DATABASE_FILES}
     with Store(folder) as store:
@@ -240,7 +238,7 @@ FORGERIES: dict[str, tuple[Callable[[Path], None], str]] = {
 
 
 @pytest.mark.parametrize("forgery", FORGERIES)
-def test_without_a_sound_list_nobody_is_analysed_until_confirmed(folder: Path, forgery: str) -> None:
+def test_participants_without_a_valid_list_need_confirmation(folder: Path, forgery: str) -> None:
     forge, words = FORGERIES[forgery]
     forge(folder)
     rebuilt = lose(folder)
@@ -266,7 +264,7 @@ def rebuild_again(folder: Path) -> bool:
 
 
 @pytest.mark.parametrize("forgery", FORGERIES)
-def test_next_to_the_database_an_invalid_list_is_replaced(folder: Path, forgery: str) -> None:
+def test_invalid_list_is_replaced_from_the_database(folder: Path, forgery: str) -> None:
     forge, _ = FORGERIES[forgery]
     forge(folder)
     assert states(folder) == STATES
@@ -277,9 +275,7 @@ def test_next_to_the_database_an_invalid_list_is_replaced(folder: Path, forgery:
     assert states(folder) == STATES
 
 
-def test_the_loss_of_the_list_stays_on_record_over_a_second_loss_and_a_merge(
-    folder: Path, tmp_path: Path
-) -> None:
+def test_loss_of_the_list_remains_recorded(folder: Path, tmp_path: Path) -> None:
     lose(folder, FILE)
     with Store(folder) as store:
         assert confirm_participation(store, "sub-001", "form in folder 2") == "completed"
@@ -299,7 +295,7 @@ def test_the_loss_of_the_list_stays_on_record_over_a_second_loss_and_a_merge(
     assert "sub-1002" in notice
 
 
-def test_only_who_is_unknown_is_confirmed_and_by_evidence(folder: Path) -> None:
+def test_only_unknown_participants_can_be_confirmed(folder: Path) -> None:
     with Store(folder) as store, pytest.raises(StudyError, match="is withdrawn; only those"):
         confirm_participation(store, "sub-002", "form")
     lose(folder, FILE)
@@ -312,9 +308,7 @@ def test_only_who_is_unknown_is_confirmed_and_by_evidence(folder: Path) -> None:
     assert "of 2 it is unknown" in avrgym("status", folder).stdout.replace("\n", " ")
 
 
-def test_where_nothing_can_be_signed_a_study_goes_on_and_its_list_proves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unsigned_list_proves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     (tmp_path / "file").touch()
     monkeypatch.setattr(signing, "user_data_folder", lambda: tmp_path / "file")
@@ -342,7 +336,7 @@ def _withdraw_and_die(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("database_is_lost", [False, True])
-def test_a_kill_between_list_and_database_loses_no_withdrawal(folder: Path, database_is_lost: bool) -> None:
+def test_kill_between_list_and_database_keeps_the_withdrawal(folder: Path, database_is_lost: bool) -> None:
     process = get_context("fork").Process(target=_withdraw_and_die, args=(folder,))
     process.start()
     process.join()
@@ -354,7 +348,7 @@ def test_a_kill_between_list_and_database_loses_no_withdrawal(folder: Path, data
     assert states(folder) == STATES | {"sub-005": "withdrawn"}
 
 
-def test_a_line_that_a_kill_cut_off_does_not_count(folder: Path) -> None:
+def test_unfinished_line_is_ignored(folder: Path) -> None:
     with open(folder / FILE, "a") as file:
         file.write('{"number":99,"partic')
     with Store(folder) as store:
@@ -373,7 +367,7 @@ def _rebuild_and_die(folder: Path) -> None:
         lose(folder)
 
 
-def test_the_list_outlasts_a_rebuilding_that_a_kill_broke_off(folder: Path) -> None:
+def test_list_survives_a_killed_rebuild(folder: Path) -> None:
     """Before it is complete the study does not open: an empty database would replace the list."""
     process = get_context("fork").Process(target=_rebuild_and_die, args=(folder,))
     process.start()
@@ -388,7 +382,7 @@ def test_the_list_outlasts_a_rebuilding_that_a_kill_broke_off(folder: Path) -> N
 
 
 @pytest.mark.parametrize("written", [False, True])
-def test_a_kill_in_the_first_enrolment_keeps_no_study_from_opening(tmp_path: Path, written: bool) -> None:
+def test_study_opens_after_a_kill_in_the_first_enrolment(tmp_path: Path, written: bool) -> None:
     folder = small_study(tmp_path / "new")
     with Store(folder) as store, pytest.MonkeyPatch.context() as patch:
         follow = reconciliation.append_transaction
@@ -407,7 +401,7 @@ def test_a_kill_in_the_first_enrolment_keeps_no_study_from_opening(tmp_path: Pat
         assert enrol(store, "man") == ("sub-002" if written else "sub-001")
 
 
-def test_bytes_that_are_not_text_make_a_list_invalid(folder: Path) -> None:
+def test_list_with_invalid_bytes_is_invalid(folder: Path) -> None:
     data = (folder / FILE).read_bytes()
     (folder / FILE).write_bytes(data.replace(b"sha256", b"sha25\xff", 1))
     with Store(folder) as store:
@@ -417,7 +411,7 @@ def test_bytes_that_are_not_text_make_a_list_invalid(folder: Path) -> None:
     assert "is damaged in line 1" in lose(folder).lost
 
 
-def test_a_copy_that_a_kill_left_goes_with_the_deleted(folder: Path) -> None:
+def test_deletion_removes_temporary_copies(folder: Path) -> None:
     left = folder / f".{FILE}.{2**22 + 1}.part"
     left.write_bytes((folder / FILE).read_bytes())
     with Store(folder) as store:
@@ -425,7 +419,7 @@ def test_a_copy_that_a_kill_left_goes_with_the_deleted(folder: Path) -> None:
     assert not left.exists()
 
 
-def test_a_list_that_cannot_be_written_is_named_and_nothing_is_changed(folder: Path) -> None:
+def test_unwritable_list_prevents_changes(folder: Path) -> None:
     resource = pytest.importorskip("resource")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     with Store(folder) as store:
@@ -443,7 +437,7 @@ def test_a_list_that_cannot_be_written_is_named_and_nothing_is_changed(folder: P
     assert wrong(folder) == {}
 
 
-def test_a_rebuilding_names_all_that_is_lost(folder: Path) -> None:
+def test_rebuild_lists_lost_data(folder: Path) -> None:
     lost = lose(folder).lost
     for what in ("about functioning", "adverse events", "refusals to re-consent", "the log", "links of"):
         assert what in lost

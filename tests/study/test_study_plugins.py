@@ -47,9 +47,7 @@ def checked(folder: Path) -> tuple[int, str]:
     return ran.exit_code, ran.output
 
 
-def test_a_robot_that_changes_within_a_study_is_named_with_everybody_who_met_it(
-    robot: Path, folder: Path
-) -> None:
+def test_changed_robot_plugin_is_reported(robot: Path, folder: Path) -> None:
     with Store(folder) as store:
         first, second = enrol_with_consent(store), enrol_with_consent(store)
         run_participant(store, first, 2)
@@ -74,7 +72,7 @@ def test_a_robot_that_changes_within_a_study_is_named_with_everybody_who_met_it(
     assert "error robot Jaco: was not the same in all trials" in " ".join(said.split())
 
 
-def test_a_dry_run_before_a_change_says_nothing_about_people(robot: Path, folder: Path) -> None:
+def test_dry_run_before_a_change_does_not_concern_people(robot: Path, folder: Path) -> None:
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store), 1)
         change(robot)
@@ -82,14 +80,14 @@ def test_a_dry_run_before_a_change_says_nothing_about_people(robot: Path, folder
         assert [each for each in findings(store) if each.is_error] == []
 
 
-def test_a_study_without_plug_ins_has_nothing_to_say(folder: Path) -> None:
+def test_study_without_plugins_has_no_findings(folder: Path) -> None:
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store), 1)
         assert findings(store) == []
         assert [each for each in store.events() if each.name == "plug-in used"] == []
 
 
-def test_each_session_stores_what_it_uses(robot: Path, folder: Path) -> None:
+def test_sessions_store_their_plugins(robot: Path, folder: Path) -> None:
     with Store(folder) as store:
         with StudyVisit(store, enrol_with_consent(store)):
             pass
@@ -114,7 +112,7 @@ def deviating(store: Store, change: Callable[[PlanRecord], PlanRecord] = lambda 
     return [each.message for each in deviations(store, changed, {}) if each.where == "plug-ins"]
 
 
-def test_a_plan_stores_them_and_a_change_is_a_deviation(robot: Path, folder: Path) -> None:
+def test_changed_plugin_is_a_deviation(robot: Path, folder: Path) -> None:
     with Store(folder) as store:
         freeze_with_template(store)
         assert deviating(store) == []
@@ -123,7 +121,7 @@ def test_a_plan_stores_them_and_a_change_is_a_deviation(robot: Path, folder: Pat
         assert deviating(store) == [f"robot Jaco was {before}, is {plugins_of(ENVIRONMENT)[0]}"]
 
 
-def test_a_plan_of_an_earlier_version_opens_and_says_that_it_stores_none(robot: Path, folder: Path) -> None:
+def test_plan_of_an_earlier_version_has_no_plugins(robot: Path, folder: Path) -> None:
     def earlier(record: PlanRecord) -> PlanRecord:
         values = msgspec.to_builtins(record)
         del values["plugins"]
@@ -134,7 +132,7 @@ def test_a_plan_of_an_earlier_version_opens_and_says_that_it_stores_none(robot: 
         assert deviating(store, earlier) == [f"robot Jaco was not stored, is {plugins_of(ENVIRONMENT)[0]}"]
 
 
-def test_the_methods_of_a_publication_name_them(robot: Path, folder: Path) -> None:
+def test_methods_section_lists_plugins(robot: Path, folder: Path) -> None:
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store), 2)
         said = list(_plugins(Namespace(observed=read_study(store)), Namespace(simulated=True)))

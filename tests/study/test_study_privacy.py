@@ -81,7 +81,7 @@ def others(store: Store) -> tuple:
 # The identity file
 
 
-def test_names_are_nowhere_in_plain_text_and_only_their_owner_may_read_their_file(store: Store) -> None:
+def test_names_are_only_in_a_private_encrypted_file(store: Store) -> None:
     private = store.folder / "private"
     holders = [name for name, data in files(store.folder).items() if b"Unverwechselbar" in data]
     assert holders == []
@@ -91,7 +91,7 @@ def test_names_are_nowhere_in_plain_text_and_only_their_owner_may_read_their_fil
     assert list(exposed(private)) == []
 
 
-def test_the_identity_file_is_private_whatever_the_process_allows(store: Store) -> None:
+def test_identity_file_is_private_for_any_umask(store: Store) -> None:
     before = os.umask(0)
     try:
         set_identity(store, "sub-001", "Another Name", "")
@@ -100,7 +100,7 @@ def test_the_identity_file_is_private_whatever_the_process_allows(store: Store) 
     assert stat.S_IMODE((store.folder / "private" / "identities.json").stat().st_mode) == 0o600
 
 
-def test_an_identity_file_that_is_damaged_is_refused_and_kept(store: Store) -> None:
+def test_damaged_identity_file_is_rejected_and_kept(store: Store) -> None:
     path = store.folder / "private" / "identities.json"
     path.write_text("{ damaged")
     with pytest.raises(StudyError, match="not an identity file"):
@@ -108,7 +108,7 @@ def test_an_identity_file_that_is_damaged_is_refused_and_kept(store: Store) -> N
     assert path.read_text() == "{ damaged"
 
 
-def test_a_simulated_participant_has_no_name(store: Store) -> None:
+def test_simulated_participant_has_no_name(store: Store) -> None:
     with pytest.raises(StudyError, match="cannot have a name or contact"):
         enrol(store, "man", name="Robo", simulated=True)
     assert len(store.participants()) == 3
@@ -117,7 +117,7 @@ def test_a_simulated_participant_has_no_name(store: Store) -> None:
 # Deletion
 
 
-def test_deletion_leaves_no_trace_and_changes_nobody_else(store: Store) -> None:
+def test_deletion_leaves_no_trace(store: Store) -> None:
     before = others(store)
     assert found(store.folder) == set(TRACES) - NAMES
     delete_participant(store, "sub-002")
@@ -130,7 +130,7 @@ def test_deletion_leaves_no_trace_and_changes_nobody_else(store: Store) -> None:
     assert found(store.folder) == set()
 
 
-def test_a_deleted_number_is_never_given_again_and_its_order_is(store: Store) -> None:
+def test_deleted_number_is_not_reused_and_its_order_is(store: Store) -> None:
     cell = store.participant("sub-003").cell
     delete_participant(store, "sub-003")
     pseudonym = enrol_with_consent(store, simulated=False)
@@ -138,7 +138,7 @@ def test_a_deleted_number_is_never_given_again_and_its_order_is(store: Store) ->
     assert store.participant(pseudonym).cell == cell
 
 
-def test_backups_of_the_database_go_with_a_participant(store: Store) -> None:
+def test_deletion_removes_backups_of_the_database(store: Store) -> None:
     backups = store.folder / "backups"
     backups.mkdir()
     shutil.copy(store.folder / "study.db", backups / "0001_first-copy.db")
@@ -148,7 +148,7 @@ def test_backups_of_the_database_go_with_a_participant(store: Store) -> None:
 
 
 @pytest.mark.parametrize("step", ["remove_entry", "_remove", "erase_traces"])
-def test_a_deletion_that_broke_off_is_finished_by_deleting_again(
+def test_repeated_deletion_completes_an_interrupted_one(
     store: Store, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
     before = others(store)
@@ -163,7 +163,7 @@ def test_a_deletion_that_broke_off_is_finished_by_deleting_again(
     assert others(store) == before
 
 
-def test_nobody_is_deleted_while_their_session_runs(store: Store) -> None:
+def test_running_session_prevents_deletion(store: Store) -> None:
     session = open_session(store, "sub-002")
     before = files(store.folder / "recordings")
     with pytest.raises(StudyError, match=r"is open at .*; close it before the deletion"):
@@ -174,9 +174,7 @@ def test_nobody_is_deleted_while_their_session_runs(store: Store) -> None:
     delete_participant(store, "sub-002")
 
 
-def test_whoever_reads_the_study_meanwhile_keeps_traces_from_being_erased(
-    store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_readers_prevent_erasure_of_traces(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sqlite, "WAIT_S", 0.1)
     with Store(store.folder) as reader, reader.database.read() as connection:
         connection.execute(schema.PARTICIPANT.select()).all()
@@ -187,7 +185,7 @@ def test_whoever_reads_the_study_meanwhile_keeps_traces_from_being_erased(
 
 
 @pytest.mark.parametrize("pseudonym", ["sub-009", "../recordings", "sub-002/../sub-001", "*", "sub-2"])
-def test_only_a_participant_can_be_deleted(store: Store, pseudonym: str) -> None:
+def test_unknown_participants_cannot_be_deleted(store: Store, pseudonym: str) -> None:
     before = {name: data for name, data in files(store.folder).items() if "study.db" not in name}
     with pytest.raises(StudyError, match=r"not a pseudonym|there is no sub-009"):
         delete_participant(store, pseudonym)

@@ -57,7 +57,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("leave", ["private", "recordings", "study.head"])
-def test_a_lost_database_is_not_made_anew(tmp_path: Path, leave: str) -> None:
+def test_lost_database_is_not_recreated(tmp_path: Path, leave: str) -> None:
     folder = small_study(tmp_path / "study")
     with Store(folder) as opened:
         run_participant(
@@ -77,7 +77,7 @@ def test_a_lost_database_is_not_made_anew(tmp_path: Path, leave: str) -> None:
     assert avrgym("study", "status", folder).exit_code == 1
 
 
-def test_recordings_give_a_lost_database_back(old: Path, tmp_path: Path) -> None:
+def test_lost_database_is_rebuilt_from_recordings(old: Path, tmp_path: Path) -> None:
     kept = Path(shutil.copytree(old, tmp_path / "kept"))
     for name in ("study.db", "study.db.sha256", "study.head"):
         (old / name).unlink()
@@ -120,7 +120,7 @@ def _facts(row: object) -> dict:
     return facts
 
 
-def test_a_database_that_is_there_is_not_rebuilt(old: Path) -> None:
+def test_existing_database_is_not_rebuilt(old: Path) -> None:
     with Store(old) as opened:
         before = opened.participants()
     with pytest.raises(StudyError, match="has a database; only a lost database is rebuilt"):
@@ -133,7 +133,7 @@ def test_a_database_that_is_there_is_not_rebuilt(old: Path) -> None:
 
 
 @pytest.mark.parametrize("closed", [True, False])
-def test_a_study_that_cannot_be_written_is_read(
+def test_read_only_study_can_be_opened(
     old: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, closed: bool
 ) -> None:
     """Also where a process was killed and the log of SQLite still holds what it wrote; and of an earlier version."""
@@ -164,7 +164,7 @@ def test_a_study_that_cannot_be_written_is_read(
 
 
 @pytest.mark.usefixtures("open_umask")
-def test_whatever_a_study_leaves_is_its_owner_s_alone(tmp_path: Path) -> None:
+def test_all_files_are_private(tmp_path: Path) -> None:
     folder = tmp_path / "study"
     assert avrgym("study", "new", folder).exit_code == 0
     with Store(folder) as opened:
@@ -180,7 +180,7 @@ def _open(folder: Path) -> list[Path]:
     return [each for each in (folder, *folder.rglob("*")) if stat.S_IMODE(each.stat().st_mode) & 0o077]
 
 
-def test_an_older_study_s_files_are_taken_from_others_on_request(old: Path) -> None:
+def test_permissions_are_restricted_on_request(old: Path) -> None:
     for path in (old, *old.rglob("*")):
         path.chmod(0o755 if path.is_dir() else 0o644)
     noted = avrgym("study", "check", old)
@@ -194,7 +194,7 @@ def test_an_older_study_s_files_are_taken_from_others_on_request(old: Path) -> N
 # What a killed write leaves
 
 
-def test_what_a_killed_write_left_is_found_and_removed(tmp_path: Path) -> None:
+def test_temporary_files_of_killed_writes_are_removed(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
     with Store(folder) as opened:
         enrol_with_consent(opened, simulated=False, name="Ada")

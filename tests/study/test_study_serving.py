@@ -91,7 +91,7 @@ def loop(store: Store) -> Iterator[Loop]:
     running.sessions.close(running.now_s)
 
 
-def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store, loop: Loop) -> None:
+def test_one_session_runs_at_a_time(store: Store, loop: Loop) -> None:
     """The next session begins for those who watch, and not for the participant of the one before."""
     first, second = enrol_with_consent(store), enrol_with_consent(store)
     greeted: list[Sent] = []
@@ -118,7 +118,7 @@ def test_clients_wait_until_a_session_begins_and_one_runs_at_a_time(store: Store
     assert [type(message) for message in watched] == 2 * [Welcome, Language, Body, Scene, Phase]
 
 
-def test_sessions_are_on_the_furniture_that_was_given_last(store: Store, loop: Loop) -> None:
+def test_sessions_use_the_latest_furniture(store: Store, loop: Loop) -> None:
     """The design's until somebody gives another; the next session keeps it."""
     assert loop.sessions.furniture == store.design.furniture
     lower = RealFurniture(seat_height_m=0.45)
@@ -131,7 +131,7 @@ def test_sessions_are_on_the_furniture_that_was_given_last(store: Store, loop: L
         loop.tick()
 
 
-def test_who_withdraws_is_withdrawn_after_their_session_has_ended(store: Store, loop: Loop) -> None:
+def test_withdrawal_is_stored_after_the_session(store: Store, loop: Loop) -> None:
     pseudonym = enrol_with_consent(store)
     loop.ask(loop.sessions.begin, pseudonym)
     with pytest.raises(StudyError, match="no session of sub-002 runs here"):
@@ -142,14 +142,14 @@ def test_who_withdraws_is_withdrawn_after_their_session_has_ended(store: Store, 
     assert loop.sessions.participant is None
 
 
-def test_a_session_that_cannot_be_changes_nothing(store: Store, loop: Loop) -> None:
+def test_impossible_session_changes_nothing(store: Store, loop: Loop) -> None:
     pseudonym = enrol(store, "man")
     with pytest.raises(StudyError, match="is enrolled; only allocated participants"):
         loop.ask(loop.sessions.begin, pseudonym)
     assert (loop.sessions.participant, store.sessions(pseudonym)) == (None, [])
 
 
-def test_the_end_of_the_server_closes_the_session(store: Store) -> None:
+def test_server_end_closes_the_session(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     loop = Loop(store)
     loop.ask(loop.sessions.begin, pseudonym)
@@ -172,7 +172,7 @@ def answer(loop: Loop, item: str, value: int) -> None:
     loop.tick()
 
 
-def test_questions_come_before_and_after_the_trials_and_are_stored_at_once(asking: Store) -> None:
+def test_questions_before_and_after_the_trials_are_stored(asking: Store) -> None:
     loop, pseudonym = Loop(asking), enrol_with_consent(asking)
     loop.sessions.welcome(loop.inbox.append, "participant", 0.0)
     loop.ask(loop.sessions.begin, pseudonym)
@@ -209,7 +209,7 @@ def test_questions_come_before_and_after_the_trials_and_are_stored_at_once(askin
     loop.sessions.close(loop.now_s)
 
 
-def test_the_experimenter_skips_questions_or_ends_the_session_before_its_trials(asking: Store) -> None:
+def test_experimenter_skips_questions_or_ends_the_session(asking: Store) -> None:
     loop, pseudonym = Loop(asking), enrol_with_consent(asking)
     loop.ask(loop.sessions.begin, pseudonym)
     answer(loop, "nausea", 1)
@@ -230,7 +230,7 @@ def test_the_experimenter_skips_questions_or_ends_the_session_before_its_trials(
     loop.sessions.close(loop.now_s)
 
 
-def test_who_only_lacks_the_last_answers_is_asked_them(asking: Store) -> None:
+def test_session_with_only_the_last_questions(asking: Store) -> None:
     """A crash came between the last trial and the questions about the session."""
     loop, pseudonym = Loop(asking), enrol_with_consent(asking)
     session = open_session(asking, pseudonym)
@@ -247,7 +247,7 @@ def test_who_only_lacks_the_last_answers_is_asked_them(asking: Store) -> None:
     assert asking.participant(pseudonym).state == "completed"
 
 
-def test_a_session_without_a_link_does_not_begin(
+def test_session_does_not_begin_without_a_link(
     store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No session goes on for those who watch where its link could not be stored."""
@@ -268,9 +268,7 @@ def test_a_session_without_a_link_does_not_begin(
     assert loop.sessions.participant == pseudonym
 
 
-def test_the_loop_never_waits_for_a_new_link(
-    store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_loop_does_not_wait_for_a_new_link(store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch) -> None:
     """The database may be locked for a minute, while the robot moves."""
     loop.ask(loop.sessions.begin, enrol_with_consent(store))
     before, made_by = loop.sessions.links.link, list[threading.Thread]()
@@ -289,7 +287,7 @@ def test_the_loop_never_waits_for_a_new_link(
         loop.ask(loop.sessions.renew_link, "sub-002")
 
 
-def test_a_link_ends_with_a_session_that_is_ended_elsewhere(
+def test_link_ends_when_another_process_ends_the_session(
     store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(threads, "CHECK_EVERY_S", 0.01)

@@ -58,14 +58,14 @@ def study(*arguments: str | int | Path, answers: str = "") -> Result:
 
 
 @pytest.mark.slow
-def test_kill_9_at_any_instant_changes_nothing_of_the_study(folder: Path, tmp_path: Path) -> None:
+def test_killed_dry_run_gives_the_same_study(folder: Path, tmp_path: Path) -> None:
     """Orders, seeds, answers and figures are those of a study that was never broken off."""
     whole = make_study(tmp_path / "whole", **DESIGN)
     print(compare_with_killed(whole, folder, tmp_path / "journal", kills=20))
 
 
 @pytest.mark.slow
-def test_a_dry_run_that_is_killed_goes_on_as_if_it_never_had_been(tmp_path: Path) -> None:
+def test_dry_run_continues_after_a_kill(tmp_path: Path) -> None:
     """The program with its processes, by `kill -9` between two trials of a participant, or in the second."""
     design = DESIGN | {"practice_policy": '""'}
     whole, killed = (make_study(tmp_path / name, **design) for name in ("whole", "killed"))
@@ -91,7 +91,7 @@ def completed(folder: Path) -> int:
 
 
 @pytest.mark.slow
-def test_a_dry_run_is_a_whole_study_and_a_second_one_goes_on(folder: Path) -> None:
+def test_dry_run_is_complete_and_can_be_continued(folder: Path) -> None:
     with open(folder / "study.toml", "a") as file:
         for when in ("before_session", "after_session"):
             file.write(f'[[questionnaires]]\nname = "{when}"\nwhen = "{when}"\n')
@@ -122,9 +122,7 @@ def test_a_dry_run_is_a_whole_study_and_a_second_one_goes_on(folder: Path) -> No
         assert len(heights) == 2
 
 
-def test_who_is_withdrawn_during_a_dry_run_is_no_failure(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_withdrawal_during_a_dry_run_is_no_failure(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run_trial = simulation._run_trial  # pyright: ignore[reportPrivateUsage]
 
     def run_and_withdraw(visit: StudyVisit, cast: DryRun) -> None:
@@ -141,7 +139,7 @@ def test_who_is_withdrawn_during_a_dry_run_is_no_failure(
         assert [finding for finding in check_study(store) if finding.is_error] == []
 
 
-def test_another_seed_does_not_go_on_with_earlier_people(folder: Path) -> None:
+def test_other_seed_does_not_continue_earlier_participants(folder: Path) -> None:
     with Store(folder) as store:
         simulated_participant(store, 0, DryRun(SEED))
     with (
@@ -154,7 +152,7 @@ def test_another_seed_does_not_go_on_with_earlier_people(folder: Path) -> None:
         assert simulated_participant(store, 1, DryRun(SEED)) == "sub-003"
 
 
-def test_other_people_do_not_go_on_with_them_either(folder: Path) -> None:
+def test_other_population_does_not_continue_earlier_participants(folder: Path) -> None:
     zoo = find_dry_run(SEED, "zoo/unseen", "tremor")
     assert str(zoo) == f"simulated with seed {SEED}, people zoo/unseen, impairment tremor"
     with Store(folder) as store:
@@ -164,7 +162,7 @@ def test_other_people_do_not_go_on_with_them_either(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_partners_of_the_zoo_take_part(tmp_path: Path) -> None:
+def test_zoo_partners_take_part(tmp_path: Path) -> None:
     design = DESIGN | {"practice_policy": '""', "policies": '["revised"]'}
     folder = make_study(tmp_path / "study", **design)
     asked = "--participants", 1, "--seed", SEED, "--jobs", 1
@@ -182,7 +180,7 @@ def test_partners_of_the_zoo_take_part(tmp_path: Path) -> None:
     assert "other people" in refused.output
 
 
-def test_a_missing_policy_ends_a_dry_run_before_it_begins(tmp_path: Path) -> None:
+def test_missing_policy_prevents_a_dry_run(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", **DESIGN | {"policies": '["nobody", "revised"]'})
     with pytest.raises(PolicyError, match="no policy 'nobody' for avrgym/ScratchItchJaco-v1"):
         simulate_study(folder, 1, SEED)
@@ -193,7 +191,7 @@ def test_a_missing_policy_ends_a_dry_run_before_it_begins(tmp_path: Path) -> Non
 # The commands about people
 
 
-def test_someone_is_enrolled_and_asked_on_the_command_line(folder: Path) -> None:
+def test_enrolment_on_the_command_line(folder: Path) -> None:
     enrolled = study("enrol", folder, "--body", "woman", "--age", 23, "--name", "Ada Example")
     assert enrolled.exit_code == 0
     assert enrolled.stdout.startswith("enrolled  sub-001\n")
@@ -211,7 +209,7 @@ def test_someone_is_enrolled_and_asked_on_the_command_line(folder: Path) -> None
     assert (again.exit_code, again.stderr.count("cannot become consented")) == (1, 1)
 
 
-def test_nobody_is_served_who_may_not_take_part(folder: Path) -> None:
+def test_server_rejects_ineligible_participants(folder: Path) -> None:
     study("enrol", folder, "--body", "man")
     for pseudonym, why in (
         ("sub-001", "is enrolled; only allocated participants"),
@@ -224,7 +222,7 @@ def test_nobody_is_served_who_may_not_take_part(folder: Path) -> None:
     assert not (folder / "recordings").exists()
 
 
-def test_who_does_not_fit_cannot_take_part(folder: Path) -> None:
+def test_excluded_participant_cannot_take_part(folder: Path) -> None:
     study("enrol", folder, "--body", "man")
     asked = study("consent", folder, "sub-001", answers="y\nn\n" + FITS[2:])
     assert asked.stdout.endswith("sub-001 cannot take part\n")
@@ -236,7 +234,7 @@ def test_who_does_not_fit_cannot_take_part(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_trained_human_takes_part_and_only_in_their_own_environment(tmp_path: Path) -> None:
+def test_trained_human_takes_part_in_its_environment(tmp_path: Path) -> None:
     """From a folder of them; the same seed gives the same study, and all is marked as simulated."""
     design = DESIGN | {"practice_policy": '""', "policies": '["revised"]'}
     folder, again = (make_study(tmp_path / name, **design) for name in ("study", "again"))

@@ -85,7 +85,7 @@ def refused(store: Store, action: Callable[[], object], message: str) -> None:
 # The whole life
 
 
-def test_a_participant_goes_from_enrolment_to_the_last_answer(store: Store) -> None:
+def test_participant_from_enrolment_to_the_last_answer(store: Store) -> None:
     pseudonym = enrol(store, "man", age_years=24)
     record_consent(store, pseudonym)
     assert record_inclusion(store, pseudonym, eligible_answers(store))
@@ -121,7 +121,7 @@ def test_a_participant_goes_from_enrolment_to_the_last_answer(store: Store) -> N
     assert Counter(names)["attempt completed"] == Counter(names)["trial completed"] == 5
 
 
-def test_what_was_stored_is_there_after_opening_again(kind: str, tmp_path: Path) -> None:
+def test_stored_data_remain_after_reopening(kind: str, tmp_path: Path) -> None:
     folder = small_study(tmp_path)
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store), trials=2)
@@ -130,7 +130,7 @@ def test_what_was_stored_is_there_after_opening_again(kind: str, tmp_path: Path)
         assert contents(store) == before
 
 
-def test_a_broken_off_attempt_is_repeated_and_a_skipped_trial_comes_last(store: Store) -> None:
+def test_interrupted_attempts_are_repeated_and_skipped_trials_are_last(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     session = open_session(store, pseudonym)
     practice, first, *_ = store.remaining_trials(pseudonym)
@@ -147,7 +147,7 @@ def test_a_broken_off_attempt_is_repeated_and_a_skipped_trial_comes_last(store: 
     assert all(attempt.sha256 for attempt in store.attempts(pseudonym))
 
 
-def test_answers_about_a_session_are_kept_apart(kind: str, tmp_path: Path) -> None:
+def test_answers_about_a_session_are_separate(kind: str, tmp_path: Path) -> None:
     folder = small_study(tmp_path)
     with open(folder / "study.toml", "a") as file:
         file.write('[[questionnaires]]\nname = "end"\nwhen = "after_session"\n')
@@ -172,7 +172,7 @@ def test_answers_about_a_session_are_kept_apart(kind: str, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("table", TRANSITIONS)
-def test_only_the_stated_transitions_are_allowed(table: str) -> None:
+def test_only_defined_transitions_are_allowed(table: str) -> None:
     states = TRANSITIONS[table]
     for before in states:
         for after in states:
@@ -183,7 +183,7 @@ def test_only_the_stated_transitions_are_allowed(table: str) -> None:
                     check_transition(table, "it", before, after)
 
 
-def test_there_is_no_trial_without_consent(store: Store) -> None:
+def test_trial_requires_consent(store: Store) -> None:
     pseudonym = enrol(store, "woman")
     refused(store, lambda: open_session(store, pseudonym), "is enrolled; only allocated participants")
     answers = eligible_answers(store)
@@ -197,7 +197,7 @@ def test_there_is_no_trial_without_consent(store: Store) -> None:
     open_session(store, pseudonym)
 
 
-def test_who_does_not_fit_is_excluded_and_takes_no_order(store: Store) -> None:
+def test_excluded_participant_has_no_order(store: Store) -> None:
     pseudonym = enrol(store, "woman")
     record_consent(store, pseudonym)
     refused(
@@ -213,7 +213,7 @@ def test_who_does_not_fit_is_excluded_and_takes_no_order(store: Store) -> None:
     assert store.participant(enrol_with_consent(store)).cell == 0
 
 
-def test_simulated_participants_never_take_the_place_of_people(store: Store) -> None:
+def test_simulated_participants_do_not_use_cells_of_people(store: Store) -> None:
     cells = [
         store.participant(enrol_with_consent(store, simulated=simulated)).cell
         for simulated in (True, True, False, True, False)
@@ -221,7 +221,7 @@ def test_simulated_participants_never_take_the_place_of_people(store: Store) -> 
     assert cells == [0, 1, 0, 2, 1]
 
 
-def test_withdrawal_in_mid_trial_ends_attempt_and_session_for_good(store: Store) -> None:
+def test_withdrawal_ends_attempt_and_session(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     session = open_session(store, pseudonym)
     attempt = begin_attempt(store, session.id, 1)
@@ -240,7 +240,7 @@ def test_withdrawal_in_mid_trial_ends_attempt_and_session_for_good(store: Store)
         refused(store, action, "is (stopped|closed|withdrawn)")
 
 
-def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
+def test_session_rejects_actions_out_of_order(store: Store) -> None:
     pseudonym, other = enrol_with_consent(store), enrol_with_consent(store)
     session = open_session(store, pseudonym)
     refused(store, lambda: open_session(store, pseudonym), "is open at .*; close it there first")
@@ -292,13 +292,13 @@ def test_a_session_does_nothing_out_of_turn(store: Store) -> None:
 @pytest.mark.parametrize(
     "pseudonym", ["sub-002", "sub-1", "../..", "sub-000", "sub-001/..", "", "sub-٠٠١", "sub-001\n"]
 )
-def test_an_unknown_participant_is_refused(store: Store, pseudonym: str) -> None:
+def test_unknown_participant_is_rejected(store: Store, pseudonym: str) -> None:
     enrol_with_consent(store)
     for action in (open_session, withdraw, record_consent, Store.participant):
         refused(store, lambda action=action: action(store, pseudonym), "not a pseudonym|there is no sub-002")
 
 
-def test_a_stray_file_is_never_overwritten(store: Store) -> None:
+def test_stray_file_is_not_overwritten(store: Store) -> None:
     session = open_session(store, enrol_with_consent(store))
     stray = store.path("recordings/sub-001/ses-01/trial-01_attempt-1.mcap")
     stray.parent.mkdir(parents=True)
@@ -308,7 +308,7 @@ def test_a_stray_file_is_never_overwritten(store: Store) -> None:
     assert stray.read_text() == "precious"
 
 
-def test_an_attempt_takes_the_file_that_was_opened_for_it(store: Store, tmp_path: Path) -> None:
+def test_attempt_uses_its_opened_file(store: Store, tmp_path: Path) -> None:
     session = open_session(store, enrol_with_consent(store))
     folder = store.path(session.folder)
     folder.mkdir(parents=True)
@@ -327,7 +327,7 @@ def test_an_attempt_takes_the_file_that_was_opened_for_it(store: Store, tmp_path
     assert (attempt.number, attempt.recording) == (1, f"{session.folder}/trial-01_attempt-7.mcap")
 
 
-def test_recordings_do_not_leave_the_study_through_a_link(store: Store, tmp_path: Path) -> None:
+def test_recordings_are_not_written_through_symbolic_links(store: Store, tmp_path: Path) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     session = open_session(store, enrol_with_consent(store))
@@ -337,7 +337,7 @@ def test_recordings_do_not_leave_the_study_through_a_link(store: Store, tmp_path
     assert list(elsewhere.iterdir()) == []
 
 
-def test_the_protocol_stays_as_it_is_once_someone_has_an_order(kind: str, tmp_path: Path) -> None:
+def test_protocol_is_fixed_after_the_first_allocation(kind: str, tmp_path: Path) -> None:
     folder = small_study(tmp_path)
     Store(folder).close()
     make_study(folder, tasks='["Feeding"]', seed="5")
@@ -367,7 +367,7 @@ os._exit(9)
 """
 
 
-def test_a_session_of_a_process_that_died_is_taken_over_at_once(store: Store) -> None:
+def test_session_of_a_dead_process_is_taken_over(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     assert subprocess.run([sys.executable, "-c", CRASH, store.folder, pseudonym]).returncode == 9
     session = open_session(store, pseudonym)
@@ -378,7 +378,7 @@ def test_a_session_of_a_process_that_died_is_taken_over_at_once(store: Store) ->
     assert attempt.recording == "recordings/sub-001/ses-02/trial-01_attempt-2.mcap"
 
 
-def test_another_station_s_session_ends_only_on_request(store: Store) -> None:
+def test_session_of_another_station_ends_only_on_request(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     store.station = "elsewhere"
     open_session(store, pseudonym)
@@ -387,7 +387,7 @@ def test_another_station_s_session_ends_only_on_request(store: Store) -> None:
     assert open_session(store, pseudonym, take_over=True).number == 2
 
 
-def test_a_trial_that_only_lacked_its_completion_is_completed_after_a_crash(store: Store) -> None:
+def test_finished_trial_is_completed_after_a_crash(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     session = open_session(store, pseudonym)
     practice, first, second, *_ = store.remaining_trials(pseudonym)
@@ -421,9 +421,7 @@ with Store(Path(sys.argv[1])) as store:
 
 
 @pytest.mark.slow
-def test_kill_9_at_any_moment_changes_neither_order_nor_seeds_nor_loses_a_trial(
-    kind: str, tmp_path: Path
-) -> None:
+def test_kills_lose_no_trial(kind: str, tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding", "Drinking"]')
     rng = random.Random(7)
     with Store(folder) as store:
@@ -470,7 +468,7 @@ def _plan(trial: Trial) -> tuple:
 # Deletion
 
 
-def test_of_a_deleted_participant_only_a_tombstone_stays(store: Store) -> None:
+def test_deletion_keeps_only_a_tombstone(store: Store) -> None:
     for _ in range(2):
         run_participant(store, enrol_with_consent(store), trials=2)
     add_note(store, "sub-001", "a note")
@@ -498,7 +496,7 @@ with Store(Path(sys.argv[1])) as store:
 
 
 @pytest.mark.slow
-def test_stations_at_the_same_time_never_share_an_allocation(kind: str, tmp_path: Path) -> None:
+def test_parallel_stations_have_distinct_allocations(kind: str, tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding", "Drinking"]')
     each, stations = 4, 3
     command = [sys.executable, "-c", STATION, folder, str(each)]
@@ -538,12 +536,12 @@ def newer(tmp_path: Path) -> Path:
     return folder
 
 
-def test_the_migrations_lead_to_the_tables(store: Store) -> None:
+def test_migrations_create_the_tables(store: Store) -> None:
     with store.database.write() as connection:
         assert compare_metadata(MigrationContext.configure(connection), schema.METADATA) == []
 
 
-def test_an_older_study_is_brought_up_to_date_after_a_backup(
+def test_older_study_is_upgraded_after_a_backup(
     store: Store, newer: Path, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run_participant(store, enrol_with_consent(store), trials=2)
@@ -595,7 +593,7 @@ def study_of_0_2_0(tmp_path: Path, kind: str) -> Path:
     return folder
 
 
-def test_a_study_of_0_2_0_is_upgraded(tmp_path: Path, kind: str) -> None:
+def test_study_of_0_2_0_is_upgraded(tmp_path: Path, kind: str) -> None:
     folder = study_of_0_2_0(tmp_path, kind)
     with Store(folder) as store:
         assert store.database.faults() == []
@@ -624,7 +622,7 @@ ADDED = {
 
 
 @pytest.mark.parametrize("revision", database.UNRELEASED)
-def test_a_study_of_a_development_version_is_upgraded(store: Store, revision: str) -> None:
+def test_study_of_a_development_version_is_upgraded(store: Store, revision: str) -> None:
     pseudonym = enrol_with_consent(store)
     with store.database.write() as connection:
         hash_chain.delete(connection, schema.DESIGN)
@@ -645,7 +643,7 @@ def test_a_study_of_a_development_version_is_upgraded(store: Store, revision: st
         assert again.database.faults() == []
 
 
-def test_a_study_of_a_newer_version_is_refused_and_left_alone(
+def test_study_of_a_newer_version_is_rejected(
     store: Store, newer: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = contents(store)
@@ -663,13 +661,13 @@ def test_a_study_of_a_newer_version_is_refused_and_left_alone(
         assert contents(again) == before
 
 
-def test_a_folder_without_a_design_is_refused(tmp_path: Path) -> None:
+def test_folder_without_a_design_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=r"contains no study.toml; `avrgym study new"):
         Store(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_database_that_cannot_be_reached_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unreachable_database_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = small_study(tmp_path)
     monkeypatch.setenv(database.URL_VARIABLE, "mysql://host/name")
     with pytest.raises(
@@ -685,7 +683,7 @@ def test_a_database_that_cannot_be_reached_is_named(tmp_path: Path, monkeypatch:
         Store(folder)
 
 
-def test_every_write_waits_for_the_disk(tmp_path: Path) -> None:
+def test_writes_are_flushed_to_disk(tmp_path: Path) -> None:
     with Store(small_study(tmp_path)) as store, store.database.write() as connection:
         pragmas = {
             name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()
@@ -694,7 +692,7 @@ def test_every_write_waits_for_the_disk(tmp_path: Path) -> None:
         assert pragmas == {"synchronous": 2, "journal_mode": "wal"}
 
 
-def test_a_process_that_has_ended_does_not_run() -> None:
+def test_ended_process_is_not_running() -> None:
     """Also before its parent has asked how it ended."""
     assert is_running(os.getpid())
     with subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE) as process:

@@ -84,7 +84,7 @@ def digests(folder: Path) -> dict[str, str]:
     return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
-def test_a_visit_is_stored_from_calibration_to_the_last_answer(store: Store) -> None:
+def test_complete_visit_is_stored(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     planned = store.trials(pseudonym)
     with StudyVisit(store, pseudonym) as visit:
@@ -116,7 +116,7 @@ def test_a_visit_is_stored_from_calibration_to_the_last_answer(store: Store) -> 
     assert phases == [f"phase {name}" for name in attended.phases]
 
 
-def test_there_is_no_visit_without_consent(store: Store) -> None:
+def test_visit_requires_consent(store: Store) -> None:
     pseudonym = enrol(store, "woman")
     for prepare in (lambda: None, lambda: record_consent(store, pseudonym)):
         prepare()
@@ -125,7 +125,7 @@ def test_there_is_no_visit_without_consent(store: Store) -> None:
     assert (store.sessions(pseudonym), digests(store.folder)) == ([], {})
 
 
-def test_a_missing_policy_is_named_before_a_session_opens(
+def test_missing_policy_prevents_a_session(
     store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     pseudonym = enrol_with_consent(store)
@@ -137,7 +137,7 @@ def test_a_missing_policy_is_named_before_a_session_opens(
     assert store.sessions(pseudonym) == []
 
 
-def test_the_next_visit_goes_on_with_order_seeds_and_attempts(store: Store) -> None:
+def test_next_visit_continues_order_seeds_and_attempts(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     planned = [(trial.environment, trial.policy, trial.seed) for trial in store.trials(pseudonym)]
     with StudyVisit(store, pseudonym) as visit:
@@ -169,7 +169,7 @@ def test_the_next_visit_goes_on_with_order_seeds_and_attempts(store: Store) -> N
         StudyVisit(store, pseudonym)
 
 
-def test_what_the_experimenter_commands_is_stored(store: Store) -> None:
+def test_commands_are_stored(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
@@ -199,7 +199,7 @@ def test_what_the_experimenter_commands_is_stored(store: Store) -> None:
     assert store.participant(pseudonym).state == "completed"
 
 
-def test_withdrawal_in_mid_trial_stops_robot_and_recording(store: Store) -> None:
+def test_withdrawal_stops_robot_and_recording(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
@@ -231,7 +231,7 @@ def await_word(visit: StudyVisit) -> None:
         time.sleep(0.01)
 
 
-def test_withdrawal_elsewhere_stops_robot_and_recording_in_mid_trial(store: Store) -> None:
+def test_withdrawal_by_another_process_stops_robot_and_recording(store: Store) -> None:
     """By the command line in another process, and without any transition that would be stored."""
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
@@ -255,7 +255,7 @@ def test_withdrawal_elsewhere_stops_robot_and_recording_in_mid_trial(store: Stor
     assert wrong(store) == []
 
 
-def test_nothing_is_stored_of_who_withdrew_elsewhere_even_before_that_is_known_here(
+def test_nothing_is_stored_after_withdrawal_by_another_process(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("avrgym.study.sessions.threads.CHECK_EVERY_S", 3600.0)
@@ -272,7 +272,7 @@ def test_nothing_is_stored_of_who_withdrew_elsewhere_even_before_that_is_known_h
     assert states(store) == ["stopped"]
 
 
-def test_a_session_that_is_taken_over_ends_here(store: Store) -> None:
+def test_session_ends_when_taken_over(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
@@ -289,9 +289,7 @@ def test_a_session_that_is_taken_over_ends_here(store: Store) -> None:
 # What cannot be written
 
 
-def test_on_a_full_disk_no_trial_completes_and_earlier_ones_stay(
-    store: Store, small_files: Callable[[int], None]
-) -> None:
+def test_full_disk_completes_no_trial(store: Store, small_files: Callable[[int], None]) -> None:
     """Neither recordings nor the database can grow; then they can, and the trial is repeated."""
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
@@ -316,7 +314,7 @@ def test_on_a_full_disk_no_trial_completes_and_earlier_ones_stay(
     assert wrong(store) == []
 
 
-def test_where_no_file_can_be_opened_no_trial_begins(store: Store) -> None:
+def test_trial_does_not_begin_without_a_file(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         blocked = store.path(visit.stored.folder)
@@ -333,7 +331,7 @@ def test_where_no_file_can_be_opened_no_trial_begins(store: Store) -> None:
     assert states(store)[0] == "completed"
 
 
-def test_what_the_database_cannot_keep_is_repeated(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_trial_is_repeated_after_a_storage_error(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     """The end of a trial cannot be stored, though its recording is whole: the trial is run once more."""
     pseudonym = enrol_with_consent(store)
 

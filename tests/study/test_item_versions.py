@@ -41,12 +41,12 @@ def names(*asked: tuple[Design, str, Callable[[str], str]]) -> list[list[str]]:
     return [[version.item.id for version in form.versions.values()] for form in forms]
 
 
-def test_translations_are_one_item() -> None:
+def test_translations_are_the_same_version() -> None:
     plain = [item.id for item in LIKERT_ITEMS]
     assert names((DESIGN, "en", english), (DESIGN, "de", german), (DESIGN, "en", english)) == [plain] * 3
 
 
-def test_another_translation_is_another_item() -> None:
+def test_changed_translation_is_a_new_version() -> None:
     first, second, third, fourth = names(
         (DESIGN, "en", english), (DESIGN, "de", german), (DESIGN, "de", other_german), (DESIGN, "de", german)
     )
@@ -64,14 +64,14 @@ def test_another_translation_is_another_item() -> None:
     ],
     ids=["words", "points", "ends", "labels"],
 )
-def test_a_changed_item_is_another_item_and_the_others_are_the_same(change: dict[str, object]) -> None:
+def test_changed_item_is_a_new_version_and_others_are_not(change: dict[str, object]) -> None:
     changed = with_first_item(DESIGN, msgspec.structs.replace(L1, **change))
     first, second, third = names((DESIGN, "en", english), (changed, "en", english), (DESIGN, "en", english))
     assert first == third == ["L1", "L2", "L3", "L4"]
     assert second == ["L1 (version 2)", "L2", "L3", "L4"]
 
 
-def test_an_instrument_changes_as_a_whole() -> None:
+def test_instrument_changes_as_a_whole() -> None:
     tlx = TLX.questionnaires[1]
     items = (msgspec.structs.replace(tlx.items[0], text="Another question?"), *tlx.items[1:])
     changed = msgspec.structs.replace(tlx, items=items)
@@ -91,14 +91,14 @@ def test_an_instrument_changes_as_a_whole() -> None:
     }
 
 
-def test_what_nobody_edited_is_the_design_itself() -> None:
+def test_unedited_design_has_only_first_versions() -> None:
     catalogue = ItemCatalogue()
     for translate in (english, english):
         catalogue.form(TLX, "en", translate)
     assert design_with_versions(TLX, catalogue) == TLX
 
 
-def test_items_that_nobody_answered_yet_are_those_of_the_design() -> None:
+def test_unanswered_items_are_from_the_design() -> None:
     catalogue = ItemCatalogue()
     catalogue.form(DESIGN, "en", english)
     more = Questionnaire("more", "after_session", (msgspec.structs.replace(L1, id="M1"),))

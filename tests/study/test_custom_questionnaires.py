@@ -115,7 +115,7 @@ def words(path: Path) -> str:
 # The design
 
 
-def test_a_questionnaire_is_asked_at_one_moment_or_several(tmp_path: Path) -> None:
+def test_questionnaire_has_one_or_several_moments(tmp_path: Path) -> None:
     design = parse_design((with_questionnaires(tmp_path) / "study.toml").read_text())
     assert [item.id for item in design.items_at("before_session")] == ["S_1", "S_2"]
     assert design.items_at("before_session") == design.items_at("after_session")
@@ -131,7 +131,7 @@ def test_a_questionnaire_is_asked_at_one_moment_or_several(tmp_path: Path) -> No
         ("3", "when"),
     ],
 )
-def test_other_moments_are_refused(tmp_path: Path, when: str, words: str) -> None:
+def test_unknown_moments_are_rejected(tmp_path: Path, when: str, words: str) -> None:
     text = (with_questionnaires(tmp_path) / "study.toml").read_text()
     with pytest.raises(DesignError, match=re.escape(words)):
         parse_design(text.replace('["before_session", "after_session"]', when))
@@ -158,7 +158,7 @@ def remaining(store: Store, pseudonym: str, when: str) -> list[str]:
         return [item.id for item in visit.items(when)]
 
 
-def test_an_item_is_answered_once_before_and_once_after(store: Store) -> None:
+def test_item_is_answered_once_before_and_once_after(store: Store) -> None:
     session = open_session(store, enrol_included(store)).id
     ask(store, session, "before_session", {"S_1": 1})
     with pytest.raises(StudyError, match="only the participant changes it"):
@@ -168,7 +168,7 @@ def test_an_item_is_answered_once_before_and_once_after(store: Store) -> None:
         ask(store, session, "after_session", {"S_1": 3})
 
 
-def test_what_was_answered_before_a_crash_is_not_asked_again(store: Store) -> None:
+def test_answers_before_a_crash_are_not_requested_again(store: Store) -> None:
     pseudonym = enrol_included(store)
     for item, rest in (("S_1", ["S_2"]), ("S_2", [])):
         visit = StudyVisit(store, pseudonym)
@@ -182,7 +182,7 @@ def test_what_was_answered_before_a_crash_is_not_asked_again(store: Store) -> No
     assert remaining(store, pseudonym, "before_session") == ["S_1", "S_2"]  # another visit
 
 
-def test_last_questions_go_on_after_a_crash(store: Store) -> None:
+def test_last_questions_continue_after_a_crash(store: Store) -> None:
     pseudonym = enrol_included(store)
     visit = StudyVisit(store, pseudonym)
     answer_trials(store, visit.stored.id, pseudonym)
@@ -191,7 +191,7 @@ def test_last_questions_go_on_after_a_crash(store: Store) -> None:
     assert remaining(store, pseudonym, "after_session") == ["S_2"]
 
 
-def test_of_answers_given_twice_the_later_counts_and_the_report_says_so(store: Store, tmp_path: Path) -> None:
+def test_later_of_two_answers_counts(store: Store, tmp_path: Path) -> None:
     pseudonym = enrol_included(store)
     for value in (1, 3):
         session = open_session(store, pseudonym)
@@ -214,7 +214,7 @@ def test_of_answers_given_twice_the_later_counts_and_the_report_says_so(store: S
 
 
 @pytest.mark.slow
-def test_each_questionnaire_is_a_family(out: Path) -> None:
+def test_each_questionnaire_is_a_family_of_tests(out: Path) -> None:
     tests = table(out, "tests")
     families = {
         "policies, likert, by trial": ["L1", "L2", "L3", "L4"],
@@ -230,7 +230,7 @@ def test_each_questionnaire_is_a_family(out: Path) -> None:
 
 
 @pytest.mark.slow
-def test_answers_before_and_after_and_their_change_are_those_given(out: Path) -> None:
+def test_answers_before_and_after_and_their_change(out: Path) -> None:
     rows = table(out, "session_answers").set_index(["item", "moment"])
     numbers = range(1, PEOPLE + 1)
     for item in ("S_1", "S_2"):
@@ -250,7 +250,7 @@ def test_answers_before_and_after_and_their_change_are_those_given(out: Path) ->
     assert test.p == pytest.approx(2 / 2**PEOPLE)
 
 
-def test_every_questionnaire_has_a_figure_in_its_own_words(out: Path) -> None:
+def test_each_questionnaire_has_a_figure_with_its_labels(out: Path) -> None:
     figures = {path.stem: words(path) for path in (out / "figures").glob("*.svg")}
     scales = {
         "likert-likert-people": "from 1 (strongly disagree) to 7 (strongly agree)",
@@ -263,7 +263,7 @@ def test_every_questionnaire_has_a_figure_in_its_own_words(out: Path) -> None:
     assert "from 1 (perfect) to 21 (failure)" in figures["likert-load-people"]
 
 
-def test_the_report_shows_each_questionnaire_in_its_own_words(out: Path) -> None:
+def test_report_shows_texts_of_each_questionnaire(out: Path) -> None:
     page = words(out / "report" / "index.html")
     for said in (
         "likert, asked after each trial",
@@ -279,7 +279,7 @@ def test_the_report_shows_each_questionnaire_in_its_own_words(out: Path) -> None
 
 
 @pytest.mark.parametrize("data_format", ["csv", "bids"])
-def test_exports_keep_before_and_after_apart(study: Store, tmp_path: Path, data_format: str) -> None:
+def test_exports_separate_answers_before_and_after(study: Store, tmp_path: Path, data_format: str) -> None:
     export_study(study, data_format, tmp_path / "out")
     if data_format == "csv":
         rows = pd.read_csv(tmp_path / "out" / "answers.csv")

@@ -37,7 +37,7 @@ def contents(store: Store) -> tuple[object, ...]:
 
 
 @pytest.mark.parametrize("entrance", ENTRANCES)
-def test_what_is_too_long_or_no_text_is_refused_and_changes_nothing(store: Store, entrance: str) -> None:
+def test_invalid_texts_are_rejected(store: Store, entrance: str) -> None:
     most, enter = ENTRANCES[entrance]
     before = contents(store)
     for wrong in ("n" * (most + 1), *NO_TEXT):
@@ -48,7 +48,7 @@ def test_what_is_too_long_or_no_text_is_refused_and_changes_nothing(store: Store
     enter(store, "Ünal–Ōé 姓名 👩‍🔬 " + "n" * (most - 20))
 
 
-def test_a_note_may_have_lines_but_must_say_something(store: Store) -> None:
+def test_notes_have_lines_and_are_not_empty(store: Store) -> None:
     add_note(store, "sub-001", "looked left,\n\tthen right")
     with pytest.raises(StudyError, match="empty"):
         add_note(store, "sub-001", "")
@@ -57,7 +57,7 @@ def test_a_note_may_have_lines_but_must_say_something(store: Store) -> None:
 
 
 @pytest.mark.parametrize("option", ["--name", "--contact"])
-def test_the_command_line_refuses_as_the_store_does(store: Store, option: str) -> None:
+def test_command_rejects_invalid_texts(store: Store, option: str) -> None:
     said = CliRunner().invoke(app, ["study", "enrol", str(store.folder), "--body", "man", option, "n" * 201])
     assert said.exit_code != 0
     assert "201 characters" in said.output

@@ -158,7 +158,7 @@ def refused(served: Served, token: str, path: str = "/ws") -> tuple[int | None, 
 # One session, one link ---------------------------------------------------------------------------------------
 
 
-def test_a_link_opens_one_session_and_ends_with_it(served: Served) -> None:
+def test_link_opens_one_session(served: Served) -> None:
     german, other = take_in_german(served.store), enrol_with_consent(served.store)
     served.sessions.begin(german)
     link = served.link
@@ -175,7 +175,7 @@ def test_a_link_opens_one_session_and_ends_with_it(served: Served) -> None:
     assert identifier(served, served.link) == f"{other} ses-01"
 
 
-def test_who_stays_connected_hears_nothing_of_the_next_session(served: Served) -> None:
+def test_connected_client_receives_nothing_of_the_next_session(served: Served) -> None:
     pseudonym, other = enrol_with_consent(served.store), enrol_with_consent(served.store)
     served.sessions.begin(pseudonym)
     with opened(served, served.link) as connected:
@@ -187,7 +187,7 @@ def test_who_stays_connected_hears_nothing_of_the_next_session(served: Served) -
     assert not [each for each in heard if isinstance(each, Welcome)]
 
 
-def test_the_address_of_all_sessions_opens_none(served: Served) -> None:
+def test_address_without_a_link_opens_no_session(served: Served) -> None:
     pseudonym = enrol_with_consent(served.store)
     assert refused(served, served.server.tokens.participant) == (4403, None)
     served.sessions.begin(pseudonym)
@@ -197,14 +197,14 @@ def test_the_address_of_all_sessions_opens_none(served: Served) -> None:
     assert refused(served, new_link()) == (4403, None)
 
 
-def test_a_link_reaches_nothing_of_the_experimenter(served: Served) -> None:
+def test_link_gives_no_access_to_the_dashboard(served: Served) -> None:
     served.sessions.begin(enrol_with_consent(served.store))
     assert refused(served, served.link, "/watch")[0] == 4403
     for method, path in (("GET", "/study/overview"), ("POST", "/study/participants")):
         assert served.request(method, path, served.link).status_code == 401
 
 
-def test_a_new_link_ends_the_one_before(served: Served) -> None:
+def test_new_link_ends_the_earlier_one(served: Served) -> None:
     pseudonym = enrol_with_consent(served.store)
     served.sessions.begin(pseudonym)
     link = served.link
@@ -220,7 +220,7 @@ def test_a_new_link_ends_the_one_before(served: Served) -> None:
         served.sessions.renew_link("sub-999")
 
 
-def test_only_checksums_are_stored_and_outlast_the_server(store: Store, tmp_path: Path) -> None:
+def test_only_checksums_of_links_are_stored(store: Store, tmp_path: Path) -> None:
     german = take_in_german(store)
     with serving(store, tmp_path) as served:
         served.sessions.begin(german)
@@ -244,7 +244,7 @@ class Clock:
         monkeypatch.setattr(links_module, "time", SimpleNamespace(monotonic=lambda: self.now_s))
 
 
-def test_a_code_leads_to_the_link_once_and_for_minutes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_is_valid_once_and_for_minutes(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, links = Clock(monkeypatch), SessionLinks()
     assert links.code() is None
     links.begin("first", ENGLISH)
@@ -271,7 +271,7 @@ def test_a_code_leads_to_the_link_once_and_for_minutes(monkeypatch: pytest.Monke
         links.exchange(last)
 
 
-def test_guesses_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_number_of_guesses_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, links = Clock(monkeypatch), SessionLinks()
     links.begin("link", ENGLISH)
     code = links.code()
@@ -287,7 +287,7 @@ def test_guesses_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
     assert links.exchange(code) == "link"
 
 
-def test_the_page_exchanges_a_code(served: Served) -> None:
+def test_page_exchanges_a_code_for_the_link(served: Served) -> None:
     assert served.request("POST", "/link", "nobody", json={"code": "000000"}).status_code == 403
     pseudonym = enrol_with_consent(served.store)
     served.sessions.begin(pseudonym)
@@ -311,7 +311,7 @@ def test_the_page_exchanges_a_code(served: Served) -> None:
 
 
 @pytest.mark.slow
-def test_a_headset_comes_in_by_code_and_its_page_ends_with_the_session(served: Served) -> None:
+def test_headset_joins_by_code(served: Served) -> None:
     expect.set_options(timeout=1000 * PATIENCE_S)
     german, other = take_in_german(served.store), enrol_with_consent(served.store)
     with sync_playwright() as playwright:

@@ -94,7 +94,7 @@ def naming(found: list[Finding], name: str) -> list[Finding]:
     return [one for one in found if one.where == each.where and f"{each.field} is " in f"{one.message} "]
 
 
-def test_nothing_is_found_where_nobody_edited(made: Path) -> None:
+def test_unedited_design_has_no_findings(made: Path) -> None:
     with Store(made) as store:
         assert list(check_design(store)) == []
         assert [each.message for each in check_study(store) if each.is_error] == []
@@ -103,7 +103,7 @@ def test_nothing_is_found_where_nobody_edited(made: Path) -> None:
 
 
 @pytest.mark.parametrize("name", EDITS)
-def test_an_edit_after_somebody_took_part_is_found(made: Path, tmp_path: Path, name: str) -> None:
+def test_edit_after_a_session_is_found(made: Path, tmp_path: Path, name: str) -> None:
     folder = Path(shutil.copytree(made, tmp_path / "study"))
     each = EDITS[name]
     edit(folder, each.by or name)
@@ -116,7 +116,7 @@ def test_an_edit_after_somebody_took_part_is_found(made: Path, tmp_path: Path, n
 
 
 @pytest.mark.parametrize("name", EDITS)
-def test_an_edit_that_was_undone_is_found(found: list[Finding], name: str) -> None:
+def test_undone_edit_is_found(found: list[Finding], name: str) -> None:
     (finding,) = naming(found, name)
     each = EDITS[name]
     assert f"{each.field} is {each.was}" in finding.message
@@ -127,7 +127,7 @@ def test_an_edit_that_was_undone_is_found(found: list[Finding], name: str) -> No
 
 
 @pytest.mark.parametrize("name", EDITS)
-def test_an_edit_that_was_undone_is_a_deviation(deviating: list[str], name: str) -> None:
+def test_undone_edit_is_a_deviation(deviating: list[str], name: str) -> None:
     each = EDITS[name]
     (told,) = [one for one in deviating if one.startswith(f"{each.where}: {each.field} was ")]
     assert f"was {each.was}" in told
@@ -135,7 +135,7 @@ def test_an_edit_that_was_undone_is_a_deviation(deviating: list[str], name: str)
     assert told.removesuffix(" (trials 1 to 2)").endswith(" for sub-003")
 
 
-def test_other_languages_are_found(found: list[Finding], deviating: list[str]) -> None:
+def test_changed_languages_are_found(found: list[Finding], deviating: list[str]) -> None:
     (finding,) = [each for each in found if each.message.startswith("languages is ")]
     assert (finding.is_error, finding.message) == (
         True,
@@ -145,7 +145,7 @@ def test_other_languages_are_found(found: list[Finding], deviating: list[str]) -
 
 
 @pytest.mark.parametrize("when", ["not at all", "in between", "afterwards"])
-def test_another_policy_is_found(made: Path, tmp_path: Path, when: str) -> None:
+def test_changed_policy_is_found(made: Path, tmp_path: Path, when: str) -> None:
     """The same name, but another file: for one of two sessions, or after both."""
     folder = Path(shutil.copytree(made, tmp_path / "study"))
     before = (folder / POLICY).read_bytes()
@@ -170,7 +170,7 @@ def test_another_policy_is_found(made: Path, tmp_path: Path, when: str) -> None:
 
 
 @pytest.mark.parametrize("guard", [True, False])
-def test_a_recording_that_contradicts_its_session_is_found(made: Path, tmp_path: Path, guard: bool) -> None:
+def test_contradicting_recording_is_found(made: Path, tmp_path: Path, guard: bool) -> None:
     """The force guard must be that of the design; the seat may be another in a session."""
     folder = Path(shutil.copytree(made, tmp_path / "study"))
     with Store(folder) as store:
@@ -189,7 +189,7 @@ def test_a_recording_that_contradicts_its_session_is_found(made: Path, tmp_path:
     assert found == (expected if guard else expected | {"was recorded with another force_guard": True})
 
 
-def test_reporting_is_filled_in_without_any_finding(made: Path, tmp_path: Path) -> None:
+def test_changed_reporting_is_no_finding(made: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(made, tmp_path / "study"))
     text = (folder / DESIGN).read_text()
     for name in Reporting.__struct_fields__:
@@ -201,7 +201,7 @@ def test_reporting_is_filled_in_without_any_finding(made: Path, tmp_path: Path) 
         assert plan_of(store)[1] == []
 
 
-def test_a_record_of_a_plan_writes_nowhere_else(made: Path, tmp_path: Path) -> None:
+def test_plan_record_cannot_write_outside_its_folder(made: Path, tmp_path: Path) -> None:
     with Store(made) as store:
         frozen = read_frozen_plan(store)
     assert frozen is not None
@@ -213,7 +213,7 @@ def test_a_record_of_a_plan_writes_nowhere_else(made: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("name", FIXED)
-def test_what_orders_follow_from_cannot_be_edited(made: Path, tmp_path: Path, name: str) -> None:
+def test_fields_of_trial_orders_cannot_change(made: Path, tmp_path: Path, name: str) -> None:
     folder = Path(shutil.copytree(made, tmp_path / "study"))
     text = (folder / DESIGN).read_text()
     assert FIXED[name][0] in text

@@ -137,7 +137,7 @@ def command(*arguments: str | Path) -> Result:
 # Who did what
 
 
-def test_the_dashboard_logs_each_action_and_view_by_person(
+def test_dashboard_actions_and_views_are_logged_by_person(
     store: Store, served: tuple[LiveServer[Session], str]
 ) -> None:
     server, token = served
@@ -185,9 +185,7 @@ def test_commands_of_a_running_session_are_logged_by_person(
     ]
 
 
-def test_a_revoked_token_opens_nothing_and_its_pages_close(
-    store: Store, served: tuple[LiveServer[Session], str]
-) -> None:
+def test_revoked_token_gives_no_access(store: Store, served: tuple[LiveServer[Session], str]) -> None:
     server, token = served
     with watching(server, token) as socket:
         awaited(store, "watch")
@@ -226,7 +224,7 @@ def test_only_the_checksum_of_a_token_is_stored(store: Store) -> None:
     assert again.encode() not in held
 
 
-def test_the_command_line_logs_by_account(tmp_path: Path) -> None:
+def test_commands_are_logged_by_account(tmp_path: Path) -> None:
     folder, who = small_study(tmp_path / "study"), account_actor()
     assert who.known_by == ACCOUNT
     assert command("study", "enrol", folder, "--body", "woman", "--name", NAME).exit_code == 0
@@ -258,7 +256,7 @@ def test_the_command_line_logs_by_account(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "change", ["UPDATE log SET person = 'eve' WHERE id = 1", "DELETE FROM log WHERE id = 1"]
 )
-def test_an_entry_that_something_else_changed_is_found(store: Store, change: str) -> None:
+def test_edited_log_entry_is_found(store: Store, change: str) -> None:
     for name in ("stop", "repeat"):
         add_entry(store, ADA, name)
     assert store.database.faults() == []
@@ -267,14 +265,14 @@ def test_an_entry_that_something_else_changed_is_found(store: Store, change: str
     assert [where for where, _ in store.database.faults()] == ["log 1"]
 
 
-def test_the_ledger_names_an_entry_that_was_written_twice(store: Store) -> None:
+def test_duplicate_log_entry_is_found(store: Store) -> None:
     add_entry(store, ADA, "stop")
     with store.database.write() as connection:
         hash_chain.update(connection, schema.LOG, 1, person="eve")
     assert store.database.faults() == [("log 1", "was changed or deleted: entries of the log are only added")]
 
 
-def test_entries_outlast_the_participant_whom_they_are_about(store: Store) -> None:
+def test_log_entries_remain_after_deletion_of_a_participant(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     add_entry(store, ADA, "view participant", pseudonym)
     delete_participant(store, pseudonym)
@@ -285,7 +283,7 @@ def test_entries_outlast_the_participant_whom_they_are_about(store: Store) -> No
 # Exports and merged sites
 
 
-def test_the_export_has_the_log_with_a_codebook(store: Store, tmp_path: Path) -> None:
+def test_export_contains_the_log_with_a_codebook(store: Store, tmp_path: Path) -> None:
     run_participant(store, enrol_with_consent(store))
     add_entry(store, ADA, "repeat", "sub-001")
     add_entry(store, ADA, "export", detail="csv", shows_results=True)
@@ -318,7 +316,7 @@ def read_csv(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_the_logs_of_sites_are_merged_once(tmp_path: Path) -> None:
+def test_logs_of_sites_are_merged_once(tmp_path: Path) -> None:
     folders = [make_site(tmp_path / name, name, trials=(1,)) for name in ("atlanta", "berlin")]
     for folder in folders:
         with Store(folder) as store:
@@ -355,7 +353,7 @@ def planned(tmp_path: Path) -> Path:
     return folder
 
 
-def test_results_that_are_viewed_too_early_are_a_deviation(planned: Path) -> None:
+def test_early_views_of_results_are_a_deviation(planned: Path) -> None:
     out = planned / "analysis"
     assert (
         command("study", "export", planned, "--format", "csv", "--out", planned.parent / "e").exit_code == 0
@@ -376,7 +374,7 @@ def test_results_that_are_viewed_too_early_are_a_deviation(planned: Path) -> Non
     assert expected in methods
 
 
-def test_an_empty_log_of_a_rebuilt_database_is_not_taken_for_an_untouched_study() -> None:
+def test_empty_log_after_a_rebuild_proves_nothing() -> None:
     empty = StudyLog(entries=0, people=[], first_at=None, last_at=None, interim_looks=[])
     assert "no view of this study was logged" in log_section(empty, rebuilt_at=None)
     rebuilt = log_section(empty, rebuilt_at="2026-11-27T17:05:22+00:00")
@@ -384,7 +382,7 @@ def test_an_empty_log_of_a_rebuilt_database_is_not_taken_for_an_untouched_study(
     assert "entries from before that are lost" in rebuilt
 
 
-def test_results_after_the_planned_end_or_without_any_are_no_deviation(planned: Path) -> None:
+def test_views_after_the_planned_end_are_no_deviation(planned: Path) -> None:
     with Store(planned) as store:
         run_participant(store, enrol_with_consent(store))
         add_entry(store, ADA, "view results", shows_results=True)
@@ -396,14 +394,14 @@ def test_results_after_the_planned_end_or_without_any_are_no_deviation(planned: 
         assert analyse(store).log.entries == before
 
 
-def test_nothing_is_viewed_while_there_are_no_results(store: Store) -> None:
+def test_views_without_results_are_no_deviation(store: Store) -> None:
     enrol_with_consent(store)
     add_entry(store, ADA, "analyze", shows_results=True)
     assert [(each.completed, each.planned) for each in store.log()] == [(None, None)]
     assert interim(store) == []
 
 
-def test_people_alone_count_where_there_are_some(store: Store) -> None:
+def test_simulated_participants_do_not_count_with_people(store: Store) -> None:
     run_participant(store, enrol_with_consent(store))
     run_participant(store, enrol_with_consent(store, simulated=False), trials=3, simulated=False)
     add_entry(store, ADA, "view results", shows_results=True)
@@ -419,7 +417,7 @@ def interim(store: Store) -> list[str]:
     return [each.message for each in check_study(store) if "viewed" in each.message]
 
 
-def test_the_dashboard_shows_results_only_to_who_asks(
+def test_dashboard_shows_results_only_on_request(
     store: Store, served: tuple[LiveServer[Session], str], tmp_path: Path
 ) -> None:
     server, token = served
@@ -436,7 +434,7 @@ def test_the_dashboard_shows_results_only_to_who_asks(
     assert found in " ".join(Page(path).text.split())
 
 
-def test_a_refused_enrolment_is_logged(store: Store, served: tuple[LiveServer[Session], str]) -> None:
+def test_rejected_enrolment_is_logged(store: Store, served: tuple[LiveServer[Session], str]) -> None:
     """It tells whether somebody of that name takes part."""
     server, token = served
     new = {"sex": "woman", "name": NAME, "contact": "grace@example.org"}

@@ -77,7 +77,7 @@ def notes(folder: Path) -> str:
 # A key file
 
 
-def test_a_new_study_encrypts_with_a_key_file_elsewhere(folder: Path) -> None:
+def test_new_study_uses_a_key_file_outside_the_study(folder: Path) -> None:
     said = avrgym("enrol", folder, "--body", "woman", "--name", NAME, "--contact", CONTACT)
     lock = identity_file.key_source(folder)
     assert lock is not None
@@ -94,7 +94,7 @@ def test_a_new_study_encrypts_with_a_key_file_elsewhere(folder: Path) -> None:
     assert "not encrypted" not in notes(folder)
 
 
-def test_without_the_key_file_a_study_goes_on_and_keeps_its_names(folder: Path) -> None:
+def test_study_works_without_the_key_file(folder: Path) -> None:
     with Store(folder) as store:
         enrol(store, "woman", name=NAME)
         lock = identity_file.key_source(folder)
@@ -120,7 +120,7 @@ def test_without_the_key_file_a_study_goes_on_and_keeps_its_names(folder: Path) 
         assert identity_file.read_identities(folder)["sub-001"].name == NAME
 
 
-def test_a_key_file_may_be_named_and_is_never_in_the_study(
+def test_key_file_must_be_outside_the_study(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(KEY_FILE, str(folder / "private" / "names.key"))
@@ -139,9 +139,7 @@ def test_a_key_file_may_be_named_and_is_never_in_the_study(
 # A passphrase
 
 
-def test_names_behind_a_passphrase_reach_nothing_when_it_is_missing_or_wrong(
-    locked: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_names_need_the_right_passphrase(locked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert not is_readable(locked)
     before = contents(locked)
     for given, words in (
@@ -164,7 +162,7 @@ def test_names_behind_a_passphrase_reach_nothing_when_it_is_missing_or_wrong(
     assert NAME in avrgym("names", locked).stdout
 
 
-def test_a_deletion_needs_no_passphrase(locked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_deletion_needs_no_passphrase(locked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with Store(locked) as store:
         enrol(store, "man")
         delete_participant(store, "sub-001")
@@ -173,7 +171,7 @@ def test_a_deletion_needs_no_passphrase(locked: Path, monkeypatch: pytest.Monkey
     assert identity_file.read_identities(locked) == {}
 
 
-def test_a_changed_or_exchanged_entry_is_refused(locked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_changed_entries_are_rejected(locked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(PASSPHRASE, SECRET)
     with Store(locked) as store:
         enrol(store, "man", name="Max")
@@ -184,9 +182,7 @@ def test_a_changed_or_exchanged_entry_is_refused(locked: Path, monkeypatch: pyte
         identity_file.read_identities(locked)
 
 
-def test_a_short_passphrase_is_refused_and_nobody_is_enrolled(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_short_passphrase_is_rejected(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(PASSPHRASE, "short")
     with Store(folder) as store:
         with pytest.raises(StudyError, match="at least 8 characters"):
@@ -195,7 +191,7 @@ def test_a_short_passphrase_is_refused_and_nobody_is_enrolled(
     assert not (folder / "private" / "identities.json").exists()
 
 
-def test_a_terminal_is_asked_for_the_passphrase(locked: Path) -> None:
+def test_passphrase_is_requested_in_the_terminal(locked: Path) -> None:
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "avrgym", "study", "names", str(locked)]
     with subprocess.Popen(
@@ -226,7 +222,7 @@ def old(tmp_path: Path) -> Path:
     return Path(shutil.copytree(DATA / "study-of-0.2.0", tmp_path / "old"))
 
 
-def test_an_older_study_is_named_and_encrypted_on_request(old: Path) -> None:
+def test_unencrypted_study_is_reported_and_encrypted(old: Path) -> None:
     assert "contains unencrypted names; `avrgym study encrypt-names" in notes(old)
     with Store(old) as store:
         set_identity(store, "sub-001", "First Person", "")
@@ -240,9 +236,7 @@ def test_an_older_study_is_named_and_encrypted_on_request(old: Path) -> None:
     assert "not encrypted" not in notes(old)
 
 
-def test_the_plain_file_stays_until_the_encrypted_one_was_read_back(
-    old: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_plain_file_remains_until_encryption_is_verified(old: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = (old / "private" / "key.json").read_bytes()
     with Store(old) as store, monkeypatch.context() as damage:
         damage.setattr(identity_file, "decrypt", lambda *_: {})
@@ -252,7 +246,7 @@ def test_the_plain_file_stays_until_the_encrypted_one_was_read_back(
     assert identity_file.key_source(old) is None
 
 
-def test_a_plain_copy_next_to_the_encrypted_file_is_named_and_removed(old: Path) -> None:
+def test_leftover_plain_file_is_removed(old: Path) -> None:
     """As a crash leaves it, after the encrypted file is in place."""
     plain = old / "private" / "key.json"
     kept = plain.read_bytes()
@@ -266,7 +260,7 @@ def test_a_plain_copy_next_to_the_encrypted_file_is_named_and_removed(old: Path)
     assert plain.exists()
 
 
-def test_a_key_can_be_exchanged_for_a_passphrase(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_key_can_be_replaced_by_a_passphrase(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with Store(folder) as store:
         enrol(store, "woman", name=NAME)
     assert "needs a terminal" in avrgym("encrypt-names", folder, "--passphrase").stderr
@@ -279,7 +273,7 @@ def test_a_key_can_be_exchanged_for_a_passphrase(folder: Path, monkeypatch: pyte
         identity_file.read_identities(folder)
 
 
-def test_what_a_broken_off_exchange_of_keys_left_goes_with_the_deleted(folder: Path) -> None:
+def test_deletion_covers_files_of_an_interrupted_key_change(folder: Path) -> None:
     with Store(folder) as store:
         enrol(store, "woman", name=NAME)
         left = folder / "private" / "identities.json.new"
@@ -292,7 +286,7 @@ def test_what_a_broken_off_exchange_of_keys_left_goes_with_the_deleted(folder: P
 
 
 @pytest.mark.parametrize("change", [{"salt": "none"}, {"cost": 3}])
-def test_a_damaged_lock_is_named(
+def test_damaged_key_source_is_reported(
     locked: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, object]
 ) -> None:
     path = locked / "private" / "identities.json"
@@ -305,7 +299,7 @@ def test_a_damaged_lock_is_named(
 
 
 @pytest.mark.parametrize("name", ["identities.json", "key.json"])
-def test_bytes_that_are_no_text_are_named_as_damage(folder: Path, name: str) -> None:
+def test_invalid_bytes_are_reported_as_damage(folder: Path, name: str) -> None:
     path = folder / "private" / name
     path.parent.mkdir(mode=0o700)
     path.write_bytes(b'{"format": "\xff"}')
@@ -316,7 +310,7 @@ def test_bytes_that_are_no_text_are_named_as_damage(folder: Path, name: str) -> 
 @pytest.mark.parametrize(
     ("locks", "opens"), [("gr\udcfcn is long", "gr\udcfcn is long"), ("grün is long", "gru\u0308n is long")]
 )
-def test_a_passphrase_is_the_same_however_it_is_encoded(folder: Path, locks: str, opens: str) -> None:
+def test_passphrase_is_normalised(folder: Path, locks: str, opens: str) -> None:
     identity_keys.set_passphrase(folder, locks)
     with Store(folder) as store:
         enrol(store, "woman", name=NAME)
@@ -324,7 +318,7 @@ def test_a_passphrase_is_the_same_however_it_is_encoded(folder: Path, locks: str
     assert identity_file.read_identities(folder)["sub-001"].name == NAME
 
 
-def test_a_key_file_is_on_disk_before_names_need_it(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_key_file_is_written_before_names(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     synced: list[str] = []
     fsync = os.fsync
 

@@ -35,18 +35,18 @@ def assert_balanced(rows: Sequence[Sequence[int]], size: int) -> None:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_a_square_is_balanced_for_position_and_carry_over(size):
+def test_williams_square_is_balanced(size):
     square = williams_square(size)
     assert square.shape == (size if size % 2 == 0 else 2 * size, size)
     assert_balanced(square.tolist(), size)
 
 
-def test_a_single_condition_needs_one_row():
+def test_single_condition_has_one_row():
     assert williams_square(1).tolist() == [[0]]
 
 
 @pytest.mark.parametrize("tasks", range(1, 9))
-def test_orders_are_balanced_in_tasks_and_in_conditions_within_each_task_and_place(tasks):
+def test_orders_are_balanced(tasks):
     for conditions in SIZES:
         orders = balanced_orders(tasks, conditions, np.random.default_rng(conditions))
         if tasks > 1:
@@ -65,7 +65,7 @@ def _by_place(orders: Iterable[Sequence[Block]]) -> list[Sequence[Block]]:
     return list(zip(*orders, strict=True))
 
 
-def test_a_seed_gives_one_set_of_orders_and_another_seed_another():
+def test_orders_depend_on_the_seed():
     def orders(seed: int) -> tuple:
         return balanced_orders(4, 4, np.random.default_rng(seed))
 
@@ -81,7 +81,7 @@ def trials_of_all(design: Design) -> list[tuple[PlannedTrial, ...]]:
     return [plan_trials(design, number % cells, number + 1) for number in range(design.participants)]
 
 
-def test_the_paper_has_eight_participants_with_sixteen_trials_and_four_for_practice():
+def test_protocol_of_the_paper_has_sixteen_trials():
     plans = trials_of_all(PAPER)
     assert len(plans) == 8
     for trials in plans:
@@ -108,7 +108,7 @@ def _policy(trial: PlannedTrial) -> str:
 
 
 @pytest.mark.parametrize("factor", [_task, _robot, _policy])
-def test_tasks_robots_and_policies_are_balanced_over_the_paper_s_participants(
+def test_protocol_of_the_paper_is_balanced(
     factor: Callable[[PlannedTrial], str],
 ):
     plans = [[trial for trial in trials if not trial.practice] for trials in trials_of_all(PAPER)]
@@ -123,14 +123,14 @@ def test_tasks_robots_and_policies_are_balanced_over_the_paper_s_participants(
     assert len(set(changes.values())) == 1
 
 
-def test_seeds_and_practice_robots_follow_from_the_design_and_the_participant():
+def test_seeds_and_practice_robots_are_deterministic():
     plans = trials_of_all(PAPER)
     assert trials_of_all(PAPER) == plans
     seeds = [trial.seed for trials in plans for trial in trials]
     assert len(set(seeds)) == len(seeds)
 
 
-def test_practice_robots_are_balanced_over_participants_and_over_tasks():
+def test_practice_robots_are_balanced():
     for seed in range(20):
         design = parse_design(default_text().replace("seed = 0", f"seed = {seed}"))
         practices = [[trial for trial in trials if trial.practice] for trials in trials_of_all(design)]
@@ -140,14 +140,14 @@ def test_practice_robots_are_balanced_over_participants_and_over_tasks():
             assert Counter(_robot(trial) for trial in trials) == {"PR2": 2, "Jaco": 2}
 
 
-def test_practice_robots_are_drawn_by_chance():
+def test_practice_robots_are_random():
     """No participant's robot for a task is fixed by the design."""
     drawn = [practice_robots(msgspec.structs.replace(PAPER, seed=seed), 3) for seed in range(400)]
     for robots in zip(*drawn, strict=True):
         assert 150 < robots.count("PR2") < 250
 
 
-def test_without_a_practice_policy_there_are_no_practice_trials():
+def test_no_practice_trials_without_a_practice_policy():
     design = parse_design(default_text().replace('practice_policy = "revised"', 'practice_policy = ""'))
     trials = plan_trials(design, 0, 1)
     assert len(trials) == 16
@@ -159,7 +159,7 @@ def test_without_a_practice_policy_there_are_no_practice_trials():
 
 @pytest.mark.parametrize("cells", [2, 4, 6, 12])
 @pytest.mark.parametrize("stations", [1, 2, 4])
-def test_completed_cells_differ_by_at_most_one_with_thirty_percent_dropout(cells, stations):
+def test_dropout_keeps_completed_cells_balanced(cells, stations):
     rng = np.random.default_rng(cells + 100 * stations)
     target, dropouts = 10 * cells, 0
     completed: list[int] = []
@@ -186,7 +186,7 @@ def test_completed_cells_differ_by_at_most_one_with_thirty_percent_dropout(cells
 
 
 @pytest.mark.parametrize("sites", [1, 2, 3, 5])
-def test_each_site_is_a_block_and_all_of_them_together_are_balanced(sites):
+def test_each_site_and_all_sites_are_balanced(sites):
     """At any site with a shared database, no cell is ever more than one participant ahead."""
     rng = np.random.default_rng(sites)
     orders = {f"site-{site}": cell_fill_order(PAPER, f"site-{site}") for site in range(sites)}
@@ -206,17 +206,17 @@ def test_each_site_is_a_block_and_all_of_them_together_are_balanced(sites):
 
 
 @pytest.mark.slow
-def test_sites_with_databases_of_their_own_do_not_all_begin_with_the_same_cells():
+def test_sites_begin_with_different_cells():
     firsts = Counter(cell_fill_order(PAPER, f"site-{number}")[0] for number in range(400))
     assert all(60 < firsts[cell] < 140 for cell in range(4))
 
 
-def test_without_a_site_everything_is_as_it_was():
+def test_orders_without_a_site_are_unchanged():
     assert cell_fill_order(PAPER, None) == list(range(4))
     assert plan_trials(PAPER, 1, 3, None) == plan_trials(PAPER, 1, 3, "") == plan_trials(PAPER, 1, 3)
 
 
-def test_the_same_participant_of_two_sites_meets_other_scenes_in_the_same_order():
+def test_sites_have_different_seeds():
     atlanta, berlin = (plan_trials(PAPER, 1, 3, site) for site in ("atlanta", "berlin"))
     assert not {trial.seed for trial in atlanta} & {trial.seed for trial in berlin}
     assert [(each.environment, each.policy) for each in atlanta] == [

@@ -98,7 +98,7 @@ def trust(authority: Authority, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_a_forged_plan_and_a_rebuilt_database_confirm_nothing(folder: Path, tmp_path: Path) -> None:
+def test_forged_plan_is_not_confirmatory(folder: Path, tmp_path: Path) -> None:
     take_all_in(folder)
     _, honest = analysed(folder, tmp_path / "honest")
     assert "before the first participant" in honest
@@ -121,7 +121,7 @@ def test_a_forged_plan_and_a_rebuilt_database_confirm_nothing(folder: Path, tmp_
     assert json.loads((tmp_path / "forged" / "results.json").read_text())["plan"]["is_confirmatory"] is False
 
 
-def test_the_rebuilding_stays_on_record_and_an_honest_plan_is_unknown_too(folder: Path) -> None:
+def test_plan_after_a_rebuild_is_not_confirmatory(folder: Path) -> None:
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
     assert frozen_plan(folder).is_confirmatory
@@ -135,9 +135,7 @@ def test_the_rebuilding_stays_on_record_and_an_honest_plan_is_unknown_too(folder
     assert not frozen_plan(folder).is_confirmatory
 
 
-def test_a_plan_from_another_station_is_adopted_only_before_the_first_participant(
-    folder: Path, tmp_path: Path
-) -> None:
+def test_plan_is_adopted_only_before_the_first_participant(folder: Path, tmp_path: Path) -> None:
     early, late = (make_study(tmp_path / name, tasks='["Feeding"]', participants="2") for name in ("b", "c"))
     for other in (early, late):
         shutil.copy(folder / "plan.toml", other)
@@ -159,7 +157,7 @@ def test_a_plan_from_another_station_is_adopted_only_before_the_first_participan
 # Evidence from outside
 
 
-def test_freezing_prints_the_checksum_and_where_to_deposit_it(tmp_path: Path) -> None:
+def test_freeze_prints_checksum_and_registries(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]')
     study("freeze", folder)
     shown = study("freeze", folder).stdout
@@ -168,7 +166,7 @@ def test_freezing_prints_the_checksum_and_where_to_deposit_it(tmp_path: Path) ->
         assert word in shown
 
 
-def test_a_registration_is_a_claim_and_proves_nothing(folder: Path) -> None:
+def test_registration_is_only_a_claim(folder: Path) -> None:
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
     address = "https://osf.io/abcde"
@@ -189,16 +187,14 @@ def test_a_registration_is_a_claim_and_proves_nothing(folder: Path) -> None:
 
 @needs_openssl
 @pytest.mark.parametrize("digest", ["sha256", "sha512"])
-def test_a_time_stamp_is_verified_without_a_network(authority: Authority, digest: str) -> None:
+def test_time_stamp_is_verified_without_a_network(authority: Authority, digest: str) -> None:
     stamp = verify_time_stamp(authority.stamp(b"record", digest), b"record")
     assert abs(stamp.at - datetime.now(UTC)) < timedelta(minutes=5)
     assert (stamp.authority, stamp.is_trusted) == ("CN=Test Authority", False)
 
 
 @needs_openssl
-def test_a_time_stamp_of_a_known_root_is_trusted(
-    authority: Authority, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_time_stamp_of_a_known_root_is_trusted(authority: Authority, monkeypatch: pytest.MonkeyPatch) -> None:
     alone = authority.stamp(b"record", with_root=False)
     with pytest.raises(StudyError, match="no root certificate"):
         verify_time_stamp(alone, b"record")
@@ -208,9 +204,7 @@ def test_a_time_stamp_of_a_known_root_is_trusted(
 
 
 @needs_openssl
-def test_what_is_no_time_stamp_of_this_plan_is_refused_and_not_stored(
-    authority: Authority, folder: Path, tmp_path: Path
-) -> None:
+def test_invalid_time_stamps_are_not_stored(authority: Authority, folder: Path, tmp_path: Path) -> None:
     record = (folder / FROZEN).read_bytes()
     sound = authority.stamp(record)
     altered = bytearray(sound)
@@ -227,7 +221,7 @@ def test_what_is_no_time_stamp_of_this_plan_is_refused_and_not_stored(
 
 
 @needs_openssl
-def test_a_trusted_time_stamp_from_before_the_first_recording_proves_a_plan(
+def test_trusted_early_time_stamp_proves_a_plan(
     authority: Authority, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where the database was lost; one of an unknown authority, or from after it, does not."""

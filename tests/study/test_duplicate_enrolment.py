@@ -45,9 +45,7 @@ def named(store: Store) -> list[str]:
 
 
 @pytest.mark.parametrize(("name", "contact"), SAME)
-def test_the_same_person_is_refused_by_code_and_nothing_is_stored(
-    store: Store, name: str, contact: str
-) -> None:
+def test_duplicate_enrolment_is_rejected(store: Store, name: str, contact: str) -> None:
     before = contents(store)
     with pytest.raises(PossibleDuplicate, match=r"sub-001.*--confirm-duplicate") as refused:
         enrol(store, "woman", name=name, contact=contact)
@@ -62,7 +60,7 @@ def test_other_people_are_enrolled(store: Store, name: str, contact: str) -> Non
     assert named(store) == []
 
 
-def test_a_confirmed_double_is_enrolled_and_check_names_codes_alone(store: Store) -> None:
+def test_confirmed_duplicate_is_enrolled(store: Store) -> None:
     enrol(store, "man", name=NAME.upper(), contact=CONTACT, confirm_duplicate=True)
     (warning,) = named(store)
     assert warning.startswith("sub-002 may be the same person as sub-001")
@@ -71,7 +69,7 @@ def test_a_confirmed_double_is_enrolled_and_check_names_codes_alone(store: Store
     assert not any(each.is_error for each in check_study(store) if "same person" in each.message)
 
 
-def test_whoever_withdrew_is_no_double_in_check_but_is_not_enrolled_again_unseen(store: Store) -> None:
+def test_withdrawn_participant_counts_as_duplicate_at_enrolment(store: Store) -> None:
     withdraw(store, "sub-001")
     with pytest.raises(PossibleDuplicate, match="sub-001"):
         enrol(store, "woman", name=NAME, contact=CONTACT)
@@ -79,7 +77,7 @@ def test_whoever_withdrew_is_no_double_in_check_but_is_not_enrolled_again_unseen
     assert named(store) == []
 
 
-def test_a_corrected_name_is_compared_with_all_others(store: Store) -> None:
+def test_corrected_name_is_checked_for_duplicates(store: Store) -> None:
     set_identity(store, "sub-001", NAME.lower(), CONTACT)
     enrol(store, "man", name="Ada Example")
     with pytest.raises(PossibleDuplicate, match="sub-001"):
@@ -89,7 +87,7 @@ def test_a_corrected_name_is_compared_with_all_others(store: Store) -> None:
     assert len(named(store)) == 1
 
 
-def test_the_command_line_refuses_and_takes_a_confirmation(store: Store) -> None:
+def test_command_accepts_confirmed_duplicates(store: Store) -> None:
     command = ["study", "enrol", str(store.folder), "--body", "woman", "--name", "ZOË STRASSER"]
     refused = CliRunner().invoke(app, command)
     assert refused.exit_code == 1

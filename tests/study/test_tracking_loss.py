@@ -40,27 +40,27 @@ def at_rate(held, begin_s: float = 4.0, end_s: float = 26.0, parts=lambda number
 
 
 @pytest.mark.parametrize("every", [1, 2, 4, 10, 20])
-def test_the_share_is_that_of_the_frames_that_are_held(every: int) -> None:
+def test_share_counts_held_frames(every: int) -> None:
     assert tracking_loss_share(at_rate(lambda n: n % every == 0)) == pytest.approx(1.0 / every, abs=1e-6)
     parts = at_rate(lambda n: False, parts=lambda n: ["left"] if n % every == 0 else [])
     assert tracking_loss_share(parts) == pytest.approx(1.0 / every, abs=1e-6)
 
 
-def test_nobody_is_held_who_is_tracked_and_all_are_who_are_not() -> None:
+def test_share_with_and_without_tracking() -> None:
     assert tracking_loss_share(at_rate(lambda n: False)) == pytest.approx(0.0, abs=1e-9)
     assert tracking_loss_share(at_rate(lambda n: True)) == 1.0
     assert tracking_loss_share(recording()) == 1.0
 
 
 @pytest.mark.parametrize("silent_s", [0.1, 0.9, 5.0, 19.0])
-def test_silence_counts_from_when_the_last_frame_is_stale(silent_s: float) -> None:
+def test_missing_frames_count_after_the_last_is_stale(silent_s: float) -> None:
     before = at_rate(lambda n: False, end_s=25.0 - silent_s).messages
     messages = [*before]
     expected = max(0.0, silent_s - 0.2 + 1.0 / RATE_HZ) / DRIVEN_S
     assert tracking_loss_share(made_recording(*messages)) == pytest.approx(expected, abs=1e-6)
 
 
-def test_only_the_time_counts_in_which_the_robot_helped() -> None:
+def test_only_time_with_the_robot_counts() -> None:
     frames = at_rate(lambda n: n < RATE_HZ or n >= 21 * RATE_HZ)
     assert tracking_loss_share(frames) == pytest.approx(0.0, abs=1e-9)
     assert tracking_loss_share(made_recording()) is None
@@ -73,7 +73,7 @@ def small_study(folder: Path, **changes: str) -> Path:
     return make_study(folder, tasks='["Feeding"]', robots='["Jaco"]', practice_policy='""', **changes)
 
 
-def test_trials_whose_person_was_held_too_long_are_left_out_and_listed(tmp_path: Path) -> None:
+def test_trials_with_excess_tracking_loss_are_excluded(tmp_path: Path) -> None:
     with Store(small_study(tmp_path / "study", max_held_share="0.3")) as store:
         pseudonym = enrol_included(store)
         run_trials(store, pseudonym, held={1: 1, 2: STEPS})
@@ -96,7 +96,7 @@ def test_trials_whose_person_was_held_too_long_are_left_out_and_listed(tmp_path:
     assert "held for 100.0 %" in finding.message
 
 
-def test_a_design_that_does_not_say_counts_all(tmp_path: Path) -> None:
+def test_design_without_a_limit_counts_all_trials(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
     design = folder / "study.toml"
     design.write_text(design.read_text().replace("max_held_share = 0.05\n", ""))
@@ -109,7 +109,7 @@ def test_a_design_that_does_not_say_counts_all(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("share", ["-0.1", "1.1", "nan", '"5 %"'])
-def test_a_share_lies_between_0_and_1(share: str) -> None:
+def test_share_is_between_0_and_1(share: str) -> None:
     text = default_text().replace("max_held_share = 0.05", f"max_held_share = {share}")
     with pytest.raises(DesignError, match="max_held_share"):
         parse_design(text)

@@ -72,7 +72,7 @@ def rows(archive: ZipFile, name: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(archive.read(name).decode("utf-8-sig"))))
 
 
-def test_everything_of_one_participant_is_there(archive: ZipFile, store: Store) -> None:
+def test_archive_contains_all_data_of_a_participant(archive: ZipFile, store: Store) -> None:
     assert b'"Ada"' in archive.read("identity.json")
     assert archive.read("inclusion.json")
     counts = {name: len(rows(archive, f"{name}.csv")) for name in ("participants", "trials", "notes")}
@@ -90,14 +90,14 @@ def test_everything_of_one_participant_is_there(archive: ZipFile, store: Store) 
     assert {archive.read(name) for name in packed} == {path.read_bytes() for path in own}
 
 
-def test_nothing_of_others_is_there(archive: ZipFile) -> None:
+def test_archive_contains_no_data_of_others(archive: ZipFile) -> None:
     everything = {name: archive.read(name) for name in archive.namelist() if name != "codebook.csv"}
     for other in OTHERS:
         assert [name for name, data in everything.items() if other.encode() in data] == []
     assert len([name for name, data in everything.items() if b"ada-note" in data]) == 1
 
 
-def test_the_index_names_every_file_and_the_codebook_every_column(archive: ZipFile) -> None:
+def test_index_and_codebook_are_complete(archive: ZipFile) -> None:
     index = archive.read("README.md").decode()
     for name in archive.namelist():
         shown = f"{name.split('/')[0]}/" if "/" in name else name
@@ -110,7 +110,7 @@ def test_the_index_names_every_file_and_the_codebook_every_column(archive: ZipFi
             assert heads == [row["column"] for row in codebook if f"{row['table']}.csv" == name]
 
 
-def test_an_archive_is_private_and_never_overwritten(store: Store, tmp_path: Path) -> None:
+def test_archive_is_private_and_not_overwritten(store: Store, tmp_path: Path) -> None:
     path = tmp_path / "out.zip"
     result = CliRunner().invoke(
         app, ["study", "participant-data", str(store.folder), "sub-001", "--out", str(path)]
@@ -126,7 +126,7 @@ def test_an_archive_is_private_and_never_overwritten(store: Store, tmp_path: Pat
     assert not (tmp_path / "nobody.zip").exists()
 
 
-def test_the_command_states_whether_the_name_is_there(store: Store, tmp_path: Path) -> None:
+def test_command_reports_whether_the_name_is_included(store: Store, tmp_path: Path) -> None:
     merge_studies([store.folder], tmp_path / "merged")
     identity_file.remove_entry(store.folder, "sub-002")
     for folder, pseudonym, words in (
@@ -142,7 +142,7 @@ def test_the_command_states_whether_the_name_is_there(store: Store, tmp_path: Pa
         assert ("identity.json" in ZipFile(out).namelist()) is ("without" not in words)
 
 
-def test_who_changed_an_answer_can_be_deleted_and_their_events_are_theirs(store: Store) -> None:
+def test_deletion_after_a_changed_answer(store: Store) -> None:
     changed = [
         row for row in event_rows(store, store.participants(), WITHOUT) if row.name == "answer changed"
     ]
