@@ -1,4 +1,4 @@
-"""What several test files share."""
+"""Fixtures for several test files."""
 
 import atexit
 import gc
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-import avrgym  # noqa: F401  before any test imports MuJoCo: it chooses how that draws
+import avrgym  # noqa: F401  before MuJoCo, whose rendering backend it selects
 
 pytest.register_assert_rewrite("helpers")
 
@@ -37,12 +37,12 @@ LONG = (
     "test_webxr.py",
     "test_starts.py",
 )
-"""The longest files come first, so that no process is left alone with one at the end."""
+"""The longest files run first, to balance the processes."""
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the cases that ``fast_cases`` leaves to ``make test-slow``, and put long files first."""
+    """Mark all except ``fast_cases`` cases as slow, and run long files first."""
     cases: dict[str, list[pytest.Item]] = defaultdict(list)
     for item in items:
         cases[item.nodeid.partition("[")[0]].append(item)
@@ -56,20 +56,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Have no garbage collection look at what is loaded anyway: it is most of a test's objects."""
+    """Exclude loaded modules from garbage collection."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.fixture
 def rng() -> np.random.Generator:
-    """A random stream of the test's own."""
+    """A random generator with a fixed seed."""
     return np.random.default_rng(20261121)
 
 
 @pytest.fixture(scope="module")
 def unhurried() -> Iterator[None]:
-    """For tests in real time: no trial ends because a busy machine stands still or tracks late."""
+    """Relax the time limits of trials for tests in real time."""
     from helpers.vr.time_limits import RELAXED_LIMITS, set_limits
 
     with pytest.MonkeyPatch.context() as patch:
@@ -79,7 +79,7 @@ def unhurried() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def one_thread() -> Iterator[None]:
-    """PyTorch computes in one thread, so that its sums keep their order."""
+    """Run PyTorch in one thread for reproducible sums."""
     import torch
 
     threads = torch.get_num_threads()
@@ -90,7 +90,7 @@ def one_thread() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def feeding_scene() -> "SceneConfig":
-    """What stands in the scene when the Jaco feeds."""
+    """The scene of Feeding with the Jaco."""
     from avrgym.robots.jaco.robot import JACO
     from avrgym.tasks.registry import TASKS
 
@@ -99,19 +99,19 @@ def feeding_scene() -> "SceneConfig":
 
 @pytest.fixture(scope="session")
 def postgresql() -> Iterator[Path]:
-    """The folder of a running PostgreSQL's socket."""
+    """The socket folder of a running PostgreSQL server."""
     from helpers.studies.small_studies import postgresql_programs, postgresql_server
 
     programs = postgresql_programs()
     if programs is None:
-        pytest.skip("PostgreSQL's server is not installed (Debian: postgresql), so SQLite alone is tested")
+        pytest.skip("PostgreSQL's server is not installed (Debian: postgresql), only SQLite is tested")
     with postgresql_server(programs) as server:
         yield server
 
 
 @pytest.fixture
 def small_files() -> Iterator[Callable[[int], None]]:
-    """Sets the size at which files stop growing, as on a full disk; 0 for no limit."""
+    """Return a function that limits the file size, as on a full disk; 0 removes the limit."""
     unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
 
     def limit(size: int) -> None:

@@ -1,4 +1,4 @@
-"""Every scene on Warp beside threads: `make test-engines`. Compiling the kernels takes most of the time, once."""
+"""Every scene on Warp compared with threads: `make test-engines`."""
 
 import numpy as np
 import pytest
@@ -14,8 +14,8 @@ WORLDS, STEPS = 4, 40
 
 @pytest.mark.parametrize("people", ["revised", "participants", "zoo/train"])
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_worlds_go_the_same_way(environment: str, people: str) -> None:
-    """Until tools touch people who move, from where single precision leads apart; nothing overflows on the way."""
+def test_trajectories_agree(environment: str, people: str) -> None:
+    """Trajectories agree until contact; single precision then makes them diverge slowly."""
     both = episodes_on_both(environment, WORLDS, people)
     threads = both[0]
     apart = [step.angles_rad for step in step_both(both, threads.task.expert(threads), STEPS)]
@@ -24,7 +24,7 @@ def test_worlds_go_the_same_way(environment: str, people: str) -> None:
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_experts_who_see_the_worlds_succeed_on_both(environment: str) -> None:
+def test_oracles_succeed_on_both_engines(environment: str) -> None:
     rates: list[float] = []
     for episodes in episodes_on_both(environment, 16):
         expert = episodes.task.expert(episodes)
@@ -34,28 +34,28 @@ def test_experts_who_see_the_worlds_succeed_on_both(environment: str) -> None:
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_from_the_same_state_worlds_are_pushed_alike(environment: str) -> None:
-    """Also where tool, food or water touch people: from one physics step to the next nothing has led apart yet.
+def test_contact_forces_agree_in_the_same_state(environment: str) -> None:
+    """Compares one physics step from the same state, with contacts of tool, food and water.
 
-    But for water, whose solver stops before single drops are settled: to them a step of gravity is 0.1 m/s.
+    Water has a larger tolerance: its solver stops before every drop has converged.
     """
     both = episodes_on_both(environment, 8)
     task = both[0].task
-    expert, pressed = task.expert(both[0]), 0
+    expert, contacts = task.expert(both[0]), 0
     for _ in range(60):
         both[0].step(np.asarray(expert(both[0].observe()), float))
         copy_state(both)
-        threads, warp = (stepped(episodes) for episodes in both)
+        threads, warp = (next_state(episodes) for episodes in both)
         assert_allclose(warp.total_force_n, threads.total_force_n, rtol=0.01, atol=0.02)
         assert_allclose(warp.tool_velocity_w, threads.tool_velocity_w, atol=1e-3)
         apart = warp.particle_velocity_w - threads.particle_velocity_w
         most = 0.01 if task.name == "Drinking" else 1e-4
         assert not apart.size or np.sqrt(np.mean(np.square(apart))) < most, apart
-        pressed += int((threads.total_force_n > 0.0).sum())
-    assert pressed or task.offered == "mouth"
+        contacts += int((threads.total_force_n > 0.0).sum())
+    assert contacts or task.offered == "mouth"
 
 
-def stepped(episodes: Episodes) -> State:
-    """After one physics step."""
+def next_state(episodes: Episodes) -> State:
+    """Return the state after one physics step."""
     episodes.simulation.step(1)
     return episodes.state()

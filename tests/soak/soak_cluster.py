@@ -1,6 +1,6 @@
-"""Workers, nodes and the command itself are killed again and again: every training ends with the same weights.
+"""Trainings end with the same weights after kills of workers, nodes and the command.
 
-Needs Ray, which is not installed for the other tests: ``make test-engines`` has it.
+Needs Ray, which ``make test-engines`` installs.
 """
 
 import os
@@ -16,7 +16,7 @@ from typing import Any
 import msgspec
 import pytest
 
-pytest.importorskip("ray", reason="clusters are an extra, too large for every computer")
+pytest.importorskip("ray", reason="Ray is an extra")
 pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 from avrgym.learning import training
@@ -26,7 +26,7 @@ from avrgym.system.cluster import Cluster, connected
 from helpers.learning.ray_nodes import add_node, assert_same_training, kill_node, process_and_node, ray_nodes
 from helpers.system.processes import kill_with_parent
 
-pytestmark = pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes and files end with its shutdown
+pytestmark = pytest.mark.filterwarnings("ignore")  # Ray closes its processes and files at shutdown
 WORKERS_KILLED, NODES_KILLED, COMMANDS_KILLED = (
     int(number) for number in os.environ.get("AVRGYM_SOAK_KILLS", "20 5 5").split()
 )
@@ -46,29 +46,29 @@ with connected(sys.argv[2], 2) as cluster:
 
 
 @pytest.fixture(autouse=True)
-def _measured_shortly(monkeypatch: pytest.MonkeyPatch) -> None:
+def _short_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
 
 
-def whole(updates: int, folder: Path) -> tuple[FeedforwardConfiguration, Path]:
-    """A training of so many updates that nothing disturbs, in one process."""
+def undisturbed_training(updates: int, folder: Path) -> tuple[FeedforwardConfiguration, Path]:
+    """Train for a number of updates in one process, without kills."""
     configuration = replace(SMALL, steps=updates * SMALL.update_steps)
-    train(configuration, folder / "whole")
-    return configuration, folder / "whole"
+    train(configuration, folder / "undisturbed")
+    return configuration, folder / "undisturbed"
 
 
-def a_worker(cluster: Cluster) -> int:
+def first_worker(cluster: Cluster) -> int:
     return cluster.run_all(process_and_node, [(), ()])[0][0]
 
 
 def test_workers_are_killed_in_the_middle_of_updates(tmp_path: Path) -> None:
-    configuration, undisturbed = whole(WORKERS_KILLED + 1, tmp_path)
+    configuration, undisturbed = undisturbed_training(WORKERS_KILLED + 1, tmp_path)
     killed: list[int] = []
     with ray_nodes(1, 1) as nodes, connected(nodes.address, 2) as cluster:
 
         def kill(progress: Progress) -> None:
             if len(killed) < WORKERS_KILLED:
-                killed.append(a_worker(cluster))
+                killed.append(first_worker(cluster))
                 after_s = 0.05 + 0.4 * (len(killed) * 0.618 % 1.0)
                 threading.Timer(after_s, os.kill, (killed[-1], signal.SIGKILL)).start()
 
@@ -79,7 +79,7 @@ def test_workers_are_killed_in_the_middle_of_updates(tmp_path: Path) -> None:
 
 
 def test_nodes_are_killed_in_the_middle_of_updates(tmp_path: Path) -> None:
-    configuration, undisturbed = whole(NODES_KILLED + 1, tmp_path)
+    configuration, undisturbed = undisturbed_training(NODES_KILLED + 1, tmp_path)
     killed: list[Any] = []
     with ray_nodes(1, 1) as nodes, connected(nodes.address, 2) as cluster:
 
@@ -97,7 +97,7 @@ def test_nodes_are_killed_in_the_middle_of_updates(tmp_path: Path) -> None:
 
 
 def test_the_command_is_killed_and_resumed(tmp_path: Path) -> None:
-    configuration, undisturbed = whole(COMMANDS_KILLED + 1, tmp_path)
+    configuration, undisturbed = undisturbed_training(COMMANDS_KILLED + 1, tmp_path)
     out = tmp_path / "disturbed"
     out.mkdir()
     (out / "configuration.json").write_bytes(msgspec.json.encode(asdict(configuration)))
@@ -109,7 +109,7 @@ def test_the_command_is_killed_and_resumed(tmp_path: Path) -> None:
 
 
 def _resume(out: Path, address: str, *, kill: bool) -> None:
-    """Go on in a process of its own, and kill that when it has saved a checkpoint and works on the next update."""
+    """Resume in another process. With ``kill``, kill it after the next checkpoint."""
     checkpoint = out / "checkpoint.pt"
     before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
     command = [sys.executable, "-c", COMMAND, out, address]

@@ -1,4 +1,4 @@
-"""Each example of another package, trained for as long as a first look takes: `make soak`."""
+"""Short trainings with each example extension: `make soak`."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ STEPS = 20_000
         ("Feeding", "UR5", "distance_m"),
     ],
 )
-def test_it_is_trained_studied_reported_and_verified(
+def test_extension_supports_training_study_report_and_replay(
     tmp_path: Path, task: str, robot: str, term: str
 ) -> None:
     install(tmp_path)

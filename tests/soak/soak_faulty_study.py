@@ -1,4 +1,4 @@
-"""200 trials in which limbs vanish, devices switch, menus open, networks blink and servers restart: `make soak`."""
+"""200 trials with lost tracking, device switches, menus, network failures and server restarts: `make soak`."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ PARTICIPANTS = 25
 PROTOCOL = {"free_movement_s": "0.4", "trial_steps": "25", "practice_policy": '""'}
 
 
-def test_no_trial_counts_that_should_not_and_none_is_lost(tmp_path: Path) -> None:
+def test_only_valid_trials_are_completed_and_none_is_lost(tmp_path: Path) -> None:
     folder = make_study(tmp_path, tasks='["Feeding", "ScratchItch"]', **PROTOCOL)
     with Store(folder) as store:
         study = FaultyStudy(store, seed=1)

@@ -1,4 +1,4 @@
-"""What takes too long of the environments for every run of the tests: `make soak`."""
+"""Comparisons of all vector environments and evaluations: `make soak`."""
 
 import numpy as np
 import pytest
@@ -12,10 +12,8 @@ STEPS = 100
 
 
 @pytest.mark.parametrize("people", ["revised", "participants"])
-def test_the_vector_environment_is_gymnasium_s_own_in_every_mode(
-    people: str, rng: np.random.Generator
-) -> None:
-    """Every environment, mode and kind of person, with resets at random moments."""
+def test_vector_environment_equals_gymnasium_in_every_mode(people: str, rng: np.random.Generator) -> None:
+    """Every environment, mode and population, with random resets."""
     ends = sum(
         compare(environment, mode, STEPS, rng, people)
         for environment in ENVIRONMENTS
@@ -28,6 +26,6 @@ def test_the_vector_environment_is_gymnasium_s_own_in_every_mode(
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 @pytest.mark.parametrize("policy", ["oracle", "revised", "random"])
-def test_rows_are_the_same_from_any_number_of_processes(environment: str, policy: str) -> None:
+def test_rows_do_not_depend_on_the_number_of_processes(environment: str, policy: str) -> None:
     rows = [evaluate_all([environment], policy, "participants", 7, 3, jobs=jobs) for jobs in (1, 2, 3)]
     assert rows[0] == rows[1] == rows[2]

@@ -1,7 +1,6 @@
-"""The wheel of this clone in an empty environment, as an ordinary user, in a folder with spaces and umlauts.
+"""Builds and installs the wheel as an unprivileged user, in a folder with spaces and umlauts.
 
-It is built, installed from the package index with all that it needs, and lets a simulated participant and a simulated
-study come to their reports.
+The installation then runs a simulated participant and a simulated study to their reports.
 """
 
 import os
@@ -18,25 +17,27 @@ import pytest
 from helpers.system.paths import ROOT
 
 DESIGN = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "policies": '["revised"]', "practice_policy": '""'}
-ORDINARY_USER = 65534
-"""The number of ``nobody``."""
+UNPRIVILEGED_USER = 65534
+"""User id of ``nobody``."""
 PYTHON = "/usr/bin/python3" if os.geteuid() == 0 else sys.executable
-"""An interpreter that this user may run."""
+"""An interpreter that this user can run."""
 
 
 @pytest.fixture
 def lab() -> Iterator[Path]:
-    """A folder of an ordinary user's."""
+    """A folder of an unprivileged user."""
     folder = Path(tempfile.mkdtemp(prefix="Lab für Ärzte "))
     if os.geteuid() == 0:
-        os.chown(folder, ORDINARY_USER, ORDINARY_USER)
+        os.chown(folder, UNPRIVILEGED_USER, UNPRIVILEGED_USER)
     yield folder
     shutil.rmtree(folder)
 
 
 def run(lab: Path, *command: str | Path) -> str:
-    """What a command prints, run in the folder by an ordinary user."""
-    who: dict[str, Any] = {"user": ORDINARY_USER, "group": ORDINARY_USER} if os.geteuid() == 0 else {}
+    """Run a command as an unprivileged user, and return its output."""
+    user: dict[str, Any] = (
+        {"user": UNPRIVILEGED_USER, "group": UNPRIVILEGED_USER} if os.geteuid() == 0 else {}
+    )
     kept = {name: os.environ[name] for name in os.environ if name.startswith(("PIP_", "SSL_", "LANG"))}
     ran = subprocess.run(
         command,
@@ -44,7 +45,7 @@ def run(lab: Path, *command: str | Path) -> str:
         env=kept | {"HOME": str(lab), "PATH": f"{lab / 'env' / 'bin'}:/usr/bin:/bin"},
         capture_output=True,
         text=True,
-        **who,
+        **user,
     )
     assert ran.returncode == 0, (command, ran.stdout, ran.stderr)
     return ran.stdout

@@ -1,4 +1,4 @@
-"""Stops, locked databases, floods and signals at length: `make soak`."""
+"""Many stops of moving arms: `make soak`."""
 
 import pytest
 
@@ -9,8 +9,8 @@ STOPS, MOMENTS = 25, 8
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_a_stopped_arm_is_slow_after_100_ms_and_never_comes_back(environment: str) -> None:
-    """200 in each environment, at eight moments."""
+def test_a_stopped_arm_is_slow_after_100_ms_without_rebound(environment: str) -> None:
+    """200 stops in each environment, at eight times."""
     for seed in range(MOMENTS):
         stops = stop_at_random(environment, STOPS, seed)
         print(f"\n{environment}: {stops}", end="")

@@ -1,4 +1,4 @@
-"""How often models find what is not there, in 1,000 imagined studies of each kind: `make soak`."""
+"""False positive rates of models in 1000 simulated studies of each kind: `make soak`."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from helpers.studies.simulated_results import simulated_answers, simulated_rewar
 DESIGN = parse_design(default_text())
 STUDIES = 1000
 PARTICIPANTS = (4, 8, 16)
-Imagine = Callable[[Design, int, int], list[TrialValue]]
+Simulate = Callable[[Design, int, int], list[TrialValue]]
 
 
 def no_drift(design: Design, participants: int, number: int) -> list[TrialValue]:
@@ -30,7 +30,7 @@ KINDS = {ORDINAL: no_drift, LOGISTIC: simulated_successes, MIXED: simulated_rewa
 @pytest.mark.parametrize("participants", PARTICIPANTS)
 @pytest.mark.parametrize("model", KINDS)
 def test_false_positives_are_about_five_percent(model: str, participants: int) -> None:
-    """Participants differ in general, by policy, by robot and by task, and nothing else does."""
+    """Random effects of participants, also by policy, robot and task; no effect of policies."""
     wanted, imagine = effects(DESIGN), KINDS[model]
     hits: Counter[str] = Counter()
     fitted: Counter[str] = Counter()
@@ -51,8 +51,8 @@ def test_false_positives_are_about_five_percent(model: str, participants: int) -
 
 
 @pytest.mark.parametrize("participants", PARTICIPANTS)
-def test_what_other_tests_of_the_same_answers_find(participants: int) -> None:
-    """The paper's tests by trial, and the covariance without correction, find too much, others too little."""
+def test_false_positives_of_other_tests(participants: int) -> None:
+    """The paper's tests by trial and the uncorrected covariance are anticonservative, the others conservative."""
     counted = count_significant(
         DESIGN, Assumptions(dropout=0.0, drift=0.0), 0.0, participants, 0, range(STUDIES)
     )

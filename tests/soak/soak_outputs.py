@@ -1,4 +1,4 @@
-"""Damage to recordings, at more places than the suite has time for: no export passes over it."""
+"""Exports detect damage to recordings at many positions: `make soak`."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from avrgym.study.storage.store import Store
 from helpers.studies.damaged_recordings import count_undetected
 from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
-PLACES = 5000
+DAMAGES = 5000
 
 
 def test_damage_at_any_byte_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -17,6 +17,6 @@ def test_damage_at_any_byte_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyP
     folder = small_study(tmp_path / "study")
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store))
-    unnoticed = count_undetected(folder, PLACES)
-    print(f"\n{PLACES} recordings cut or flipped, {unnoticed} exported without a word")
-    assert unnoticed == 0
+    undetected = count_undetected(folder, DAMAGES)
+    print(f"\n{DAMAGES} damaged recordings, {undetected} exported")
+    assert undetected == 0

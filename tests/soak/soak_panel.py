@@ -1,4 +1,4 @@
-"""The panel in VR is covered by nothing, in every environment, as the depth buffer has it: `make soak`."""
+"""Nothing covers the VR panel in any environment, by the depth buffer: `make soak`."""
 
 import io
 from contextlib import ExitStack
@@ -24,13 +24,13 @@ PAINT = """(covered) => {
     panel.material.color.setRGB(1, 0, 1);
     panel.renderOrder = 1000;
 }"""
-"""Make the panel one colour that nothing else has, drawn last: where other things cover it, or through them."""
-LEAST_SHARE_OF_PICTURE = 0.02
+"""Paint the panel in a unique colour and draw it last, with or without the depth test."""
+MIN_IMAGE_SHARE = 0.02
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_nothing_covers_the_questions(environment: str, tmp_path: Path) -> None:
-    """After a trial, while the robot stands where it has retreated to."""
+    """After a trial, with the robot at its retreat position."""
     trial = TrialPlan(environment, "revised", seed=3, practice=False)
     plan = SessionPlan([trial], "woman", 0.5, simulated=True, trial_steps=200)
     with ExitStack() as opened:
@@ -43,12 +43,12 @@ def test_nothing_covers_the_questions(environment: str, tmp_path: Path) -> None:
         draw_triangles(journey.headset)
         seen, whole = (painted(journey, covered) for covered in (True, False))
     print(f"\n{environment}: {seen} of the panel's {whole} pixels are seen")
-    assert whole > LEAST_SHARE_OF_PICTURE * 640 * 360
+    assert whole > MIN_IMAGE_SHARE * 640 * 360
     assert seen == whole
 
 
 def painted(journey: Journey, covered: bool) -> int:
-    """How many pixels of both eyes' pictures show the panel."""
+    """Count the pixels of the panel in the images of both eyes."""
     headset = journey.headset
     headset.page.evaluate(PAINT, covered)
     headset.wait_for_frames(3)

@@ -1,4 +1,4 @@
-"""100 000 starts without anything in anything else, as many random steps, and robots that press: `make soak`."""
+"""100 000 initial states without overlaps, as many random steps, and contact forces: `make soak`."""
 
 from itertools import product
 from pathlib import Path
@@ -17,13 +17,13 @@ from helpers.simulation.contact_forces import MAX_FORCE_N, MOTIONS, peak_forces
 from helpers.simulation.initial_states import deepest_overlap_m, first_step_forces
 from helpers.simulation.worlds import assert_finite
 
-STARTS_OF_A_KIND = 524
+STARTS_PER_POPULATION = 524
 PERSONS = 200
-PRESSED_WORLDS, PRESSED_STEPS = 11, 60
-"""In each of 8 environments, 5 kinds of people and 4 impairments: 1 760 starts, and as many for each way to press."""
+CONTACT_WORLDS, CONTACT_STEPS = 11, 60
+"""In each of 8 environments, 5 populations and 4 impairments: 1 760 resets for each motion."""
 
 RANDOM_WORLDS = 512
-"""Whose episodes of 200 steps are more than 100 000 in each environment."""
+"""Episodes of 200 steps are more than 100 000 steps in each environment."""
 
 FITTED = "\n".join(
     ["cooperating = true", "[torso_height_m]", "man = [0.45, 0.7]", "woman = [0.42, 0.66]"]
@@ -35,17 +35,15 @@ FITTED = "\n".join(
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_nothing_overlaps_and_nothing_presses_at_any_of_100_000_starts(
-    environment: str, tmp_path: Path
-) -> None:
+def test_100_000_initial_states_have_no_overlap_and_no_contact(environment: str, tmp_path: Path) -> None:
     file = tmp_path / "fitted.toml"
     file.write_text(FITTED)
     looked, drawn_again = 0, 0
     for people, impairment in product([*DISTRIBUTIONS, str(file)], IMPAIRMENTS):
-        episodes = Episodes(environment, STARTS_OF_A_KIND, people=people, impairment=impairment)
-        generators = [np.random.default_rng([seed, looked]) for seed in range(STARTS_OF_A_KIND)]
-        episodes.reset(np.arange(STARTS_OF_A_KIND), generators)
-        looked += STARTS_OF_A_KIND
+        episodes = Episodes(environment, STARTS_PER_POPULATION, people=people, impairment=impairment)
+        generators = [np.random.default_rng([seed, looked]) for seed in range(STARTS_PER_POPULATION)]
+        episodes.reset(np.arange(STARTS_PER_POPULATION), generators)
+        looked += STARTS_PER_POPULATION
         drawn_again += int((episodes.start_draws > 1).sum())
         assert deepest_overlap_m(episodes) == 0.0, (people, impairment)
         assert first_step_forces(episodes).max() <= 10.0, (people, impairment)
@@ -65,7 +63,7 @@ def test_100_000_random_steps_stay_finite_without_a_warning(
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_fixed_people_in_any_pose_have_room_or_are_refused(environment: str) -> None:
+def test_fixed_people_in_any_pose_do_not_overlap_or_raise_an_error(environment: str) -> None:
     random = np.random.default_rng(5)
     refused = 0
     for number in range(PERSONS):
@@ -78,17 +76,17 @@ def test_fixed_people_in_any_pose_have_room_or_are_refused(environment: str) -> 
             refused += 1
             continue
         assert deepest_overlap_m(episodes) == 0.0
-        if number % 4 < 2:  # led ones are driven at once to where they are told
+        if number % 4 < 2:  # commanded people start at their targets
             assert first_step_forces(episodes).max() <= 10.0
     print(f"\n{environment}: {PERSONS} persons, {refused} refused")
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
-def test_no_robot_presses_harder_than_people_give_way(environment: str) -> None:
-    """People who tremble strike the robot with muscles of their own, and are among them."""
+def test_contact_forces_stay_below_the_limit_of_compliance(environment: str) -> None:
+    """Includes people with tremor, who move against the robot."""
     peaks = {
         (people, impairment, how): float(
-            peak_forces(environment, PRESSED_WORLDS, people, impairment, how, steps=PRESSED_STEPS).max()
+            peak_forces(environment, CONTACT_WORLDS, people, impairment, how, steps=CONTACT_STEPS).max()
         )
         for people, impairment, how in product(DISTRIBUTIONS, IMPAIRMENTS, MOTIONS)
     }

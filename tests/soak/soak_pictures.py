@@ -1,7 +1,7 @@
-"""What each eye sees in every phase of every environment, on one sheet each: `make soak`.
+"""Images of both eyes in every phase, one sheet per environment: `make soak`.
 
-``SOAK_PICTURES`` is the folder for the sheets. The session's time passes only as its visitor lets it, so that a phase
-lasts until its picture is taken, however slowly a processor draws.
+``SOAK_PICTURES`` is the folder of the sheets. The client advances the session's clock: a phase lasts until its image
+is rendered.
 """
 
 import os
@@ -27,27 +27,27 @@ from helpers.browser.journey import Journey, draw_triangles, wait_until
 
 pytestmark = pytest.mark.usefixtures("unhurried")
 COLUMNS, CAPTION_HEIGHT = 3, 14
-TICKS_A_LOOK = 25
-PICTURED_AFTER_S = {
+TICKS_PER_LOOK = 25
+IMAGE_AFTER_S = {
     "headset": 0.5, "headset_check": 0.2, "calibration": 0.5, "check": 0.5, "free_before": 1.0, "countdown": 0.2,
     "trial": 4.0, "paused": 0.5, "retreat": 1.5, "free_after": 0.5, "questionnaire": 0.5, "confirm": 0.5,
 }  # fmt: skip
-"""How long after the beginning of each phase its picture is taken."""
+"""Time of the image after the start of each phase."""
 LOOKING_DOWN_RAD = human.joint_angles(head_x=45.0) - human.joint_angles(head_x=0.0)
 
 
-class LetTime:
-    """The time of a session, which passes as it is let."""
+class SteppedClock:
+    """A session clock that advances on request."""
 
     def __init__(self) -> None:
         self._ticks, self._let, self._waits = 0, threading.Semaphore(0), True
 
     def now_s(self) -> float:
-        """By the session's clock."""
+        """Return the time on the session's clock."""
         return self._ticks * TICK_S
 
-    def hold(self, session: Session) -> None:
-        """From now on the session waits."""
+    def pause(self, session: Session) -> None:
+        """Pause the session."""
         tick = session.tick
 
         def wait_and_tick(now_s: float) -> None:
@@ -58,32 +58,32 @@ class LetTime:
 
         session.tick = wait_and_tick
 
-    def pass_on(self, ticks: int) -> None:
-        """Let so many ticks pass, and wait until they have."""
+    def advance(self, ticks: int) -> None:
+        """Advance by ticks, and wait until they are done."""
         ends = self._ticks + ticks
         self._let.release(ticks)
         wait_until(lambda: self._ticks >= ends)
 
-    def let_go(self) -> None:
-        """The session waits no more."""
+    def resume(self) -> None:
+        """Resume real time."""
         self._waits = False
         self._let.release()
 
 
 class Photographer(BrowserClient):
-    """Attends, pictures every phase, stops the robot once, and looks down to see whether body and seat fit.
+    """A client that saves an image of every phase, stops the robot once, and looks down in the body check.
 
-    An emulated headset passes no check: the experimenter leaves it out.
+    The experimenter skips the headset check, which an emulated headset does not pass.
     """
 
-    def __init__(self, journey: Journey, time: LetTime) -> None:
+    def __init__(self, journey: Journey, time: SteppedClock) -> None:
         super().__init__(
             journey.headset,
             journey.session,
             journey.participant,
             journey.folder,
             lambda words: None,
-            PICTURED_AFTER_S,
+            IMAGE_AFTER_S,
         )
         self._loop, self._time, self._stops = journey.server.loop, time, True
 
@@ -91,7 +91,7 @@ class Photographer(BrowserClient):
         super()._notice(phase, self._time.now_s())
 
     def _act(self, question: dict[str, Any] | None, now_s: float) -> None:
-        self._time.pass_on(TICKS_A_LOOK)
+        self._time.advance(TICKS_PER_LOOK)
         if self._is_to_be_pictured:
             self._headset.set_poses(self._frame(), right=question is None)
             self._take_picture(self._time.now_s())
@@ -105,7 +105,7 @@ class Photographer(BrowserClient):
 
     @property
     def _is_to_be_pictured(self) -> bool:
-        return self._phase[0] in PICTURED_AFTER_S and self._picture not in self.taken
+        return self._phase[0] in IMAGE_AFTER_S and self._picture not in self.taken
 
     def _frame(self) -> Any:
         name, now_s = self._phase[0], self._time.now_s()
@@ -114,7 +114,7 @@ class Photographer(BrowserClient):
         return self._participant.frame_of(self._participant._rest_rad + LOOKING_DOWN_RAD, now_s)
 
     def _take_picture(self, now_s: float) -> None:
-        if now_s - self._phase_began > PICTURED_AFTER_S.get(self._phase[0], np.inf):
+        if now_s - self._phase_began > IMAGE_AFTER_S.get(self._phase[0], np.inf):
             draw_triangles(self._headset)
             super()._take_picture(now_s)
             self._headset.page.evaluate("() => { window.drawsTriangles = false; }")
@@ -122,7 +122,7 @@ class Photographer(BrowserClient):
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_every_phase_is_pictured(environment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    time = LetTime()
+    time = SteppedClock()
     monkeypatch.setattr(real_time_loop, "_clock_s", time.now_s)
     monkeypatch.setattr(emulated_headset, "PHASE_LIMIT_S", float("inf"))
     plan = SessionPlan(
@@ -137,19 +137,19 @@ def test_every_phase_is_pictured(environment: str, tmp_path: Path, monkeypatch: 
     with ExitStack() as opened:
         how = {"width": 640, "height": 360, "query": "&detail=full"}
         journey = Journey(tmp_path, plan, load_policies(plan), opened, **how)
-        opened.callback(time.let_go)
+        opened.callback(time.resume)
         journey.wait_for_phase("waiting")
         journey.headset.page.wait_for_function("() => window.avrgymEmulator.statesReceived() > 0")
-        time.hold(journey.session)
+        time.pause(journey.session)
         taken = Photographer(journey, time).run()
         draw_triangles(journey.headset)
         taken.append(journey.headset.screenshot(tmp_path / "trial-99-finished.png"))
-    assert {path.stem.split("-")[2] for path in taken} == {*PICTURED_AFTER_S, "finished"}
+    assert {path.stem.split("-")[2] for path in taken} == {*IMAGE_AFTER_S, "finished"}
     contact_sheet(taken, environment)
 
 
 def contact_sheet(pictures: list[Path], environment: str) -> None:
-    """All pictures on one sheet, under their names."""
+    """Save all images on one sheet with their names."""
     folder = os.environ.get("SOAK_PICTURES")
     if folder is None:
         return

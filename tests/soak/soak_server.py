@@ -1,4 +1,4 @@
-"""What the server stands, in full counts: `make soak`. Each test prints what it measured."""
+"""Load tests of the server: `make soak`. Each test prints its measurements."""
 
 import os
 import random
@@ -50,11 +50,11 @@ from helpers.vr.visit import constant_policies, plan
 
 CONNECTIONS, HANDSHAKES, MESSAGES = 2_000, 300, 200_000
 OWN_MESSAGES = 2_000
-"""What a participant may send within a trial beside their frames."""
+"""Maximum number of a participant's messages in a trial, in addition to frames."""
 FILE_HANDLES = 1_024
 TRIAL_STEPS = 400
 FAR_M = 1000.0
-"""What is no number is told as if it lay farther than this."""
+"""Distance beyond which non-finite positions are reported."""
 FLOOD = """
 import resource, socket, sys, time
 resource.setrlimit(resource.RLIMIT_NOFILE, (4096, 4096))
@@ -71,7 +71,7 @@ time.sleep(1000)
 
 @pytest.fixture
 def few_handles() -> Iterator[None]:
-    """As many file handles as a process has by default."""
+    """Limit the file handles to the default of a process."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (FILE_HANDLES, hard))
     yield
@@ -80,7 +80,7 @@ def few_handles() -> Iterator[None]:
 
 @contextmanager
 def flooded(port: int, count: int) -> Iterator[None]:
-    """Another process holds this many connections open and says nothing."""
+    """Keep idle connections of another process open."""
     command = [sys.executable, "-c", FLOOD, str(port), str(count)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, preexec_fn=kill_with_parent) as flood:
         try:
@@ -92,14 +92,14 @@ def flooded(port: int, count: int) -> Iterator[None]:
 
 
 class Attendant:
-    """A simulated participant at a real socket: sits down, is tracked at 50 Hz through a trial, answers."""
+    """A simulated participant with a real socket: calibration, a trial with 50 Hz tracking, and answers."""
 
     def __init__(self, server: LiveServer[Session], opened: ExitStack) -> None:
         self.person = SimulatedParticipant(draw_traits("woman", 2), 2)
         self.inbox: Counter[type] = Counter()
         self.phase, self.finite, self.ended = "", True, False
         self._states = StateDecoder()
-        self._socket = let_in(server, "/ws", server.tokens.participant, opened)
+        self._socket = connect_client(server, "/ws", server.tokens.participant, opened)
         self._sending = threading.Lock()
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._listen, self._move)]
         self.send(Entered())
@@ -107,7 +107,7 @@ class Attendant:
             thread.start()
 
     def send(self, message: Message | bytes) -> None:
-        """Send a message, or bytes as they are."""
+        """Send a message or raw bytes."""
         with self._sending:
             self._socket.send(message if isinstance(message, bytes) else messages.encode(message))
 
@@ -145,8 +145,8 @@ class Attendant:
             time.sleep(0.02)
 
 
-def let_in(server: LiveServer[Session], path: str, token: str, opened: ExitStack) -> ClientConnection:
-    """A socket that has said hello and been welcomed."""
+def connect_client(server: LiveServer[Session], path: str, token: str, opened: ExitStack) -> ClientConnection:
+    """Open a socket and complete the hello and welcome messages."""
     url = f"ws://127.0.0.1:{server.port}{path}"
     socket_ = opened.enter_context(connect(url, max_size=None, max_queue=None))
     socket_.send(messages.encode(Hello(messages.PROTOCOL, token, "soak", emulated=True)))
@@ -157,7 +157,7 @@ def let_in(server: LiveServer[Session], path: str, token: str, opened: ExitStack
 
 
 class Watcher:
-    """Reads what a watcher is sent."""
+    """Reads the messages to a watcher."""
 
     def __init__(self, connection: ClientConnection) -> None:
         self.inbox: Counter[type] = Counter()
@@ -180,8 +180,8 @@ class Watcher:
             self.closed = True
 
 
-def await_that(condition: Callable[[], bool], patience_s: float = 180.0) -> None:
-    give_up = time.monotonic() + patience_s
+def wait_until(condition: Callable[[], bool], timeout_s: float = 180.0) -> None:
+    give_up = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < give_up
         time.sleep(0.02)
@@ -199,17 +199,17 @@ def memory_bytes() -> int:
     return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
-def test_states_come_one_by_one_and_answers_at_once(tmp_path: Path) -> None:
-    """How far apart a watcher gets states, and how long a request on a kept connection takes."""
+def test_intervals_of_states_and_response_times(tmp_path: Path) -> None:
+    """Measures the intervals of a watcher's states, and response times on a persistent connection."""
     with make_server(tmp_path) as server, ExitStack() as opened:
-        watcher = Watcher(let_in(server, "/watch", server.tokens.spectator, opened))
+        watcher = Watcher(connect_client(server, "/watch", server.tokens.spectator, opened))
         with httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=TIMEOUT_S) as client:
             took_ms = []
             for _ in range(100):
                 began = time.perf_counter()
                 assert client.get("/favicon.svg").status_code == 200
                 took_ms.append(1000.0 * (time.perf_counter() - began))
-        await_that(lambda: len(watcher.states_s) > 400)
+        wait_until(lambda: len(watcher.states_s) > 400)
     apart_ms = [1000.0 * (after - before) for before, after in pairwise(watcher.states_s)]
     print(
         f"\na GET on a kept connection: {percentiles(took_ms)} ms; states: {percentiles(apart_ms)} ms apart"
@@ -221,14 +221,14 @@ def percentiles(values: list[float]) -> str:
 
 
 def test_2000_connections_while_a_trial_runs(tmp_path: Path, few_handles: None) -> None:
-    """Nothing is refused to the three parties, and no more ticks are given up than without them."""
+    """The clients get all responses, and the connections cause no additional dropped ticks."""
     with make_server(tmp_path) as server, ExitStack() as opened:
         watching = {
-            role: Watcher(let_in(server, "/watch", getattr(server.tokens, role), opened))
+            role: Watcher(connect_client(server, "/watch", getattr(server.tokens, role), opened))
             for role in ("experimenter", "spectator")
         }
         attendant = Attendant(server, opened)
-        await_that(lambda: attendant.phase == "trial")
+        wait_until(lambda: attendant.phase == "trial")
         time.sleep(3.0)
         missed_before = server.loop.missed_ticks
         began = time.monotonic()
@@ -242,8 +242,8 @@ def test_2000_connections_while_a_trial_runs(tmp_path: Path, few_handles: None) 
                     url = f"http://127.0.0.1:{server.port}{path}"
                     served[httpx.get(url, headers=token, timeout=TIMEOUT_S).status_code] += 1
             held = len(os.listdir("/proc/self/fd"))
-            let_in(server, "/watch", server.tokens.experimenter, opened).close()
-            await_that(lambda: attendant.phase == "finished")
+            connect_client(server, "/watch", server.tokens.experimenter, opened).close()
+            wait_until(lambda: attendant.phase == "finished")
         assert not attendant.ended
         assert not any(watcher.closed for watcher in watching.values())
         outcome = read_recording(server.session.recordings[-1]).outcome
@@ -274,7 +274,7 @@ def test_300_silent_handshakes_are_closed(tmp_path: Path, few_handles: None) -> 
 
 
 def fuzzed(seed: int) -> Iterator[bytes]:
-    """Messages without end: sound ones with damaged bytes or fields, any MessagePack, any bytes."""
+    """Yield messages endlessly: valid ones with damaged bytes or fields, random MessagePack, random bytes."""
     rng = random.Random(seed)
     person = SimulatedParticipant(draw_traits("woman", 2), 2)
     numbers = [
@@ -319,8 +319,8 @@ def fuzzed(seed: int) -> Iterator[bytes]:
         yield bytes(data)
 
 
-def understood(data: bytes, decode: Callable[[bytes], Message]) -> bool:
-    """Whether this is a message, which would be obeyed: participants may stop a trial, experimenters end it."""
+def is_valid(data: bytes, decode: Callable[[bytes], Message]) -> bool:
+    """Return whether the data is a valid message."""
     try:
         return not isinstance(decode(data), Hello)
     except msgspec.DecodeError:
@@ -330,7 +330,7 @@ def understood(data: bytes, decode: Callable[[bytes], Message]) -> bool:
 def send_all(
     server: LiveServer[Session], path: str, token: str, count: int, seed: int, sent: Counter[str]
 ) -> None:
-    """Send messages by one socket after another: a stranger's is closed at its first."""
+    """Send messages through successive sockets; unauthenticated ones close after the first message."""
     source = fuzzed(seed)
     while count > 0:
         try:
@@ -340,7 +340,7 @@ def send_all(
                     stranger.send(messages.encode(Hello(messages.PROTOCOL, token, "", emulated=True)))
                 while count > 0:
                     data = next(source)
-                    if not understood(data, messages.decode_experimenter):
+                    if not is_valid(data, messages.decode_experimenter):
                         stranger.send(data)
                         sent[path] += 1
                         count -= 1
@@ -348,12 +348,12 @@ def send_all(
             sent["sockets closed"] += 1
 
 
-def test_200_000_messages_beside_a_seated_participant(tmp_path: Path) -> None:
-    """By the participant's own socket, by an experimenter's and a spectator's, and by strangers."""
+def test_200_000_messages_during_a_session(tmp_path: Path) -> None:
+    """Through sockets of participant, experimenter and spectator, and unauthenticated ones."""
     sent: Counter[str] = Counter()
     with make_server(tmp_path) as server, ExitStack() as opened:
         attendant = Attendant(server, opened)
-        await_that(lambda: attendant.phase == "trial")
+        wait_until(lambda: attendant.phase == "trial")
         before = memory_bytes()
         own = threading.Thread(target=send_by, args=(attendant, OWN_MESSAGES, sent), daemon=True)
         others = [
@@ -368,7 +368,7 @@ def test_200_000_messages_beside_a_seated_participant(tmp_path: Path) -> None:
         ]
         for thread in (own, *others):
             thread.start()
-        await_that(lambda: attendant.phase == "finished" or attendant.ended, 600.0)
+        wait_until(lambda: attendant.phase == "finished" or attendant.ended, 600.0)
         for thread in (own, *others):
             thread.join(1800.0)
             assert not thread.is_alive()
@@ -380,7 +380,7 @@ def test_200_000_messages_beside_a_seated_participant(tmp_path: Path) -> None:
     print(
         f"\n{everything} messages {dict(sent)}: "
         f"the trial {outcome and outcome['result']}, states finite: {attendant.finite}, "
-        f"{attendant.inbox[Problem]} problems told to the participant, {growth >> 20} MiB more held"
+        f"{attendant.inbox[Problem]} problems reported to the participant, {growth >> 20} MiB growth"
     )
     assert attendant.finite
     assert not attendant.ended
@@ -390,18 +390,18 @@ def test_200_000_messages_beside_a_seated_participant(tmp_path: Path) -> None:
 
 
 def drain(connection: ClientConnection) -> None:
-    """Read what comes, so that none of it is held here."""
+    """Read and drop all messages."""
     with suppress(ConnectionClosed):
         for _ in connection:
             pass
 
 
 def send_by(attendant: Attendant, count: int, sent: Counter[str]) -> None:
-    """Send messages by the participant's own socket, half as fast as would close it."""
+    """Send messages through the participant's socket at half of the rate limit."""
     source = fuzzed(99)
     while count > 0:
         data = next(source)
-        if not understood(data, messages.decode_client):
+        if not is_valid(data, messages.decode_client):
             attendant.send(data)
             sent["own"] += 1
             count -= 1

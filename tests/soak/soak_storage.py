@@ -1,4 +1,4 @@
-"""Kills, flipped bits and edits of studies, in counts that take too long for every run of the tests: `make soak`."""
+"""Many kills, flipped bits and edits of studies: `make soak`."""
 
 import os
 import random
@@ -34,7 +34,7 @@ from helpers.studies.small_studies import (
 KILLS, FLIPS, MERGE_KILLS = 200, 500, 20
 SURNAME = "Unverwechselbar"
 Fact = tuple[str, int]
-"""A participant who was enrolled (0), or a trial of theirs that was completed, by its position."""
+"""An enrolled participant (0), or the position of a completed trial."""
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
@@ -49,7 +49,7 @@ def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str
 
 @pytest.fixture
 def on_sqlite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A study whose participant has finished."""
+    """A study with a completed participant."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     with Store(small_study(tmp_path / "study")) as store:
         run_participant(store, enrol_with_consent(store))
@@ -59,8 +59,8 @@ def on_sqlite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 # Kills
 
 
-def live(folder: Path, url: str, acknowledged: Connection) -> None:
-    """Take people in by name and run their trials until killed, and tell of each fact once it was acknowledged."""
+def run_study(folder: Path, url: str, acknowledged: Connection) -> None:
+    """Enrol participants with names and run their trials until killed. Reports each acknowledged fact."""
     os.environ[database.URL_VARIABLE] = url
     with Store(folder) as store:
         for number in count():
@@ -76,8 +76,8 @@ def live(folder: Path, url: str, acknowledged: Connection) -> None:
                 acknowledged.send((pseudonym, trial.position))
 
 
-def kept(folder: Path) -> set[Fact]:
-    """What a study holds of the facts that are told of."""
+def stored_facts(folder: Path) -> set[Fact]:
+    """Return the facts that a study contains."""
     with Store(folder) as store:
         people = [person.pseudonym for person in store.participants()]
         completed = {
@@ -90,11 +90,13 @@ def kept(folder: Path) -> set[Fact]:
 
 
 def kill(folder: Path, after_s: float) -> list[Fact]:
-    """Kill a process in the midst of its work; what had been acknowledged before."""
+    """Kill a process during its work. Returns the acknowledged facts."""
     context = get_context("forkserver")
     context.set_forkserver_preload(["helpers.studies.small_studies"])
     here, there = context.Pipe(duplex=False)
-    process = context.Process(target=live, args=(folder, os.environ.get(database.URL_VARIABLE, ""), there))
+    process = context.Process(
+        target=run_study, args=(folder, os.environ.get(database.URL_VARIABLE, ""), there)
+    )
     process.start()
     there.close()
     facts = []
@@ -108,14 +110,14 @@ def kill(folder: Path, after_s: float) -> list[Fact]:
     return facts
 
 
-def test_kills_lose_nothing_raise_no_alarm_and_leave_no_name(kind: str, tmp_path: Path) -> None:
+def test_kills_lose_no_facts_cause_no_findings_and_leave_no_names(kind: str, tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
     rng, acknowledged, left = random.Random(3), 0, 0
     for done in range(1, KILLS + 1):
         facts = kill(folder, rng.uniform(0.0, 0.3))
         acknowledged += len(facts)
         left += len(list((folder / "private").glob(".*")))
-        assert set(facts) <= kept(folder)
+        assert set(facts) <= stored_facts(folder)
         if done % 10 == 0:
             end_study(folder)
     print(
@@ -124,7 +126,7 @@ def test_kills_lose_nothing_raise_no_alarm_and_leave_no_name(kind: str, tmp_path
 
 
 def end_study(folder: Path) -> None:
-    """Check a study, delete everyone and search for their names."""
+    """Check a study, delete all participants and search for their names."""
     with Store(folder) as store:
         assert [f"{each.where}: {each.message}" for each in check_study(store) if each.is_error] == []
         for person in store.participants():
@@ -136,8 +138,8 @@ def end_study(folder: Path) -> None:
         assert path.is_dir() or SURNAME.encode() not in path.read_bytes(), path
 
 
-def test_merges_that_are_killed_lose_nothing_and_the_next_completes_them(tmp_path: Path) -> None:
-    """Each time anew: killed at a random step again and again, then completed, then with one more site."""
+def test_killed_merges_lose_nothing_and_can_be_completed(tmp_path: Path) -> None:
+    """A merge is killed at random steps, then completed, then extended by a site."""
     sites = [make_site(tmp_path / name, trials=(None, 2)) for name in ("atlanta", "berlin", "cairo")]
     before = [files_in(site) for site in sites]
     merge_studies(sites, tmp_path / "whole")
@@ -159,7 +161,7 @@ def test_merges_that_are_killed_lose_nothing_and_the_next_completes_them(tmp_pat
 # Flipped bits
 
 
-def test_each_bit_flipped_in_a_database_s_file_is_noticed(on_sqlite: Path, tmp_path: Path) -> None:
+def test_each_bit_flipped_in_a_database_s_file_is_detected(on_sqlite: Path, tmp_path: Path) -> None:
     copy, rng = tmp_path / "copy", random.Random(11)
     assert not is_detected(on_sqlite)
     found = 0
@@ -170,10 +172,10 @@ def test_each_bit_flipped_in_a_database_s_file_is_noticed(on_sqlite: Path, tmp_p
     assert found == FLIPS
 
 
-def test_each_bit_flipped_in_a_file_without_seal_is_noticed_or_changes_nothing(
+def test_each_bit_flipped_in_a_file_without_checksum_is_detected_or_changes_nothing(
     on_sqlite: Path, tmp_path: Path
 ) -> None:
-    """A killed process leaves no checksum of the whole file; then rows and pages alone must tell."""
+    """A killed process writes no checksum of the file: the checks of rows and pages must detect the change."""
     (on_sqlite / "study.db.sha256").unlink()
     copy, rng, outcomes = tmp_path / "copy", random.Random(12), Counter[str]()
     before = rows(on_sqlite)
@@ -185,7 +187,7 @@ def test_each_bit_flipped_in_a_file_without_seal_is_noticed_or_changes_nothing(
     print(f"\n{FLIPS} bits flipped in study.db after a kill: {dict(outcomes)}")
 
 
-def test_each_bit_flipped_in_recordings_is_noticed(on_sqlite: Path, tmp_path: Path) -> None:
+def test_each_bit_flipped_in_recordings_is_detected(on_sqlite: Path, tmp_path: Path) -> None:
     copy, rng = tmp_path / "copy", random.Random(13)
     recordings = [str(path.relative_to(on_sqlite)) for path in sorted(on_sqlite.rglob("*.mcap"))]
     found = 0
@@ -197,7 +199,7 @@ def test_each_bit_flipped_in_recordings_is_noticed(on_sqlite: Path, tmp_path: Pa
 
 
 def rows(folder: Path) -> dict[str, list]:
-    """Every row of every table."""
+    """Return the rows of every table."""
     with Store(folder) as store, store.database.read() as connection:
         return {
             name: [tuple(row) for row in connection.execute(sa.select(table))]
@@ -205,8 +207,8 @@ def rows(folder: Path) -> dict[str, list]:
         }
 
 
-def test_each_bit_flipped_in_a_value_is_noticed(kind: str, tmp_path: Path) -> None:
-    """In any column of any row, by SQL, as a table's file of PostgreSQL would show it."""
+def test_each_bit_flipped_in_a_value_is_detected(kind: str, tmp_path: Path) -> None:
+    """Flips a bit in any column of any row by SQL."""
     rng, found = random.Random(17), 0
     with Store(small_study(tmp_path / "study")) as store:
         run_participant(store, enrol_with_consent(store))
@@ -223,7 +225,7 @@ def test_each_bit_flipped_in_a_value_is_noticed(kind: str, tmp_path: Path) -> No
 
 
 def flip_value(connection: sa.Connection, rng: random.Random) -> bool:
-    """Flip a bit of a value; whether that could be stored."""
+    """Flip a bit of a value. Returns whether the database stored it."""
     table = rng.choice(list(hash_chain.TABLES.values()))
     found = connection.execute(sa.select(table)).all()
     if not found:

@@ -1,4 +1,4 @@
-"""What takes too long for every run of the tests: `make soak`."""
+"""Contact forces under jumping tracking: `make soak`."""
 
 from pathlib import Path
 
@@ -8,8 +8,8 @@ from helpers.vr.teleporting_hands import IMPACT_N, PATTERNS, peak_force_n
 SEEDS = 5
 
 
-def test_teleporting_poses_press_no_harder_than_a_person_at_rest_and_a_slow_impact(tmp_path: Path) -> None:
-    """In all environments, six seconds a trial."""
+def test_jumping_poses_add_at_most_the_force_of_a_slow_impact(tmp_path: Path) -> None:
+    """Trials of six seconds in all environments."""
     strongest_n, excess_n = 0.0, 0.0
     for environment in ENVIRONMENTS:
         for seed in range(SEEDS):

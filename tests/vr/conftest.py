@@ -1,4 +1,4 @@
-"""Fixtures of the tests of live sessions."""
+"""Fixtures for tests of live sessions."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def visit(tmp_path: Path) -> Iterator[Callable[..., Visit]]:
-    """Makes visits with short trials and ends them after the test."""
+    """Return a function that creates visits with short trials; they end after the test."""
     visits: list[Visit] = []
 
-    def make(participant: SimulatedParticipant | None = None, countdown_s: float = 0.1, **how) -> Visit:
-        short = replace(plan(**how), countdown_s=countdown_s)
+    def make(participant: SimulatedParticipant | None = None, countdown_s: float = 0.1, **options) -> Visit:
+        short = replace(plan(**options), countdown_s=countdown_s)
         visits.append(Visit(tmp_path / f"visit-{len(visits)}", short, participant=participant))
         return visits[-1]
 
@@ -32,7 +32,7 @@ def visit(tmp_path: Path) -> Iterator[Callable[..., Visit]]:
 
 @pytest.fixture(scope="module")
 def browser() -> "Iterator[Browser]":
-    """Chromium, for the pages of all tests of a module."""
+    """Chromium for all tests of a module."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:

@@ -1,4 +1,4 @@
-"""Experts side by side."""
+"""Comparison of experts."""
 
 from numpy.testing import assert_array_equal
 
@@ -7,10 +7,10 @@ from avrgym.tasks.task import Expert
 
 
 def assert_matches_feedback_expert(expert: Expert, episodes: Episodes, steps: int) -> None:
-    """The expert does what the task's reactive one would, step by step."""
-    acts, reactive = expert(episodes), episodes.task.feedback_expert(episodes)
+    """Assert that an expert returns the actions of the task's feedback expert."""
+    act, feedback = expert(episodes), episodes.task.feedback_expert(episodes)
     for _ in range(steps):
         observation = episodes.observe()
-        action = acts(observation)
-        assert_array_equal(action, reactive(observation))
+        action = act(observation)
+        assert_array_equal(action, feedback(observation))
         episodes.step(action)

@@ -1,4 +1,4 @@
-"""Controllers that fail, each in its own way; every one drives first."""
+"""Controllers that fail after a valid first action."""
 
 import time
 from typing import ClassVar
@@ -7,7 +7,7 @@ import numpy as np
 
 
 class Steady:
-    """Turns the first joint at half its speed."""
+    """Moves the first joint at half its maximum speed."""
 
     closed = 0
 
@@ -16,10 +16,10 @@ class Steady:
 
     def act(self, observation: np.ndarray) -> object:
         self.steps += 1
-        observation[:] = np.nan  # what it is given is its own
-        return self.bad() if self.steps in (2, 3) else [0.5, 0, 0, 0, 0, 0, 0]
+        observation[:] = np.nan  # the controller owns its copy
+        return self.invalid_action() if self.steps in (2, 3) else [0.5, 0, 0, 0, 0, 0, 0]
 
-    def bad(self) -> object:
+    def invalid_action(self) -> object:
         return [0.5, 0, 0, 0, 0, 0, 0]
 
     def close(self) -> None:
@@ -27,37 +27,37 @@ class Steady:
 
 
 class NotFinite(Steady):
-    def bad(self) -> object:
+    def invalid_action(self) -> object:
         return [np.nan] * 7
 
 
 class Infinite(Steady):
-    def bad(self) -> object:
+    def invalid_action(self) -> object:
         return [np.inf] + [0.0] * 6
 
 
 class WrongShape(Steady):
-    def bad(self) -> object:
+    def invalid_action(self) -> object:
         return np.zeros((1, 7))
 
 
 class TooFew(Steady):
-    def bad(self) -> object:
+    def invalid_action(self) -> object:
         return [0.0] * 6
 
 
 class Words(Steady):
-    def bad(self) -> object:
+    def invalid_action(self) -> object:
         return "left"
 
 
 class Nothing(Steady):
-    def bad(self) -> object:
+    def invalid_action(self) -> object:
         return None
 
 
 class Raises(Steady):
-    def bad(self) -> object:
+    def invalid_action(self) -> object:
         raise KeyError("no \x00 \ud800 such thing" * 100)
 
 
@@ -67,7 +67,7 @@ class RaisesAtReset(Steady):
 
 
 class Slow(Steady):
-    def bad(self) -> object:
+    def invalid_action(self) -> object:
         time.sleep(0.25)
         return [-0.5, 0, 0, 0, 0, 0, 0]
 
@@ -78,18 +78,18 @@ class Hangs(Steady):
     def __init__(self) -> None:
         self.made.append(self)
 
-    def bad(self) -> object:
+    def invalid_action(self) -> object:
         time.sleep(3600)
         return None
 
 
 class LeavesAtOnce(Steady):
-    def bad(self) -> object:
+    def invalid_action(self) -> object:
         raise SystemExit
 
 
 class Noisy(Steady):
-    """Acts at random, from its seed alone."""
+    """Returns random actions from its seed."""
 
     def reset(self, seed: int, environment: str) -> None:
         self.rng = np.random.default_rng(seed)
@@ -104,7 +104,7 @@ class WithoutReset:
 
 
 def unmakeable() -> Steady:
-    """Needs something that is not there."""
+    """Fail because of a missing file."""
     raise FileNotFoundError("weights.bin")
 
 

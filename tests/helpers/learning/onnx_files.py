@@ -1,4 +1,4 @@
-"""Policies as ONNX files of every shape."""
+"""ONNX files of policies."""
 
 from pathlib import Path
 
@@ -9,5 +9,5 @@ from avrgym.policies.trained import Policy
 
 
 def save_onnx(policy: Policy, path: Path, rows: int | str | None, *, double: bool) -> None:
-    """Write a policy's mean action as a graph that takes so many rows at a time."""
+    """Save a policy's mean action as an ONNX graph with a batch size of ``rows``."""
     onnx.save(onnx_model(policy, rows, double=double), path)

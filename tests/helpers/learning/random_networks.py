@@ -1,4 +1,4 @@
-"""Networks of random weights, of humans and robots, that fit an environment."""
+"""Human and robot policies with random weights."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ def random_network(
     seed: int = 0,
     deviation: float = 0.1,
 ) -> Policy:
-    """The network of a human, or of a robot."""
+    """Return the policy of a human or a robot with random weights."""
     view, joints = human_view_of(environment)
     observed, acted = (view.size, joints) if of_human else sizes(environment)
     random = np.random.default_rng(seed)
@@ -42,7 +42,7 @@ def random_network(
 
 
 def save_network(path: Path, policy: Policy) -> str:
-    """A network's file, in a folder that need not be there yet."""
+    """Save a policy, create missing folders, and return the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     policy.save(path)
     return str(path)

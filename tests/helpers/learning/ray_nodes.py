@@ -1,4 +1,4 @@
-"""A Ray cluster of several nodes on this machine, each of its own processes."""
+"""A Ray cluster with several nodes on this machine."""
 
 import os
 import socket
@@ -24,16 +24,16 @@ _PORTS = (
 
 
 def add_node(nodes: Any, cores: int) -> Any:
-    """One more node, ports chosen free."""
+    """Add a node with free ports."""
     return nodes.add_node(num_cpus=cores, include_dashboard=False, **{name: _free_port() for name in _PORTS})
 
 
 @contextmanager
 def ray_nodes(*cores: int) -> Iterator[Any]:
-    """A cluster with a head node without cores, and one node for each number of cores."""
+    """Run a cluster: a head node without cores, and one node for each entry of ``cores``."""
     from ray.cluster_utils import Cluster  # pyright: ignore[reportMissingImports]
 
-    os.environ["PYTHONPATH"] = str(TESTS)  # where workers find what tests have them do
+    os.environ["PYTHONPATH"] = str(TESTS)  # workers import test functions
     nodes = Cluster()
     try:
         add_node(nodes, 0)
@@ -45,12 +45,12 @@ def ray_nodes(*cores: int) -> Iterator[Any]:
 
 
 def kill_node(node: Any) -> None:
-    """Kill all processes of a node, with its workers."""
+    """Kill all processes of a node."""
     node.kill_raylet(check_alive=False)
 
 
 def assert_same_training(out: Path, expected: Path) -> None:
-    """All that the next update of two trainings would depend on, bit for bit."""
+    """Assert that the checkpoints of two trainings are bit-identical."""
     import torch
 
     one, other = (torch.load(folder / "checkpoint.pt", weights_only=True) for folder in (out, expected))
@@ -61,14 +61,14 @@ def assert_same_training(out: Path, expected: Path) -> None:
 
 
 def process_and_node() -> tuple[int, str]:
-    """Process and node of a call."""
+    """Return the process and the node of a call."""
     import ray
 
     return os.getpid(), ray.get_runtime_context().get_node_id()
 
 
 def raise_error(number: int) -> None:
-    """Fail."""
+    """Raise ``ValueError``."""
     raise ValueError(f"{number} is refused")
 
 

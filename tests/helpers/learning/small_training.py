@@ -1,4 +1,4 @@
-"""Trainings that only show that they run."""
+"""Very short trainings."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from avrgym.learning import training
 
 
 def shorten_training(patch: pytest.MonkeyPatch) -> None:
-    """Make trainings use two worlds and one epoch, and evaluate them with one episode."""
+    """Make trainings use two worlds, one epoch and one evaluation episode."""
     usual = training.configuration_for
     little = {"num_envs": 2, "batch_size": 100, "n_epochs": 1}
     patch.setattr(

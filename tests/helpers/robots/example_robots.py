@@ -1,4 +1,4 @@
-"""Robots that the product draws: ours, those of the example package, and the public Panda's meshes."""
+"""Robot models: packaged robots, robots of the example package, and meshes of the Panda."""
 
 import sys
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ PERSON = Person("woman", 0.55)
 
 
 def panda() -> mujoco.MjModel:
-    """The meshes of Franka's Panda (.dae) beside each other: each of their triangles has vertices of its own."""
+    """Return the meshes of Franka's Panda (.dae) in a row. Their triangles share no vertices."""
     spec = mujoco.MjSpec()
     for number, link in enumerate(PANDA_LINKS):
         row, column = divmod(number, 4)
@@ -39,7 +39,7 @@ def panda() -> mujoco.MjModel:
 
 @cache
 def robot_model(name: str) -> mujoco.MjModel:
-    """A robot alone, with its appearance."""
+    """Return the model of a robot with its appearance."""
     if name == "Panda":
         return panda()
     robot = ALL_ROBOTS[name]
@@ -47,7 +47,7 @@ def robot_model(name: str) -> mujoco.MjModel:
 
 
 def scene_of(name: str, task: str) -> mujoco.MjModel | None:
-    """The scene of a task with a robot and a person; nothing where the robot does not suit it."""
+    """Return the scene of a task with a robot and a person, or ``None`` if the robot does not support the task."""
     try:
         scene = TASKS[task].scene(ALL_ROBOTS[name])
     except UnsuitableError:
@@ -56,5 +56,5 @@ def scene_of(name: str, task: str) -> mujoco.MjModel | None:
 
 
 def scenes_of(name: str) -> Iterator[mujoco.MjModel]:
-    """The scenes of all tasks that a robot suits."""
+    """Yield the scenes of all tasks that a robot supports."""
     return (scene for scene in (scene_of(name, task) for task in TASKS) if scene is not None)

@@ -27,7 +27,7 @@ OPERATORS: dict[type, Callable[..., Any]] = {
 
 
 def evaluate(formula: str, names: Mapping[str, float]) -> float:
-    """The value of an arithmetic formula with named numbers."""
+    """Evaluate an arithmetic formula with named numbers."""
     return _value(ast.parse(formula, mode="eval").body, names)
 
 
@@ -45,7 +45,7 @@ def _value(node: ast.expr, names: Mapping[str, float]) -> float:
 
 
 def numbers(text: str) -> np.ndarray:
-    """Numbers between blanks, each plain or with ``${formula}``."""
+    """Return numbers that are separated by spaces; each can be ``${formula}``."""
     formulas = re.sub(r"\$\{([^}]*)\}", lambda found: f"({found[1].replace(' ', '')})", text)
     return np.array([evaluate(formula, CONSTANTS) for formula in formulas.split()])
 
@@ -57,27 +57,27 @@ def _properties() -> dict[str, str]:
 
 
 def text(name: str) -> str:
-    """A property of the arm as it is written."""
+    """Return a property of the arm as text."""
     return _properties()[name]
 
 
 def vector(name: str) -> np.ndarray:
-    """A property of the arm as numbers."""
+    """Return a property of the arm as a vector."""
     return numbers(text(name))
 
 
 def number(name: str) -> float:
-    """A property of the arm that is one number."""
+    """Return a property of the arm as a number."""
     return float(vector(name)[0])
 
 
 def origin(joint: str) -> tuple[np.ndarray, np.ndarray]:
-    """A joint's frame in its parent: position (3,), quaternion (4,); its angles turn about fixed axes."""
+    """Return a joint's frame in its parent: position (3,), quaternion (4,)."""
     return vector(f"{joint}_origin_xyz"), from_fixed_angles(vector(f"{joint}_origin_rpy"))
 
 
 def from_fixed_angles(angles_rad: np.ndarray) -> np.ndarray:
-    """The quaternion (4,) of turns about the fixed axes x, then y, then z."""
+    """Return the quaternion (4,) of rotations about the fixed axes x, y and z, in this order."""
     roll, pitch, yaw = (
         transforms.from_axis_angle(axis, angle) for axis, angle in zip(np.eye(3), angles_rad, strict=True)
     )
@@ -85,7 +85,7 @@ def from_fixed_angles(angles_rad: np.ndarray) -> np.ndarray:
 
 
 def forward(angles_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The end effector's poses in the base for joint angles (N, 7)."""
+    """Return the end effector's poses in the base frame for joint angles (N, 7)."""
     pos, q = np.zeros(3), transforms.IDENTITY_QUATERNION
     for joint in range(1, 8):
         pos, q = transforms.compose(pos, q, *origin(f"joint_{joint}"))
@@ -95,7 +95,7 @@ def forward(angles_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def masses() -> dict[int, float]:
-    """The masses of links in kilograms by the number of their mesh."""
+    """Return the masses of links, kg, by the number of their mesh."""
     text = (FOLDER / "kinova_inertial.xacro").read_text()
     found = re.findall(
         r'<xacro:unless value="\$\{mesh_no\s*-?\s*(\d*)\}">.*?<mass value="([\d.]+)"', text, re.DOTALL
@@ -104,7 +104,7 @@ def masses() -> dict[int, float]:
 
 
 def arm_mass() -> float:
-    """The mass of base, seven links and three fingers of two links each."""
+    """Return the total mass of base, seven links and three fingers of two links each, kg."""
     by_mesh = masses()
     links = ["base", *range(1, 8)]
     return sum(by_mesh[int(number(f"link_{link}_mesh_no"))] for link in links) + 3 * (

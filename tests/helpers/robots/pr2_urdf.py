@@ -1,7 +1,7 @@
 """A robot's public description in xacro, expanded into the links and joints of its URDF.
 
-Knows what the PR2's files use: properties, arithmetic, includes, macros with text and one block. Conditions on
-arguments are taken as false, which they are by default; what only Gazebo and motors need is left out.
+Supports the features that the PR2's files use: properties, arithmetic, includes, and macros with text and one block.
+Conditions on arguments are false, as by default. Elements for Gazebo and motors are ignored.
 """
 
 import re
@@ -39,8 +39,8 @@ class Joint:
     axis: np.ndarray
     limits: Mapping[str, float]
 
-    def moved(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The child's poses in the parent, (N, 3) and (N, 4), turned by angles or shifted by ways (N,)."""
+    def child_pose(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the child's poses in the parent, (N, 3) and (N, 4), for joint positions (N,)."""
         if self.kind == "prismatic":
             return self.pos + transforms.rotate(self.q, self.axis * value[..., None]), self.q
         turn = transforms.from_axis_angle(self.axis, value)
@@ -55,21 +55,21 @@ class Description:
     joints: Mapping[str, Joint]
 
     def joint_above(self, link: str) -> str:
-        """The name of the joint that carries a link."""
+        """Return the name of a link's parent joint."""
         return next(name for name, joint in self.joints.items() if joint.child == link)
 
     def pose(self, link: str, base: str, values: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """A link's poses in a link further up, (N, 3) and (N, 4), for angles or ways (N,) by joint, else 0."""
+        """Return a link's poses in an ancestor link, (N, 3) and (N, 4), for joint positions (N,); the default is 0."""
         pos, q = np.zeros(3), transforms.IDENTITY_QUATERNION
         while link != base:
             name = self.joint_above(link)
             joint = self.joints[name]
-            pos, q = transforms.compose(*joint.moved(np.asarray(values.get(name, 0.0))), pos, q)
+            pos, q = transforms.compose(*joint.child_pose(np.asarray(values.get(name, 0.0))), pos, q)
             link = joint.parent
         return pos, q
 
     def rigid_union(self, base: str, links: Iterable[str]) -> Link:
-        """What links weigh together when all joints between them are at zero, in the frame of ``base``."""
+        """Return the combined inertia of links in the frame of ``base``, with all joints at zero."""
         poses = {name: self.pose(name, base, {}) for name in links}
         coms = {name: pos + transforms.rotate(q, self.links[name].com) for name, (pos, q) in poses.items()}
         masses = np.array([self.links[name].mass for name in poses])
@@ -83,7 +83,7 @@ class Description:
 
 
 def read(file: Path) -> Description:
-    """Expand a xacro file; the files that it includes lie in the same package."""
+    """Expand a xacro file. Its includes are in the same package."""
     source = _Source(file.parent.parent)
     elements = list(source.expand(source.collect(file), {}))
     links = {e.attrib["name"]: _link(e) for e in elements if e.tag == "link"}
@@ -100,7 +100,7 @@ class _Source:
         self._properties: dict[str, str] = {}
 
     def collect(self, file: Path) -> Element:
-        """A file's root; its macros and properties and those of the files that it includes are taken in."""
+        """Return a file's root, and collect macros and properties of the file and its includes."""
         root = parse(file).getroot()
         for element in root:
             if element.tag == f"{PREFIX}include":
@@ -112,7 +112,7 @@ class _Source:
         return root
 
     def expand(self, parent: Element, scope: Mapping[str, str | Element]) -> Iterator[Element]:
-        """The children of an element with macros replaced and formulas evaluated."""
+        """Yield the children of an element with expanded macros and evaluated formulas."""
         for element in parent:
             name = element.tag.removeprefix(PREFIX)
             if element.tag == f"{PREFIX}insert_block":

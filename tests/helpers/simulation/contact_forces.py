@@ -1,4 +1,4 @@
-"""Robots that press people on purpose, and how hard they get."""
+"""Contact forces of robots that move against people."""
 
 import numpy as np
 
@@ -9,8 +9,7 @@ from avrgym.tasks.episodes import Episodes
 from helpers.simulation.initial_states import reset_episodes
 
 MAX_FORCE_N = 500.0
-"""Of all contacts together, up to ten at once where a hand is wedged between forearm, chest and thighs: that of each is
-derived in ``models.yielding``, how many there are is measured."""
+"""Maximum sum over all contacts, measured with up to ten simultaneous contacts of a hand."""
 
 MOTIONS = ("random", "constant", "at the person")
 
@@ -18,10 +17,10 @@ MOTIONS = ("random", "constant", "at the person")
 def peak_forces(
     environment: str, worlds: int, people: str, impairment: str, motion: str, *, steps: int
 ) -> FloatArray:
-    """The largest force (N,) on each person in so many steps.
+    """Return the peak contact force (N,) on each person.
 
-    ``how`` the robot moves: anew at ``random`` in each step; each joint one way all the time, ``constant``; or with
-    every joint that brings the tool closer ``at the person``'s head, shoulder, elbow or wrist.
+    Motions: ``random`` actions in each step; ``constant`` joint velocities; or joint velocities towards head, shoulder,
+    elbow or wrist, ``at the person``.
     """
     episodes = reset_episodes(environment, worlds, people, impairment)
     random = np.random.default_rng(worlds)
@@ -38,7 +37,7 @@ def peak_forces(
 
 
 def actions_towards(episodes: Episodes, aim: IntArray) -> FloatArray:
-    """Actions (N, 7) that bring the tools closer to what is aimed at, each joint as fast as it goes."""
+    """Return actions (N, 7) at full speed that move the tools towards the aimed body part."""
     state = episodes.simulation.state()
     parts = np.concatenate([state.head_pos_w[:, None], state.right_arm_pos_w], axis=1)
     way_w = parts[np.arange(len(aim)), aim] - state.tool_pos_w

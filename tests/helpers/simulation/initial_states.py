@@ -1,4 +1,4 @@
-"""Starts of many worlds, and what is wrong with them."""
+"""Initial states of many worlds, and their overlaps."""
 
 import mujoco
 import numpy as np
@@ -10,7 +10,7 @@ from avrgym.models.robot import PREFIX
 from avrgym.tasks.episodes import Episodes
 
 HAND_AT_ROBOT_RAD = joint_angles(right_shoulder_y=23.0, right_shoulder_x=-35.0, right_elbow_x=0.0)
-"""Seated, the right arm stretched down and forward to where the Jaco is mounted on the wheelchair."""
+"""Seated, with the right arm stretched down and forward to the mount of the Jaco on the wheelchair."""
 
 
 def reset_episodes(
@@ -24,9 +24,9 @@ def reset_episodes(
     force_guard: bool = False,
     checked: bool = True,
 ) -> Episodes:
-    """Worlds whose starts are drawn from the seeds 0, 1, …; arguments as of ``Episodes``.
+    """Return episodes that are reset with the seeds 0, 1, …; arguments as in ``Episodes``.
 
-    Without ``checked`` the first draw counts, even where things overlap.
+    Without ``checked`` initial states can overlap.
     """
     episodes = Episodes(
         environment,
@@ -44,14 +44,14 @@ def reset_episodes(
 
 
 def first_step_forces(episodes: Episodes) -> FloatArray:
-    """The forces (N,) on the people after one step without an action."""
+    """Return the contact forces (N,) on the people after one step with a zero action."""
     return episodes.step(np.zeros((episodes.simulation.num_worlds, 7))).force_on_person_n
 
 
 def deepest_overlap_m(episodes: Episodes) -> float:
-    """How deep robot, tool or what it carries stand in a person or in furniture; 0 where nowhere.
+    """Return the maximum overlap of robot or tool with a person or furniture, m; 0 without an overlap.
 
-    Every pair of shapes is measured by the simulator, with none left out for being far away.
+    Measures every pair of shapes, without a broad phase.
     """
     simulation = episodes.simulation
     geoms = simulation.geoms(np.arange(simulation.num_worlds))

@@ -1,4 +1,4 @@
-"""Whatever would bring a tensor's numbers to the host, or wait for them, forbidden: on a processor's tensors too."""
+"""Forbids copies of tensors to the host and waiting for the device, also for CPU tensors."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -9,39 +9,39 @@ import torch
 import warp  # pyright: ignore[reportMissingImports]
 from torch.utils._python_dispatch import TorchDispatchMode
 
-WAYS = ("cpu", "numpy", "item", "tolist", "__array__", "__bool__", "__float__", "__int__", "__index__")
-"""Of a tensor to the host."""
-WAITING = ("_local_scalar_dense", "nonzero", "masked_select", "equal", "_unique2", "unique_dim")
-"""What PyTorch cannot compute without knowing numbers of the device."""
+HOST_COPIES = ("cpu", "numpy", "item", "tolist", "__array__", "__bool__", "__float__", "__int__", "__index__")
+"""Methods that copy a tensor to the host."""
+WAITING_OPERATIONS = ("_local_scalar_dense", "nonzero", "masked_select", "equal", "_unique2", "unique_dim")
+"""PyTorch operations that wait for values of the device."""
 
 
 class HostCopyError(AssertionError):
-    """Something asked for a number of the device."""
+    """An operation needs a value of the device on the host."""
 
 
-class _Watch(TorchDispatchMode):
+class _ForbidWaiting(TorchDispatchMode):
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         name = func.overloadpacket.__name__
         masks = name in ("index", "index_put", "index_put_") and any(
             each is not None and each.dtype is torch.bool for each in args[1]
         )
-        if name in WAITING or masks:
+        if name in WAITING_OPERATIONS or masks:
             raise HostCopyError(name)
         return func(*args, **(kwargs or {}))
 
 
 @contextmanager
 def forbid_host_copies() -> Generator[None]:
-    """Raise ``Copied`` for each way to the host that is taken within."""
+    """Raise ``HostCopyError`` for each copy to the host in this context."""
 
-    def refuse(name: str) -> Any:
-        def refused(*_: Any, **__: Any) -> Any:
+    def forbid(name: str) -> Any:
+        def raise_error(*_: Any, **__: Any) -> Any:
             raise HostCopyError(name)
 
-        return refused
+        return raise_error
 
-    with pytest.MonkeyPatch.context() as patch, _Watch():
-        for name in WAYS:
-            patch.setattr(torch.Tensor, name, refuse(name))
-        patch.setattr(warp.array, "numpy", refuse("numpy of an array of Warp"))
+    with pytest.MonkeyPatch.context() as patch, _ForbidWaiting():
+        for name in HOST_COPIES:
+            patch.setattr(torch.Tensor, name, forbid(name))
+        patch.setattr(warp.array, "numpy", forbid("numpy of an array of Warp"))
         yield

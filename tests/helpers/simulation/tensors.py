@@ -1,4 +1,4 @@
-"""The same numbers as tensors of PyTorch, and back."""
+"""Conversion of arrays to PyTorch tensors."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
@@ -9,12 +9,12 @@ import torch
 
 
 def as_tensors(value: Any, device: str = "cpu") -> Any:
-    """Arrays, and dataclasses, mappings and tuples of arrays, as tensors."""
+    """Convert arrays, also in dataclasses, mappings and tuples, to tensors."""
     return _each(value, lambda array: torch.tensor(array).to(device))
 
 
 def single_precision(value: Any) -> Any:
-    """Tensors of floating numbers, and dataclasses, mappings and tuples of them, in single precision."""
+    """Convert floating-point tensors, also in dataclasses, mappings and tuples, to single precision."""
     return _each(value, lambda tensor: tensor.float() if tensor.dtype.is_floating_point else tensor)
 
 
@@ -29,7 +29,7 @@ def _each(value: Any, change: Callable[[Any], Any]) -> Any:
 
 
 def assert_tensors_close(found: Any, wanted: Any, where: str = "") -> None:
-    """Tensors hold, to 1e-5, what arrays do; likewise dataclasses, mappings and tuples of them."""
+    """Assert that tensors equal arrays to 1e-5, also in dataclasses, mappings and tuples."""
     if isinstance(wanted, Mapping):
         assert list(found) == list(wanted), where
         for name, each in wanted.items():

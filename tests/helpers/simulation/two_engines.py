@@ -13,7 +13,7 @@ WARP = "warp:cpu"
 
 
 def episodes_on_both(environment: str, worlds: int, people: str = "revised", seed: int = 3) -> list[Episodes]:
-    """Episodes on threads and on Warp's own processor device that have begun alike."""
+    """Return episodes on threads and on Warp's CPU device with the same initial states."""
     both = [
         Episodes(environment, worlds, people=people, engine=engine, num_threads=1)
         for engine in ("threads", WARP)
@@ -24,16 +24,16 @@ def episodes_on_both(environment: str, worlds: int, people: str = "revised", see
 
 
 class Comparison(NamedTuple):
-    """What the same actions gave on threads and on Warp."""
+    """Results of the same actions on threads and on Warp."""
 
     threads: Step
     warp: Step
     angles_rad: float
-    """How far apart the arms' joints are at most."""
+    """Maximum difference of the arms' joint angles."""
 
 
 def step_both(both: list[Episodes], expert: Controller, steps: int) -> Iterator[Comparison]:
-    """Both driven by who sees the threads' worlds."""
+    """Step both engines with an expert that observes the worlds on threads."""
     threads, warp = both
     for _ in range(steps):
         action = np.asarray(expert(threads.observe()), float)
@@ -43,7 +43,7 @@ def step_both(both: list[Episodes], expert: Controller, steps: int) -> Iterator[
 
 
 def copy_state(both: list[Episodes]) -> None:
-    """Bring Warp's worlds to where those on threads are."""
+    """Copy the state of the worlds on threads to Warp."""
     threads, warp = (episodes.simulation for episodes in both)
     for world in range(threads.num_worlds):
         warp.restore(threads.integration_state(world), world)

@@ -1,4 +1,4 @@
-"""The law of the vector environment: it gives what Gymnasium's own gives of as many single environments."""
+"""Compares the vector environment with Gymnasium's ``SyncVectorEnv`` of single environments."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,7 +12,7 @@ WORLDS, EPISODE = 3, 5
 
 
 def assert_same(ours: Any, theirs: Any, where: str) -> None:
-    """The same keys, types, shapes and bits, however deep."""
+    """Assert equal keys, types, shapes and bits, recursively."""
     if isinstance(theirs, Mapping):
         assert isinstance(ours, dict)
         assert ours.keys() == theirs.keys(), where
@@ -31,21 +31,21 @@ def assert_same(ours: Any, theirs: Any, where: str) -> None:
 
 
 def make_both(environment: str, mode: AutoresetMode, people: str) -> tuple[VectorEnv, SyncVectorEnv]:
-    """Our own and Gymnasium's, with short episodes."""
-    how: dict[str, Any] = {"num_envs": WORLDS, "max_episode_steps": EPISODE, "people": people}
+    """Create both vector environments with short episodes."""
+    options: dict[str, Any] = {"num_envs": WORLDS, "max_episode_steps": EPISODE, "people": people}
     theirs = gym.make_vec(
-        environment, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **how
+        environment, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **options
     )
     assert isinstance(theirs, SyncVectorEnv)
-    return gym.make_vec(environment, autoreset_mode=mode, **how), theirs
+    return gym.make_vec(environment, autoreset_mode=mode, **options), theirs
 
 
 def compare(
     environment: str, mode: AutoresetMode, steps: int, rng: np.random.Generator, people: str = "revised"
 ) -> int:
-    """Let both live through the same; how many episodes ended.
+    """Step both with the same actions. Returns the number of ended episodes.
 
-    Some worlds are begun again in the middle, so that their episodes end at different times.
+    Random resets make episodes end at different times.
     """
     ours, theirs = make_both(environment, mode, people)
     seed = int(rng.integers(1000))
@@ -72,19 +72,19 @@ def compare(
 
 
 def assert_same_pair(ours: tuple[Any, ...], theirs: tuple[Any, ...], where: str) -> None:
-    """What ``reset`` or ``step`` gave is the same."""
+    """Assert equal results of ``reset`` or ``step``."""
     assert len(ours) == len(theirs)
     for i, (our, their) in enumerate(zip(ours, theirs, strict=True)):
         assert_same(our, their, f"{where}, part {i}")
 
 
 def invalid_actions(shape: tuple[int, ...]) -> list[Any]:
-    """Actions that are none for environments that take this shape."""
-    spoilt = [np.zeros(shape) for _ in range(3)]
-    for array, number in zip(spoilt, (np.nan, np.inf, -np.inf), strict=True):
+    """Return invalid actions for environments with this action shape."""
+    not_finite = [np.zeros(shape) for _ in range(3)]
+    for array, number in zip(not_finite, (np.nan, np.inf, -np.inf), strict=True):
         array[..., 2] = number
     return [
-        *spoilt,
+        *not_finite,
         np.zeros((*shape[:-1], 6)),
         np.zeros((*shape, 1)),
         np.zeros(7 * 2),

@@ -1,4 +1,4 @@
-"""Worlds and actions that several test files need."""
+"""States and actions for several test files."""
 
 from dataclasses import replace
 from typing import Any
@@ -12,7 +12,7 @@ from avrgym.tasks.episodes import Episodes
 
 
 def resting_state(**changes: Any) -> State:
-    """One world at rest in which nothing touches and whatever is not given is nought."""
+    """Return one world at rest without contacts. Other values default to zero."""
     point, unturned = np.zeros((1, 3)), transforms.IDENTITY_QUATERNION[None]
     plain = State(
         robot_pos_w=point,
@@ -45,13 +45,13 @@ def resting_state(**changes: Any) -> State:
 
 
 def jerky_actions(rng: np.random.Generator, worlds: int, steps: int) -> np.ndarray:
-    """Full speed one way or the other, for half a second each."""
+    """Return actions at full speed that change direction at random every 0.5 s."""
     signs = np.sign(rng.uniform(-1, 1, (steps // 5 + 1, worlds, 7)))
     return np.repeat(signs, 5, axis=0)[:steps]
 
 
 def assert_finite(episodes: Episodes, rng: np.random.Generator, steps: int) -> None:
-    """Assert that jerky actions leave observations and rewards finite, and the physics without a warning."""
+    """Assert finite observations and rewards, and no physics warnings, under jerky actions."""
     worlds = episodes.simulation.num_worlds
     for action in jerky_actions(rng, worlds, steps):
         step = episodes.step(action)

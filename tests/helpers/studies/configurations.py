@@ -1,4 +1,4 @@
-"""Configurations of made-up recordings."""
+"""Configurations of synthetic recordings."""
 
 import dataclasses
 from datetime import UTC, datetime
@@ -17,24 +17,24 @@ from helpers.system.paths import OLD_RECORDING
 
 
 def configuration(**changes: Any) -> Configuration:
-    """A valid configuration of the present version with some changed fields."""
+    """Return a valid configuration of this version with changed fields."""
     return replace(read_header(OLD_RECORDING).configuration, **{"versions": versions()} | changes)
 
 
 def made_recording(*messages: tuple[str, int, Any], **changes: Any) -> Recording:
-    """A complete recording of these messages (topic, log_time_ns, record)."""
+    """Return a complete recording of messages (topic, log_time_ns, record)."""
     return Recording(configuration(**changes), None, list(messages), True, datetime(2026, 1, 1, tzinfo=UTC))
 
 
 def with_configuration(recording: Recording, **changes: Any) -> Recording:
-    """A recording with changed fields of its configuration."""
+    """Return a recording with changed fields of its configuration."""
     return dataclasses.replace(recording, configuration=replace(recording.configuration, **changes))
 
 
 def trial_configuration(
     design: Design, trial: Trial, *, simulated: bool, person: BodyModel, **changes: Any
 ) -> Configuration:
-    """The configuration of a trial that follows its design."""
+    """Return the configuration of a trial of a design."""
     task, _ = find_environment(trial.environment)
     values = {
         "versions": versions(),

@@ -1,4 +1,4 @@
-"""Recordings damaged anywhere, and whether an export notices."""
+"""Damaged recordings, and the damages that an export does not detect."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ RECORDING = "recordings/sub-001/ses-01/trial-02_attempt-1.mcap"
 
 
 def damaged_copies(content: bytes, count: int, rng: np.random.Generator) -> list[bytes]:
-    """The file cut off at half of so many places, and with another bit flipped at the other half."""
+    """Return damaged copies of a file: half of them truncated, half with one flipped bit."""
     made = [content[:size] for size in rng.choice(len(content), count // 2, replace=False)]
     for place in rng.choice(len(content), count - count // 2, replace=False):
         damaged = bytearray(content)
@@ -21,7 +21,7 @@ def damaged_copies(content: bytes, count: int, rng: np.random.Generator) -> list
 
 
 def count_undetected(folder: Path, count: int) -> int:
-    """How many of so many damages to one recording an export would pass over."""
+    """Count how many of ``count`` damages to a recording an export does not detect."""
     path = folder / RECORDING
     content = path.read_bytes()
     unnoticed = 0

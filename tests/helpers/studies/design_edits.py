@@ -1,4 +1,4 @@
-"""A study of which every field of the design is filled in, and edits of each of them."""
+"""A study with all fields of the design, and an edit of each field."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -82,7 +82,7 @@ class Edit(NamedTuple):
 
     @property
     def where(self) -> str:
-        """The file that a finding names: an instrument's words are part of the design."""
+        """The file that the finding names. Texts of instruments are part of the design."""
         return DESIGN if self.file == JIAN else self.file
 
 
@@ -255,7 +255,7 @@ EDITS = {
 
 
 def make_edited_study(folder: Path) -> Path:
-    """A study in English and German with questionnaires of all kinds, a stop rule and a policy of its own."""
+    """Create a study in two languages with questionnaires of all kinds, a stop rule and its own policy."""
     text = default_text().replace("[goals]", QUESTIONNAIRES)
     for before, after in {
         'tasks = ["Feeding", "Drinking", "ScratchItch", "BedBathing"]': 'tasks = ["Feeding"]',
@@ -279,7 +279,7 @@ def make_edited_study(folder: Path) -> Path:
 
 
 def edit(folder: Path, *names: str) -> None:
-    """Make edits in a study's folder."""
+    """Apply edits to a study's folder."""
     for each in (EDITS[name] for name in names if not EDITS[name].by):
         text = (folder / each.file).read_text(encoding="utf-8")
         assert text.count(each.before) == 1, each.field
@@ -287,7 +287,7 @@ def edit(folder: Path, *names: str) -> None:
 
 
 def participate(store: Store, language: str, *, simulated: bool = True, trials: int | None = None) -> str:
-    """Somebody takes part who reads the study in a language."""
+    """Run a participant's session in a language."""
     pseudonym = enrol(store, "woman", age_years=30, language=language, simulated=simulated)
     record_consent(store, pseudonym)
     assert record_inclusion(store, pseudonym, eligible_answers(store))

@@ -1,4 +1,4 @@
-"""A study in process whose participants meet faults at random moments, and an oracle of which attempts count."""
+"""A study with random faults, and an oracle for the expected result of each attempt."""
 
 import random
 from collections import Counter
@@ -37,18 +37,18 @@ RUNNING = ("free_before", "countdown", "trial")
 AFTER_TRIAL = ("retreat", "free_after", "questionnaire", "confirm")
 TRACKED_PARTS = ("head", "left", "right")
 INTERRUPTIONS = ("menu", "network", "reload", "leave", "restart")
-"""What breaks off an attempt in the tick in which it happens, before the robot has finished."""
+"""Faults that interrupt an attempt immediately while the robot is active."""
 KINDS = ("none", "limb", "limb", "frames", "switch", *INTERRUPTIONS)
 LOST_S, EDGE_S = 1.0, CONTROL_STEP_S
-"""So long a part must be missing, and within what of a limit either outcome is right."""
+"""Duration of lost tracking that interrupts an attempt, and the tolerance within which both results are correct."""
 MAX_CAMERA_ERROR_M, MAX_CAMERA_ERROR_DEG = 0.1, 60.0
-"""By so much at most a camera sees a hand elsewhere than a controller does."""
+"""Maximum difference between the hand poses of camera and controller."""
 LIMIT_TICKS = 60_000
 
 
 @dataclass
 class Fault:
-    """What goes wrong in one attempt: in a phase, so long after its beginning, for so many seconds."""
+    """The fault of one attempt: its phase, the delay after the start of the phase, and its duration."""
 
     kind: str
     phase: str
@@ -59,7 +59,7 @@ class Fault:
 
 @dataclass
 class Expected:
-    """What the oracle knows of one attempt, from the drawn fault and when the robot finished."""
+    """The expected result of one attempt, from its fault and the time at which the robot finished."""
 
     fault: Fault
     needed: tuple[str, ...]
@@ -69,7 +69,7 @@ class Expected:
 
     @property
     def counts(self) -> bool | None:
-        """Whether it must be completed; ``None`` near a limit."""
+        """Return whether the attempt must be completed; ``None`` near a limit."""
         if self.happened_s is None or self.fault.kind in ("none", "switch"):
             return True
         if self.fault.kind in INTERRUPTIONS:
@@ -85,7 +85,7 @@ class Expected:
 
 
 class FaultyStudy:
-    """Runs trials of a study with faults from a seed; ``attempts`` holds what each attempt must be."""
+    """Runs a study with random faults. ``attempts`` contains the expected result of each attempt."""
 
     def __init__(self, store: Store, seed: int) -> None:
         self.store, self.rng = store, random.Random(seed)
@@ -99,7 +99,7 @@ class FaultyStudy:
         return self.ticks * TICK_S
 
     def run(self, participants: int) -> None:
-        """Let so many participants complete the study."""
+        """Run the study for a number of participants."""
         for number in range(participants):
             self.pseudonym = enrol_with_consent(self.store)
             self.attempts[self.pseudonym] = []
@@ -126,8 +126,8 @@ class FaultyStudy:
     def _latest(self, kind: type) -> Sent | None:
         return next((message for message in reversed(self.inbox) if isinstance(message, kind)), None)
 
-    def _tell(self, *told) -> None:
-        for message in told:
+    def _send(self, *sent) -> None:
+        for message in sent:
             self.sessions.receive(message, self.now_s)
 
     def _connect(self) -> None:
@@ -174,10 +174,10 @@ class FaultyStudy:
         self.attempts[self.pseudonym].append(Expected(fault, task.tracked))
 
     def _fault(self) -> None:
-        """Begin or end what goes wrong."""
+        """Start or end a fault."""
         expected = self._running
         if self._until_s is not None and self.now_s >= self._until_s:
-            self._mend()
+            self._repair()
         if expected is None or expected.happened_s is not None or expected.fault.phase != self._seen:
             return
         if self.now_s - self._began_s >= expected.fault.delay_s:
@@ -188,12 +188,12 @@ class FaultyStudy:
     def _break(self, fault: Fault) -> None:
         if fault.kind == "menu":
             self._visible = False
-            self._tell(VisibilityChanged(self.rng.choice(("visible-blurred", "hidden", "context-lost"))))
+            self._send(VisibilityChanged(self.rng.choice(("visible-blurred", "hidden", "context-lost"))))
         elif fault.kind in ("network", "reload"):
             self._connected = False
-            self._tell(Disconnected())
+            self._send(Disconnected())
         elif fault.kind == "leave":
-            self._tell(Left())
+            self._send(Left())
         elif fault.kind == "restart":
             self.sessions.close(self.now_s)
             self._open()
@@ -210,25 +210,25 @@ class FaultyStudy:
         elif fault.kind != "none":
             self._missing = {fault.part} if fault.kind == "limb" else set(TRACKED_PARTS)
 
-    def _mend(self) -> None:
+    def _repair(self) -> None:
         expected = self._running
         assert expected is not None
         self._until_s, self._missing, self._switched = None, set(), False
         if not self._visible:
             self._visible = True
-            self._tell(VisibilityChanged("visible"))
+            self._send(VisibilityChanged("visible"))
         if not self._connected:
             self._connect()
             if expected.fault.kind == "network":
-                self._tell(Entered())
+                self._send(Entered())
 
     def _attend(self) -> None:
-        """Send frames, and now and then do what the phase asks for."""
+        """Send frames, and respond to the phase at intervals."""
         if self.ticks % 3 == 0 and self._visible and self._missing != set(TRACKED_PARTS):
-            self._tell(self._frame())
+            self._send(self._frame())
         if self.phase == "loading" and (scene := self._latest(Scene)) is not None:
             assert isinstance(scene, Scene)
-            self._tell(SceneLoaded(scene.url))
+            self._send(SceneLoaded(scene.url))
         if self._visible and self.now_s - self._acted_s > 0.45:
             self._acted_s = self.now_s
             self._act()
@@ -239,14 +239,14 @@ class FaultyStudy:
         trials = session.plan.trials
         self.participant.take_place(trials[min(session.trial, len(trials) - 1)].environment)
         if self.phase == "waiting":
-            self._tell(Entered())
+            self._send(Entered())
         elif self.phase in ("calibration", "check", "ready", "paused", "confirm"):
             if self.now_s - self._began_s > 0.8:
-                self._tell(Ready())
+                self._send(Ready())
         elif self.phase == "questionnaire":
             asked = self._latest(Question)
             assert isinstance(asked, Question)
-            self._tell(Answer(asked.item, self.rng.randint(1, asked.points), 0.4))
+            self._send(Answer(asked.item, self.rng.randint(1, asked.points), 0.4))
 
     def _frame(self) -> Tracking:
         frame = self.participant.frame(self.now_s, moving=self.phase != "calibration")
@@ -264,7 +264,7 @@ class FaultyStudy:
         return msgspec.structs.replace(frame, **changes)
 
     def faults(self) -> list[str]:
-        """What the study holds against the oracle, in words; nothing, if all is right."""
+        """Return the differences between study and oracle as text."""
         found: list[str] = []
         for pseudonym, expected in self.attempts.items():
             stored = self.store.attempts(pseudonym)
@@ -281,7 +281,7 @@ class FaultyStudy:
         ]
 
     def _held_after(self, attempt: TrialAttempt, switch: Expected) -> int:
-        """How many frames were held because of another device; none should be."""
+        """Return how many frames were rejected after a switch of devices; 0 is expected."""
         if switch.happened_s is None:
             return 0
         recording = read_recording(self.store.path(attempt.recording))
@@ -307,7 +307,7 @@ class FaultyStudy:
         return found
 
     def counts(self) -> Counter[str]:
-        """How often each kind of fault happened before and after the robot had finished, and what had to follow."""
+        """Count faults by kind, by time (before or after the robot finished) and by expected result."""
         words = {True: "counts", False: "is repeated", None: "near a limit"}
         return Counter(
             f"{each.fault.kind if each.happened_s is not None else 'none'}"

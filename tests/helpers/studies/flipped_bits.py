@@ -1,4 +1,4 @@
-"""Studies with a single bit that is another."""
+"""Studies with one flipped bit."""
 
 import random
 import shutil
@@ -10,7 +10,7 @@ from avrgym.study.storage.store import Store
 
 
 def flip_bit(study: Path, copy: Path, rng: random.Random, name: str) -> int:
-    """Copy a study anew with one bit of one of its files flipped; which one."""
+    """Copy a study and flip one bit of a file. Returns the position of the bit."""
     shutil.rmtree(copy, ignore_errors=True)
     shutil.copytree(study, copy)
     data = bytearray((copy / name).read_bytes())
@@ -21,7 +21,7 @@ def flip_bit(study: Path, copy: Path, rng: random.Random, name: str) -> int:
 
 
 def is_detected(study: Path) -> bool:
-    """Whether a study does not open, or its check finds something wrong."""
+    """Return whether a study fails to open or its check finds an error."""
     try:
         with Store(study) as store:
             return any(finding.is_error for finding in check_study(store))

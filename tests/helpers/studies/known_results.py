@@ -1,4 +1,4 @@
-"""Small studies for tests of the analysis, whose answers, rewards and bodies are known."""
+"""Small studies with known answers, rewards and bodies, for tests of the analysis."""
 
 import csv
 from collections.abc import Callable, Mapping
@@ -30,7 +30,7 @@ Rate = Callable[[Participant, Trial, str], int]
 
 
 def enrol_included(store: Store, sex: Sex = "woman", *, simulated: bool = True, site: str = "") -> str:
-    """Enrol someone, with consent and an order."""
+    """Enrol a participant with consent, inclusion and an order."""
     pseudonym = enrol(store, sex, age_years=22, simulated=simulated, site=site)
     record_consent(store, pseudonym)
     record_inclusion(store, pseudonym, eligible_answers(store))
@@ -44,7 +44,7 @@ def random_answer(participant: Participant, trial: Trial, item: str) -> int:
 
 
 def torso_height_m(participant: Participant) -> float:
-    """How tall a participant's torso is measured: 0.51, 0.52, … m."""
+    """Return a participant's torso height: 0.51, 0.52, … m."""
     return 0.50 + 0.01 * participant.number
 
 
@@ -55,7 +55,7 @@ def run_trials(
     rate: Rate = random_answer,
     held: Mapping[int, int] | None = None,
 ) -> None:
-    """A session with a participant's remaining trials, or the first few; of some, by position, last frames are held."""
+    """Run a participant's next trials. ``held``: number of rejected last frames, by position of the trial."""
     participant = store.participant(pseudonym)
     session = open_session(store, pseudonym)
     for trial in store.remaining_trials(pseudonym)[:count]:
@@ -72,7 +72,7 @@ def run_trials(
 
 
 def interrupt_trial(store: Store, pseudonym: str) -> TrialAttempt:
-    """A session that stops in the first remaining trial."""
+    """Run a session that stops in the first remaining trial."""
     session = open_session(store, pseudonym)
     attempt = begin_attempt(store, session.id, store.remaining_trials(pseudonym)[0].position)
     end_attempt(store, attempt.id, "stopped")
@@ -90,9 +90,9 @@ def record_trial(
     held: int = 0,
     **changes: Any,
 ) -> Metrics:
-    """Write a trial's recording, with ``changes`` to its configuration; returns the trial's metrics.
+    """Write a trial's recording with ``changes`` to its configuration. Returns the metrics.
 
-    The last ``held`` frames are not applied.
+    The last ``held`` frames are rejected. ``other_course`` is an additional seed of the random course.
     """
     values = {
         "simulated": participant.simulated,
@@ -121,7 +121,7 @@ def record_trial(
 
 
 def latency_of(participant: Participant) -> Latency:
-    """What a person's client told in each trial, of frames that took 10, 20 and 30 ms longer with their number."""
+    """Return the latency of three frames: 10, 20 and 30 ms plus the participant's number."""
     waits_ms = [participant.number + 10.0 * each for each in (1, 2, 3)]
     even = [1.0] * len(waits_ms)
     stages = dict.fromkeys(STAGES, even) | {STAGES[-1]: waits_ms}
@@ -134,6 +134,6 @@ def _control(step: int, reward: float) -> Control:
 
 
 def read_table(folder: Path, name: str) -> list[Mapping[str, str]]:
-    """A table's rows as text."""
+    """Read the rows of a table."""
     with open(folder / "tables" / f"{name}.csv", encoding="utf-8-sig", newline="") as file:
         return list(csv.DictReader(file))

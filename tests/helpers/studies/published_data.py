@@ -1,4 +1,4 @@
-"""Small public data sets whose analyses are published, to recompute them."""
+"""Small public data sets with published analyses."""
 
 import numpy as np
 
@@ -50,10 +50,10 @@ _RESPIRATION = """
 """
 
 SLEEP = np.array(_SLEEP.split(), float).reshape(18, 10)
-"""Reaction times in ms of 18 people, ten days with little sleep (Belenky et al., J. Sleep Res. 12, 2003; R's lme4)."""
+"""Reaction times in ms of 18 people in ten days of little sleep (Belenky et al., J. Sleep Res. 12, 2003; R's lme4)."""
 WINE = np.array([list(line) for line in _WINE.split()], int)
-"""How bitter 9 judges found 8 bottles, from 1 to 5: two each of cold without, cold with, warm without, warm with
-contact between juice and skins (Randall, Biom. J. 31, 1989; R's ordinal)."""
+"""Bitterness (1 to 5) of 8 bottles by 9 judges. Two bottles each: cold without, cold with, warm without and warm with
+skin contact (Randall, Biom. J. 31, 1989; R's ordinal)."""
 RESPIRATION = _RESPIRATION.split()
 """111 patients: centre, treatment (active or placebo), sex, age, status before and at four visits, 1 for good, as in
 ``1PF46:00000`` (Davis, Stat. Med. 10, 1991; R's HSAUR)."""

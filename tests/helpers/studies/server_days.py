@@ -1,4 +1,4 @@
-"""A server's days in a study: sessions with a participant in simulated time, some of which are killed."""
+"""Study sessions of a participant in simulated time, in server processes that can be killed."""
 
 import time
 from multiprocessing import get_context
@@ -26,7 +26,7 @@ ANSWERS = {"L1": 1, "L2": 2, "L3": 3, "L4": 4}
 
 
 class ServerDay:
-    """A server's day: the sessions of a study, and a participant who answers ``most`` questions at most."""
+    """The sessions of one server process with a simulated participant."""
 
     def __init__(self, store: Store, pseudonym: str) -> None:
         self.inbox: list[Sent] = []
@@ -76,7 +76,7 @@ class ServerDay:
 
 
 def kill_server_in(folder: Path, pseudonym: str, phase: str, answers: int, stored: int) -> None:
-    """Kill the server's process (`kill -9`) in a phase, after so many answers, some of them stored in the database."""
+    """Kill the server (SIGKILL) in a phase after ``answers`` answers, of which ``stored`` are in the database."""
     here, there = get_context("spawn").Pipe()
     process = get_context("spawn").Process(
         target=_attend, args=(folder, pseudonym, phase, answers, stored, there)
@@ -89,8 +89,8 @@ def kill_server_in(folder: Path, pseudonym: str, phase: str, answers: int, store
         process.join()
 
 
-def _attend(folder: Path, pseudonym: str, phase: str, answers: int, stored: int, told: Connection) -> None:
-    """Go to a phase, tell that, and stay there."""
+def _attend(folder: Path, pseudonym: str, phase: str, answers: int, stored: int, reports: Connection) -> None:
+    """Advance to a phase, report it, and wait."""
     with Store(folder) as store:
         day = ServerDay(store, pseudonym)
         day.send(Entered())
@@ -106,5 +106,5 @@ def _attend(folder: Path, pseudonym: str, phase: str, answers: int, stored: int,
             time.sleep(0.01)
         while stored < answers > len(read_recording(recording).topics["/answers"]):
             time.sleep(0.01)
-        told.send(day.phase)
+        reports.send(day.phase)
         time.sleep(600.0)

@@ -1,4 +1,4 @@
-"""Imagined studies for tests of models: values of participants who differ, in the orders of a design."""
+"""Simulated results of studies with differences between participants, for tests of models."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from avrgym.study.design.design import Design
 
 
 def trial_values(design: Design, values: FloatArray) -> list[TrialValue]:
-    """A study's trials with values (participants, tasks, robots, policies), each participant in the next order."""
+    """Return the trials of a study with values (participants, tasks, robots, policies)."""
     orders = cell_orders(design)
     return values_in_order(design, values, [orders[number % len(orders)] for number in range(len(values))])
 
@@ -19,7 +19,7 @@ def trial_values(design: Design, values: FloatArray) -> list[TrialValue]:
 def simulated_answers(
     design: Design, participants: int, number: int, effect: float = 0.0, **spread: float
 ) -> list[TrialValue]:
-    """Answers to a design's first item as ``avrgym study power`` imagines them, nobody withdrawing."""
+    """Return answers to the first item as ``avrgym study power`` simulates them, without withdrawals."""
     studies = SimulatedStudies(design, Assumptions(dropout=0.0, **spread), 0)
     return trial_values(design, studies.answers(effect, participants, number)[..., 0].astype(float))
 
@@ -40,10 +40,10 @@ def latent_values(design: Design, participants: int, number: int, tendency: floa
 
 
 def simulated_rewards(design: Design, participants: int, number: int) -> list[TrialValue]:
-    """Rewards without an effect of policies."""
+    """Return rewards without an effect of policies."""
     return trial_values(design, latent_values(design, participants, number))
 
 
 def simulated_successes(design: Design, participants: int, number: int) -> list[TrialValue]:
-    """Successes without an effect of policies: somewhat more than half."""
+    """Return successes without an effect of policies. The rate is above 0.5."""
     return trial_values(design, (latent_values(design, participants, number, 0.4) > 0.0).astype(float))

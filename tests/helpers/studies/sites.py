@@ -1,4 +1,4 @@
-"""Studies of several sites, and merges that are killed."""
+"""Studies of several sites, and killed merges."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ Tree = dict[str, bytes]
 
 
 def make_site(folder: Path, site: str = "", *, trials: tuple[int | None, ...] = (2,), url: str = "") -> Path:
-    """A site's study, with a participant who has run so many trials, all for ``None``, for each of ``trials``."""
+    """Create a site's study with one participant for each of ``trials``; ``None`` means all trials."""
     small_study(folder)
     set_in_design(folder, 'site = ""', f'site = "{site}"')
     set_in_design(folder, 'url = ""', f'url = "{url}"')
@@ -27,7 +27,7 @@ def make_site(folder: Path, site: str = "", *, trials: tuple[int | None, ...] = 
 
 
 def add_participant(folder: Path, trials: int | None) -> str:
-    """Someone with a name who runs so many trials at a site."""
+    """Add a participant with a name and run their first trials."""
     with Store(folder) as store:
         name = f"Grace Unverwechselbar {len(store.participants())}"
         pseudonym = enrol_with_consent(store, simulated=False, name=name)
@@ -36,7 +36,7 @@ def add_participant(folder: Path, trials: int | None) -> str:
 
 
 def set_in_design(folder: Path, before: str, after: str) -> None:
-    """Change a line of a site's design."""
+    """Replace text in a site's design."""
     path = folder / "study.toml"
     text = path.read_text()
     assert text.count(f"\n{before}\n") == 1
@@ -44,18 +44,18 @@ def set_in_design(folder: Path, before: str, after: str) -> None:
 
 
 def files_in(folder: Path) -> Tree:
-    """Every file in a folder, by name."""
+    """Return the content of every file in a folder, by name."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def check_errors(folder: Path) -> list[str]:
-    """What a study's check finds wrong."""
+    """Return the errors that the check of a study finds."""
     with Store(folder) as store:
         return [f"{each.where}: {each.message}" for each in check_study(store) if each.is_error]
 
 
 def study_contents(folder: Path) -> dict[str, list[Any]]:
-    """All that a merged study tells of its participants, and the bytes of their recordings."""
+    """Return the rows of each participant and the bytes of their recordings."""
     with Store(folder) as store:
         return {
             person.pseudonym: [
@@ -76,7 +76,7 @@ def study_contents(folder: Path) -> dict[str, list[Any]]:
 
 
 def kill_merge(folders: Sequence[Path], out: Path, after: int | float) -> bool:
-    """Merge in a process that is killed: before so many steps, or after so many seconds; whether it was."""
+    """Merge in a process that is killed after steps (int) or seconds (float). Returns whether it was killed."""
     context = get_context("forkserver")
     context.set_forkserver_preload(["helpers.studies.sites"])
     process = context.Process(target=_merge, args=(folders, out, after if isinstance(after, int) else None))
@@ -98,7 +98,7 @@ def _merge(folders: Sequence[Path], out: Path, steps: int | None) -> None:
 
 
 def _killing(function: Callable[..., Any], left: Any) -> Callable[..., Any]:
-    """A function that kills this process once there are no steps left."""
+    """Wrap a function: it kills this process when no steps are left."""
 
     def counted(*given: Any, **named: Any) -> Any:
         if next(left, None) is None:

@@ -54,13 +54,13 @@ SAMPLES = (
     StreamSamples("gaze", -0.25, [0.11, 0.13, 0.14], [[0.5, 0.25, 0.75]] * 2 + [[0.5, float("nan"), 0.75]]),
     StreamSamples("marks", 0.0, [0.2], [], [["pressed"]]),
 )
-"""What other devices send in every trial."""
+"""Samples of other devices in every trial."""
 
 
 def make_study(folder: Path, **changes: str) -> Path:
-    """A study's folder with the paper's protocol, but for values that are written as in TOML.
+    """Create a study with the paper's protocol and changed values, in TOML syntax.
 
-    Headsets are not checked, unless a change says so.
+    The headset check is off by default.
     """
     text = default_text()
     for name, value in ({"headset_check": "false"} | changes).items():
@@ -72,17 +72,17 @@ def make_study(folder: Path, **changes: str) -> Path:
 
 
 def small_study(folder: Path) -> Path:
-    """One task with both robots and policies: a practice trial and four trials for each participant."""
+    """Create a study of one task with two robots and two policies: a practice trial and four trials."""
     return make_study(folder, tasks='["Feeding"]')
 
 
 def eligible_answers(store: Store) -> dict[str, bool]:
-    """The answers of someone who can take part."""
+    """Return inclusion answers of an eligible participant."""
     return {question.id: question.required for question in store.design.inclusion}
 
 
 def enrol_with_consent(store: Store, simulated: bool = True, name: str = "", contact: str = "") -> str:
-    """Enrol someone, with consent and an order."""
+    """Enrol a participant with consent and an order."""
     pseudonym = enrol(store, "woman", age_years=22, name=name, contact=contact, simulated=simulated)
     record_consent(store, pseudonym)
     assert record_inclusion(store, pseudonym, eligible_answers(store))
@@ -92,9 +92,9 @@ def enrol_with_consent(store: Store, simulated: bool = True, name: str = "", con
 def record(
     store: Store, attempt: TrialAttempt, trial: Trial, *, simulated: bool = True, **changes: Any
 ) -> None:
-    """Write the complete recording of an attempt: a few steps and frames, and the answers.
+    """Write a complete recording of an attempt: a few steps, frames and answers.
 
-    ``changes`` are changes to its configuration.
+    ``changes`` are fields of its configuration.
     """
     values = {
         "attempt": attempt.number,
@@ -132,7 +132,7 @@ def _frame(step: int) -> TrackingFrame:
 def run_trial(
     store: Store, session: StudySession, trial: Trial, *, simulated: bool = True, **changes: Any
 ) -> TrialAttempt:
-    """One whole trial: attempt, recording, answers, completion."""
+    """Run one trial: attempt, recording, answers, completion."""
     attempt = begin_attempt(store, session.id, trial.position)
     record(store, attempt, trial, simulated=simulated, **changes)
     if not trial.practice:
@@ -145,7 +145,7 @@ def run_trial(
 def run_participant(
     store: Store, pseudonym: str, trials: int | None = None, *, simulated: bool = True, **changes: Any
 ) -> None:
-    """A session with a participant's remaining trials, or the first few of them."""
+    """Run a session with a participant's remaining trials, at most ``trials``."""
     session = open_session(store, pseudonym)
     for trial in store.remaining_trials(pseudonym)[:trials]:
         run_trial(store, session, trial, simulated=simulated, **changes)
@@ -156,7 +156,7 @@ def run_participant(
 
 
 def postgresql_programs() -> Path | None:
-    """Where PostgreSQL's server programs are, if they are installed."""
+    """Return the folder of PostgreSQL's server programs, or ``None``."""
     folders = sorted(Path("/usr/lib/postgresql").glob("*/bin"), key=lambda path: int(path.parent.name))
     if folders:
         return folders[-1]
@@ -166,7 +166,7 @@ def postgresql_programs() -> Path | None:
 
 @contextmanager
 def postgresql_server(programs: Path) -> Iterator[Path]:
-    """A server of its own on a socket in a temporary folder, which is given; it ends with the context."""
+    """Run a PostgreSQL server until the context ends. Yields the folder of its socket."""
     folder = Path(tempfile.mkdtemp(prefix="avrgym-"))
     user = "nobody" if os.geteuid() == 0 else None  # the server refuses to run as root
     if user:
@@ -196,13 +196,13 @@ def postgresql_server(programs: Path) -> Iterator[Path]:
                 next(line for line in server.stderr if "ready to accept connections" in line)
                 yield folder
             finally:
-                server.send_signal(signal.SIGQUIT)  # its data go with it
+                server.send_signal(signal.SIGQUIT)  # its data are temporary
     finally:
         shutil.rmtree(folder)
 
 
 def new_postgresql_database(server: Path, like: str | None = None) -> str:
-    """The URL of a new database: empty, or a copy of one that nobody is connected to."""
+    """Create a database, empty or as a copy of ``like``, and return its URL."""
     name = f"study_{uuid4().hex}"
     template = sa.make_url(like).database if like else "template1"
     with psycopg.connect(host=str(server), user="avrgym", dbname="postgres", autocommit=True) as connection:

@@ -1,4 +1,4 @@
-"""Time stamping authorities for tests, by the program openssl."""
+"""Time stamping authorities for tests, based on the program openssl."""
 
 import subprocess
 from pathlib import Path
@@ -26,7 +26,7 @@ ess_cert_id_alg = sha256
 
 
 class Authority:
-    """An authority in a folder, with a root of its own."""
+    """A time stamping authority with its own root certificate."""
 
     def __init__(self, folder: Path, name: str = "Test Authority") -> None:
         folder.mkdir(parents=True)
@@ -48,11 +48,11 @@ class Authority:
 
     @property
     def root(self) -> bytes:
-        """Its root certificate as PEM."""
+        """Return the root certificate as PEM."""
         return (self._folder / "root.pem").read_bytes()
 
     def stamp(self, data: bytes, digest: str = "sha256", with_root: bool = True) -> bytes:
-        """A time stamp of data, with its certificates."""
+        """Return a time stamp of data with its certificates."""
         (self._folder / "data").write_bytes(data)
         self._openssl("ts", "-query", "-data", "data", f"-{digest}", "-cert", "-out", "query.tsq")
         chain = ("-chain", "root.pem") if with_root else ()
