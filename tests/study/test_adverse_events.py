@@ -1,4 +1,4 @@
-"""Adverse events: graded by published scales, followed up without a loss, and apart from what the robot reports."""
+"""Adverse events: published grades, follow-ups, exports, and separation from safety events of the robot."""
 
 import csv
 import json
@@ -155,7 +155,7 @@ def test_safety_events_are_separate_from_adverse_events(store: Store) -> None:
 
 @pytest.fixture
 def told(store: Store) -> Store:
-    """A study in which each kind of free text names somebody."""
+    """A study with a name in each kind of free text."""
     number = record_adverse_event(store, "sub-001", DIZZY, recorded_by=SECRET)
     record_adverse_event(store, "sub-001", changed(action=f"{SECRET} rested"), follows=number)
     add_note(store, "sub-001", f"{SECRET} laughed")
@@ -259,7 +259,7 @@ def test_report_counts_events_by_condition(store: Store, tmp_path: Path) -> None
 
 
 def rows_under(page: str, caption: str) -> list[list[str]]:
-    """The cells of the table whose caption begins so."""
+    """The cells of the table with this beginning of a caption."""
     whole = next(part for part in page.split("<caption>")[1:] if part.startswith(caption))
     body = whole.split("<tbody>")[1].split("</tbody>")[0]
     return [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in body.split("</tr>")[:-1]]

@@ -1,4 +1,4 @@
-"""Words on answers, by keyboard alone in a real browser; a stop rule pauses, and the dashboard says why."""
+"""Questions answered by keyboard in a browser; a stop rule pauses, and the dashboard shows the reason."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -44,7 +44,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
 
 
 def answers(page: Page) -> list[str]:
-    """The names of the buttons, as a screen reader says them."""
+    """The accessible names of the buttons."""
     return (
         page.get_by_role("group", name=page.locator("#statement").inner_text())
         .get_by_role("button")

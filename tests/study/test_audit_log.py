@@ -1,4 +1,4 @@
-"""The log of a study: each command and view by person and time, and who looked at results too early."""
+"""The audit log: each command and view by person and time, and early views of results."""
 
 import csv
 import json
@@ -101,7 +101,7 @@ def served(
 
 @contextmanager
 def watching(server: LiveServer[Session], token: str) -> Iterator[ClientConnection]:
-    """A socket of somebody who watches, that has said hello."""
+    """A connected socket of a spectator."""
     with connect(f"ws://127.0.0.1:{server.port}/watch", max_size=None) as socket:
         socket.send(messages.encode(Hello(messages.PROTOCOL, token, "test", emulated=True)))
         yield socket
@@ -120,7 +120,7 @@ def told(entries: list[LogEntry]) -> list[tuple[str, str, str, int | None, str]]
 
 
 def awaited(store: Store, name: str) -> LogEntry:
-    """The entry of this name, once it is stored."""
+    """Wait for the entry with this name."""
     give_up = time.monotonic() + PATIENCE_S
     while time.monotonic() < give_up:
         for entry in store.log():
@@ -344,7 +344,7 @@ def test_logs_of_sites_are_merged_once(tmp_path: Path) -> None:
 
 @pytest.fixture
 def planned(tmp_path: Path) -> Path:
-    """A study for two participants with a frozen plan, whose first participant has finished."""
+    """A study of two participants with a frozen plan; the first participant has finished."""
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', participants="2")
     for _ in range(2):
         assert command("study", "freeze", folder).exit_code == 0
@@ -435,7 +435,7 @@ def test_dashboard_shows_results_only_on_request(
 
 
 def test_rejected_enrolment_is_logged(store: Store, served: tuple[LiveServer[Session], str]) -> None:
-    """It tells whether somebody of that name takes part."""
+    """A rejection reveals whether a person with that name takes part."""
     server, token = served
     new = {"sex": "woman", "name": NAME, "contact": "grace@example.org"}
     assert [ask(server, token, "/participants", new).status_code for _ in range(2)] == [200, 409]

@@ -1,4 +1,4 @@
-"""Consent: the archive of texts, texts that change under one version, and re-consent to another version."""
+"""Consent: the archive of texts, changed texts, and re-consent to a new version."""
 
 import csv
 import hashlib
@@ -72,7 +72,7 @@ def study(*arguments: str | Path, answers: str = "") -> Result:
 
 
 def reword(folder: Path, old: str, new: str, version: str = "1") -> None:
-    """Change the consent text, and give it a version."""
+    """Change the consent text and its version."""
     path = folder / "study.toml"
     text = path.read_text()
     assert old in text
@@ -200,7 +200,7 @@ def test_allocated_participant_must_reconsent(folder: Path) -> None:
     raise_version(folder)
     with Store(folder) as store:
         for begin in (open_session, StudyVisit):
-            with pytest.raises(StudyError, match=r"agreed to version 1 .*, and the study's is 2: ask again"):
+            with pytest.raises(StudyError, match=r"agreed to version 1 .*, and the study's is 2: re-consent"):
                 begin(store, pseudonym)
         assert len(store.sessions(pseudonym)) == 1
         record_consent(store, pseudonym)
@@ -253,7 +253,7 @@ def test_consented_participant_must_reconsent_before_allocation(folder: Path) ->
         record_consent(store, pseudonym)
     raise_version(folder)
     with Store(folder) as store:
-        with pytest.raises(StudyError, match="ask again"):
+        with pytest.raises(StudyError, match="re-consent"):
             record_inclusion(store, pseudonym, eligible_answers(store))
         record_consent(store, pseudonym)
         assert record_inclusion(store, pseudonym, eligible_answers(store))
@@ -325,7 +325,7 @@ def test_exports_contain_all_decisions_and_texts(folder: Path, tmp_path: Path) -
 
 
 def before_the_archive(store: Store) -> None:
-    """Make a study like one of the version that stored version and checksum of each consent, and no text."""
+    """Convert a study to an earlier version that stored no consent texts."""
     with store.database.write() as connection:
         hash_chain.delete(connection, schema.CONSENT_TEXT)
         hash_chain.delete(connection, schema.CONSENT)

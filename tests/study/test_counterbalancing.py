@@ -1,4 +1,4 @@
-"""Orders, allocation and planned trials: balance as laws, over all sizes that a design may have."""
+"""Orders, allocation and planned trials are balanced for all sizes of a design."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -25,7 +25,7 @@ PAPER = parse_design(default_text())
 
 
 def assert_balanced(rows: Sequence[Sequence[int]], size: int) -> None:
-    """Each as often at each position, and each as often after each other one."""
+    """Assert equal counts at each position and after each other condition."""
     positions = Counter((place, name) for row in rows for place, name in enumerate(row))
     successions = Counter(pair for row in rows for pair in pairwise(row))
     assert len(positions) == size**2
@@ -141,7 +141,7 @@ def test_practice_robots_are_balanced():
 
 
 def test_practice_robots_are_random():
-    """No participant's robot for a task is fixed by the design."""
+    """The design does not determine the practice robot of a task."""
     drawn = [practice_robots(msgspec.structs.replace(PAPER, seed=seed), 3) for seed in range(400)]
     for robots in zip(*drawn, strict=True):
         assert 150 < robots.count("PR2") < 250
@@ -187,7 +187,7 @@ def test_dropout_keeps_completed_cells_balanced(cells, stations):
 
 @pytest.mark.parametrize("sites", [1, 2, 3, 5])
 def test_each_site_and_all_sites_are_balanced(sites):
-    """At any site with a shared database, no cell is ever more than one participant ahead."""
+    """With a shared database, the cells of a site differ by at most one participant at any time."""
     rng = np.random.default_rng(sites)
     orders = {f"site-{site}": cell_fill_order(PAPER, f"site-{site}") for site in range(sites)}
     cells = len(orders["site-0"])

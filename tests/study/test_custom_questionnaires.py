@@ -1,4 +1,4 @@
-"""A study's own questionnaires: each in its own words, family and figure; before and after sessions, and the change."""
+"""Custom questionnaires: texts, families, figures, answers before and after sessions, and changes."""
 
 import json
 import re
@@ -82,7 +82,7 @@ def ask(store: Store, session: int, when: str, values: dict[str, int]) -> None:
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
-    """People who answered three questionnaires."""
+    """A study with answers to three questionnaires."""
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv(database.URL_VARIABLE, raising=False)
         with Store(with_questionnaires(tmp_path_factory.mktemp("study"))) as store:
@@ -148,7 +148,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
 
 
 def crash(store: Store) -> None:
-    """Have the process behind the open session be dead."""
+    """Simulate the death of the process of the open session."""
     with store.database.write() as connection:
         connection.execute(sa.update(schema.SESSION).values(process=2**22 + 1))
 
@@ -161,10 +161,10 @@ def remaining(store: Store, pseudonym: str, when: str) -> list[str]:
 def test_item_is_answered_once_before_and_once_after(store: Store) -> None:
     session = open_session(store, enrol_included(store)).id
     ask(store, session, "before_session", {"S_1": 1})
-    with pytest.raises(StudyError, match="only the participant changes it"):
+    with pytest.raises(StudyError, match="is answered already"):
         ask(store, session, "before_session", {"S_1": 2})
     ask(store, session, "after_session", {"S_1": 3})
-    with pytest.raises(StudyError, match="only the participant changes it"):
+    with pytest.raises(StudyError, match="is answered already"):
         ask(store, session, "after_session", {"S_1": 3})
 
 

@@ -1,4 +1,4 @@
-"""Exports of studies with damaged recordings: refused with their names, or without them and with a list."""
+"""Exports of studies with damaged recordings: an error with their names, or an export without them."""
 
 import csv
 import shutil
@@ -37,7 +37,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folder(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy to damage."""
+    """A copy of the study, which tests damage."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     return Path(shutil.copytree(whole, tmp_path / "study"))
 
@@ -121,7 +121,7 @@ def test_undamaged_study_lists_no_problems(folder: Path, data_format: str) -> No
 
 
 def exported_trials(out: Path, data_format: str) -> int:
-    """How many trials the files hold, each of them whole."""
+    """The number of trials in the files; asserts that each is complete."""
     match data_format:
         case "csv":
             lengths = len(rows(out / "control_steps.csv")) / STEPS

@@ -1,4 +1,4 @@
-"""The experimenter's dashboard: its routes over a real server, and the page in a real browser."""
+"""The experimenter's dashboard: routes on a server, and the page in a browser."""
 
 import json
 import stat
@@ -118,7 +118,7 @@ def test_all_routes_are_tested(store: Store) -> None:
 
 @pytest.mark.parametrize(("method", "path"), ROUTES)
 def test_only_the_experimenter_has_access(server: LiveServer, store: Store, method: str, path: str) -> None:
-    """No token, a wrong one, another role's, other origins and hosts: refused, and nothing is stored."""
+    """Invalid tokens, origins and hosts are rejected, and nothing is stored."""
     before = store.events(), store.participants(), store.log()
     path = path.format(pseudonym="sub-001")
     body = BODIES.get(path.rpartition("/")[2], {"sex": "man"}) if method == "POST" else None
@@ -171,7 +171,7 @@ def test_invalid_requests_change_nothing(
 
 
 def test_only_json_is_accepted(server: LiveServer) -> None:
-    """No form of another page can make a request that does something."""
+    """Forms of other pages cannot send valid requests."""
     url = f"http://127.0.0.1:{server.port}/study/participants"
     own = {"authorization": f"Bearer {server.tokens.experimenter}"}
     for kind in ("text/plain", "application/x-www-form-urlencoded"):
@@ -264,7 +264,7 @@ def test_blinded_experimenter_sees_no_condition(tmp_path: Path, blind: bool) -> 
 
 
 def read(app: Any, path: str) -> Any:
-    """The response of a GET route, called directly; tests of the server check access."""
+    """The response of a GET route, called directly without access control."""
     route = next(route for route in app.routes if route.path_regex.fullmatch(path) and "GET" in route.methods)
     request = SimpleNamespace(state=SimpleNamespace(caller=Caller("experimenter")))
     return json.loads(route.endpoint(**route.path_regex.fullmatch(path).groupdict(), request=request).body)
@@ -275,7 +275,7 @@ def read(app: Any, path: str) -> Any:
 
 @pytest.fixture
 def page(server: LiveServer) -> Iterator[Page]:
-    """The dashboard in Chromium; whatever it refuses or complains about fails the test."""
+    """The dashboard in Chromium; any error in its console fails the test."""
     complaints: list[str] = []
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
@@ -293,7 +293,7 @@ def page(server: LiveServer) -> Iterator[Page]:
 
 @pytest.mark.slow
 def test_enrolment_by_keyboard(server: LiveServer, store: Store, page: Page) -> None:
-    """Enrol, consent, include, note: the table shows it, texts stay texts, and nothing overflows a narrow page."""
+    """Enrolment, consent, inclusion and note appear in the table; text is escaped and fits a narrow page."""
     expect.set_options(timeout=1000 * PATIENCE_S)
     expect(page.locator("#server")).to_contain_text("Connected")
     number = len(store.participants()) + 1
@@ -339,7 +339,7 @@ def press(page: Page, summary: str) -> None:
 def test_page_requests_confirmation_of_a_possible_duplicate(
     server: LiveServer, store: Store, page: Page
 ) -> None:
-    """Refused with the code alone; the box appears, and once it is chosen the other person is enrolled."""
+    """The error contains only the pseudonym; the person is enrolled after confirmation."""
     expect.set_options(timeout=1000 * PATIENCE_S)
     expect(page.locator("#server")).to_contain_text("Connected")
     first = post(server, "/participants", {"sex": "woman", "name": "Grace Double"}, 200)["participant"]

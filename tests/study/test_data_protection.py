@@ -1,4 +1,4 @@
-"""Drafts for data protection: what the design knows is in them, the rest is to fill in, and nothing is overwritten."""
+"""Drafts for data protection contain facts of the design, and edited drafts are not overwritten."""
 
 from pathlib import Path
 
@@ -52,7 +52,7 @@ def test_edited_drafts_are_not_overwritten(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, command).exit_code == 0
     path = folder / FOLDER / "impact-assessment.md"
     path.write_text("filled in")
-    with Store(folder) as store, pytest.raises(StudyError, match="there already, with other words"):
+    with Store(folder) as store, pytest.raises(StudyError, match="exists already with another text"):
         write_data_protection(store)
     assert path.read_text() == "filled in"
     assert path.stat().st_mode & 0o077 == 0 or path.parent.stat().st_mode & 0o077 == 0

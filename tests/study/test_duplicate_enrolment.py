@@ -1,4 +1,4 @@
-"""Nobody is enrolled twice by mistake, however their name and contact are written."""
+"""Duplicate enrolment is detected for any spelling of name and contact."""
 
 import unicodedata
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""A design that is edited after somebody took part: every field is named, by check, deviations and report."""
+"""Edits of a design after the first session: check, deviations and report list each field."""
 
 import shutil
 from collections.abc import Iterator
@@ -48,7 +48,7 @@ def on_sqlite() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A study with a frozen plan in which two people took part, one in each language."""
+    """A study with a frozen plan and two participants, one in each language."""
     folder = make_edited_study(tmp_path_factory.mktemp("made") / "study")
     for _ in range(2):
         result = CliRunner().invoke(app, ["study", "freeze", str(folder)])
@@ -61,7 +61,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def undone(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same study after every field was edited, one more took part in each language, and all edits were undone."""
+    """The same study after edits of all fields, two more participants, and the reversal of all edits."""
     folder = Path(shutil.copytree(made, tmp_path_factory.mktemp("undone") / "study"))
     edit(folder, *EDITS)
     with Store(folder) as store:
@@ -89,7 +89,7 @@ def deviating(undone: Path) -> list[str]:
 
 
 def naming(found: list[Finding], name: str) -> list[Finding]:
-    """The findings about the field of an edit."""
+    """The findings about an edited field."""
     each = EDITS[name]
     return [one for one in found if one.where == each.where and f"{each.field} is " in f"{one.message} "]
 
@@ -146,7 +146,7 @@ def test_changed_languages_are_found(found: list[Finding], deviating: list[str])
 
 @pytest.mark.parametrize("when", ["not at all", "in between", "afterwards"])
 def test_changed_policy_is_found(made: Path, tmp_path: Path, when: str) -> None:
-    """The same name, but another file: for one of two sessions, or after both."""
+    """The file of a policy changes between two sessions, or after both."""
     folder = Path(shutil.copytree(made, tmp_path / "study"))
     before = (folder / POLICY).read_bytes()
     other = packaged_policies("avrgym/FeedingJaco-v1")["original"].read_bytes()
@@ -171,7 +171,7 @@ def test_changed_policy_is_found(made: Path, tmp_path: Path, when: str) -> None:
 
 @pytest.mark.parametrize("guard", [True, False])
 def test_contradicting_recording_is_found(made: Path, tmp_path: Path, guard: bool) -> None:
-    """The force guard must be that of the design; the seat may be another in a session."""
+    """A different force guard is an error; a different seat is a note."""
     folder = Path(shutil.copytree(made, tmp_path / "study"))
     with Store(folder) as store:
         participant = store.participant("sub-001")

@@ -1,4 +1,4 @@
-"""Files from Windows editors are read, and tables are read by spreadsheets, Python, pandas and R."""
+"""Files of Windows editors are read; spreadsheets, Python, pandas and R read the tables."""
 
 import codecs
 import csv
@@ -36,7 +36,7 @@ def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def mark(path: Path) -> Path:
-    """Save a file as Windows Notepad does: with a byte-order mark and other ends of lines."""
+    """Save a file like Windows Notepad, with a byte-order mark and CRLF line ends."""
     path.write_bytes(codecs.BOM_UTF8 + path.read_bytes().replace(b"\n", b"\r\n"))
     return path
 
@@ -56,7 +56,7 @@ READERS: dict[str, tuple[str, Callable[[Path], Any]]] = {
 
 
 def read_outcome(path: Path) -> str:
-    """What comes of a file of people, in which this one lacks much: not that it is invalid text or TOML."""
+    """The error for an incomplete file of people, which is not about its encoding or TOML syntax."""
     with pytest.raises(PeopleFileError) as refused:
         read_people(path, ["Feeding"])
     return str(refused.value)
@@ -131,7 +131,7 @@ def test_pandas_and_python_read_the_same_tables(tmp_path: Path, write: Callable[
 @pytest.mark.slow
 @pytest.mark.parametrize("data_format", ["csv", "bids"])
 def test_only_csv_files_have_a_byte_order_mark(tmp_path: Path, data_format: str) -> None:
-    """Of an export or analysis every CSV file has one; TSV, JSON and text files have none."""
+    """CSV files of exports and analyses have one; TSV, JSON and text files have none."""
     with Store(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
         run_participant(store, enrol_with_consent(store), trials=2)
         export_study(store, data_format, tmp_path / "out")

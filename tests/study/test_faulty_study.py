@@ -1,4 +1,4 @@
-"""A few trials with faults at random moments; `make soak` has 200."""
+"""A few trials with faults at random times; `make soak` runs 200."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What people may write into a study, at every entrance."""
+"""Limits of names, contacts, reasons and notes."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A plan confirms results only if it is known to be from before the first participant."""
+"""A plan is confirmatory only if it is certainly older than the first participant."""
 
 import json
 import shutil
@@ -42,7 +42,7 @@ def authority(tmp_path_factory: pytest.TempPathFactory) -> Authority:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A study whose plan is frozen."""
+    """A study with a frozen plan."""
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', participants="2")
     for _ in range(2):
         assert study("freeze", folder).exit_code == 0
@@ -60,7 +60,7 @@ def take_all_in(folder: Path) -> None:
 
 
 def forge(folder: Path) -> None:
-    """Rewrite the frozen plan with other hypotheses, another date and a fitting checksum, and lose the database."""
+    """Forge the frozen plan with a matching checksum, and delete the database."""
     record = json.loads((folder / FROZEN).read_text())
     record["plan"] = record["plan"].replace("higher with revised", "lower with revised")
     record["sha256"]["plan.toml"] = sha256(record["plan"].encode())
@@ -224,7 +224,7 @@ def test_invalid_time_stamps_are_not_stored(authority: Authority, folder: Path, 
 def test_trusted_early_time_stamp_proves_a_plan(
     authority: Authority, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also where the database was lost; one of an unknown authority, or from after it, does not."""
+    """It proves the plan also after loss of the database; late or untrusted time stamps do not."""
     file = tmp_path / "early.tsr"
     file.write_bytes(authority.stamp((folder / FROZEN).read_bytes()))
     stored = study("freeze", folder, "--timestamp", file)
@@ -255,7 +255,7 @@ def test_trusted_early_time_stamp_proves_a_plan(
 
 
 class Later(datetime):
-    """A clock that is ahead, because a time stamp has whole seconds."""
+    """A clock five seconds ahead, because time stamps have whole seconds."""
 
     @classmethod
     def now(cls, tz: object = None) -> datetime:

@@ -1,4 +1,4 @@
-"""Functioning, devices and diagnosis: optional, in every language, and in exports without small groups."""
+"""Functioning, devices and diagnosis: optional answers, translations, and exports without small groups."""
 
 import csv
 from collections.abc import Iterator

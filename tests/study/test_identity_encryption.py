@@ -1,4 +1,4 @@
-"""Names are encrypted with a key that is not in the study: a key file elsewhere, or a passphrase."""
+"""Names are encrypted with a key outside the study: a key file or a passphrase."""
 
 import json
 import os
@@ -45,7 +45,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def locked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A study with names that need a passphrase, which is missing."""
+    """A study with names encrypted by a passphrase, which is missing."""
     monkeypatch.setenv(PASSPHRASE, SECRET)
     with Store(folder) as store:
         enrol(store, "woman", name=NAME, contact=CONTACT)
@@ -218,7 +218,7 @@ def _read_until(terminal: int, words: bytes) -> bytes:
 
 @pytest.fixture
 def old(tmp_path: Path) -> Path:
-    """A study of an earlier version, with a name that is not encrypted."""
+    """A study of an earlier version with an unencrypted name."""
     return Path(shutil.copytree(DATA / "study-of-0.2.0", tmp_path / "old"))
 
 
@@ -247,7 +247,7 @@ def test_plain_file_remains_until_encryption_is_verified(old: Path, monkeypatch:
 
 
 def test_leftover_plain_file_is_removed(old: Path) -> None:
-    """As a crash leaves it, after the encrypted file is in place."""
+    """A crash can leave the plain file next to the encrypted one."""
     plain = old / "private" / "key.json"
     kept = plain.read_bytes()
     assert avrgym("encrypt-names", old).exit_code == 0
@@ -294,7 +294,7 @@ def test_damaged_key_source_is_reported(
     file["lock"] |= change
     path.write_text(json.dumps(file))
     monkeypatch.setenv(PASSPHRASE, SECRET)
-    with pytest.raises(StudyError, match="the lock of the identity file is damaged"):
+    with pytest.raises(StudyError, match="the key source in the identity file is damaged"):
         identity_file.read_identities(locked)
 
 

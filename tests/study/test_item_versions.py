@@ -1,4 +1,4 @@
-"""Which items are one item: translations are, other words, scales and ends are not; instruments change as a whole."""
+"""Versions of items: translations share a version; other texts, scales and end labels do not."""
 
 from collections.abc import Callable
 
@@ -35,7 +35,7 @@ def with_first_item(design: Design, item: Item) -> Design:
 
 
 def names(*asked: tuple[Design, str, Callable[[str], str]]) -> list[list[str]]:
-    """The names of the items of each participant, who read a design in a language with a translation."""
+    """The versions of items of each participant; each read a design in a language."""
     catalogue = ItemCatalogue()
     forms = [catalogue.form(*each) for each in asked]
     return [[version.item.id for version in form.versions.values()] for form in forms]

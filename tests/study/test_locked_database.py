@@ -1,4 +1,4 @@
-"""A database that somebody else locks: the loop never waits for it, and nothing goes on before it is stored."""
+"""A locked database: the loop does not wait for it, and a session continues only after storage."""
 
 import sqlite3
 import time
@@ -26,7 +26,7 @@ Lock = Callable[[], AbstractContextManager[None]]
 
 @pytest.fixture(params=["sqlite", "postgresql"])
 def locked(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Lock:
-    """What locks the study's database as long as its context lasts; the study is made in ``tmp_path``."""
+    """A context manager that locks the database of a study in ``tmp_path``."""
     if request.param == "sqlite":
         monkeypatch.delenv(database.URL_VARIABLE, raising=False)
         return lambda: sqlite_lock(tmp_path / database.FILE)
@@ -53,7 +53,7 @@ def postgresql_lock(url: str) -> Iterator[None]:
 
 @pytest.fixture
 def visit(locked: Lock, tmp_path: Path) -> Iterator[StudyVisit]:
-    """A study of a practice trial and two trials of half a second each, stored beside the loop."""
+    """A study with a practice trial and two trials of 0.5 s, stored in another thread."""
     design = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "trial_steps": "5", "free_movement_s": "0.1"}
     with (
         Store(make_study(tmp_path, **design)) as store,
@@ -69,7 +69,7 @@ def attend(visit: StudyVisit) -> Visit:
 
 
 def await_phase(attended: Visit, phase: str) -> None:
-    """Tick on, with pauses in which another thread can store, until the session enters a phase."""
+    """Tick until the session enters a phase, with pauses for the storage thread."""
     give_up_s = time.monotonic() + PATIENCE_S
     while attended.phase != phase:
         assert time.monotonic() < give_up_s, f"still in {attended.phase}; problems: {attended.problems}"
@@ -126,7 +126,7 @@ def test_robot_waits_until_its_attempt_is_stored(visit: StudyVisit, locked: Lock
 
 
 def test_next_session_stores_an_unstored_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The loop's end waits no longer than its patience."""
+    """The loop waits for storage only until its timeout."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     monkeypatch.setattr("avrgym.study.sessions.visit.STORE_TIMEOUT_S", 0.5)
     monkeypatch.setattr("avrgym.study.storage.sqlite.WAIT_S", 1)

@@ -1,4 +1,4 @@
-"""A questionnaire that was left open is answered in the next session; database, recording and checks agree."""
+"""An open questionnaire is answered in the next session; database, recording and checks agree."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -31,7 +31,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def left(folder: Path) -> Iterator[Callable[[], tuple[Store, str]]]:
-    """A study in which somebody has answered two of four questions after their first trial when the server stops."""
+    """A study with two of four questions answered after the first trial when the server stops."""
     stores: list[Store] = []
 
     def leave() -> tuple[Store, str]:
@@ -52,7 +52,7 @@ def left(folder: Path) -> Iterator[Callable[[], tuple[Store, str]]]:
 
 @pytest.fixture
 def killed(folder: Path) -> Iterator[Callable[..., tuple[Store, str]]]:
-    """A study whose server was killed in a phase of the first trial."""
+    """A study after a kill of the server in a phase of the first trial."""
     with ExitStack() as opened:
 
         def kill(phase: str, answers: int = 0, stored: int = 4) -> tuple[Store, str]:
@@ -156,7 +156,7 @@ def test_withdrawal_leaves_the_questionnaire_unanswered(left: Callable[[], tuple
 
 
 def test_completion_waits_for_the_last_answers(folder: Path) -> None:
-    """Nobody has completed the study before."""
+    """The participant is completed only after the last answer."""
     with Store(folder) as store:
         pseudonym = enrol_with_consent(store)
         day = ServerDay(store, pseudonym)
@@ -188,7 +188,7 @@ def test_completion_waits_for_the_last_answers(folder: Path) -> None:
 
 
 def assert_completed_with(store: Store, pseudonym: str, answers: dict[str, int]) -> None:
-    """The first trial counts with these answers, in the database and in its recording."""
+    """Assert that the first trial is completed with these answers in database and recording."""
     (attempt,) = store.attempts(pseudonym)
     assert (attempt.state, store.trials(pseudonym)[0].state) == ("completed", "completed")
     assert (attempt.metrics.steps, values(store, pseudonym)) == (3, answers)
@@ -211,7 +211,7 @@ def assert_completed_with(store: Store, pseudonym: str, answers: dict[str, int])
 def test_trial_killed_after_the_robot_finished_counts(
     killed: Callable[..., tuple[Store, str]], phase: str, answers: int, stored: int
 ) -> None:
-    """Also where the program was killed before its last answer was stored in the database."""
+    """It counts even if the last answer was not yet in the database."""
     store, pseudonym = killed(phase, answers, stored)
     day = ServerDay(store, pseudonym)
     given = dict(list(ANSWERS.items())[:answers])
@@ -250,7 +250,7 @@ def test_rebuild_from_a_truncated_recording(killed: Callable[..., tuple[Store, s
 
 
 def test_answers_agree_after_a_kill(left: Callable[[], tuple[Store, str]]) -> None:
-    """L1 was changed twice in the recording and L2 once in the database, then the other was to follow."""
+    """Recording or database lacks the last change of an answer."""
     store, pseudonym = left()
     (attempt,) = store.attempts(pseudonym)
     change_answer(store, attempt.id, Answer("L2", 4, 1.0))

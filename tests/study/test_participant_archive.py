@@ -1,4 +1,4 @@
-"""The data of one participant on request: all of theirs, in open formats, and nothing of others."""
+"""The archive of one participant: all their data in open formats, and no data of others."""
 
 import csv
 import io
@@ -31,7 +31,7 @@ OTHERS = ("Zora", "zora-note", "zora-event", "sub-002")
 
 
 def change_an_answer(store: Store, pseudonym: str) -> None:
-    """Let somebody change an answer, whose event names a session and no participant."""
+    """Change an answer; its event has a session and no participant."""
     session = open_session(store, pseudonym)
     trial = store.remaining_trials(pseudonym)[0]
     attempt = begin_attempt(store, session.id, trial.position)
@@ -44,7 +44,7 @@ def change_an_answer(store: Store, pseudonym: str) -> None:
 
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[Store]:
-    """Two participants with all kinds of data, which differ between them."""
+    """Two participants with different data of all kinds."""
     with Store(small_study(tmp_path / "study")) as opened:
         for name in ("Ada", "Zora"):
             pseudonym = enrol_with_consent(opened, simulated=False, name=name, contact=f"{name}@example.org")

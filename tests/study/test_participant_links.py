@@ -1,4 +1,4 @@
-"""Links of participants: each opens one session of one participant and ends with it; codes lead to it for minutes."""
+"""Links of participants: each opens one session and ends with it; codes are valid for minutes."""
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -48,7 +48,7 @@ ENGLISH = Language("en", "ltr", {})
 
 @dataclass(frozen=True)
 class Served:
-    """A study's server, as ``avrgym serve`` makes it."""
+    """A study server like that of ``avrgym serve``."""
 
     store: Store
     server: LiveServer[StudySessions]
@@ -59,7 +59,7 @@ class Served:
 
     @property
     def link(self) -> str:
-        """That of the session that runs."""
+        """The link of the running session."""
         assert self.sessions.links.link is not None
         return self.sessions.links.link
 
@@ -109,7 +109,7 @@ def take_in_german(store: Store) -> str:
 
 @contextmanager
 def opened(served: Served, token: str, path: str = "/ws") -> Iterator[ClientConnection]:
-    """A socket that has said hello."""
+    """A connected socket."""
     with connect(f"ws://127.0.0.1:{served.server.port}{path}", max_size=None) as socket:
         socket.send(messages.encode(Hello(messages.PROTOCOL, token, "test", emulated=True)))
         yield socket
@@ -122,7 +122,7 @@ def first(socket: ClientConnection) -> Message:
 
 
 def identifier(served: Served, link: str) -> str:
-    """Whose session a link opens."""
+    """The identifier of the session that a link opens."""
     with opened(served, link) as socket:
         welcome = first(socket)
         assert isinstance(welcome, Welcome), welcome
@@ -130,13 +130,13 @@ def identifier(served: Served, link: str) -> str:
 
 
 def closing(socket: ClientConnection) -> int | None:
-    """The close code of a connection, after all other messages."""
+    """Receive all messages and return the close code of the connection."""
     rest(socket)
     return socket.close_code
 
 
 def rest(socket: ClientConnection) -> list[Message]:
-    """All that still comes."""
+    """All remaining messages."""
     heard: list[Message] = []
     with suppress(ConnectionClosed):
         while True:
@@ -145,7 +145,7 @@ def rest(socket: ClientConnection) -> list[Message]:
 
 
 def refused(served: Served, token: str, path: str = "/ws") -> tuple[int | None, str | None]:
-    """The code of a refusal, and its language."""
+    """Status code and language of a rejection."""
     with opened(served, token, path) as socket:
         message = first(socket)
         language = message.language if isinstance(message, Language) else None

@@ -1,4 +1,4 @@
-"""A study's plan: bad ones are refused in a line, what was frozen stays on record, and what differs is listed."""
+"""Plans of a study: errors of invalid plans, freezing, and deviations."""
 
 import json
 from pathlib import Path
@@ -185,7 +185,7 @@ def test_database_contains_the_checksum_of_the_record(tmp_path: Path) -> None:
 
 
 def test_record_remains_after_loss_of_the_database(tmp_path: Path) -> None:
-    """A new database does not know the plan: that is wrong, and differences from it are still listed."""
+    """A new database lacks the plan, which is an error; deviations are still listed."""
     folder = _frozen(small_study(tmp_path / "study"))
     for lost in ("study.db", "study.db.sha256", "study.head"):
         (folder / lost).unlink()

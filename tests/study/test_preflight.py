@@ -1,4 +1,4 @@
-"""``avrgym study check`` tells before the first participant comes whether the study can run."""
+"""``avrgym study check`` reports before the first participant whether the study can run."""
 
 import shutil
 from pathlib import Path
@@ -25,7 +25,7 @@ def _at_home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def with_own_policies(folder: Path, *scenes: str) -> Path:
-    """A study of feeding whose policies are of its own, copies of the packaged ones of these scenes."""
+    """A feeding study with custom policies, which are copies of packaged ones."""
     make_study(
         folder,
         tasks='["Feeding"]',
@@ -41,7 +41,7 @@ def with_own_policies(folder: Path, *scenes: str) -> Path:
 
 
 def check(folder: Path) -> tuple[int, list[str]]:
-    """Exit code and lines of ``avrgym study check``."""
+    """Exit code and output lines of ``avrgym study check``."""
     result = CliRunner().invoke(app, ["study", "check", str(folder)])
     return result.exit_code, (result.stdout + result.stderr).splitlines()
 
@@ -84,7 +84,7 @@ def test_files_in_the_working_directory_are_ignored(tmp_path: Path) -> None:
 
 
 def test_check_and_serve_report_the_same_fault(tmp_path: Path) -> None:
-    """Of a policy for another task, and of a file that is damaged."""
+    """For a policy of another task and for a damaged file."""
     folder = with_own_policies(tmp_path / "study", "FeedingPR2", "ScratchItchJaco")
     for _ in range(2):
         code, lines = check(folder)
@@ -99,7 +99,7 @@ def test_check_and_serve_report_the_same_fault(tmp_path: Path) -> None:
 
 
 def test_policy_of_another_robot_is_rejected(tmp_path: Path) -> None:
-    """Observations and actions of both robots have the same sizes; the file contains the robot of its training."""
+    """Both robots have equal sizes of observations and actions; the file contains its robot."""
     folder = with_own_policies(tmp_path / "feeding", "FeedingJaco", "FeedingJaco")
     words = f"trained for {JACO}, not for avrgym/FeedingPR2-v1"
     code, lines = check(folder)
@@ -121,7 +121,7 @@ def test_policy_of_another_robot_is_rejected(tmp_path: Path) -> None:
 
 
 def test_damaged_policy_files_raise_no_traceback(tmp_path: Path) -> None:
-    """What is loaded runs; what is not is named."""
+    """A damaged file either loads and runs, or raises an error with its name."""
     folder = with_own_policies(tmp_path / "study", "FeedingPR2", "FeedingJaco")
     path = folder / "mine" / "FeedingJaco.safetensors"
     whole = path.read_bytes()

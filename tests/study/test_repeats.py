@@ -1,4 +1,4 @@
-"""Repeats of trials by reason, person and outcome, and a study in which one policy was repeated until it succeeded."""
+"""Repeated trials by reason, person and outcome, and repeats of one policy until success."""
 
 import json
 from collections import Counter
@@ -97,7 +97,7 @@ def of_repeats(text: str) -> list[str]:
 
 @pytest.mark.slow
 def test_policy_repeated_until_success_is_reported(folder: Path) -> None:
-    """24 extra attempts, all with one policy: in ``check``, in ``status``, and in the report with its methods."""
+    """``check``, ``status``, report and methods list 24 extra attempts with one policy."""
 
     def until_success(trial: Trial) -> Ends:
         return [("repeated", False)] * (1 + trial.position % 2) if trial.policy == "original" else []
@@ -148,7 +148,7 @@ def test_technical_repeats_are_no_finding(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_balanced_requested_repeats_are_no_finding(folder: Path) -> None:
-    """One trial of each policy for each participant, with a robot and an outcome that change."""
+    """One repeat of each policy for each participant, with varying robot and outcome."""
     with Store(folder) as store:
         for number in range(4):
             robot = "Jaco" if number % 2 else "PR2"
@@ -266,7 +266,7 @@ def test_repeat_has_reason_and_person(store: Store, ending: str) -> None:
 
 
 def repeat_after(store: Store) -> list[str]:
-    """Reason, cause and person of the first attempt, once another one has begun."""
+    """Reason, cause and person of the first repeat after another attempt."""
     session = open_session(store, "sub-001", take_over=True)
     begin_attempt(store, session.id, store.remaining_trials("sub-001")[0].position)
     repeat = attempted_trials(store)[0].repeats[0]
@@ -285,7 +285,7 @@ def test_attempt_open_after_a_crash_is_a_restart(store: Store) -> None:
 
 @pytest.mark.parametrize("alpha", [0.0025, 0.005, 0.05])
 def test_exact_test_keeps_its_level(alpha: float) -> None:
-    """The probabilities of all outcomes that it rejects add up to no more than the level, for any blocks."""
+    """The rejected outcomes have a total probability up to the level, for any blocks."""
     for blocks in (
         [(4, 2, 2)] * 8,
         [(4, 2, 1), (4, 1, 3), (2, 1, 1)] * 4,
@@ -308,7 +308,7 @@ def test_exact_test_keeps_its_level(alpha: float) -> None:
 
 @pytest.mark.slow
 def test_random_repeats_cause_at_most_1_percent_findings() -> None:
-    """2 000 studies of 8 people and 16 trials; every tenth trial is repeated, and policies differ in success."""
+    """2 000 studies of 8 people and 16 trials; 10 % of trials are repeated, and success differs by policy."""
     design, generator = parse_design(default_text()), np.random.default_rng(0)
     found = sum(
         bool(list(repeat_findings(imagined(design, generator, 0.1, 0.1), design, None))) for _ in range(2000)
@@ -318,7 +318,7 @@ def test_random_repeats_cause_at_most_1_percent_findings() -> None:
 
 @pytest.mark.slow
 def test_repeats_after_failures_are_found() -> None:
-    """Both policies alike: of finished first attempts half of those without success are repeated, none with success."""
+    """Half of the failed first attempts are repeated, and no successful ones, for both policies."""
     design, generator = parse_design(default_text()), np.random.default_rng(0)
     found = [
         any(
@@ -333,7 +333,7 @@ def test_repeats_after_failures_are_found() -> None:
 def imagined(
     design: Design, generator: np.random.Generator, after_failure: float, after_success: float
 ) -> list[AttemptedTrial]:
-    """The trials of eight people, repeated once with these probabilities after a first attempt."""
+    """The trials of eight people with random repeats after the first attempt."""
     tried: list[AttemptedTrial] = []
     conditions = list(product(design.tasks, design.robots, design.policies))
     for number in range(1, 9):

@@ -1,4 +1,4 @@
-"""Retention: what is due is named, and deleted only by the command, with a trace of each deletion."""
+"""Retention: due data are listed, and only the command deletes them and stores an event."""
 
 from collections.abc import Iterator
 from datetime import date
@@ -45,7 +45,7 @@ def store(folder: Path) -> Iterator[Store]:
 
 
 def state(folder: Path, lines: str) -> None:
-    """Write what ``[retention]`` says."""
+    """Write the ``[retention]`` table of a design."""
     path = folder / "study.toml"
     path.write_text(path.read_text().replace("[retention]\n", f"[retention]\n{lines}"))
 

@@ -1,4 +1,4 @@
-"""Ctrl+C, SIGTERM and SIGHUP end a command alike: in words, with an exit code, and with a farewell to clients."""
+"""Ctrl+C, SIGTERM and SIGHUP end a command with a message, an exit code and closed connections."""
 
 import os
 import signal
@@ -27,7 +27,7 @@ PATIENCE_S = 60.0
 
 @contextmanager
 def participant(address: str) -> Iterator[ClientConnection]:
-    """A participant's client that was let in."""
+    """A connected client of a participant."""
     url, _, token = address.partition("/#token=")
     with connect(f"ws{url.removeprefix('http')}/ws", max_size=None, max_queue=None) as client:
         client.send(messages.encode(messages.Hello(messages.PROTOCOL, token, "test", emulated=True)))
@@ -36,7 +36,7 @@ def participant(address: str) -> Iterator[ClientConnection]:
 
 
 def farewell(client: ClientConnection) -> tuple[int | None, str | None]:
-    """Code and reason of the close, after all else that comes."""
+    """Receive all messages and return code and reason of the close."""
     with suppress(ConnectionClosed):
         while True:
             client.recv(PATIENCE_S)
@@ -72,7 +72,7 @@ def test_interrupted_command_has_its_exit_code(number: signal.Signals) -> None:
 
 @pytest.mark.slow
 def test_workers_end_with_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A terminal sends Ctrl+C to all of them."""
+    """A terminal sends Ctrl+C to the command and its workers."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     command = [AVRGYM, "study", "simulate", make_study(tmp_path), "--participants", "2"]
     with subprocess.Popen(
@@ -114,7 +114,7 @@ def test_unstored_end_of_a_session_has_exit_code_1(tmp_path: Path, monkeypatch: 
 
 
 def await_handlers(process: int) -> None:
-    """Wait until a program listens to signals (Linux says which are caught)."""
+    """Wait until a program handles signals, by its mask in /proc."""
     give_up_s = time.monotonic() + PATIENCE_S
     caught = 1 << (signal.SIGTERM - 1)
     while time.monotonic() < give_up_s:

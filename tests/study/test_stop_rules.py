@@ -1,4 +1,4 @@
-"""Stop rules: symptoms rise, the session pauses or ends, and the experimenter reads why."""
+"""Stop rules: symptoms pause or end the session, and the experimenter sees the reason."""
 
 import re
 from collections.abc import Iterator
@@ -109,7 +109,7 @@ def attend(visit: StudyVisit) -> Visit:
 
 
 def rate(attended: Visit, nausea: int) -> None:
-    """Go through the trial that comes, and answer its questions."""
+    """Run the next trial and answer its questions."""
     attended.run_until("questionnaire")
     attended.answer(5, 5, 5, 5, nausea)
     attended.tick(25)

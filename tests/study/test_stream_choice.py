@@ -1,4 +1,4 @@
-"""Which streams of other devices a study or a command chooses."""
+"""Selection of streams of other devices in a study or a command."""
 
 from pathlib import Path
 

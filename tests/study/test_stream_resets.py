@@ -1,4 +1,4 @@
-"""A device whose clock jumps in a trial: what check, analysis and export say of it."""
+"""Clock jumps of a device in check, analysis and export."""
 
 import csv
 import gzip

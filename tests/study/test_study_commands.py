@@ -1,4 +1,4 @@
-"""The program ``avrgym study``, and what its check finds."""
+"""The commands of ``avrgym study`` and the findings of its check."""
 
 import json
 import re
@@ -35,7 +35,7 @@ def study(*arguments: str | Path) -> Result:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A study whose first participant has finished and whose second has begun."""
+    """A study with a finished participant and one who has begun."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     folder = small_study(tmp_path / "study")
     with Store(folder) as store:
@@ -168,7 +168,7 @@ DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
     ),
     "stranger": (
         lambda s: identity_file.write_entry(s.folder, "sub-009", identity_file.Identity("Ada", "")),
-        "private/identities.json", "names sub-009, who is not in this study",
+        "private/identities.json", "contains sub-009, who is not in this study",
     ),
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""A study's design: the paper's protocol as default, and errors that lead to the line."""
+"""The design of a study: the default protocol of the paper, and errors with their line."""
 
 import re
 from pathlib import Path
@@ -39,7 +39,7 @@ def test_new_study_has_the_protocol_of_the_paper(tmp_path: Path) -> None:
 
 
 def test_new_study_includes_people_with_motor_impairments() -> None:
-    """Nobody must be able-bodied or press anything: some means to signal stop is enough."""
+    """Inclusion requires some means to signal stop, not the ability to press a button."""
     asked = {question.id: question.text.lower() for question in parse_design(TEXT).inclusion}
     assert "stop" in asked["stop"]
     assert "voice or another" in asked["stop"]

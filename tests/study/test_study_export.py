@@ -1,4 +1,4 @@
-"""Exports, opened again by the tools that read their formats."""
+"""Exports are opened by the usual tools of their formats."""
 
 import csv
 import importlib.util
@@ -42,7 +42,7 @@ SCENES = ("FeedingJaco", "FeedingPR2")
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
-    """A simulated participant who has finished and a person in the middle of their trials."""
+    """A simulated participant with all trials and a person with some."""
     with Store(small_study(tmp_path_factory.mktemp("study"))) as opened:
         run_participant(opened, enrol_with_consent(opened))
         person = enrol_with_consent(opened, simulated=False, name=NAME, contact="ada@example.org")
@@ -57,7 +57,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
 
 @pytest.fixture(scope="module")
 def exports(store: Store, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """All formats, each in a folder."""
+    """Exports in all formats, each in a folder."""
     folder = tmp_path_factory.mktemp("exports")
     for name in FORMATS:
         assert export_study(store, name, folder / name) == len(
@@ -145,7 +145,7 @@ def test_codebook_describes_all_columns(exports: dict[str, Path]) -> None:
 
 
 def test_table_values_match_the_codebook(exports: dict[str, Path]) -> None:
-    """Where it lists values, no other stands in the table; and only what may be empty is."""
+    """Tables contain only listed values, and only optional columns have empty cells."""
     codebook = table(exports["csv"] / "codebook.csv")
     for _, row in codebook.iterrows():
         held = table(exports["csv"] / f"{row['table']}.csv")[row["column"]]
@@ -249,7 +249,7 @@ def test_bids_contains_streams_of_other_devices(exports: dict[str, Path]) -> Non
 
 
 def test_pybids_and_mne_bids_open_an_export(exports: dict[str, Path]) -> None:
-    """The latter reads no motion, and finds none because it wants ``tracksys`` elsewhere than BIDS."""
+    """mne-bids reads no motion data; it expects ``tracksys`` at another place than BIDS."""
     bids = pytest.importorskip("bids", reason="`pip install pybids` brings what reads the export")
     layout = bids.BIDSLayout(exports["bids"], validate=True)
     assert (layout.get_subjects(), layout.get_tasks()) == (["001", "002"], ["Feeding"])
@@ -396,7 +396,7 @@ STATISTICS = {"min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", 
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_lerobot_statistics_contain_quantiles_of_all_features(exports: dict[str, Path], scene: str) -> None:
-    """Over all frames in stats.json, and over the frames of each episode in its own file."""
+    """Quantiles of all frames in stats.json, and of each episode in its own file."""
     folder = exports["lerobot"] / scene
     frames: Any = pd.read_parquet(folder / "data" / "chunk-000" / "file-000.parquet")
     episodes: Any = pd.read_parquet(folder / "meta" / "episodes" / "chunk-000" / "file-000.parquet")

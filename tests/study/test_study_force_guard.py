@@ -1,4 +1,4 @@
-"""Whether a study's robots are guarded stands in its design."""
+"""The design of a study contains the setting of the force guard."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Whether sessions begin with a check of the headset stands in the design; what it measured stays with the session."""
+"""The design enables the headset check; results are stored with the session."""
 
 import csv
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Validated questionnaires in a study: the design names them, and their scores stand in tables and report."""
+"""Validated questionnaires in a design, and their scores in tables and report."""
 
 import json
 import re
@@ -147,7 +147,7 @@ def rating(number: int, revised: bool, place: int) -> int:
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
-    """People who rated their load after each trial, and their symptoms before and after; the last left one out."""
+    """People with workload ratings after each trial and symptoms before and after; the last lacks one answer."""
     folder = tmp_path_factory.mktemp("study")
     make_study(folder, tasks='["Feeding"]', robots='["Jaco"]', practice_policy='""', trial_steps="5")
     with open(folder / "study.toml", "a") as file:
@@ -196,7 +196,7 @@ def out(study: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_workload_is_scored_with_weights(out: Path) -> None:
-    """Choosing always the first of a pair gives the factors the weights 5, 4, 3, 2, 1 and 0."""
+    """With the first choice of each pair, the factors have the weights 5, 4, 3, 2, 1 and 0."""
     scores = read(out / "analysis" / "tables" / "scores.csv").query("questionnaire == 'nasa-tlx'")
     assert scores["counted"].all()
     assert len(scores) == PEOPLE * 2 * 8
@@ -287,7 +287,7 @@ def test_studies_without_instruments_have_no_score_tables(
 
 
 def scale_of(item: str) -> tuple[int, int, int]:
-    """Lowest, highest and number of the values of an item, as published."""
+    """Lowest and highest value of an item and their number, as published."""
     if item.startswith("ssq_"):
         return 0, 3, 4
     if "_or_" in item:

@@ -1,4 +1,4 @@
-"""Edits and damage from outside are noticed, and what the program does itself is not."""
+"""Checks find edits and damage by other programs, and no changes by AVR Gym."""
 
 import random
 import shutil
@@ -36,7 +36,7 @@ OLD = DATA / "study-of-0.2.0"
 
 @pytest.fixture(scope="module", params=["sqlite", "postgresql"])
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """A study in each kind of database, and the database's URL if a server holds it; tests get copies."""
+    """A study in each kind of database, and its URL on a server; tests use copies."""
     on_server = request.param == "postgresql"
     url = new_postgresql_database(request.getfixturevalue("postgresql")) if on_server else ""
     return _study(tmp_path_factory.mktemp("made") / "study", url), url
@@ -86,7 +86,7 @@ def wrong(folder: Path) -> list[Finding]:
 
 
 def run_sql(folder: Path, *statements: str) -> None:
-    """Edit the database as anybody could who does not go through the study."""
+    """Edit the database directly."""
     with Store(folder) as store, store.database._engine.begin() as connection:
         for statement in statements:
             connection.execute(sa.text(statement))
@@ -218,7 +218,7 @@ def test_earlier_edit_is_found_after_a_session(on_sqlite: Path) -> None:
 
 
 def _unused(data: bytearray) -> int:
-    """Where a page's free space lies, which no value is read from."""
+    """The unused bytes of a database page."""
     return next(at for at in range(8192, len(data)) if not any(data[at - 40 : at + 40]))
 
 
@@ -266,7 +266,7 @@ while True:
 
 @pytest.mark.slow
 def test_kills_between_transaction_and_checksum_cause_no_finding(folder: Path) -> None:
-    """The share of 200 that every run of the tests can afford."""
+    """A few of the 200 kills of the soak test."""
     for pause in range(3):
         command = [sys.executable, "-c", KILLED, folder]
         with subprocess.Popen(command, stdout=subprocess.PIPE, preexec_fn=kill_with_parent) as process:

@@ -1,4 +1,4 @@
-"""A study from enrolment to its check, all in a real browser; the server is killed in the middle of a trial."""
+"""A study from enrolment to its check in a browser, with a kill of the server in a trial."""
 
 import json
 import signal
@@ -34,7 +34,7 @@ ANSWERS = {"L1": 7, "L2": 6, "L3": 5, "L4": 4}
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A study of two trials of two seconds, with a policy of its own, that asks one item before each session."""
+    """A study of two trials of 2 s, with a custom policy and one item before each session."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     folder = make_study(
         tmp_path / "study",
@@ -117,7 +117,7 @@ def open_dashboard(headset: EmulatedHeadset, address: str) -> Page:
 
 
 def take_in(dashboard: Page, folder: Path) -> None:
-    """Enrol a woman who agrees and can take part."""
+    """Enrol an eligible woman with consent."""
     dashboard.locator("summary", has_text="Enrol somebody").click()
     dashboard.get_by_label("Body model").select_option("woman")
     dashboard.get_by_role("button", name="Enrol", exact=True).click()
@@ -170,7 +170,7 @@ def answer_all(headset: EmulatedHeadset) -> None:
 
 
 def await_attempt(headset: EmulatedHeadset, trial: int) -> None:
-    """Wait until a trial has begun: from free movement to the last answer something is to be lost."""
+    """Wait until a trial has begun, when a kill can lose data."""
     headset.page.wait_for_function(
         "([trial]) => ((phase) => phase?.trial === trial && phase.name !== 'loading')(window.avrgymEmulator.phase())",
         arg=[trial],
@@ -187,6 +187,6 @@ def states(folder: Path) -> list[str]:
 
 
 def digests(folder: Path) -> dict[str, str]:
-    """The stored checksums of closed recordings, which are those of their files."""
+    """The checksums of closed recordings; asserts that they match the files."""
     with Store(folder) as store:
         return {each.recording: each.sha256 for each in store.attempts("sub-001") if each.sha256}

@@ -1,4 +1,4 @@
-"""A study in several languages: what each participant reads, and what is stored of it."""
+"""A study in several languages: texts of participants, and stored data."""
 
 import csv
 import hashlib
@@ -135,7 +135,7 @@ def test_participant_reads_one_language(folder: Path, tmp_path: Path) -> None:
 def test_dashboard_shows_consent_in_the_language_of_the_participant(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And warns of a full disk."""
+    """The dashboard also warns about a full disk."""
     with Store(folder) as store:
         pseudonym = take_in_german(store)
         seen = participant_view(store, pseudonym)

@@ -1,4 +1,4 @@
-"""Studies of several sites become one: whole, each participant once, and however often a merge is broken off."""
+"""Merges of studies are complete, contain each participant once, and continue after interruptions."""
 
 import re
 import shutil
@@ -47,7 +47,7 @@ def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two sites: atlanta with one who has finished and one who has begun, berlin, named by its folder, with one."""
+    """Two sites: atlanta with two participants, and berlin with one and no name in its design."""
     folder = tmp_path_factory.mktemp("sites")
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv(database.URL_VARIABLE, raising=False)
@@ -67,7 +67,7 @@ def out(tmp_path: Path) -> Path:
 
 
 def without_keys(store: Store, pseudonym: str) -> list:
-    """What a study tells of a participant, but for ids."""
+    """The data of a participant without ids."""
     trials = [(each.position, each.environment, each.seed, each.state) for each in store.trials(pseudonym)]
     attempts = [
         (each.number, each.state, each.sha256, each.metrics, store.path(each.recording).read_bytes())
@@ -432,7 +432,7 @@ def test_next_merge_restores_damaged_recordings(sites: list[Path], out: Path) ->
 
 @pytest.mark.slow
 def test_killed_merge_is_completed_by_the_next(sites: list[Path], out: Path, tmp_path: Path) -> None:
-    """The share of 20 that every run of the tests can afford: as the study is made, in a copy, in and after rows."""
+    """Kills at some of the 20 points of the soak test: creation, copies and rows."""
     merge_studies(sites, tmp_path / "whole")
     for step in (0, 4, 30):
         assert kill_merge(sites, out, step)

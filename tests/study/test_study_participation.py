@@ -1,4 +1,4 @@
-"""Who withdrew, was excluded or was deleted stays so when the database is lost: the signed participation list."""
+"""The signed participation list keeps withdrawals, exclusions and deletions after loss of the database."""
 
 import json
 import os
@@ -48,7 +48,7 @@ STATES = {
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A study in which everything happened, and a copy of the recordings of somebody who was deleted since."""
+    """A study with all final states, and a copy of the recordings of a deleted participant."""
     folder = small_study(tmp_path_factory.mktemp("made") / "study")
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv(database.URL_VARIABLE, raising=False)
@@ -172,7 +172,7 @@ def test_list_contains_only_numbers_of_deleted_participants(folder: Path) -> Non
 
 
 def test_database_is_updated_from_the_list(folder: Path, tmp_path: Path) -> None:
-    """An older copy of the database is put back: nobody who left since then comes back with it."""
+    """After a restore of an older database, later withdrawals and deletions still apply."""
     older = {name: (folder / name).read_bytes() for name in DATABASE_FILES}
     with Store(folder) as store:
         withdraw(store, "sub-005")
@@ -188,13 +188,13 @@ def test_database_is_updated_from_the_list(folder: Path, tmp_path: Path) -> None
 
 
 def edit(folder: Path) -> None:
-    """Let who withdrew have completed."""
+    """Change the state of the withdrawn participant to completed."""
     changed = [line.replace('"withdrawn"', '"completed"') for line in lines(folder)]
     (folder / FILE).write_text("".join(changed))
 
 
 def resign(folder: Path) -> None:
-    """Do the same, and compute the chain again with another key."""
+    """Change the state, and sign a recomputed chain with another key."""
     contents = [
         (each["participant"], each["content"] or {"state": "enrolled", "at": ""})
         for each in map(json.loads, lines(folder))
@@ -211,12 +211,12 @@ def resign(folder: Path) -> None:
 
 
 def cut(folder: Path) -> None:
-    """Let the list end before somebody withdrew."""
+    """Truncate the list before the withdrawal."""
     (folder / FILE).write_text("".join(lines(folder)[:-1]))
 
 
 def another(folder: Path) -> None:
-    """Put another study's list there."""
+    """Replace the list by that of another study."""
     other = small_study(folder.parent / "other")
     with Store(other) as store:
         for _ in range(7):
@@ -258,7 +258,7 @@ def test_participants_without_a_valid_list_need_confirmation(folder: Path, forge
 
 
 def rebuild_again(folder: Path) -> bool:
-    """Lose the database once more; whether nobody became known by that."""
+    """Rebuild the database again; returns whether all participants are still unknown."""
     lose(folder)
     return set(states(folder).values()) == {"unknown"}
 
@@ -296,7 +296,7 @@ def test_loss_of_the_list_remains_recorded(folder: Path, tmp_path: Path) -> None
 
 
 def test_only_unknown_participants_can_be_confirmed(folder: Path) -> None:
-    with Store(folder) as store, pytest.raises(StudyError, match="is withdrawn; only those"):
+    with Store(folder) as store, pytest.raises(StudyError, match="is withdrawn; allowed: participants"):
         confirm_participation(store, "sub-002", "form")
     lose(folder, FILE)
     assert avrgym("confirm-participation", folder, "sub-001", "--evidence", " ").exit_code == 1
@@ -323,7 +323,7 @@ def test_unsigned_list_proves_nothing(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def _withdraw_and_die(folder: Path) -> None:
-    """Withdraw somebody, and be killed between the list and the database."""
+    """Withdraw a participant, and end the process between list and database."""
     following = reconciliation.append_transaction
 
     def follow_and_die(*arguments: object) -> None:
@@ -368,7 +368,7 @@ def _rebuild_and_die(folder: Path) -> None:
 
 
 def test_list_survives_a_killed_rebuild(folder: Path) -> None:
-    """Before it is complete the study does not open: an empty database would replace the list."""
+    """The study does not open with an incomplete database, which would replace the list."""
     process = get_context("fork").Process(target=_rebuild_and_die, args=(folder,))
     process.start()
     process.join()

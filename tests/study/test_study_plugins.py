@@ -1,4 +1,4 @@
-"""A study stores which plug-ins it used, and names whatever was not the same in all of its trials."""
+"""A study stores its plug-ins, and a check lists those that differ between trials."""
 
 from collections.abc import Callable
 from dataclasses import replace

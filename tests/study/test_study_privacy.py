@@ -1,4 +1,4 @@
-"""Who takes part stays private, and goes without a trace on request."""
+"""Names are private, and deletion of a participant leaves no trace."""
 
 import hashlib
 import os
@@ -36,7 +36,7 @@ NAMES = {NAME.encode(), CONTACT.encode(), b"Unverwechselbar"}
 
 @pytest.fixture
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
-    """Three people, each with some trials; the second has left traces wherever that is possible."""
+    """Three people with some trials; the second has traces in all kinds of data."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     with Store(small_study(tmp_path / "study")) as opened:
         for number in (1, 2, 3):
@@ -60,14 +60,14 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def found(folder: Path) -> set[bytes]:
-    """The traces that a search through the bytes and names of all files finds."""
+    """The traces in contents and names of all files."""
     held = files(folder)
     everything = [*held.values(), *(name.encode() for name in held)]
     return {trace for trace in TRACES if any(trace in data for data in everything)}
 
 
 def others(store: Store) -> tuple:
-    """What belongs to the other participants: rows, and checksums of recordings."""
+    """Rows and checksums of recordings of the other participants."""
     rows = tuple(
         (store.participant(p), store.trials(p), store.sessions(p), store.attempts(p), store.answers(p))
         for p in ("sub-001", "sub-003")
@@ -178,7 +178,7 @@ def test_other_readers_prevent_erasure_of_traces(store: Store, monkeypatch: pyte
     monkeypatch.setattr(sqlite, "WAIT_S", 0.1)
     with Store(store.folder) as reader, reader.database.read() as connection:
         connection.execute(schema.PARTICIPANT.select()).all()
-        with pytest.raises(StudyError, match="the study is in use: stop what uses it and delete again"):
+        with pytest.raises(StudyError, match="the study is in use: stop the other program and delete again"):
             delete_participant(store, "sub-002")
     delete_participant(store, "sub-002")
     assert found(store.folder) == set()

@@ -1,4 +1,4 @@
-"""A database that was lost, a medium that cannot be written, files that others may read."""
+"""Lost databases, read-only media and file permissions."""
 
 import os
 import shutil
@@ -34,7 +34,7 @@ def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def old(tmp_path: Path) -> Path:
-    """A study of an earlier version: twelve completed trials, and a name without any."""
+    """A study of an earlier version with twelve completed trials, and a name without trials."""
     return Path(shutil.copytree(OLD, tmp_path / "old"))
 
 
@@ -110,7 +110,7 @@ def test_lost_database_is_rebuilt_from_recordings(old: Path, tmp_path: Path) -> 
 
 
 def _facts(row: object) -> dict:
-    """A row without ids and times, which a rebuild changes."""
+    """A row without ids and times, which differ after a rebuild."""
     made_anew = ("id", "started_at", "ended_at", "answered_at")
     values = asdict(row) if isinstance(row, Answer) else vars(row)
     facts = {name: value for name, value in values.items() if name not in made_anew}
@@ -136,7 +136,7 @@ def test_existing_database_is_not_rebuilt(old: Path) -> None:
 def test_read_only_study_can_be_opened(
     old: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, closed: bool
 ) -> None:
-    """Also where a process was killed and the log of SQLite still holds what it wrote; and of an earlier version."""
+    """Also with data in the write-ahead log of a killed process, and for an earlier version."""
     folder = old
     if not closed:
         used = small_study(tmp_path / "used")

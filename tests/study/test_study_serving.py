@@ -1,4 +1,4 @@
-"""Sessions of a study one after another, as the server's loop runs them and an experimenter begins them."""
+"""Successive sessions of a study in the loop of the server."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -40,7 +40,7 @@ NO_PROCESS = 2**22 + 1
 
 
 class Loop:
-    """Ticks the sessions as a loop would, while another thread asks; ``heard`` is what was sent."""
+    """Ticks the sessions while another thread sends requests; ``heard`` contains the sent messages."""
 
     def __init__(self, store: Store) -> None:
         self.inbox: list[Sent] = []
@@ -68,7 +68,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
 
 @pytest.fixture
 def asking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
-    """A study that asks two items before each session and one after it."""
+    """A study with two items before each session and one after it."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     folder = make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]')
     with open(folder / "study.toml", "a") as file:
@@ -92,7 +92,7 @@ def loop(store: Store) -> Iterator[Loop]:
 
 
 def test_one_session_runs_at_a_time(store: Store, loop: Loop) -> None:
-    """The next session begins for those who watch, and not for the participant of the one before."""
+    """The next session begins for spectators, and not for the earlier participant."""
     first, second = enrol_with_consent(store), enrol_with_consent(store)
     greeted: list[Sent] = []
     watched: list[Sent] = []
@@ -119,7 +119,7 @@ def test_one_session_runs_at_a_time(store: Store, loop: Loop) -> None:
 
 
 def test_sessions_use_the_latest_furniture(store: Store, loop: Loop) -> None:
-    """The design's until somebody gives another; the next session keeps it."""
+    """The furniture of the design applies until a session sets another, which later sessions keep."""
     assert loop.sessions.furniture == store.design.furniture
     lower = RealFurniture(seat_height_m=0.45)
     for furniture in (lower, None):
@@ -231,7 +231,7 @@ def test_experimenter_skips_questions_or_ends_the_session(asking: Store) -> None
 
 
 def test_session_with_only_the_last_questions(asking: Store) -> None:
-    """A crash came between the last trial and the questions about the session."""
+    """The session ended by a crash between the last trial and the last questions."""
     loop, pseudonym = Loop(asking), enrol_with_consent(asking)
     session = open_session(asking, pseudonym)
     for trial in asking.remaining_trials(pseudonym):
@@ -250,7 +250,7 @@ def test_session_with_only_the_last_questions(asking: Store) -> None:
 def test_session_does_not_begin_without_a_link(
     store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No session goes on for those who watch where its link could not be stored."""
+    """If the link cannot be stored, the session does not begin for spectators."""
 
     def fail(*_: object) -> str:
         raise StudyError("the study's database: disk full")
@@ -269,7 +269,7 @@ def test_session_does_not_begin_without_a_link(
 
 
 def test_loop_does_not_wait_for_a_new_link(store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The database may be locked for a minute, while the robot moves."""
+    """The database may be locked for a minute while the robot moves."""
     loop.ask(loop.sessions.begin, enrol_with_consent(store))
     before, made_by = loop.sessions.links.link, list[threading.Thread]()
     make_link = serving.make_link

@@ -1,4 +1,4 @@
-"""Dry runs: the same study from the same seed, however often it is broken off."""
+"""Dry runs give the same study for the same seed, also after interruptions."""
 
 import os
 import signal
@@ -59,14 +59,14 @@ def study(*arguments: str | int | Path, answers: str = "") -> Result:
 
 @pytest.mark.slow
 def test_killed_dry_run_gives_the_same_study(folder: Path, tmp_path: Path) -> None:
-    """Orders, seeds, answers and figures are those of a study that was never broken off."""
+    """Orders, seeds, answers and metrics equal those of an uninterrupted study."""
     whole = make_study(tmp_path / "whole", **DESIGN)
     print(compare_with_killed(whole, folder, tmp_path / "journal", kills=20))
 
 
 @pytest.mark.slow
 def test_dry_run_continues_after_a_kill(tmp_path: Path) -> None:
-    """The program with its processes, by `kill -9` between two trials of a participant, or in the second."""
+    """SIGKILL ends the program and its workers between two trials of a participant, or in the second."""
     design = DESIGN | {"practice_policy": '""'}
     whole, killed = (make_study(tmp_path / name, **design) for name in ("whole", "killed"))
     arguments = "--participants", "1", "--seed", str(SEED)
@@ -85,7 +85,7 @@ def test_dry_run_continues_after_a_kill(tmp_path: Path) -> None:
 
 
 def completed(folder: Path) -> int:
-    """How many trials of a study are."""
+    """The number of completed trials of a study."""
     with Store(folder) as store:
         return sum(row.trials_completed for row in summarise_study(store).participants)
 
@@ -235,7 +235,7 @@ def test_excluded_participant_cannot_take_part(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_trained_human_takes_part_in_its_environment(tmp_path: Path) -> None:
-    """From a folder of them; the same seed gives the same study, and all is marked as simulated."""
+    """Trained humans are read from a folder; equal seeds give equal studies, marked as simulated."""
     design = DESIGN | {"practice_policy": '""', "policies": '["revised"]'}
     folder, again = (make_study(tmp_path / name, **design) for name in ("study", "again"))
     humans = [

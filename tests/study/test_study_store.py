@@ -1,4 +1,4 @@
-"""A study's store, on SQLite and PostgreSQL: what may happen, what may not, and what stays after a crash."""
+"""The store of a study on SQLite and PostgreSQL: valid and invalid actions, and crashes."""
 
 import itertools
 import json
@@ -50,7 +50,7 @@ ITEMS = ("L1", "L2", "L3", "L4")
 
 @pytest.fixture(params=["sqlite", "postgresql"])
 def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """The database of the test's studies."""
+    """The kind of database of the test."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     if request.param == "postgresql":
         server = request.getfixturevalue("postgresql")
@@ -65,7 +65,7 @@ def store(kind: str, tmp_path: Path) -> Iterator[Store]:
 
 
 def contents(store: Store) -> dict[str, list]:
-    """Every row of every table."""
+    """All rows of all tables."""
     with store.database.read() as connection:
         return {
             table.name: [tuple(row) for row in connection.execute(sa.select(table))]
@@ -74,7 +74,7 @@ def contents(store: Store) -> dict[str, list]:
 
 
 def refused(store: Store, action: Callable[[], object], message: str) -> None:
-    """The action raises and leaves all rows and files as they were."""
+    """Assert that the action raises and changes no rows or files."""
     rows, files = contents(store), sorted(store.folder.rglob("*.mcap"))
     with pytest.raises(StudyError, match=message):
         action()
@@ -452,7 +452,7 @@ def test_kills_lose_no_trial(kind: str, tmp_path: Path) -> None:
 
 
 def _run_and_kill(folder: Path, after_s: float) -> None:
-    """Start a session in a process of its own and end it, at some moment of its work, as a crash would."""
+    """Run a session in another process, and kill it at a random time."""
     command = [sys.executable, "-c", WORKER, folder]
     with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=TESTS, preexec_fn=kill_with_parent) as worker:
         assert worker.stdout is not None
@@ -525,7 +525,7 @@ def latest_revision() -> str | None:
 
 @pytest.fixture
 def newer(tmp_path: Path) -> Path:
-    """The migrations as they may be after another one was added."""
+    """The migrations with an additional later one."""
     folder = tmp_path / "migrations"
     shutil.copytree(database.MIGRATIONS, folder, ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "versions" / "9999_colour.py").write_text(
@@ -570,7 +570,7 @@ def test_older_study_is_upgraded_after_a_backup(
 
 
 def study_of_0_2_0(tmp_path: Path, kind: str) -> Path:
-    """A study of 0.2.0. On PostgreSQL its tables and rows are copied from the file of SQLite."""
+    """A study of 0.2.0; on PostgreSQL, tables and rows are copied from its SQLite file."""
     folder = Path(shutil.copytree(OLD_STUDY, tmp_path / "old"))
     if kind == "postgresql":
         url = os.environ[database.URL_VARIABLE].replace("postgresql://", "postgresql+psycopg://")
@@ -693,7 +693,7 @@ def test_writes_are_flushed_to_disk(tmp_path: Path) -> None:
 
 
 def test_ended_process_is_not_running() -> None:
-    """Also before its parent has asked how it ended."""
+    """Also for a zombie process."""
     assert is_running(os.getpid())
     with subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None

@@ -1,4 +1,4 @@
-"""A participant's visit in a study: what is stored of it, who may have one, and how it goes on after a break."""
+"""Visits of participants: stored data, admission, and continuation after interruptions."""
 
 import hashlib
 import time
@@ -31,7 +31,7 @@ ITEMS = ("L1", "L2", "L3", "L4")
 
 @pytest.fixture
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
-    """A study of a practice trial and two trials of a second each."""
+    """A study with a practice trial and two trials of 1 s."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     folder = make_study(
         tmp_path / "study",
@@ -45,13 +45,13 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
 
 
 def attend(visit: StudyVisit) -> Visit:
-    """Someone attends the visit, whose countdown is short."""
+    """Attend a visit with a short countdown."""
     plan = replace(visit.plan(), countdown_s=0.1)
     return Visit(Path(), plan, make=lambda send: visit.session(plan, send))
 
 
 def finish_trial(attended: Visit, limit_s: float = 30.0) -> None:
-    """Go to the end of the trial that runs or comes, and answer."""
+    """Finish the present or next trial and answer its questions."""
     trial, ends_s = attended.session.trial, attended.now_s + limit_s
     while attended.session.trial == trial:
         assert attended.now_s < ends_s, f"still in {attended.phase}; problems: {attended.problems}"
@@ -79,7 +79,7 @@ def wrong(store: Store) -> list[str]:
 
 
 def digests(folder: Path) -> dict[str, str]:
-    """The checksum of every recording."""
+    """The checksums of all recordings."""
     files = sorted(folder.rglob("*.mcap"))
     return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
@@ -224,7 +224,7 @@ def test_withdrawal_stops_robot_and_recording(store: Store) -> None:
 
 
 def await_word(visit: StudyVisit) -> None:
-    """Wait until the visit knows that it was ended elsewhere."""
+    """Wait until the visit has noticed that another process ended it."""
     ends_s = time.monotonic() + PATIENCE_S
     while not visit.ended_elsewhere:
         assert time.monotonic() < ends_s
@@ -232,7 +232,7 @@ def await_word(visit: StudyVisit) -> None:
 
 
 def test_withdrawal_by_another_process_stops_robot_and_recording(store: Store) -> None:
-    """By the command line in another process, and without any transition that would be stored."""
+    """The command line of another process withdraws the participant."""
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
@@ -290,7 +290,7 @@ def test_session_ends_when_taken_over(store: Store) -> None:
 
 
 def test_full_disk_completes_no_trial(store: Store, small_files: Callable[[int], None]) -> None:
-    """Neither recordings nor the database can grow; then they can, and the trial is repeated."""
+    """Recordings and database cannot grow; when they can, the trial is repeated."""
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
@@ -332,7 +332,7 @@ def test_trial_does_not_begin_without_a_file(store: Store) -> None:
 
 
 def test_trial_is_repeated_after_a_storage_error(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The end of a trial cannot be stored, though its recording is whole: the trial is run once more."""
+    """If the end of a trial cannot be stored, the trial is repeated."""
     pseudonym = enrol_with_consent(store)
 
     def fail(*_: object) -> None:

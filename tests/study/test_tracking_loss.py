@@ -1,4 +1,4 @@
-"""How long a trial's person was held, and that trials in which it was too long are left out and listed."""
+"""The share of tracking loss in a trial, and the exclusion of trials above the limit."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ DRIVEN_S = 20.0
 
 
 def recording(*frames: tuple[float, bool, list[str]]) -> Recording:
-    """The robot helps from 5 to 25 s; frames come at times, held as a whole or in part."""
+    """A recording with the robot active from 5 to 25 s and frames with and without tracking."""
     messages = [("/events", 5_000_000_000, Event("phase", "trial"))]
     messages += [
         ("/tracking", round(1e9 * time_s), TrackingFrame(0, 0.0, time_s, not held, held, held_parts=parts))
