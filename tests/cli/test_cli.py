@@ -1,4 +1,4 @@
-"""The program ``avrgym``: help, figures as JSON, and one clear line for whatever the user can mend."""
+"""The command ``avrgym``: help, JSON output, and one-line errors."""
 
 import inspect
 import json
@@ -21,7 +21,7 @@ from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.system.processes import AVRGYM, kill_with_parent
 from helpers.vr.visit import ENVIRONMENT, constant_policy
 
-FIGURES = [
+ROW_KEYS = [
     "env", "policy", "people", "impairment", "stream", "episodes", "reward_mean", "reward_std", "success_rate",
     "success_ci95", "force_mean_newton", "episodes_over_limit", "guard_interventions",
     "engine", "device",
@@ -45,8 +45,8 @@ def avrgym(*arguments: str | Path | int) -> Result:
 
 
 @pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run where nothing is, so that defaults such as ``study`` leave nothing behind."""
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run in an empty folder."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -54,7 +54,7 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
-def test_every_command_explains_itself_and_its_options(command: tuple[str, ...]) -> None:
+def test_every_command_and_option_has_help(command: tuple[str, ...]) -> None:
     shown = avrgym(*command, "--help")
     assert shown.exit_code == 0
     declared = COMMANDS[command]
@@ -65,7 +65,7 @@ def test_every_command_explains_itself_and_its_options(command: tuple[str, ...])
 
 
 @pytest.mark.parametrize("group", ["", "study", "new", "bench"])
-def test_no_summary_of_a_command_is_cut(group: str) -> None:
+def test_no_summary_of_a_command_is_truncated(group: str) -> None:
     shown = avrgym(*group.split(), "--help").stdout.partition("Commands:")[2]
     assert shown
     assert "..." not in shown
@@ -76,9 +76,9 @@ def test_without_a_command_it_lists_them() -> None:
     assert all(command[0] in shown.output for command in COMMANDS)
 
 
-def test_figures_replace_nothing_but_a_regular_file(tmp_path: Path) -> None:
-    """No link, pipe, socket or folder, wherever a link leads; a file is replaced whole."""
-    (tmp_path / "target.json").write_text("kept")
+def test_json_output_replaces_only_regular_files(tmp_path: Path) -> None:
+    """Links, pipes, sockets and folders are not replaced."""
+    (tmp_path / "target.json").write_text("old")
     (tmp_path / "link").symlink_to("target.json")
     (tmp_path / "nowhere").symlink_to("missing.json")
     (tmp_path / "device").symlink_to("/dev/null")
@@ -88,21 +88,21 @@ def test_figures_replace_nothing_but_a_regular_file(tmp_path: Path) -> None:
         listener.bind("socket")
         before = sorted((path.name, path.lstat().st_mode) for path in tmp_path.iterdir())
         for name in ("link", "nowhere", "device", "folder", "pipe", "socket"):
-            assert f"cannot write {name}: it is not a regular file" in complaint(
+            assert f"cannot write {name}: it is not a regular file" in error_line(
                 avrgym("envs", "--json", name)
             )
         assert sorted((path.name, path.lstat().st_mode) for path in tmp_path.iterdir()) == before
-    assert (tmp_path / "target.json").read_text() == "kept"
+    assert (tmp_path / "target.json").read_text() == "old"
     assert avrgym("envs", "--json", "target.json").exit_code == 0
     assert len(json.loads((tmp_path / "target.json").read_text())) == len(ENVIRONMENTS)
 
 
-# Figures -----------------------------------------------------------------------------------------------------
+# JSON output -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
 def test_evaluate_writes_a_row_for_each_environment(tmp_path: Path) -> None:
-    file = tmp_path / "figures.json"
+    file = tmp_path / "values.json"
     result = avrgym(
         "evaluate",
         "--all",
@@ -121,14 +121,14 @@ def test_evaluate_writes_a_row_for_each_environment(tmp_path: Path) -> None:
     rows = json.loads(file.read_text())
     assert [row["env"] for row in rows] == list(ENVIRONMENTS)
     for row in rows:
-        assert {*row} == {*FIGURES, *OMITTED}
+        assert {*row} == {*ROW_KEYS, *OMITTED}
         assert (row["policy"], row["people"], row["episodes"]) == ("zero", "original", 2)
         assert row["success_ci95"][0] <= row["success_rate"] <= row["success_ci95"][1]
-    assert all(name in result.stdout for name in FIGURES)
+    assert all(name in result.stdout for name in ROW_KEYS)
 
 
 def test_evaluate_shows_forces_by_region(tmp_path: Path) -> None:
-    asked = (
+    arguments = (
         "evaluate",
         ENVIRONMENT,
         "--episodes",
@@ -140,22 +140,22 @@ def test_evaluate_shows_forces_by_region(tmp_path: Path) -> None:
         "--json",
         "rows.json",
     )
-    shown = avrgym(*asked)
+    shown = avrgym(*arguments)
     assert shown.exit_code == 0, shown.output
     (row,) = json.loads((tmp_path / "rows.json").read_text())
     assert row["guard_interventions"] >= 0.0
-    touched = {name: figures for name, figures in row["force_regions"].items() if figures["peak_n"]}
+    touched = {name: values for name, values in row["force_regions"].items() if values["peak_n"]}
     assert touched.keys() <= {"face", "skull"}
-    for name, figures in touched.items():
+    for name, values in touched.items():
         assert f"{name} " in shown.stdout
-        assert f"{figures['limit_n']:.3g}" in shown.stdout
+        assert f"{values['limit_n']:.3g}" in shown.stdout
     nobody = avrgym("evaluate", ENVIRONMENT, "--policy", "zero", "--episodes", 1, "--regions")
     assert "Nobody was touched." in nobody.stdout
 
 
-def test_evaluate_shows_who_gets_on_with_whom(tmp_path: Path) -> None:
+def test_evaluate_shows_the_cross_play_matrix(tmp_path: Path) -> None:
     file = tmp_path / "rows.json"
-    asked = [
+    arguments = [
         "evaluate",
         ENVIRONMENT,
         "--cross-play",
@@ -166,7 +166,7 @@ def test_evaluate_shows_who_gets_on_with_whom(tmp_path: Path) -> None:
         "--impairment",
         "tremor",
     ]
-    result = avrgym(*asked, "--policy", "zero", "--people", "original", "--people", "zoo/unseen")
+    result = avrgym(*arguments, "--policy", "zero", "--people", "original", "--people", "zoo/unseen")
     assert result.exit_code == 0, result.output
     rows = json.loads(file.read_text())
     assert [(row["policy"], row["people"], row["impairment"]) for row in rows] == [
@@ -196,7 +196,7 @@ def test_envs_lists_the_environments(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_bench_sim_measures_whole_episodes_against_bare_physics(tmp_path: Path) -> None:
+def test_bench_sim_compares_episodes_with_physics_alone(tmp_path: Path) -> None:
     file = tmp_path / "speed.json"
     result = avrgym("bench", "sim", "--env", ENVIRONMENT, "--num-envs", 2, "--json", file)
     assert result.exit_code == 0
@@ -209,7 +209,7 @@ def test_bench_sim_measures_whole_episodes_against_bare_physics(tmp_path: Path) 
     assert all(row[name] > 0 for name in list(row)[3:])
 
 
-# What the user can mend --------------------------------------------------------------------------------------
+# Errors --------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -218,8 +218,8 @@ def used_port() -> Iterator[int]:
         yield listener.getsockname()[1]
 
 
-def complaint(result: Result) -> str:
-    """The one line on stderr of a command that failed."""
+def error_line(result: Result) -> str:
+    """Return the line on stderr of a failed command."""
     assert result.exit_code == 1
     assert isinstance(result.exception, SystemExit)
     assert result.stderr.endswith("\n")
@@ -256,37 +256,37 @@ def complaint(result: Result) -> str:
     ],
     ids=lambda part: " ".join(part) if isinstance(part, list) else "",
 )
-def test_a_wrong_name_is_answered_with_the_right_ones(arguments: list[str], allowed: str) -> None:
-    assert allowed in complaint(avrgym(*arguments))
+def test_an_unknown_name_lists_the_allowed_names(arguments: list[str], allowed: str) -> None:
+    assert allowed in error_line(avrgym(*arguments))
 
 
 @pytest.mark.parametrize("content", [b"", b"nonsense" * 100, b"\x08" + b"\x00" * 7 + b"{}      "])
-def test_a_file_that_is_no_policy_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_an_invalid_policy_file_is_rejected(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "policy.safetensors"
     file.write_bytes(content)
     for command in (["evaluate", ENVIRONMENT], ["serve"]):
-        line = complaint(avrgym(*command, "--policy", file))
+        line = error_line(avrgym(*command, "--policy", file))
         assert str(file) in line
 
 
-def test_a_folder_that_holds_a_training_is_refused(tmp_path: Path) -> None:
+def test_a_folder_with_a_training_is_rejected(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
     (tmp_path / "configuration.json").write_text("{}")
-    assert "choose another folder" in complaint(avrgym("train", ENVIRONMENT, "--out", tmp_path))
+    assert "choose another folder" in error_line(avrgym("train", ENVIRONMENT, "--out", tmp_path))
     wrong = avrgym("train", ENVIRONMENT, "--people", "martians", "--out", tmp_path / "new")
-    assert "original, revised" in complaint(wrong)
+    assert "original, revised" in error_line(wrong)
     assert not (tmp_path / "new").exists()
 
 
-def test_a_port_in_use_is_named(used_port: int) -> None:
-    line = complaint(avrgym("serve", "--port", used_port))
+def test_an_error_names_the_used_port(used_port: int) -> None:
+    line = error_line(avrgym("serve", "--port", used_port))
     assert f"127.0.0.1:{used_port}" in line
     assert "--port" in line
 
 
-def test_a_demonstration_does_not_go_into_a_file(tmp_path: Path) -> None:
+def test_demo_rejects_a_file_as_output_folder(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("")
-    assert "out" in complaint(avrgym("demo", "--out", tmp_path / "out"))
+    assert "out" in error_line(avrgym("demo", "--out", tmp_path / "out"))
 
 
 @pytest.mark.parametrize(
@@ -302,17 +302,17 @@ def test_a_demonstration_does_not_go_into_a_file(tmp_path: Path) -> None:
     ],
     ids=lambda part: " ".join(part) if isinstance(part, list) else "",
 )
-def test_wrong_usage_is_named(arguments: list[str], named: str) -> None:
+def test_usage_errors_name_the_argument(arguments: list[str], named: str) -> None:
     result = avrgym(*arguments)
     assert result.exit_code == 2
     assert named in result.stderr.partition("Error")[2].lower()
     assert "Traceback" not in result.output
 
 
-# The program itself ------------------------------------------------------------------------------------------
+# Process ------------------------------------------------------------------------------------------
 
 
-def test_serve_prints_its_address_and_stops_on_request(tmp_path: Path) -> None:
+def test_serve_prints_its_address_and_stops_on_sigint(tmp_path: Path) -> None:
     command = [AVRGYM, "serve", "--port", "0", "--study", tmp_path / "study"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=kill_with_parent

@@ -1,7 +1,6 @@
-"""Commands and code of pages: every command is valid, and tutorials and how-to pages run from start to end.
+"""Commands and code of pages are valid, and tutorials and how-to pages run.
 
-They run in empty folders with smaller numbers. Tests in ``tests/vr`` and ``tests/replay`` run servers; here only their
-command lines are parsed.
+They run in empty folders with smaller numbers. Commands of servers are only parsed; other tests run servers.
 """
 
 import shutil
@@ -25,7 +24,7 @@ from helpers.learning.small_training import shorten_training
 from helpers.system.paths import OLD_RECORDING, ROOT
 
 SMALLER = {"--episodes": "1", "--steps": "1", "--participants": "2", "--simulations": "4"}
-ENDLESS = ("serve", "view")
+SERVERS = ("serve", "view")
 SET_UP = {"make", ".", "mkdir", "cd", "pip", "python3"}
 ANSWERS = "y\n" + "y\ny\ny\ny\ny\ny\nn\n"
 """Answers to the consent text of the paper's protocol and its inclusion questions."""
@@ -45,7 +44,7 @@ def _small_and_quiet(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def _without_effect(group: Any) -> Any:
-    """The program with commands that parse their arguments and do nothing."""
+    """Return the program with commands that only parse their arguments."""
     for command in group.commands.values():
         if hasattr(command, "commands"):
             _without_effect(command)
@@ -55,7 +54,7 @@ def _without_effect(group: Any) -> Any:
 
 
 def _commands_of_pages() -> list[tuple[str, list[str]]]:
-    """Every `avrgym` command in the blocks of every page."""
+    """Return every `avrgym` command in the code blocks of all pages."""
     found = [
         (name_of(page), words)
         for page in DOCUMENTS
@@ -101,7 +100,7 @@ def test_additions_to_a_study_are_valid(page: str) -> None:
 
 
 def run_page(page: str, folder: Path, only: str = "") -> None:
-    """Run a page in a folder: its commands, its Python, and its changes to a study or a population file."""
+    """Run the commands and Python of a page in a folder, and apply its changes to files."""
     known: dict[str, Any] = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
@@ -124,7 +123,7 @@ def _run(words: list[str]) -> None:
         shutil.copytree(words[2], words[3])
         return
     assert words[0] == "avrgym", words
-    if words[1] in ENDLESS or words[1:] == ["doctor"]:
+    if words[1] in SERVERS or words[1:] == ["doctor"]:
         return
     smaller = [SMALLER.get(before, word) for before, word in pairwise(words)]
     if words[1] == "study" and words[2] in ("simulate", "power"):
@@ -134,7 +133,7 @@ def _run(words: list[str]) -> None:
 
 
 def _write(text: str) -> None:
-    """Change the study's design, or write the population file."""
+    """Change the study's design or write the population file."""
     design = Path("my-study/study.toml")
     if "torso_height_m" in text:
         Path("tall.toml").write_text(text)
@@ -147,24 +146,24 @@ def _write(text: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def studied(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder after the tutorial on studies."""
+def study_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder after the studies tutorial."""
     folder = tmp_path_factory.mktemp("lab")
     run_page("docs/tutorials/first_study.md", folder)
     return folder
 
 
 @pytest.mark.slow
-def test_the_tutorial_on_studies_ends_with_a_report(studied: Path) -> None:
-    assert (studied / "my-study" / "analysis" / "report" / "index.html").stat().st_size > 5_000
-    assert (studied / "my-data" / "codebook.csv").is_file()
-    assert "simulated" in (studied / "rehearsal" / "analysis" / "report" / "index.html").read_text()
+def test_the_tutorial_on_studies_ends_with_a_report(study_folder: Path) -> None:
+    assert (study_folder / "my-study" / "analysis" / "report" / "index.html").stat().st_size > 5_000
+    assert (study_folder / "my-data" / "codebook.csv").is_file()
+    assert "simulated" in (study_folder / "rehearsal" / "analysis" / "report" / "index.html").read_text()
 
 
 @pytest.fixture
-def lab(studied: Path, tmp_path: Path) -> Path:
-    """A folder with a completed simulated study, and the other results of the tutorials."""
-    shutil.copytree(studied / "rehearsal", tmp_path / "my-study")
+def lab(study_folder: Path, tmp_path: Path) -> Path:
+    """A folder with the results of the tutorials."""
+    shutil.copytree(study_folder / "rehearsal", tmp_path / "my-study")
     for session in ("study", "met"):
         (tmp_path / session / "recordings").mkdir(parents=True)
         shutil.copy(RECORDING, tmp_path / session / "recordings" / "trial-02_attempt-1.mcap")
@@ -179,7 +178,7 @@ def test_the_first_trial_is_replayed_and_shown(lab: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_policy_is_trained_and_measured(lab: Path) -> None:
+def test_a_policy_is_trained_and_evaluated(lab: Path) -> None:
     run_page("docs/tutorials/train_and_meet.md", lab)
     assert (lab / "mine.json").is_file()
     assert (lab / "learning.png").is_file()
@@ -204,7 +203,7 @@ def test_the_page_runs(page: str, lab: Path) -> None:
     ],
 )
 def test_python_blocks_run(page: str, lab: Path) -> None:
-    """Pages with long commands, which other tests run."""
+    """Pages with long commands: only their Python runs here."""
     shutil.copy(RECORDING, lab / "trial-03_attempt-1.mcap")
     (lab / "people.toml").write_text(
         "cooperating = false\n[torso_height_m]\nman = [0.5, 0.6]\nwoman = [0.5, 0.6]\n"
@@ -212,7 +211,7 @@ def test_python_blocks_run(page: str, lab: Path) -> None:
     run_page(page, lab, only="python")
 
 
-def test_the_controller_s_python_runs_and_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_controller_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     mine, export = (
         text for language, text in blocks(DOCS / "how_to" / "add_a_controller.md") if language == "python"

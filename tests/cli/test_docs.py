@@ -1,4 +1,4 @@
-"""Pages agree with the program: links, environments, rewards, commands, files and claims of the paper."""
+"""Pages agree with the program: links, environments, rewards, commands, files and the paper's claims."""
 
 import re
 from collections import Counter
@@ -27,19 +27,19 @@ CLAIMS = [
 ]
 FOLDERS = {"docs", "research", "client", "examples", "tests", "scripts", "src"}
 PACKAGES = {path.name for path in (ROOT / "src" / "avrgym").iterdir() if path.is_dir()}
-MOST_WORDS, MOST_LINES_OF_README = 30_000, 120
+MAX_WORDS, MAX_README_LINES = 30_000, 120
 EXAMPLES = {
     environment_id(task, robot)
     for task in (*TASKS, "TouchElbow")
     for robot in ("Jaco", "Gen3", "UR5", "LongArm")
 }
-"""Environments of the pages about adding a task and a robot."""
+"""Environments on the pages about new tasks and robots."""
 
 
 def test_pages_are_short():
     pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
-    assert sum(len(page.read_text().split()) for page in pages) <= MOST_WORDS
-    assert len(README.splitlines()) <= MOST_LINES_OF_README
+    assert sum(len(page.read_text().split()) for page in pages) <= MAX_WORDS
+    assert len(README.splitlines()) <= MAX_README_LINES
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
@@ -126,7 +126,7 @@ def test_claims_are_numbered_and_compared():
 
 
 def test_claims_have_an_implementation_and_a_test():
-    """Only claims that need people may have no test."""
+    """Claims about people can have no test."""
     assert [number for number, _, where, _, _ in CLAIMS if not where] == []
     untested = {result for _, _, where, result, test in CLAIMS if test == "–" and "LICENSE" not in where}
     assert untested <= {"needs people"}

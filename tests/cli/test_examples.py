@@ -1,4 +1,4 @@
-"""Every example runs in an empty folder and writes its files; numbers are smaller here."""
+"""Every example runs in an empty folder with small numbers and writes its files."""
 
 import os
 import runpy
@@ -28,10 +28,10 @@ RUNS: dict[str, tuple[list[str], list[str]]] = {
     "10_rllib": (["2", "8", "0"], ["rllib.safetensors"]),
     "11_torchrl": (["1", "8"], []),
 }
-"""Arguments and written files of each example."""
-MOST_LINES = 60
-NEEDED = {"10_rllib": "ray.rllib", "11_torchrl": "torchrl"}
-"""Packages that are too large for the tests; an example runs if its package is installed."""
+"""Arguments and output files of each example."""
+MAX_LINES = 60
+OPTIONAL = {"10_rllib": "ray.rllib", "11_torchrl": "torchrl"}
+"""Optional packages: these examples run only if the package is installed."""
 
 
 @pytest.fixture(autouse=True)
@@ -40,14 +40,14 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iter
     shorten_training(monkeypatch)
     matplotlib.use("agg")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the libraries that examples choose
+        warnings.simplefilter("ignore")  # of third-party libraries
         yield
 
 
 def test_examples_are_short_tested_and_documented() -> None:
     files = sorted(EXAMPLES.glob("[0-9]*.py"))
     assert [file.stem for file in files] == list(RUNS)
-    assert [file.name for file in files if len(file.read_text().splitlines()) >= MOST_LINES] == []
+    assert [file.name for file in files if len(file.read_text().splitlines()) >= MAX_LINES] == []
     for name in ("docs/examples.md", "examples/README.md"):
         page = (ROOT / name).read_text()
         assert [file.name for file in files if file.name not in page] == []
@@ -56,8 +56,8 @@ def test_examples_are_short_tested_and_documented() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_example_runs_and_writes_its_files(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    if name in NEEDED:
-        pytest.importorskip(NEEDED[name], reason="this example's package is not installed")
+    if name in OPTIONAL:
+        pytest.importorskip(OPTIONAL[name], reason="this example's package is not installed")
     arguments, written = RUNS[name]
     monkeypatch.setattr(sys, "argv", [f"{name}.py", *arguments])
     runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")

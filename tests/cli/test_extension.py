@@ -1,4 +1,4 @@
-"""The example package, installed apart, is everywhere that the environments of AVR Gym are."""
+"""The environments of the example package work with every command of AVR Gym."""
 
 import json
 import re
@@ -15,7 +15,7 @@ from helpers.vr.time_limits import RELAXED_LIMITS
 
 TASK, ROBOT = "ArmManipulation", "Jaco"
 ENVIRONMENT = f"avrgym/{TASK}{ROBOT}-v1"
-MOST_LINES = 150
+MAX_LINES = 150
 TRAINING_STEPS = 2000
 CHECK = f"""
 import avrgym
@@ -48,16 +48,16 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_each_of_its_files_is_short() -> None:
+def test_files_are_short() -> None:
     package = ROOT / "examples" / "extension"
     files = [path for path in package.rglob("*") if path.suffix in (".py", ".xml", ".toml")]
     lines = {str(path.relative_to(package)): len(path.read_text().splitlines()) for path in files}
     print(lines)
-    assert max(lines.values()) < MOST_LINES
+    assert max(lines.values()) < MAX_LINES
 
 
 @pytest.mark.slow
-def test_its_environments_are_listed_and_what_is_broken_is_named_and_skipped(installed: Path) -> None:
+def test_environments_are_listed_and_broken_ones_are_skipped(installed: Path) -> None:
     said = " ".join(avrgym(installed, "envs", "--json", "envs.json").split())
     listed = {row["env"] for row in json.loads((installed / "envs.json").read_text())}
     ours = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
@@ -69,26 +69,26 @@ def test_its_environments_are_listed_and_what_is_broken_is_named_and_skipped(ins
 
 
 @pytest.mark.slow
-def test_gymnasium_and_our_own_check_find_nothing_wrong(installed: Path) -> None:
+def test_environment_checks_pass(installed: Path) -> None:
     python(installed, "-c", CHECK)
 
 
 @pytest.mark.slow
-def test_the_arm_can_be_lifted_and_is_not_while_the_example_s_controller_drives(installed: Path) -> None:
+def test_the_arm_can_be_lifted_but_not_by_the_example_controller(installed: Path) -> None:
     rates = json.loads(python(installed, "-c", LIFT).splitlines()[-1])
     assert min(rates["oracle"]) >= 0.5
     assert max(rates["hold-still"]) == 0.0
 
 
 @pytest.mark.slow
-def test_it_is_trained_studied_reported_and_verified(installed: Path) -> None:
+def test_extension_supports_training_study_report_and_replay(installed: Path) -> None:
     train_and_study(
         installed, TASK, ROBOT, "to_armrest_m", TRAINING_STEPS, policies=("hold-still",), little=True
     )
 
 
 @pytest.mark.slow
-def test_a_browser_is_served_its_scene(installed: Path) -> None:
+def test_the_server_sends_the_scene(installed: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", environment_variables(installed)["PYTHONPATH"])
         with running_server(

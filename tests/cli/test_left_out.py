@@ -1,4 +1,4 @@
-"""Commands over all environments skip environments of broken extensions, and name them."""
+"""Commands for all environments skip and name the environments of broken extensions."""
 
 import json
 import subprocess
@@ -19,7 +19,7 @@ from avrgym.tasks import registry
 from avrgym.tasks.task import Expert
 from helpers.system.example_package import environment_variables
 
-OURS, THEIRS = "avrgym/FeedingJaco-v1", "avrgym/StirJaco-v1"
+OWN, EXTENSION = "avrgym/FeedingJaco-v1", "avrgym/StirJaco-v1"
 
 
 def avrgym(*arguments: str | Path) -> Result:
@@ -37,12 +37,12 @@ def _short_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def extend(monkeypatch: pytest.MonkeyPatch) -> Callable[[Expert], None]:
-    """Register one environment of this package, and one of an extension with the given expert."""
+    """Return a function that registers an environment of this package and one of an extension with an expert."""
 
     def extended(expert: Expert) -> None:
         feeding = registry.TASKS["Feeding"]
         monkeypatch.setitem(registry.TASKS, "Stir", replace(feeding, name="Stir", expert=expert))  # type: ignore[arg-type]
-        monkeypatch.setattr(registry, "ENVIRONMENTS", {OURS: ("Feeding", "Jaco"), THEIRS: ("Stir", "Jaco")})
+        monkeypatch.setattr(registry, "ENVIRONMENTS", {OWN: ("Feeding", "Jaco"), EXTENSION: ("Stir", "Jaco")})
 
     return extended
 
@@ -50,9 +50,9 @@ def extend(monkeypatch: pytest.MonkeyPatch) -> Callable[[Expert], None]:
 @pytest.mark.parametrize(
     ("policies", "expected"),
     [
-        (["adaptive"], [(OURS, "adaptive")]),
-        (["adaptive", "zero"], [(OURS, "adaptive"), (OURS, "zero"), (THEIRS, "zero")]),
-        (["oracle"], [(OURS, "oracle")]),
+        (["adaptive"], [(OWN, "adaptive")]),
+        (["adaptive", "zero"], [(OWN, "adaptive"), (OWN, "zero"), (EXTENSION, "zero")]),
+        (["oracle"], [(OWN, "oracle")]),
     ],
     ids=lambda value: value[0] if isinstance(value[0], str) else "",
 )
@@ -66,7 +66,7 @@ def test_evaluate_skips_environments_that_fail(
     assert done.exit_code == 0, done.output
     assert [(row["env"], row["policy"]) for row in json.loads(rows.read_text())] == expected
     (named,) = done.stderr.splitlines()
-    assert named.startswith(f"left out  {THEIRS} with {policies[0]}")
+    assert named.startswith(f"left out  {EXTENSION} with {policies[0]}")
     assert ("KeyError: 'spoon'" if policies == ["oracle"] else "no policy 'adaptive'") in named
 
 
@@ -75,7 +75,7 @@ def test_rows_equal_those_of_single_evaluations(extend: Callable[[Expert], None]
     options = ["--policy", "zero", "--policy", "oracle", "--episodes", "1", "--jobs", "1", "--json"]
     together, alone = tmp_path / "all.json", tmp_path / "alone.json"
     assert avrgym("evaluate", "--all", *options, together).exit_code == 0
-    assert avrgym("evaluate", OURS, THEIRS, *options, alone).exit_code == 0
+    assert avrgym("evaluate", OWN, EXTENSION, *options, alone).exit_code == 0
     assert json.loads(together.read_text()) == json.loads(alone.read_text())
 
 
@@ -84,7 +84,7 @@ def test_a_matrix_has_no_row_of_a_skipped_environment(extend: Callable[[Expert],
     done = avrgym("evaluate", "--all", "--cross-play", "--policy", "zero", "--policy", "adaptive",
                   "--people", "original", "--people", "revised", "--episodes", "1", "--jobs", "1")  # fmt: skip
     assert done.exit_code == 0, done.output
-    assert [THEIRS in line for line in done.stdout.splitlines() if "adaptive" in line] == [False]
+    assert [EXTENSION in line for line in done.stdout.splitlines() if "adaptive" in line] == [False]
 
 
 def test_an_unknown_name_is_an_error(extend: Callable[[Expert], None]) -> None:
@@ -99,16 +99,16 @@ def test_an_unknown_name_is_an_error(extend: Callable[[Expert], None]) -> None:
 
 def test_a_named_environment_that_fails_is_an_error(extend: Callable[[Expert], None]) -> None:
     extend(fail)
-    refused = avrgym("evaluate", OURS, THEIRS, "--policy", "adaptive", "--episodes", "1")
+    refused = avrgym("evaluate", OWN, EXTENSION, "--policy", "adaptive", "--episodes", "1")
     assert refused.exit_code == 1
-    assert refused.stderr.startswith(f"avrgym: no policy 'adaptive' for {THEIRS}")
+    assert refused.stderr.startswith(f"avrgym: no policy 'adaptive' for {EXTENSION}")
 
 
 def test_no_environment_left_is_an_error(
     extend: Callable[[Expert], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     extend(fail)
-    monkeypatch.setattr(registry, "ENVIRONMENTS", {THEIRS: ("Stir", "Jaco")})
+    monkeypatch.setattr(registry, "ENVIRONMENTS", {EXTENSION: ("Stir", "Jaco")})
     refused = avrgym("evaluate", "--all", "--policy", "oracle", "--episodes", "1", "--jobs", "1")
     assert refused.exit_code == 1
     assert refused.stderr.splitlines()[-1] == "avrgym: nothing was evaluated: every environment was left out"
@@ -128,12 +128,12 @@ def test_bench_skips_environments_that_fail(
     )
     monkeypatch.setattr("avrgym.cli.bench.asdict", lambda row: row)
     monkeypatch.setattr("avrgym.cli.bench._brief", lambda row: row)
-    monkeypatch.setattr(module, name, lambda env, *_: {"env": env} if env == OURS else fail())
+    monkeypatch.setattr(module, name, lambda env, *_: {"env": env} if env == OWN else fail())
     done = avrgym("bench", what, "--json", tmp_path / "rows.json")
     assert done.exit_code == 0, done.output
-    assert json.loads((tmp_path / "rows.json").read_text()) == [{"env": OURS}]
-    assert f"left out  {THEIRS}: KeyError: 'spoon'" in done.stderr
-    assert not isinstance(avrgym("bench", what, "--env", THEIRS).exception, SystemExit)
+    assert json.loads((tmp_path / "rows.json").read_text()) == [{"env": OWN}]
+    assert f"left out  {EXTENSION}: KeyError: 'spoon'" in done.stderr
+    assert not isinstance(avrgym("bench", what, "--env", EXTENSION).exception, SystemExit)
 
 
 @pytest.mark.slow
@@ -151,5 +151,5 @@ def test_a_plug_in_that_raises_system_exit_is_skipped(tmp_path: Path) -> None:
         env=environment_variables(tmp_path), cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr
-    assert OURS in ran.stdout
+    assert OWN in ran.stdout
     assert "SystemExit: no licence" in " ".join(ran.stdout.split())

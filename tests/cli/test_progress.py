@@ -1,4 +1,4 @@
-"""How far long work is: on a terminal, in a file, and after it was stopped."""
+"""Progress of long tasks: on a terminal, in a file, and after an interruption."""
 
 import io
 import signal
@@ -41,8 +41,8 @@ class File(io.StringIO):
     encoding = "utf-8"
 
 
-def shown(out: io.StringIO, patch: pytest.MonkeyPatch, seconds: Iterable[float]) -> str:
-    """What is shown of ten steps, of which one is done at each of these seconds."""
+def output_of(out: io.StringIO, patch: pytest.MonkeyPatch, seconds: Iterable[float]) -> str:
+    """Return the output for ten steps, with one step at each of the given times."""
     now_s = [0.0]
     with patch.context() as here:
         here.setattr(sys, "stdout", out)
@@ -59,7 +59,7 @@ def shown(out: io.StringIO, patch: pytest.MonkeyPatch, seconds: Iterable[float])
 def test_a_file_gets_plain_lines(colours: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in colours.items():
         monkeypatch.setenv(name, value)
-    assert shown(File(), monkeypatch, range(6, 66, 6)).splitlines() == [
+    assert output_of(File(), monkeypatch, range(6, 66, 6)).splitlines() == [
         "walking: 2 of 10 steps (20 %), 0.17 a second, 48 s left",
         "walking: 4 of 10 steps (40 %), 0.17 a second, 36 s left",
         "walking: 6 of 10 steps (60 %), 0.17 a second, 24 s left",
@@ -69,19 +69,19 @@ def test_a_file_gets_plain_lines(colours: dict[str, str], monkeypatch: pytest.Mo
     ]
 
 
-def test_what_is_done_soon_says_nothing_in_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert shown(File(), monkeypatch, [0.9 * progress.LINE_INTERVAL_S] * 10) == ""
+def test_a_short_task_writes_nothing_to_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert output_of(File(), monkeypatch, [0.9 * progress.LINE_INTERVAL_S] * 10) == ""
 
 
-def test_a_terminal_gets_a_bar_that_goes_away(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_shows_a_temporary_bar(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm")
-    text = shown(Terminal(), monkeypatch, range(6, 66, 6))
+    text = output_of(Terminal(), monkeypatch, range(6, 66, 6))
     assert "\x1b[2K" in text
     assert "10/10" in text
     assert "steps (" not in text
 
 
-def test_work_of_unknown_length_says_how_much_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_task_of_unknown_length_shows_the_completed_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     now_s, out = [0.0], File()
     with monkeypatch.context() as here:
         here.setattr(sys, "stdout", out)
@@ -103,14 +103,14 @@ def test_work_of_unknown_length_says_how_much_is_done(monkeypatch: pytest.Monkey
     ]
 
 
-def test_what_was_done_before_is_no_speed() -> None:
+def test_completed_steps_before_a_resume_do_not_count_for_the_rate() -> None:
     rate = Rate()
     for now_s, done in ((5.0, 1000.0), (10.0, 1010.0), (10.5, 1011.0), (15.0, 1020.0)):
         rate.add(now_s, done)
     assert rate.per_s == pytest.approx(2.0)
 
 
-def test_the_rate_is_that_of_the_latest_minutes() -> None:
+def test_the_rate_covers_the_latest_minutes() -> None:
     rate = Rate()
     for second in range(0, 4000, 2):
         rate.add(float(second), min(second, 2000) * 10.0 + max(second - 2000, 0) * 1.0)
@@ -128,7 +128,7 @@ def test_a_table_in_a_file_has_no_colours(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
-def test_stopped_work_says_in_one_line_how_it_goes_on(number: signal.Signals) -> None:
+def test_an_interruption_prints_one_line_with_the_resume_command(number: signal.Signals) -> None:
     ran = subprocess.run(
         [sys.executable, "-c", STOPPED.replace("{signal}", number.name)],
         capture_output=True,
@@ -139,7 +139,7 @@ def test_stopped_work_says_in_one_line_how_it_goes_on(number: signal.Signals) ->
     assert ran.stderr == "avrgym: stopped; `work --resume` goes on\n"
 
 
-def test_an_error_is_no_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_is_not_an_interruption(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ValueError, match="wrong") as error, progress_bar("working"):
         raise ValueError("wrong")
     assert not getattr(error.value, "__notes__", [])
@@ -150,5 +150,5 @@ def test_an_error_is_no_stop(monkeypatch: pytest.MonkeyPatch) -> None:
     [(0.4, "0 s"), (99.4, "99 s"), (99.6, "100 s"), (100, "2 min"), (3569, "59 min"), (3600, "1 h 0 min"),
      (9000, "2 h 30 min")],
 )  # fmt: skip
-def test_times_are_told_in_words(seconds: float, words: str) -> None:
+def test_duration_texts(seconds: float, words: str) -> None:
     assert duration(seconds) == words

@@ -1,4 +1,4 @@
-"""``avrgym train --recipe``: its hyperparameters, and the options that it refuses."""
+"""``avrgym train --recipe``: hyperparameters and rejected options."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +22,7 @@ def train(*arguments: str | Path) -> Result:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["--recipe", "secret"], "allowed: adaptive, paper"),
         (["--recipe", "paper", "--config", "settings.toml"], "--recipe paper does not take --config"),
@@ -54,15 +54,15 @@ def train(*arguments: str | Path) -> Result:
         ),
     ],
 )
-def test_options_that_do_not_fit_a_recipe_are_refused(arguments: list[str], told: str) -> None:
+def test_recipes_reject_options_of_other_recipes(arguments: list[str], message: str) -> None:
     result = train(*arguments)
     assert result.exit_code == 1
     (line,) = result.stderr.splitlines()
-    assert told in line
+    assert message in line
 
 
 @pytest.mark.slow
-def test_the_papers_recipe_is_ppo_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_papers_recipe_uses_only_ppo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     shorten_training(monkeypatch)
     for steps, more in ((400, []), (800, ["--resume"])):
@@ -78,11 +78,11 @@ def test_the_papers_recipe_is_ppo_alone(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 class TrainCalled(Exception):
-    """Raised in place of a training."""
+    """Raised instead of a training."""
 
 
 def given_configuration(patch: pytest.MonkeyPatch, *arguments: str) -> AnyConfiguration:
-    """The configuration that a command would train."""
+    """Return the configuration that a command would train."""
     given: list[AnyConfiguration] = []
 
     def train_nothing(configuration: AnyConfiguration, *rest: object, **named: object) -> None:
@@ -94,7 +94,7 @@ def given_configuration(patch: pytest.MonkeyPatch, *arguments: str) -> AnyConfig
     return given[0]
 
 
-def test_the_papers_recipe_takes_ten_million_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_papers_recipe_trains_ten_million_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     assert given_configuration(monkeypatch, "--recipe", "paper").steps == PAPER_STEPS
 
 

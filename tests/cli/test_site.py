@@ -1,4 +1,4 @@
-"""The site that ``make docs`` builds: no warnings, valid links, nothing from the network, accessible pages."""
+"""The site of ``make docs`` has no warnings, valid links, no external files, and accessible pages."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""What commands print is text: whatever it holds, it is shown and never obeyed."""
+"""Commands print markup and control characters in texts as plain text."""
 
 import io
 import json
@@ -35,7 +35,7 @@ def avrgym(*arguments: str | Path, answers: str | None = None) -> Result:
     return CliRunner().invoke(app, [str(argument) for argument in arguments], input=answers)
 
 
-def shown_by(action: Callable[[], object], monkeypatch: pytest.MonkeyPatch, encoding: str = "utf-8") -> str:
+def output_of(action: Callable[[], object], monkeypatch: pytest.MonkeyPatch, encoding: str = "utf-8") -> str:
     raw = io.BytesIO()
     stream = io.TextIOWrapper(raw, encoding, newline="", write_through=True)
     with monkeypatch.context() as patch:
@@ -44,9 +44,9 @@ def shown_by(action: Callable[[], object], monkeypatch: pytest.MonkeyPatch, enco
     return raw.getvalue().decode(encoding)
 
 
-def test_a_line_is_shown_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_is_printed_unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
     for text in hostile_texts():
-        shown = shown_by(lambda text=text: print_line(text), monkeypatch)
+        shown = output_of(lambda text=text: print_line(text), monkeypatch)
         assert shown == printable(text, "utf-8") + "\n"
         if (
             not any(ord(character) < 32 or 0x7F <= ord(character) < 0xA0 for character in text)
@@ -57,43 +57,45 @@ def test_a_line_is_shown_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_no_control_character_reaches_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     for text in hostile_texts():
-        shown = shown_by(lambda text=text: print_line(text), monkeypatch)
+        shown = output_of(lambda text=text: print_line(text), monkeypatch)
         assert not {ord(character) for character in shown} & {*range(9), *range(11, 32), *range(127, 160)}
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])
 def test_a_table_is_shown_in_every_encoding(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
     row = {"name": None, "other": "漢字", "list": [None, 1.5]}
-    shown = shown_by(lambda: print_table([row]), monkeypatch, encoding)
+    shown = output_of(lambda: print_table([row]), monkeypatch, encoding)
     dash = "–" if encoding in ("cp1252", "utf-8") else "-"
     cells = [word for word in shown.splitlines()[-2].split() if word != "|"]
     assert cells == [dash, printable("漢字", encoding), f"{dash},", "1.5"]
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])
-def test_what_an_encoding_lacks_is_named(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_characters_outside_the_encoding_are_escaped(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for text in hostile_texts():
         assert (
-            shown_by(lambda text=text: print_line(text), monkeypatch, encoding)
+            output_of(lambda text=text: print_line(text), monkeypatch, encoding)
             == printable(text, encoding) + "\n"
         )
 
 
-def test_a_table_shows_every_cell_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_table_does_not_truncate_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     texts = hostile_texts()
     for name, cell in zip(texts, reversed(texts), strict=True):
         row = {name: cell, "other": 1.5, "list": [cell, cell]}
-        shown = shown_by(lambda row=row: print_table([row]), monkeypatch)
+        shown = output_of(lambda row=row: print_table([row]), monkeypatch)
         for text in (name, cell):
             for line in printable(text, "utf-8").expandtabs(8).splitlines():
                 assert line.strip() in shown
 
 
-def test_a_table_is_as_wide_as_it_needs_and_shows_no_value_as_a_dash(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a pipe or a file, however narrow the terminal is said to be."""
+def test_a_table_has_the_width_of_its_cells_and_shows_missing_values_as_dashes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In a pipe or a file, the width of the terminal does not matter."""
     monkeypatch.setenv("COLUMNS", "20")
     row = {f"figure_{number}_of_many": None if number else "x" * 30 for number in range(12)}
-    shown = shown_by(lambda: print_table([row]), monkeypatch)
+    shown = output_of(lambda: print_table([row]), monkeypatch)
     header, values = (
         next(line for line in shown.splitlines() if word in line) for word in ("figure_0", "xxx")
     )
@@ -101,14 +103,14 @@ def test_a_table_is_as_wide_as_it_needs_and_shows_no_value_as_a_dash(monkeypatch
     assert values.split() == ["x" * 30, *["–"] * 11]
 
 
-def test_what_the_system_refuses_is_told_in_words_and_with_the_file(tmp_path: Path) -> None:
+def test_system_errors_name_the_file_and_the_reason(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     for out, reason in (("none/new", "no such file or directory"), ("file/new", "not a directory")):
-        refused = avrgym("new", "task", "LiftArm", "--out", tmp_path / out)
-        assert (refused.exit_code, refused.stderr) == (1, f"avrgym: {tmp_path / out}: {reason}\n")
+        result = avrgym("new", "task", "LiftArm", "--out", tmp_path / out)
+        assert (result.exit_code, result.stderr) == (1, f"avrgym: {tmp_path / out}: {reason}\n")
 
 
-def test_a_progress_bar_shows_its_words(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_progress_bar_accepts_any_text(monkeypatch: pytest.MonkeyPatch) -> None:
     for text in HOSTILE:
         with progress_bar(text, 2) as bar:
             bar.advance()
@@ -117,7 +119,7 @@ def test_a_progress_bar_shows_its_words(monkeypatch: pytest.MonkeyPatch) -> None
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A study that has brackets wherever someone can write."""
+    """A study with brackets in all free texts."""
     monkeypatch.delenv(database.URL_VARIABLE, raising=False)
     monkeypatch.chdir(tmp_path)
     folder = make_study(
@@ -133,7 +135,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_consent_is_shown_with_what_stands_in_brackets(folder: Path) -> None:
+def test_consent_shows_texts_in_brackets(folder: Path) -> None:
     avrgym("study", "enrol", folder, "--body", "woman")
     shown = avrgym("study", "consent", folder, "sub-002", answers="y\n" * 6)
     assert "You [may stop] take [/part] in a [red]study[/red]" in shown.stdout
@@ -171,8 +173,8 @@ def test_every_command_prints_brackets(
     folder: Path, arguments: tuple[str, ...], code: int, words: str
 ) -> None:
     result = avrgym(*(folder if argument == "STUDY" else argument for argument in arguments))
-    said = result.stdout + result.stderr
-    assert (result.exit_code, words in said) == (code, True), said
+    output = result.stdout + result.stderr
+    assert (result.exit_code, words in output) == (code, True), output
     assert code == 0 or len(result.stderr.splitlines()) == 1
 
 

@@ -249,12 +249,12 @@ def test_2000_connections_while_a_trial_runs(tmp_path: Path, few_handles: None) 
         outcome = read_recording(server.session.recordings[-1]).outcome
     print(
         f"\n{CONNECTIONS} connections in {flooded_s:.1f} s: {missed} ticks given up meanwhile, requests of the three "
-        f"parties {dict(served)}, {held} file handles of {FILE_HANDLES} held, the trial {outcome and outcome['result']}"
+        f"parties {dict(served)}, {held} file handles of {FILE_HANDLES} held, the trial {outcome and outcome.result}"
     )
     assert missed == 0
     assert set(served) == {200}
     assert outcome is not None
-    assert outcome["result"] == "completed"
+    assert outcome.result == "completed"
 
 
 def test_300_silent_handshakes_are_closed(tmp_path: Path, few_handles: None) -> None:
@@ -379,13 +379,13 @@ def test_200_000_messages_during_a_session(tmp_path: Path) -> None:
     everything = sum(sent.values()) - sent["sockets closed"]
     print(
         f"\n{everything} messages {dict(sent)}: "
-        f"the trial {outcome and outcome['result']}, states finite: {attendant.finite}, "
+        f"the trial {outcome and outcome.result}, states finite: {attendant.finite}, "
         f"{attendant.inbox[Problem]} problems reported to the participant, {growth >> 20} MiB growth"
     )
     assert attendant.finite
     assert not attendant.ended
     assert outcome is not None
-    assert outcome["result"] == "completed"
+    assert outcome.result == "completed"
     assert growth < 200 << 20
 
 

@@ -160,7 +160,7 @@ class Journey:
 
     def calibrate(self) -> None:
         """Press the trigger until the participant has completed calibration and body check."""
-        self.go_on(*SEATING)
+        self.finish_phases(*SEATING)
 
     def finish_phases(self, *phases: str) -> None:
         """Press the trigger until the page leaves these consecutive phases."""
