@@ -66,7 +66,7 @@ def _answers(design: Design, studies: SimulatedStudies, answers: Answers) -> Ite
                 participant=f"sub-{person:03}", simulated=True, counted=True, session=1, moment="after_trial",
                 questionnaire=studies.questionnaire.name, position=1, task=design.tasks[task],
                 robot=design.robots[robot], policy=design.policies[policy], attempt=1, item=item.id,
-                value=int(answers[person, task, robot, policy, place]), least=1, most=item.points,
+                value=int(answers[person, task, robot, policy, place]), minimum=1, maximum=item.points,
                 points=item.points, response_time_s=1.0,
             )  # fmt: skip
 
@@ -79,7 +79,7 @@ def _trials(design: Design, people: int, number: int) -> Iterator[TrialRow]:
         yield TrialRow(
             participant=f"sub-{person:03}", simulated=True, participant_state="completed", sex="woman", position=1,
             practice=False, task=design.tasks[task], robot=design.robots[robot], policy=design.policies[policy],
-            seed=0, state="completed", attempts=1, attempts_broken_off=0, counted=True, success=bool(ability > -1.0),
+            seed=0, state="completed", attempts=1, attempts_not_completed=0, counted=True, success=bool(ability > -1.0),
             reward=20.0 * float(gain), force_mean_n=float(np.exp(0.5 * load)),
         )  # fmt: skip
 
@@ -100,7 +100,7 @@ Finds = Callable[[Sequence[ComparisonRow]], bool]
 
 def any_star(rows: Sequence[ComparisonRow]) -> bool:
     """Whether figures, headline tables or ``tests.csv`` have any star."""
-    return any(each.mark for each in rows)
+    return any(each.stars for each in rows)
 
 
 def _by_holm(unit: str, families: str, quantity: str = "") -> Finds:
@@ -115,7 +115,7 @@ def _by_holm(unit: str, families: str, quantity: str = "") -> Finds:
 
 
 def _first(rows: Sequence[ComparisonRow]) -> bool:
-    return any(each.mark for each in rows if each.family == FAMILY and each.quantity == "L1")
+    return any(each.stars for each in rows if each.family == FAMILY and each.quantity == "L1")
 
 
 ANY: Mapping[str, Finds] = {
@@ -247,14 +247,14 @@ def _both(spreads: Sequence[float], number: int) -> Both | None:
     try:
         unbounded = fit(list(together))
         bounded, kept = unbounded, list(together)
-        while bounded.at_zero:
+        while bounded.zero_variances:
             kept.pop(int(np.argmin(bounded.variances[:-1])))
             bounded = fit(kept)
         p, held = unbounded.estimate(contrast).p, bounded.estimate(contrast).p
     except FitError:
         return None
-    at_zero = [list(together)[place] for place in unbounded.at_zero]
-    return p < 0.05, held < 0.05, bool(at_zero), "participant by policy" in at_zero
+    zero_variances = [list(together)[place] for place in unbounded.zero_variances]
+    return p < 0.05, held < 0.05, bool(zero_variances), "participant by policy" in zero_variances
 
 
 def _observed(spreads: Sequence[float], number: int) -> Iterator[TrialValue]:

@@ -22,7 +22,7 @@ ENVIRONMENTS = (
     "avrgym/ScratchItchJaco-v1",
     "avrgym/BedBathingPR2-v1",
 )
-"""Every task once, with both robots. The task in bed is last, because it needs another calibration."""
+"""Every task once, with both robots. The task in bed is last because it needs a new calibration."""
 FREE_MOVEMENT_S, COUNTDOWN_S, TRIAL_STEPS = 1.0, 2.0, 90
 
 

@@ -26,7 +26,7 @@ from helpers.browser.html_page import Page
 from helpers.studies.known_results import enrol_included, random_answer, read_table, record_trial, run_trials
 from helpers.studies.small_studies import make_study
 
-STORED = "reward and success are those that were stored with the trial"
+STORED = "reward and success come from the database"
 
 
 DESIGN = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "practice_policy": '""'}
@@ -122,7 +122,7 @@ def test_all_answers_equal(store: Store, words: Callable[[], str], tmp_path: Pat
         run_trials(store, enrol_included(store), rate=lambda *_: 4)
     assert "Wilcoxon signed-rank, all differences are zero" in words()
     rows = [row for row in read_table(tmp_path / "out", "tests") if row["quantity"] in ("L1", "L2")]
-    assert {(row["n"], row["p"], row["p_holm"], row["mark"]) for row in rows} == {("0", "", "", "")}
+    assert {(row["n"], row["p"], row["p_holm"], row["stars"]) for row in rows} == {("0", "", "", "")}
 
 
 def test_a_trial_without_its_partner_is_left_out_of_pairs(
@@ -170,13 +170,13 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
 @pytest.mark.parametrize(
     ("participant", "position", "recorded", "said"),
     [
-        ("sub-001", 1, "cut off", "is cut off: it holds"),
-        ("sub-001", 1, "cut off", f"of 5 control steps: {STORED}; it is missing from the biomechanics."),
+        ("sub-001", 1, "cut off", "is cut off: it contains"),
+        ("sub-001", 1, "cut off", f"of 5 control steps: {STORED}; the trial is not in the biomechanics."),
         (
             "sub-001",
             2,
             "missing",
-            f"is not here: {STORED}; it is missing from the biomechanics and has no time",
+            f"is missing: {STORED}; the trial is not in the biomechanics and has no time",
         ),
         (
             "sub-002",
@@ -196,9 +196,9 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
             "sub-003",
             2,
             "without a body",
-            "does not tell the person's body as this version has it: reward and success",
+            "does not contain the body model of this version: reward and success",
         ),
-        ("sub-004", 1, "whole", "adds up to a reward of"),
+        ("sub-004", 1, "whole", "has a total reward of"),
         ("sub-004", 2, "whole", "7 problems:"),
     ],
 )
@@ -293,7 +293,7 @@ def test_a_folder_with_tables_of_other_origin_is_refused(store: Store, tmp_path:
     theirs.parent.mkdir(parents=True)
     theirs.write_text("theirs")
     (tmp_path / "out" / "results.json").write_text("{}")
-    with pytest.raises(StudyError, match="is not of an earlier analysis; choose another folder"):
+    with pytest.raises(StudyError, match="was not written by an analysis; choose another folder"):
         write_analysis(analyse(store), store.folder, tmp_path / "out")
     assert theirs.read_text() == "theirs"
 

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from avrgym.analysis.answers.session_answers import AFTER, BEFORE, CHANGE, compare_before_after, values_at
+from avrgym.analysis.answers.session_answers import (
+    AFTER,
+    BEFORE,
+    CHANGE,
+    compare_before_after,
+    values_at_moment,
+)
 from avrgym.analysis.statistics.comparisons import MEAN_DECIMALS
 from avrgym.analysis.statistics.tests import (
     EXACT_SIGNED_RANK,
@@ -199,7 +205,7 @@ def test_changes_of_equal_size_have_equal_ranks_whatever_a_scale_counts_in(rng: 
             for moment, each in steps.items()
         }
         found = compare_before_after("total", given).found
-        return found.p, found.zeros, values_at(CHANGE, "total", given)
+        return found.p, found.zeros, values_at_moment(CHANGE, "total", given)
 
     p, zeros, values = change(1.0)
     assert change(3.74) == (p, zeros, pytest.approx([3.74 * value for value in values], abs=1e-12))

@@ -78,7 +78,7 @@ def test_every_trial_attempt_and_state_is_counted_and_shown(tables: dict[str, Fr
     assert trials["state"].value_counts().to_dict() == {"completed": 45, "planned": 5}
     assert trials["attempts"].sum() == len(attempts) == 46
     assert attempts["state"].value_counts().to_dict() == {"completed": 45, "stopped": 1}
-    assert trials["attempts_broken_off"].sum() == 1
+    assert trials["attempts_not_completed"].sum() == 1
     assert trials["counted"].sum() == 4 * (PEOPLE + SIMULATED) + 1
     gone = only(trials, participant_state="withdrawn")
     assert (len(gone), gone["counted"].any()) == (5, False)
@@ -100,7 +100,7 @@ def test_people_and_simulated_participants_are_never_taken_together(tables: dict
     assert objective.to_dict() == {False: PEOPLE, True: SIMULATED + 1}
     tests = only(tables["tests"], family="policies, by participant").groupby("simulated")["n_a"].max()
     assert tests[False] == PEOPLE
-    heights = only(tables["biomechanics"], people="participants", quantity="torso_height_m")
+    heights = only(tables["biomechanics"], population="participants", quantity="torso_height_m")
     assert heights.set_index("simulated")["n"].to_dict() == {False: PEOPLE, True: SIMULATED + 1}
 
 
@@ -197,10 +197,10 @@ def test_policies_are_compared_as_scipy_compares_the_exported_answers(
 
 def test_only_primary_results_have_stars(tables: dict[str, Frame]) -> None:
     tests = tables["tests"]
-    assert (tests["mark"].notna() == (tests["p_primary"] < 0.05)).all()
+    assert (tests["stars"].notna() == (tests["p_primary"] < 0.05)).all()
     assert (only(tests, unit="trial")["role"] == "supplement").all()
     assert tests[tests["p_primary"].notna()]["role"].unique().tolist() == ["primary"]
-    assert tables["models"]["mark"].isna().all()
+    assert tables["models"]["stars"].isna().all()
 
 
 def test_nothing_is_inferred_from_fewer_than_four_people(
@@ -209,7 +209,7 @@ def test_nothing_is_inferred_from_fewer_than_four_people(
     for name in ("tests", "models"):
         own = only(tables[name], simulated=False)
         assert len(own)
-        assert own[["p", "p_holm", "p_primary", "mark"]].isna().all(axis=None), name
+        assert own[["p", "p_holm", "p_primary", "stars"]].isna().all(axis=None), name
         assert own["note"].str.contains("fewer than 4 participants|all differences").all()
     page = (out / "report" / "index.html").read_text()
     people = page[page.index("<article") : page.index("</article>")]
@@ -296,7 +296,7 @@ def test_a_family_that_is_added_appears_in_the_report(
 
 def test_biomechanics_follow_from_trials_and_people(tables: dict[str, Frame]) -> None:
     trials = only(tables["trials"], counted=True, simulated=True, recorded="whole")
-    people = only(tables["people"], people="revised")
+    people = only(tables["people"], population="revised")
     heights = trials.groupby("participant")["torso_height_m"].median()
     row = row_of(tables, "torso heights, by participant", "torso_height_m", "revised")
     expected: Any = stats.mannwhitneyu(heights, people["torso_height_m"], method="exact")
@@ -308,7 +308,7 @@ def test_biomechanics_follow_from_trials_and_people(tables: dict[str, Frame]) ->
     row = row_of(tables, "whole head positions, by participant", "head_m, seated", "original")
     axes = ["head_x_m", "head_y_m", "head_z_m"]
     own = trials.groupby("participant")[axes].mean().to_numpy()
-    others = only(tables["people"], people="original")[axes].to_numpy()
+    others = only(tables["people"], population="original")[axes].to_numpy()
     expected = 2 * apart(own, others) - apart(own, own) - apart(others, others)
     assert row.statistic == pytest.approx(expected, abs=1e-12)
 
@@ -328,10 +328,10 @@ def test_ranges_say_what_would_have_covered_the_participants(tables: dict[str, F
     heights = only(tables["participants"], simulated=True).groupby("sex")["torso_height_m"]
     for sex in ("man", "woman"):
         row = ranges.loc[f"torso_height_{sex}_m"]
-        assert (row["least"], row["most"]) == pytest.approx((heights.min()[sex], heights.max()[sex]))
+        assert (row["minimum"], row["maximum"]) == pytest.approx((heights.min()[sex], heights.max()[sex]))
     assert ranges.loc["torso_height_man_m", ["original_covers", "revised_covers"]].tolist() == [0.0, 1.0]
     trials = only(tables["trials"], counted=True, simulated=True)
-    within = trials["waist_x_least_deg"].ge(-10) & trials["waist_x_most_deg"].le(10)
+    within = trials["waist_x_min_deg"].ge(-10) & trials["waist_x_max_deg"].le(10)
     assert ranges.loc["waist_x_deg, all of a trial", "revised_covers"] == pytest.approx(within.mean())
 
 

@@ -127,8 +127,8 @@ def test_answers_to_different_items_are_apart(tables: dict[str, Frame]) -> None:
 
 def test_items_name_who_was_asked_what(tables: dict[str, Frame]) -> None:
     items = tables["items"].set_index("item")
-    assert items.loc["L1", "asked_of"] == FIRST
-    assert items.loc["L1 (version 2)", ["text", "asked_of", "version"]].tolist() == [
+    assert items.loc["L1", "participants"] == FIRST
+    assert items.loc["L1 (version 2)", ["text", "participants", "version"]].tolist() == [
         "The robot failed.",
         SECOND,
         2,
@@ -179,7 +179,7 @@ def test_methods_state_what_each_participant_had(out: Path) -> None:
         )
         == 1
     )
-    assert "A force guard kept arms" in first
+    assert "A force guard limited" in first
     assert second.startswith("seat 0.4 m high")
     assert "No force guard kept arms" in second
     assert "L1 (version 2): “The robot failed.”" in text

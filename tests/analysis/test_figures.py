@@ -111,8 +111,8 @@ def answers_of(design: Design) -> Iterator[AnswerRow]:
                     attempt=None,
                     item=item.id,
                     value=scale.counts_as(int(rng.integers(1, scale.points + 1))),
-                    least=scale.lowest,
-                    most=scale.highest,
+                    minimum=scale.lowest,
+                    maximum=scale.highest,
                     points=scale.points,
                     response_time_s=1.0,
                 )
@@ -132,7 +132,7 @@ def outcome(task: str, robot: str, policy: str) -> ObjectiveRow:
     return ObjectiveRow(
         simulated=True, task=task, robot=robot, policy=policy, trials=PEOPLE, reward_mean=50.0, reward_low=-20.5,
         reward_high=120.0, successes=7, success_rate=0.875, success_low=0.5, success_high=0.98,
-        simulation_people="revised", simulation_episodes=100, simulation_reward_mean=-90.0,
+        simulation_population="revised", simulation_episodes=100, simulation_reward_mean=-90.0,
         simulation_reward_low=-100.0, simulation_reward_high=-80.0, simulation_success_rate=1.0,
         simulation_success_low=0.96, simulation_success_high=1.0,
     )  # fmt: skip
@@ -150,7 +150,7 @@ def body_drawings(design: Design) -> Iterator[Drawing]:
         TrialRow(
             participant=f"sub-{number:03}", simulated=True, participant_state="completed",
             sex="woman" if number % 2 else "man", position=1, practice=False, task=task, robot="Jaco",
-            policy="revised", seed=0, state="completed", attempts=1, attempts_broken_off=0, counted=True,
+            policy="revised", seed=0, state="completed", attempts=1, attempts_not_completed=0, counted=True,
             torso_height_m=0.45 + 0.03 * number, head_x_m=float(rng.normal(0.0, 0.1)),
             head_y_m=float(rng.normal(0.0, 0.1)), head_z_m=float(rng.normal(1.1, 0.1)),
         )

@@ -20,7 +20,7 @@ from avrgym.analysis.models.effects import (
 )
 from avrgym.analysis.models.estimate import FitError
 from avrgym.analysis.models.fitting import LOGISTIC, MIXED, ORDINAL, estimate_effects
-from avrgym.analysis.models.models import ModelGroup, ModelRow, group_rows, model_groups, trial_places
+from avrgym.analysis.models.models import ModelGroup, ModelRow, group_rows, model_groups, trial_positions
 from avrgym.analysis.reading.rows import AttemptRow
 from avrgym.analysis.statistics.tests import holm
 from avrgym.study.design.allocation import plan_trials
@@ -65,18 +65,18 @@ def test_a_course_is_told_from_the_trials_as_they_were_run() -> None:
         for trial in trials
     ]  # fmt: skip
     broken_off = replace(attempts[3], state="stopped")
-    found = trial_places(DESIGN, [*attempts[:3], broken_off, *attempts[3:]])
+    found = trial_positions(DESIGN, [*attempts[:3], broken_off, *attempts[3:]])
     assert len(found) == 16
-    by_block = Counter(round(3 * each.block) for each in found.values())
+    by_block = Counter(round(3 * each.block_position) for each in found.values())
     assert by_block == dict.fromkeys(range(4), 4)
-    first = [each for each in found.values() if each.place == 0]
-    assert [each.before for each in first] == ["revised"] * 4
+    first = [each for each in found.values() if each.position_in_block == 0]
+    assert [each.previous_policy for each in first] == ["revised"] * 4
     assert [each.task for each in first] == [row.task for row in attempts if row.practice]
     for key, each in found.items():
-        if each.place:
+        if each.position_in_block:
             previous = found[key[0], key[1] - 1]
-            assert (each.before, each.block) == (previous.policy, previous.block)
-            assert each.place == pytest.approx(previous.place + 1 / 3)
+            assert (each.previous_policy, each.block_position) == (previous.policy, previous.block_position)
+            assert each.position_in_block == pytest.approx(previous.position_in_block + 1 / 3)
 
 
 @pytest.mark.parametrize("kind", EFFECTS)
@@ -87,9 +87,9 @@ def test_an_effect_is_found_where_it_is_and_nowhere_else(kind: str) -> None:
     size = {
         POLICIES: lambda each: each.policy == "revised",
         "robots": lambda each: each.robot == DESIGN.robots[1],
-        LEARNING: lambda each: each.block,
-        ORDER: lambda each: each.place,
-        CARRY_OVER: lambda each: 0.5 if each.before is None else each.before == "revised",
+        LEARNING: lambda each: each.block_position,
+        ORDER: lambda each: each.position_in_block,
+        CARRY_OVER: lambda each: 0.5 if each.previous_policy is None else each.previous_policy == "revised",
     }[kind]
     moved = [replace(each, value=each.value + 3.0 * size(each)) for each in plain]
     before, after = (
@@ -120,11 +120,11 @@ def test_better_answers_and_successes_have_odds_ratios_above_one() -> None:
         assert row.odds_ratio is not None
         assert row.odds_ratio_low is not None
         assert row.odds_ratio_low > 1.0, model
-        assert row.without_one == row.participants
-        assert row.without_one_least is not None
+        assert row.leave_one_out == row.participants
+        assert row.leave_one_out_min is not None
         assert row.estimate is not None
-        assert row.without_one_most is not None
-        assert row.without_one_least < row.estimate < row.without_one_most
+        assert row.leave_one_out_max is not None
+        assert row.leave_one_out_min < row.estimate < row.leave_one_out_max
 
 
 # Nothing to find

@@ -20,7 +20,7 @@ def old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def check_rows(found: Analysis) -> None:
-    assert {(row.least, row.most, row.points) for row in found.observed.answers} == {
+    assert {(row.minimum, row.maximum, row.points) for row in found.observed.answers} == {
         (0, 3, 4),
         (0, 100, 21),
         (1, 7, 7),

@@ -139,8 +139,8 @@ def test_power_is_that_of_primary_tests_and_the_model_and_of_no_test_by_trial() 
 def _row(participant: str, task: str, robot: str, policy: str, item: str, value: int) -> AnswerRow:
     return AnswerRow(
         participant=participant, simulated=True, counted=True, session=1, moment="after_trial", questionnaire="likert",
-        position=1, task=task, robot=robot, policy=policy, attempt=1, item=item, value=value, least=1, most=7, points=7,
-        response_time_s=1.0,
+        position=1, task=task, robot=robot, policy=policy, attempt=1, item=item, value=value, minimum=1, maximum=7,
+        points=7, response_time_s=1.0,
     )  # fmt: skip
 
 
@@ -183,9 +183,9 @@ def test_the_least_number_is_the_one_from_which_on_power_suffices() -> None:
 @pytest.mark.parametrize(
     ("participants", "words"),
     [
-        (5, "never below 0.0625: no such test can find anything"),
+        (5, "at least 0.0625: no such test can be significant"),
         (3, "Fewer than 4 participants are not tested."),
-        (8, "never below 0.00781."),
+        (8, "at least 0.00781."),
     ],
 )
 def test_words_say_what_so_few_can_show(participants: int, words: str) -> None:
@@ -196,7 +196,7 @@ def test_words_say_what_so_few_can_show(participants: int, words: str) -> None:
     told = " ".join(describe_power(Assumptions(), rows, participants))
     assert words in told
     assert "after correction in 20 % (13 to 29): more often missed than found" in told
-    assert "Where there is no effect, 'policies, by participant' finds one in 5 %" in told
+    assert "Without an effect, 'policies, by participant' is significant in 5 %" in told
     assert min_p_value(8) == 2 / 2**8
 
 
@@ -209,7 +209,7 @@ def test_a_studys_power_on_the_command_line(tmp_path: Path) -> None:
     command = ["study", "power", str(tmp_path), *arguments, "--json", str(tmp_path / "power.json")]
     shown = CliRunner().invoke(app, command)
     assert shown.exit_code == 0, shown.output
-    assert "8 participants who complete the study (about 9 taken in, if 10 % withdraw):" in shown.stdout
+    assert "8 participants who complete the study (about 9 enrolled if 10 % withdraw):" in shown.stdout
     found = json.loads((tmp_path / "power.json").read_text())
     assert found["assumptions"]["noise_sd"] == 1.0
     assert {(row["effect"], row["participants"]) for row in found["power"]} == {(0.0, 8), (2.0, 4), (2.0, 8)}
@@ -224,7 +224,7 @@ def test_a_studys_power_on_the_command_line(tmp_path: Path) -> None:
 def test_what_cannot_be_is_refused(tmp_path: Path) -> None:
     text = default_text()
     nothing = text[: text.index("\n[[questionnaires]]\n")] + text[text.index("\n[goals]\n") :]
-    with pytest.raises(ValueError, match="asks nothing after trials"):
+    with pytest.raises(ValueError, match="no questionnaire after trials"):
         SimulatedStudies(parse_design(nothing), Assumptions(), 0)
     with pytest.raises(ValueError, match="noise_sd is -1; allowed: 0 or more"):
         Assumptions(noise_sd=-1)

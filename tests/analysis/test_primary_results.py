@@ -53,11 +53,11 @@ def test_each_question_has_one_primary_result() -> None:
     assert {each.unit for each in primary} == {PARTICIPANT}
     assert {each.role for each in tests if each.unit == TRIAL} == {"supplement"}
     assert all(each.p_primary is not None for each in primary if each.p is not None)
-    assert not any(each.mark for each in tests if each.role != "primary")
+    assert not any(each.stars for each in tests if each.role != "primary")
 
 
 def test_tables_show_the_correction_over_primary_results_next_to_holms() -> None:
-    own = [each for each in rows() if each.family == OBJECTIVE.by(PARTICIPANT)]
+    own = [each for each in rows() if each.family == OBJECTIVE.family_name(PARTICIPANT)]
     shown = table_of_tests("Tests", own, simulated=False)
     heads = re.findall("<th[^>]*>([^<]*)</th>", shown)
     cells = re.findall("<td[^>]*>([^<]*)</td>", shown)
@@ -107,11 +107,11 @@ def test_unpaired_tests_of_a_plan_are_corrected_by_holm_beside_the_paired_ones()
     first, second = (family.rows[0] for family in assign_roles(families, [], None).families)
     assert (first.p, second.p) == (2 / 2**6, pytest.approx(2 / 126))
     assert (first.p_primary, second.p_primary) == (pytest.approx(4 / 2**6), pytest.approx(4 / 126))
-    assert (first.mark, second.mark) == ("", "*")
+    assert (first.stars, second.stars) == ("", "*")
 
 
 def test_objective_measures_are_primary_where_policies_are_compared() -> None:
-    own = [each for each in rows() if each.family == OBJECTIVE.by(PARTICIPANT)]
+    own = [each for each in rows() if each.family == OBJECTIVE.family_name(PARTICIPANT)]
     assert [each.quantity for each in own] == ["success", "reward", "force_mean_n"]
     assert {each.role for each in own} == {"primary"}
 
@@ -173,7 +173,7 @@ def test_studies_without_an_effect_seldom_have_any_star(studies: int, least: flo
 
 def test_a_large_effect_is_starred() -> None:
     first = [each for each in rows(effect=3.0) if each.quantity == "L1" and each.role == "primary"]
-    assert any(each.mark for each in first)
+    assert any(each.stars for each in first)
 
 
 # Few participants
@@ -183,7 +183,7 @@ def test_a_large_effect_is_starred() -> None:
 def test_fewer_than_four_participants_are_described_and_not_tested(people: int) -> None:
     tests = rows(effect=3.0, people=people)
     assert all((each.p, each.p_holm, each.p_primary, each.statistic) == (None,) * 4 for each in tests)
-    assert not any(each.mark or each.method or each.effect_low is not None for each in tests)
+    assert not any(each.stars or each.method or each.effect_low is not None for each in tests)
     assert {each.note for each in tests} <= {"fewer than 4 participants", "all differences are zero"}
     assert any(each.effect is not None for each in tests)
     page = table_of_tests("Tests", tests, simulated=True)

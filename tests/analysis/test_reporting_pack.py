@@ -117,7 +117,7 @@ def test_the_methods_say_what_is_known_and_what_is_missing(analysis: Analysis, o
     text = (out / "reporting" / "methods.md").read_text()
     enrolled, _, _, analysed = flow_steps(analysis.flows[0])
     assert f"9 participants enrolled (left: {', '.join(enrolled[1])})." in text
-    assert "6 were given an order of trials (left: 1 withdrew (felt sick: 1))." in text
+    assert "6 received an order of trials (left: 1 withdrew (felt sick: 1))." in text
     assert f"5 completed the study. {analysed[0]}." in text
     assert "Of the 5 participants in the analysis: Age: 22 to 22 years" in text
     assert "3 were represented by a woman's body model, 2 by a man's" in text
@@ -138,7 +138,7 @@ def test_what_is_given_is_no_longer_missing(analysis: Analysis) -> None:
     assert flow is not None
     assert "Ethics approval: Board 7, H19212" in methods(told, flow)["Participants"]
     (ethics,) = (each for each in checklist(told, flow) if each.field == "Ethics approval")
-    assert ethics.known == "Board 7, H19212"
+    assert ethics.value == "Board 7, H19212"
 
 
 def test_the_list_of_fields_shows_in_red_what_is_missing(analysis: Analysis, out: Path) -> None:
@@ -153,7 +153,7 @@ def test_the_list_of_fields_shows_in_red_what_is_missing(analysis: Analysis, out
         "Headset and controllers",
     } <= lacking
     assert {"Number of participants", "Age", "Informed consent", "Dates", "Blinding"}.isdisjoint(lacking)
-    assert all(bool(row["known"]) != (row["missing"] == "true") for row in rows)
+    assert all(bool(row["value"]) != (row["missing"] == "true") for row in rows)
     page = (out / "reporting" / "index.html").read_text()
     assert f"{len(lacking)} of {len(rows)} fields are missing." in page
     assert page.count('class="missing">missing<') == len(lacking)
@@ -290,8 +290,8 @@ def test_inclusion_questions_are_listed_with_the_answer_that_let_people_in(analy
     flow = main_flow(analysis)
     assert flow is not None
     (asked,) = (each for each in checklist(analysis, flow) if each.field == "Inclusion criteria")
-    assert "with glasses if you need them? Yes." in asked.known
-    assert "Have you ever had epilepsy? No." in asked.known
+    assert "with glasses if you need them? Yes." in asked.value
+    assert "Have you ever had epilepsy? No." in asked.value
 
 
 def test_the_numbers_of_values_are_those_of_each_group(analysis: Analysis) -> None:
@@ -312,13 +312,13 @@ def test_a_problem_of_many_recordings_is_shown_once_and_names_each(
         ProblemRow(simulated=False, where=f"trial-{number}.mcap", what="is old", consequence="it is used")
         for number in range(30)
     ]
-    alone = ProblemRow(simulated=False, where="one.mcap", what="is not here", consequence="no body")
+    alone = ProblemRow(simulated=False, where="one.mcap", what="is missing", consequence="no body")
     seen = replace(analysis.observed, problems=[*problems, alone])
     write_report(tmp_path / "page.html", replace(analysis, observed=seen), [], "..")
     text = (tmp_path / "page.html").read_text()
     assert text.count("is old") == 1
     assert "30 times: is old: it is used." in text
-    assert "one.mcap is not here: no body." in text
+    assert "one.mcap is missing: no body." in text
     assert all(row.where in text for row in problems)
     assert "31 problems:" in text
 

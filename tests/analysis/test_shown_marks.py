@@ -134,7 +134,7 @@ def test_a_random_effect_at_zero_is_named_with_every_estimate() -> None:
     groups = [[each.participant for each in seen]]
     design = np.hstack([np.ones((len(seen), 1)), design_matrix(DESIGN, seen).matrix])
     fitted = fit_mixed([each.value for each in seen], design, groups[0], groups)
-    assert fitted.at_zero == [place for place in (0,) if fitted.variances[place] <= 0.0]
+    assert fitted.zero_variances == [place for place in (0,) if fitted.variances[place] <= 0.0]
 
 
 @pytest.mark.parametrize(

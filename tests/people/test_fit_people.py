@@ -48,7 +48,7 @@ def angles_deg(**added: float) -> np.ndarray:
 
 
 def record(
-    path: Path, sex: Sex, torso_height_m: float, lean_deg: float, moved_deg: float, held: bool
+    path: Path, sex: Sex, torso_height_m: float, lean_deg: float, largest_motion_deg: float, held: bool
 ) -> None:
     """A trial in which somebody leans, and for its last second turns the head too; ``held``: they were not tracked."""
     recorded = configuration(
@@ -57,7 +57,7 @@ def record(
         joints=tuple(JOINTS),
     )
     writer = RecordingWriter(path, recorded)
-    leaning, turned = angles_deg(waist_x=lean_deg), angles_deg(waist_x=lean_deg, head_z=moved_deg)
+    leaning, turned = angles_deg(waist_x=lean_deg), angles_deg(waist_x=lean_deg, head_z=largest_motion_deg)
     for time_s, pose in ((0.0, angles_deg(waist_x=40.0)), (0.9, leaning), (ENDS_S - 1.0, turned)):
         writer.write("/body_targets", round(1e9 * time_s), BodyTargets(np.radians(pose).tolist()))
         if time_s == 0.9:
@@ -81,7 +81,7 @@ def take_part(
     sex: Sex,
     torso_height_m: float,
     lean_deg: float,
-    moved_deg: float,
+    largest_motion_deg: float,
     simulated: bool,
     *,
     held: bool = False,
@@ -93,20 +93,20 @@ def take_part(
     session = open_session(store, pseudonym)
     for trial in store.remaining_trials(pseudonym):
         attempt = begin_attempt(store, session.id, trial.position)
-        record(store.path(attempt.recording), sex, torso_height_m, lean_deg, moved_deg, held)
+        record(store.path(attempt.recording), sex, torso_height_m, lean_deg, largest_motion_deg, held)
         for item in store.design.items_at("after_trial"):
             record_answer(store, attempt.id, Answer(item.id, 4, 1.0))
         complete_attempt(store, attempt.id, METRICS)
     close_session(store, session.id)
 
 
-def study(folder: Path, *, moved_deg: float = 1.0, simulated: bool = True, count: int = 5) -> Path:
+def study(folder: Path, *, largest_motion_deg: float = 1.0, simulated: bool = True, count: int = 5) -> Path:
     """A study with one task and robot, two trials each, of so many participants."""
     make_study(folder, tasks=f'["{TASK}"]', robots='["Jaco"]', practice_policy='""')
     bodies: list[tuple[Sex, float]] = [(sex, height_m) for sex in SEXES for height_m in HEIGHTS_M[sex]]
     with Store(folder) as store:
         for (sex, height_m), lean_deg in list(zip(bodies, LEANS_DEG, strict=True))[:count]:
-            take_part(store, sex, height_m, lean_deg, moved_deg, simulated)
+            take_part(store, sex, height_m, lean_deg, largest_motion_deg, simulated)
     return folder
 
 
@@ -160,7 +160,7 @@ def test_still_participants_are_fitted_at_their_pose(fitted: Path) -> None:
 
 
 def test_moving_participants_are_fitted_at_their_initial_pose(tmp_path: Path) -> None:
-    found = fit_people(study(tmp_path / "moving", moved_deg=20.0)).people
+    found = fit_people(study(tmp_path / "moving", largest_motion_deg=20.0)).people
     assert found.cooperating
     assert found.poses[TASK]["head_z"] == (0.0, 0.0)
 
@@ -171,7 +171,7 @@ def test_the_file_contains_its_source_and_is_reproducible(folder: Path, fitted: 
     assert (source.men, source.women, source.trials, source.simulated) == (2, 3, 10, True)
     text = fitted.read_text()
     assert "# People fitted by `avrgym fit-people` to 5 simulated participants" in text
-    assert "# Only 5 participants: on average 67% of other people" in text
+    assert "# Only 5 participants: on average, 67% of other people" in text
     again = tmp_path / "again.toml"
     result = avrgym("fit-people", folder, "--out", again)
     assert result.exit_code == 0
@@ -188,7 +188,7 @@ def test_simulated_participants_are_ignored_among_real_ones(tmp_path: Path) -> N
     assert fit.people.source is not None
     assert (fit.people.source.participants, fit.people.source.simulated) == (3, False)
     assert fit.people.poses[TASK]["waist_x"][1] < 10.0
-    assert "Fewer than two of sex 'woman' took part" in fit.remarks
+    assert "Fewer than two participants have sex 'woman'" in fit.remarks
 
 
 def test_trials_with_stale_tracking_are_skipped_and_listed(tmp_path: Path) -> None:
@@ -222,7 +222,7 @@ def test_changed_or_truncated_recordings_are_skipped_and_listed(tmp_path: Path) 
 @pytest.mark.parametrize("count", [0, 1])
 def test_too_few_participants_are_refused(tmp_path: Path, count: int) -> None:
     folder = study(tmp_path / "few", count=count)
-    with pytest.raises(StudyError, match=f"2 participants with completed trials, not {count}"):
+    with pytest.raises(StudyError, match=f"2 participants with completed trials, found {count}"):
         fit_people(folder)
     result = avrgym("fit-people", folder, "--out", tmp_path / "p.toml")
     assert (result.exit_code, len(result.stderr.splitlines())) == (1, 1)

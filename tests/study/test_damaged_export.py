@@ -106,7 +106,7 @@ def test_damaged_recordings_can_be_skipped(folder: Path, data_format: str) -> No
     assert f"left out  {RECORDING} was changed" in result.stdout
     out = folder.parent / "out"
     (row,) = rows(out / LEFT_OUT)
-    assert (row["participant"], row["position"], row["why"]) == (
+    assert (row["participant"], row["position"], row["reason"]) == (
         "sub-001", "2", f"{RECORDING} was changed: its checksum differs",
     )  # fmt: skip
     assert exported_trials(out, data_format) == 2 * TRIALS - 1

@@ -112,7 +112,7 @@ def test_forged_plan_is_not_confirmatory(folder: Path, tmp_path: Path) -> None:
     analysis, page = analysed(folder, tmp_path / "forged")
     assert "2025" not in page
     assert "Confirmatory results" not in page
-    assert "When the plan was made is unknown" in page
+    assert "The date of the plan is unknown" in page
     assert "Rebuilt database." in page
     assert "confirmatory" not in {row.planned for row in [*analysis.tests, *analysis.models]}
     methods = (tmp_path / "forged" / "reporting" / "methods.md").read_text()

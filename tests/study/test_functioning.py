@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from avrgym.cli import app
 from avrgym.study.design.functioning import DECLINED, DEVICES, LEVELS, QUESTIONS, sentences
 from avrgym.study.export import export_study
-from avrgym.study.export.functioning import LEAST, functioning_counts, suppress
+from avrgym.study.export.functioning import MIN_GROUP_SIZE, functioning_counts, suppress
 from avrgym.study.export.records import Extras
 from avrgym.study.people.functioning import Functioning, record_functioning
 from avrgym.study.people.participants import enrol
@@ -117,8 +117,8 @@ def test_suppressed_groups_cannot_be_computed_from_the_total() -> None:
             for c in range(12):
                 shown = suppress([a, b, c])
                 hidden = [number for number, seen in zip((a, b, c), shown, strict=True) if seen is None]
-                assert not any(seen is not None and 0 < seen < LEAST for seen in shown)
-                assert not hidden or sum(hidden) >= LEAST or all(seen is None for seen in shown)
+                assert not any(seen is not None and 0 < seen < MIN_GROUP_SIZE for seen in shown)
+                assert not hidden or sum(hidden) >= MIN_GROUP_SIZE or all(seen is None for seen in shown)
 
 
 def test_export_contains_individual_answers_only_on_request(store: Store, tmp_path: Path) -> None:

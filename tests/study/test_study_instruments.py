@@ -256,15 +256,15 @@ def test_export_contains_scores_scales_and_codebook(out: Path) -> None:
         "scale",
         "moment",
         "score",
-        "least",
-        "most",
+        "minimum",
+        "maximum",
         "answered",
         "items",
     ]
     pd.testing.assert_frame_equal(exported[shared], analysed[shared])
     scales = read(export / "scales.csv").set_index(["questionnaire", "scale"])
-    assert scales.loc[("ssq", "total"), ["of", "factor", "most"]].tolist() == ["sum", 3.74, 235.62]
-    assert scales.loc[("nasa-tlx", "weighted"), "of"] == "weighted mean"
+    assert scales.loc[("ssq", "total"), ["function", "factor", "maximum"]].tolist() == ["sum", 3.74, 235.62]
+    assert scales.loc[("nasa-tlx", "weighted"), "function"] == "weighted mean"
     codebook = read(export / "codebook.csv")
     for table in ("scores", "scales"):
         columns = list(read(export / f"{table}.csv").columns)
@@ -298,14 +298,14 @@ def scale_of(item: str) -> tuple[int, int, int]:
 def test_answers_use_the_scales_of_their_instruments(out: Path) -> None:
     for table in (out / "analysis" / "tables" / "answers.csv", out / "export" / "answers.csv"):
         for row in read(table).itertuples():
-            assert (row.least, row.most, row.points) == scale_of(row.item)
-            assert row.least <= row.value <= row.most
+            assert (row.minimum, row.maximum, row.points) == scale_of(row.item)
+            assert row.minimum <= row.value <= row.maximum
     for table in (out / "analysis" / "tables" / "items.csv", out / "export" / "items.csv"):
         for row in read(table).itertuples():
-            assert (row.least, row.most, row.points) == scale_of(row.item)
+            assert (row.minimum, row.maximum, row.points) == scale_of(row.item)
     for row in read(out / "analysis" / "tables" / "subjective.csv").itertuples():
         least, most, _ = scale_of(row.item)
-        assert least <= row.least <= row.median <= row.most <= most
+        assert least <= row.minimum <= row.median <= row.maximum <= most
     likert = read(out / "analysis" / "tables" / "likert.csv")
     for (item, _, _), rows in likert.groupby(["item", "moment", "policy"], dropna=False):
         least, most, points = scale_of(str(item))

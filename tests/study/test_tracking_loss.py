@@ -105,7 +105,7 @@ def test_design_without_a_limit_counts_all_trials(tmp_path: Path) -> None:
         rows = analyse(store).observed.trials
         assert not [finding for finding in check_study(store) if "held" in finding.message]
     assert all(row.counted for row in rows)
-    assert rows[0].held_share == 1.0
+    assert rows[0].tracking_loss_share == 1.0
 
 
 @pytest.mark.parametrize("share", ["-0.1", "1.1", "nan", '"5 %"'])

@@ -9,13 +9,13 @@ from avrgym.analysis.study import Analysis
 from avrgym.study.people.adverse_events import RELATEDNESS, SERIOUSNESS, SEVERITIES, SOURCES
 
 Condition = tuple[str | None, str | None]
-"""Robot and policy; nothing for practice and for what happened outside trials."""
+"""Robot and policy; empty for practice and for events outside trials."""
 PRACTICE, OUTSIDE = ("practice", None), (None, None)
 NONE = "No adverse events were recorded."
 REPORTS_LOST = "The database was rebuilt from the recordings: reports from before that are lost."
-NEXT_TO_THEM = (
-    "Attempts that somebody stopped, interventions of the force guard, and contact forces are measures of the robots. "
-    "They are not adverse events, and no adverse event was derived from them."
+SAFETY_NOTE = (
+    "Stopped attempts, interventions of the force guard and contact forces are measures of the robots. They are not "
+    "adverse events, and no adverse event is derived from them."
 )
 
 
@@ -29,7 +29,7 @@ def adverse_events_section(analysis: Analysis) -> Markup:
         tag("p", describe_adverse_events(analysis)),
         *shown,
         *([tag("p", SOURCES)] if events else []),
-        tag("p", NEXT_TO_THEM),
+        tag("p", SAFETY_NOTE),
         _safety(analysis),
     )
 
@@ -71,7 +71,7 @@ def _by_condition(analysis: Analysis, events: Sequence[Mapping[str, Any]]) -> Ma
         numbers = "–" if condition == OUTSIDE else len(exposed)
         body.append((_named(condition), numbers, len(own), people, *severities, _serious(own), _related(own)))
     heads = ("Condition", "People exposed", "Events", "People with events", *map(str.capitalize, SEVERITIES))
-    caption = "Adverse events by condition, as they are known now; also of people who withdrew"
+    caption = "Adverse events by condition, from their latest reports; with people who withdrew"
     return table(caption, (*heads, "Serious", "Related"), body, numbers=range(1, 11))
 
 

@@ -25,15 +25,15 @@ class ItemRow:
     questionnaire: QuestionnaireName
     item: Annotated[str, _ITEMS["item"]]
     version: Annotated[
-        int, Column("Version of the item; it grows when an answered item changes.", allowed=FROM_1)
+        int, Column("Version of the item; it increases when an answered item changes.", allowed=FROM_1)
     ]
     text: Annotated[str, _ITEMS["text"]]
-    least: Annotated[int, _ITEMS["least"]]
-    most: Annotated[int, _ITEMS["most"]]
+    minimum: Annotated[int, _ITEMS["minimum"]]
+    maximum: Annotated[int, _ITEMS["maximum"]]
     points: Annotated[int, _ITEMS["points"]]
     low: Annotated[str, _ITEMS["low"]]
     high: Annotated[str, _ITEMS["high"]]
-    asked_of: Annotated[str, Column("The participants who answered it.")]
+    participants: Annotated[str, Column("The participants who answered it.")]
     answers: Annotated[int, Column("Number of answers to it.", allowed=FROM_1)]
 
 
@@ -50,12 +50,12 @@ def item_rows(store: Store, answered_items: AnsweredItems) -> list[ItemRow]:
             item=version.item.id,
             version=version.number,
             text=version.item.text,
-            least=scale.lowest,
-            most=scale.highest,
+            minimum=scale.lowest,
+            maximum=scale.highest,
             points=scale.points,
             low=version.item.low,
             high=version.item.high,
-            asked_of=", ".join(sorted(own)),
+            participants=", ".join(sorted(own)),
             answers=sum(own.values()),
         )
         for version in answered_items.versions
@@ -96,18 +96,20 @@ def _versions(items: Sequence[ItemRow]) -> list[Markup]:
     heads = ("Item", "Words", "From", "To", "Participants", "Answers")
     body = [
         (
-            row.item + (" (simulated)" if row.simulated else ""), row.text, f"{row.least} ({row.low})",
-            f"{row.most} ({row.high})", row.asked_of, row.answers,
+            row.item + (" (simulated)" if row.simulated else ""), row.text, f"{row.minimum} ({row.low})",
+            f"{row.maximum} ({row.high})", row.participants, row.answers,
         )
         for row in shown
     ]  # fmt: skip
     return [table("Items that were changed; each version is analysed separately", heads, body, numbers=(5,))]
 
 
-def describe_by_design(uses: Iterable[SessionDesign], design: Design, words: Callable[[Design], str]) -> str:
-    """The texts that ``words`` returns for the designs in ``uses``; without participants, for ``design``."""
+def describe_by_design(
+    session_designs: Iterable[SessionDesign], design: Design, words: Callable[[Design], str]
+) -> str:
+    """The texts that ``words`` returns for the designs in ``session_designs``; without participants, for ``design``."""
     groups: dict[str, list[SessionDesign]] = {}
-    for use in uses:
+    for use in session_designs:
         groups.setdefault(words(use.design), []).append(use)
     if len(groups) < 2:
         return next(iter(groups), None) or words(design)

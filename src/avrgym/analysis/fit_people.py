@@ -30,18 +30,18 @@ from avrgym.system.files import write_atomically
 from avrgym.tasks.registry import TASKS
 
 FITTED_JOINTS = tuple(name for name in JOINTS if not name.startswith("left_"))
-"""Waist, head and right arm: what tasks vary. The left arm keeps the task's own pose."""
+"""Waist, head and right arm; tasks vary them. The left arm keeps the task's pose."""
 REACHING_JOINTS = {
     "mouth": [JOINT_INDEX[name] for name, joint in JOINTS.items() if joint.body in ("torso", "head")],
     "arm": [JOINT_INDEX[name] for name in JOINTS if name.startswith(("right_shoulder", "right_elbow"))],
     "nothing": [],
 }
-"""What people move who bring mouth, arm or nothing to the tool."""
+"""Joints that bring mouth, arm or nothing to the tool."""
 MOVED_DEG = 5.0
-"""So far a joint goes that is moved on purpose; people who sit still sway less."""
+"""Threshold of voluntary motion; sway of people who sit still is smaller."""
 BEGINNING_S = 1.0
-FEW = 8
-"""The paper's number of participants; fewer say little about others."""
+FEW_PARTICIPANTS = 8
+"""The paper's number of participants; below it the file contains a warning."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class TrialPose:
     """Participant, task, torso height and joint targets (20,) in degrees of one completed trial.
 
     ``beginning_deg``: mean over the first second in which the robot moves. ``mean_deg``: mean over the whole trial.
-    ``moved_deg``: the largest range of a joint that can bring mouth or arm to the tool.
+    ``largest_motion_deg``: the largest range of a joint that can bring mouth or arm to the tool.
     """
 
     participant: str
@@ -58,7 +58,7 @@ class TrialPose:
     torso_height_m: float
     beginning_deg: FloatArray
     mean_deg: FloatArray
-    moved_deg: float
+    largest_motion_deg: float
 
 
 @dataclass(frozen=True)
@@ -87,13 +87,13 @@ def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done,
         attempts = [each for each in completed_attempts(store) if not each.trial.practice]
         simulated = all(each.participant.simulated for each in attempts)
         chosen = [each for each in attempts if each.participant.simulated == simulated]
-        trials, left_out = _see_all(chosen, progress)
+        trials, left_out = _read_poses(chosen, progress)
         title = store.design.title
     sexes = {trial.participant: trial.sex for trial in trials}
     if len(sexes) < 2:
         broken = f"; left out: {'; '.join(left_out)}" if left_out else ""
         raise StudyError(
-            f"{folder}: a range needs 2 participants with completed trials, not {len(sexes)}{broken}"
+            f"{folder}: a range needs at least 2 participants with completed trials, found {len(sexes)}{broken}"
         )
     men = list(sexes.values()).count("man")
     source = Source(title, men, len(sexes) - men, len(trials), simulated)
@@ -127,7 +127,7 @@ def covering_range(values: Sequence[float], limits: Range) -> Range:
 # Reading ------------------------------------------------------------------------------------------------------
 
 
-def _see_all(
+def _read_poses(
     attempts: Sequence[ExportedAttempt], progress: Callable[[int, int], None]
 ) -> tuple[list[TrialPose], list[str]]:
     """The poses in all recordings, and the faults of recordings without a pose."""
@@ -135,26 +135,26 @@ def _see_all(
     left_out: list[str] = []
     for number, attempt in enumerate(attempts, start=1):
         try:
-            trials.append(_see(attempt))
+            trials.append(_read_pose(attempt))
         except StudyError as error:
             left_out.append(str(error))
         progress(number, len(attempts))
     return trials, left_out
 
 
-def _see(attempt: ExportedAttempt) -> TrialPose:
+def _read_pose(attempt: ExportedAttempt) -> TrialPose:
     """The pose in a recording. An unusable recording raises ``StudyError`` with a message that begins with its name."""
     recording = attempt.read_whole()
     held = describe_excess_loss(recording, attempt.store.design)
     if held is not None:
         raise StudyError(f"{attempt.attempt.recording}: {held}")
     try:
-        return _seen(attempt, recording)
+        return _trial_pose(attempt, recording)
     except (KeyError, ValueError) as error:
-        raise StudyError(f"{attempt.attempt.recording} does not show the person: {error}") from error
+        raise StudyError(f"{attempt.attempt.recording} lacks the person's pose: {error}") from error
 
 
-def _seen(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
+def _trial_pose(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
     times_s, targets_deg = _targets(recording)
     offered = REACHING_JOINTS[TASKS[attempt.trial.task].offered]
     return TrialPose(
@@ -164,7 +164,7 @@ def _seen(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
         torso_height_m=recording.configuration.person.torso_height_m,
         beginning_deg=_mean(times_s, targets_deg, times_s[0] + BEGINNING_S),
         mean_deg=_mean(times_s, targets_deg, times_s[-1]),
-        moved_deg=float(np.ptp(targets_deg[:, offered], axis=0).max(initial=0.0)),
+        largest_motion_deg=float(np.ptp(targets_deg[:, offered], axis=0).max(initial=0.0)),
     )
 
 
@@ -174,7 +174,7 @@ def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
     begins = [time_ns for time_ns, event in events if (event.name, event.detail) == ("phase", "trial")]
     targets = recording.topics["/body_targets"]
     if not begins or not control or not targets or targets[0][0] > begins[0]:
-        raise ValueError("it holds no trial, or no joint targets from its beginning on")
+        raise ValueError("it contains no trial, or no joint targets at its beginning")
     times_ns = np.array([time_ns for time_ns, _ in targets])
     first = int(np.searchsorted(times_ns, begins[0], side="right")) - 1
     last = int(np.searchsorted(times_ns, control[-1][0], side="left"))
@@ -192,7 +192,9 @@ def _mean(times_s: FloatArray, values: FloatArray, until_s: float) -> FloatArray
 
 
 def _fitted(trials: Sequence[TrialPose], source: Source) -> PeopleFile:
-    moving = bool(np.median(_of_each((t.participant, t.moved_deg) for t in trials)) > MOVED_DEG)
+    moving = bool(
+        np.median(_participant_means((t.participant, t.largest_motion_deg) for t in trials)) > MOVED_DEG
+    )
     poses = {task: _pose([t for t in trials if t.task == task], moving) for task in TASKS}
     return PeopleFile(
         cooperating=moving,
@@ -202,7 +204,7 @@ def _fitted(trials: Sequence[TrialPose], source: Source) -> PeopleFile:
     )
 
 
-def _of_each(values: Iterable[tuple[str, float]]) -> list[float]:
+def _participant_means(values: Iterable[tuple[str, float]]) -> list[float]:
     """The mean of each participant."""
     of_participant: dict[str, list[float]] = {}
     for participant, value in values:
@@ -212,8 +214,8 @@ def _of_each(values: Iterable[tuple[str, float]]) -> list[float]:
 
 def _heights(trials: Sequence[TrialPose], sex: Sex) -> Range:
     """The range of torso heights of a sex; of both sexes if fewer than two participants have this sex."""
-    own = _of_each((t.participant, t.torso_height_m) for t in trials if t.sex == sex)
-    both = _of_each((t.participant, t.torso_height_m) for t in trials)
+    own = _participant_means((t.participant, t.torso_height_m) for t in trials if t.sex == sex)
+    both = _participant_means((t.participant, t.torso_height_m) for t in trials)
     low, high = covering_range(own if len(own) > 1 else both, TORSO_HEIGHT_RANGE_M)
     return round(low, 4), round(high, 4)
 
@@ -231,7 +233,7 @@ def _pose(trials: Sequence[TrialPose], moving: bool) -> dict[str, Range]:
             (t.participant, (t.beginning_deg if moving else t.mean_deg)[JOINT_INDEX[name]]) for t in trials
         )
         limits = JOINTS[name].lower_deg, JOINTS[name].upper_deg
-        low, high = covering_range(_of_each(angles), limits)
+        low, high = covering_range(_participant_means(angles), limits)
         ranges[name] = round(low, 2), round(high, 2)
     return ranges
 
@@ -240,21 +242,21 @@ def _remarks(source: Source) -> str:
     who = "simulated participants" if source.simulated else "participants"
     lines = [
         f"People fitted by `avrgym fit-people` to {source.participants} {who} of the study {source.study!r}.",
-        "Where n participants lie from a to b, a range goes from a - (b - a) / (n - 1) to b + (b - a) / (n - 1).",
-        "Torso heights are in metres, joint angles in degrees. Joints without a range keep the task's own pose.",
+        "For n participants with values from a to b, the range is a - (b - a) / (n - 1) to b + (b - a) / (n - 1).",
+        "Torso heights are in metres, joint angles in degrees. Joints without a range keep the task's pose.",
     ]
-    if source.participants < FEW:
-        lines.append(_few(source.participants))
+    if source.participants < FEW_PARTICIPANTS:
+        lines.append(_small_sample_text(source.participants))
     for sex, count in (("man", source.men), ("woman", source.women)):
         if count < 2:
-            lines.append(f"Fewer than two of sex {sex!r} took part: their torso heights are those of all.")
+            lines.append(f"Fewer than two participants have sex {sex!r}: torso heights are those of all.")
     return "\n".join(lines)
 
 
-def _few(count: int) -> str:
+def _small_sample_text(count: int) -> str:
     """The limitation of few participants: on average a share (n - 1) / (n + 1) of others is within their extremes."""
     share = (count - 1) / (count + 1)
     return (
-        f"Only {count} participants: on average {share:.0%} of other people lie between the least and the greatest of "
-        "them, so that the ranges are rough."
+        f"Only {count} participants: on average, {share:.0%} of other people are within their extremes. "
+        "The ranges are imprecise."
     )

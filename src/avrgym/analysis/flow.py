@@ -20,8 +20,8 @@ from avrgym.study.storage.rows import Participant
 from avrgym.study.storage.states import UNKNOWN
 from avrgym.study.storage.store import Store
 
-WITHDRAWN = "participant withdrawn"
-"""The event of a withdrawal, whose detail is the reason."""
+WITHDRAWAL_EVENT = "participant withdrawn"
+"""The event of a withdrawal; its detail is the reason."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +130,7 @@ def _excluding(design: Design, participant: Participant) -> Iterator[str]:
 def _reasons(store: Store, own: Sequence[Participant]) -> Iterator[str]:
     """The reason of each withdrawal that the experimenter stored."""
     gone = {each.number for each in own if each.state == "withdrawn"}
-    stored = {each.participant: each.detail for each in store.events() if each.name == WITHDRAWN}
+    stored = {each.participant: each.detail for each in store.events() if each.name == WITHDRAWAL_EVENT}
     return (stored.get(number) or "no reason stored" for number in sorted(gone))
 
 
@@ -139,22 +139,22 @@ def _in(own: Iterable[Participant], state: str) -> int:
 
 
 BOX_IN, SIDE_IN, GAP_IN, LINE_IN = 2.9, 2.9, 0.22, 0.17
-"""Widths of the boxes of steps and of those who leave, the space between boxes, and the height of a line."""
-LETTERS = 42
+"""Widths of boxes for steps and for participants who left, space between boxes, and height of a line."""
+LETTERS_PER_LINE = 42
 """Number of letters that fit in a line of a box."""
 UNKNOWN_TEXT = "consent or withdrawal unknown, database lost"
 
 
 def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
     """Each step with its number, and the participants who left after it."""
-    before = f"withdrew before the first trial was planned{_why(flow.withdrew_before_for)}"
+    before = f"withdrew before the first trial was planned{_reasons_text(flow.withdrew_before_for)}"
     unfinished = f", of them {flow.analysed_unfinished} not finished yet" if flow.analysed_unfinished else ""
     return [
         (
             f"Enrolled: {flow.enrolled}",
             _some(
                 {
-                    f"excluded by the inclusion questions{_why(flow.excluded_by)}": flow.excluded,
+                    f"excluded by the inclusion questions{_reasons_text(flow.excluded_by)}": flow.excluded,
                     before: flow.withdrew_before,
                     UNKNOWN_TEXT: flow.unknown_before,
                     "no consent yet": flow.no_consent,
@@ -167,7 +167,7 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
             f"Given an order of trials: {flow.allocated}",
             _some(
                 {
-                    f"withdrew{_why(flow.withdrew_for)}": flow.withdrew,
+                    f"withdrew{_reasons_text(flow.withdrew_for)}": flow.withdrew,
                     UNKNOWN_TEXT: flow.unknown,
                     "not finished yet": flow.unfinished,
                 }
@@ -181,7 +181,7 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
     ]
 
 
-def _why(reasons: Mapping[str, int]) -> str:
+def _reasons_text(reasons: Mapping[str, int]) -> str:
     """Number of times each reason was given, in brackets."""
     return f" ({'; '.join(f'{reason}: {number}' for reason, number in reasons.items())})" if reasons else ""
 
@@ -193,8 +193,8 @@ def _some(left: dict[str, int]) -> list[str]:
 def flow_chart(flow: ParticipantFlow) -> Drawing:
     """The flow as a figure; the figure is marked if participants are simulated."""
     width_in, shown = BOX_IN + SIDE_IN + 3 * GAP_IN, flow_steps(flow)
-    boxes = [_tall(_lines([words])) for words, _ in shown]
-    beside = [_tall(lines) + GAP_IN if (lines := _lines(left)) else 0.0 for _, left in shown]
+    boxes = [_box_height(_lines([words])) for words, _ in shown]
+    beside = [_box_height(lines) + GAP_IN if (lines := _lines(left)) else 0.0 for _, left in shown]
     height_in = 0.3 + sum(boxes) + sum(beside) + GAP_IN * len(shown)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(width_in, height_in))
@@ -216,16 +216,16 @@ def flow_chart(flow: ParticipantFlow) -> Drawing:
 
 
 def _lines(texts: Sequence[str]) -> list[str]:
-    return [line for text in texts for line in wrap(text, LETTERS)]
+    return [line for text in texts for line in wrap(text, LETTERS_PER_LINE)]
 
 
-def _tall(lines: Sequence[str]) -> float:
+def _box_height(lines: Sequence[str]) -> float:
     """The height of a box with this number of lines."""
     return LINE_IN * (len(lines) + 1)
 
 
 def _box(axes: Axes, x: float, y: float, width: float, lines: Sequence[str]) -> None:
-    tall = _tall(lines)
+    tall = _box_height(lines)
     axes.add_patch(Rectangle((x, y), width, tall, fill=False, edgecolor=INK, linewidth=0.8))
     axes.text(x + 0.1, y + tall / 2, "\n".join(lines), fontsize=8, va="center", linespacing=1.2)
 

@@ -122,7 +122,7 @@ def describe_headset_checks(rows: Sequence[HeadsetRow]) -> str:
         *([f"{median(jitters):.2f} mm of jitter of the head at rest"] if jitters else []),
     ]
     made_up = (
-        f" {_count(emulated, 'check')} ran on an emulated headset, which says nothing about one."
+        f" {_count(emulated, 'check')} ran on an emulated headset, which gives no information about a real one."
         * bool(emulated)
     )
     return (
@@ -135,7 +135,7 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-HEADS = (
+CHECK_HEADS = (
     "Participant", "Session", "Ready", "Headset", "Frames / s", "of", "Dropped", "Pose to picture, ms", "95 % within",
     "Jitter of head", "left hand", "right hand, mm", "Buzz", "Chime", "Stop", "after, s",
 )  # fmt: skip
@@ -145,7 +145,9 @@ def headset_section(rows: Sequence[HeadsetRow]) -> Markup:
     """Results of the headset checks; empty without checks."""
     if not rows:
         return Markup()
-    shown = table("Checks of the headset", HEADS, [_cells(row) for row in rows], numbers=[*range(4, 12), 15])
+    shown = table(
+        "Checks of the headset", CHECK_HEADS, [_cells(row) for row in rows], numbers=[*range(4, 12), 15]
+    )
     return join([tag("p", describe_headset_checks(rows)), shown])
 
 

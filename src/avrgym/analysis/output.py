@@ -22,7 +22,7 @@ def check_output_folder(out: Path) -> None:
     """Raise ``StudyError`` if an analysis would overwrite other files."""
     present = [name for name in (*FOLDERS, RESULTS) if (out / name).exists()]
     if present and previous_files(out) is None:
-        raise StudyError(f"{out / present[0]} is not of an earlier analysis; choose another folder")
+        raise StudyError(f"{out / present[0]} was not written by an analysis; choose another folder")
 
 
 def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:

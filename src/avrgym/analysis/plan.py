@@ -15,7 +15,7 @@ from avrgym.analysis.answers.trial_answers import (
     policy_question,
     questionnaires_at,
 )
-from avrgym.analysis.biomechanics.tests import HEADS, HEIGHTS, WHOLE_HEADS
+from avrgym.analysis.biomechanics.tests import HEAD_POSITION_QUESTION, HEAD_QUESTION, HEIGHT_QUESTION
 from avrgym.analysis.biomechanics.training_people import AXES, posture_of
 from avrgym.analysis.models.models import ModelRow, model_tests
 from avrgym.analysis.models.section import table_of_effects
@@ -35,13 +35,13 @@ from avrgym.study.storage.store import Store
 
 BOTH_UNITS = (TRIAL, PARTICIPANT)
 Expected = tuple[str, list[str], Question]
-"""A hypothesis in words, its measures, and what their tests ask."""
+"""A hypothesis in words, its measures, and the question of their tests."""
 
 
 def required_tests(design: Design) -> dict[str, tuple[str, ...]]:
     """The families of tests that a plan must name, each with its quantities."""
     return {
-        question.by(unit): tuple(quantities)
+        question.family_name(unit): tuple(quantities)
         for question, units, quantities in _questions(design)
         for unit in units
     }
@@ -70,9 +70,13 @@ def _questions(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequen
             yield change_question(questionnaire), [PARTICIPANT], items
     yield from _about_scores(design)
     postures = dict.fromkeys(posture_of(task) for task in design.tasks)
-    yield HEIGHTS, BOTH_UNITS, ["torso_height_m"]
-    yield HEADS, BOTH_UNITS, [f"head_{axis}_m, {posture}" for posture, axis in product(postures, AXES)]
-    yield WHOLE_HEADS, [PARTICIPANT], [f"head_m, {posture}" for posture in postures]
+    yield HEIGHT_QUESTION, BOTH_UNITS, ["torso_height_m"]
+    yield (
+        HEAD_QUESTION,
+        BOTH_UNITS,
+        [f"head_{axis}_m, {posture}" for posture, axis in product(postures, AXES)],
+    )
+    yield HEAD_POSITION_QUESTION, [PARTICIPANT], [f"head_m, {posture}" for posture in postures]
 
 
 def _about_scores(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequence[str]]]:
@@ -93,10 +97,14 @@ def suggested_hypotheses(design: Design) -> tuple[Hypothesis, ...]:
     if rated and len(design.policies) > 1:
         expected.append(_better_policy(design, rated[0]))
     expected = expected or [
-        ("Participants are as tall as people of the training.", ["torso_height_m"], HEIGHTS)
+        (
+            "Participants have the torso heights of the training populations.",
+            ["torso_height_m"],
+            HEIGHT_QUESTION,
+        )
     ]
     return tuple(
-        Hypothesis(f"H{number}", text, tuple(measures), (question.by(PARTICIPANT),))
+        Hypothesis(f"H{number}", text, tuple(measures), (question.family_name(PARTICIPANT),))
         for number, (text, measures, question) in enumerate(expected, start=1)
     )
 
@@ -210,11 +218,11 @@ def _frozen_text(frozen: FrozenPlan) -> Markup:
     )
     said = {
         "Participants planned": str(plan.participants),
-        "Why so many": plan.sample_size_rationale,
-        "When taking people in ends": plan.stopping_rule,
-        "Left out": f"trials whose person was held for more than {100 * plan.exclusion.max_held_share:g} % of the time",
-        "Left out too": " ".join(plan.exclusion.further),
-        "Settled beforehand": plan.other,
+        "Sample size rationale": plan.sample_size_rationale,
+        "Stopping rule": plan.stopping_rule,
+        "Excluded": f"trials with tracking loss for more than {100 * plan.exclusion.max_held_share:g} % of the time",
+        "Further exclusions": " ".join(plan.exclusion.further),
+        "Other decisions": plan.other,
     }
     return join([tag("p", words), bullet_list([f"{name}: {text}" for name, text in said.items() if text])])
 
@@ -234,8 +242,8 @@ def confirmatory_section(
         return Markup()
     shown = [_hypothesis(plan, each, tests, models, simulated) for each in plan.hypotheses]
     note = (
-        "These tests were planned. All other tests are exploratory. “p, corrected” is that of the primary results; "
-        "“p, Holm” is corrected within one family only."
+        "These tests were planned. All other tests are exploratory. “p, corrected” is corrected over all primary "
+        "results, “p, Holm” within one family only."
     )
     return tag("section", tag("h3", "Confirmatory results"), tag("p", note), *shown)
 

@@ -88,7 +88,7 @@ def assign_roles(
                 row,
                 role=of_models[at],
                 p_primary=of_effects.get(at),
-                mark=significance_stars(of_effects.get(at)),
+                stars=significance_stars(of_effects.get(at)),
             )
             for at, row in enumerate(models)
         ],
@@ -101,7 +101,7 @@ def _role_of_test(family: Family, row: ComparisonRow, plan: Plan | None) -> str:
         return SUPPLEMENT
     if plan is None:
         return PRIMARY if family.question.primary else SECONDARY
-    named = (family.question.by(unit) for unit in (PARTICIPANT, TRIAL))
+    named = (family.question.family_name(unit) for unit in (PARTICIPANT, TRIAL))
     return PRIMARY if any(plan.hypotheses_of(name, row.quantity) for name in named) else SECONDARY
 
 
@@ -142,7 +142,7 @@ def _with_roles(
     def given() -> Iterator[ComparisonRow]:
         for place, row in enumerate(family.rows):
             p = corrected.get((at, place))
-            yield replace(row, role=roles[at, place], p_primary=p, mark=significance_stars(p))
+            yield replace(row, role=roles[at, place], p_primary=p, stars=significance_stars(p))
 
     return replace(family, rows=tuple(given()))
 
@@ -160,13 +160,15 @@ PRIMARY_HEADS = (
 )
 PRIMARY_NUMERIC_COLUMNS = (3, 4, 5, 6, 7)
 PRIMARY_CAPTION = "Primary results; one value per participant; p corrected over all primary results"
-WITHOUT_PLAN = (
+WITHOUT_PLAN_TEXT = (
     "No plan names hypotheses. The primary results are therefore the tests by participant of differences between "
     "policies in each answer, score and objective measure, of the first answer against the midpoint of its scale, and "
     "of changes from before to after sessions."
 )
-WITH_PLAN = "The primary results are the tests of the hypotheses in the plan, with one value per participant."
-OTHERS = (
+WITH_PLAN_TEXT = (
+    "The primary results are the tests of the hypotheses in the plan, with one value per participant."
+)
+OTHER_RESULTS = (
     "Only primary results have stars, for p after correction over all of them: * < 0.05, ** < 0.01, *** < 0.001. All "
     "other results are sensitivity analyses, secondary or supplementary. Stars and figures use “p, corrected”. "
     "“p, Holm” in other tables is corrected within one family and therefore differs."
@@ -186,7 +188,7 @@ def primary_section(
         "section",
         tag("h3", "Primary results"),
         *mark,
-        tag("p", f"{WITH_PLAN if planned else WITHOUT_PLAN} {OTHERS}"),
+        tag("p", f"{WITH_PLAN_TEXT if planned else WITHOUT_PLAN_TEXT} {OTHER_RESULTS}"),
         *limits,
         table(group_caption(PRIMARY_CAPTION, simulated), PRIMARY_HEADS, rows, PRIMARY_NUMERIC_COLUMNS),
     )
@@ -214,14 +216,14 @@ def _test_cells(row: ComparisonRow) -> tuple[object, ...]:
         row.family.removesuffix(f", by {PARTICIPANT}"), row.quantity, f"{row.group_a} / {row.group_b}",
         n_text(row), f"{short_number(row.median_a)} / {short_number(row.median_b)}",
         interval_text(row.effect, row.effect_low, row.effect_high),
-        row.note if row.p is None else p_text(row.p), p_text(row.p_primary), row.mark,
+        row.note if row.p is None else p_text(row.p), p_text(row.p_primary), row.stars,
     )  # fmt: skip
 
 
 def _model_cells(row: ModelRow) -> tuple[object, ...]:
     return (
         row.family, row.quantity, f"{row.group_a} / {row.group_b}", row.participants, "–", effect_text(row),
-        row.note if row.p is None else p_text(row.p), p_text(row.p_primary), row.mark,
+        row.note if row.p is None else p_text(row.p), p_text(row.p_primary), row.stars,
     )  # fmt: skip
 
 
@@ -230,10 +232,10 @@ def _limits(tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulate
     rows = [*chain(*_primary_of_group(tests, models, simulated))]
     if any(row.note == TOO_FEW for row in rows):
         yield f"With fewer than {MIN_PARTICIPANTS} participants, results are described and not tested."
-    elif most := _most_participants(rows):
-        least = 2.0 / 2.0**most
-        if least >= 0.05:
-            yield f"With {most} participants, p of a paired test is at least {least:.3g}: no star is possible."
+    elif number := _most_participants(rows):
+        minimum = 2.0 / 2.0**number
+        if minimum >= 0.05:
+            yield f"With {number} participants, p of a paired test is at least {minimum:.3g}: no star is possible."
 
 
 def _most_participants(rows: Sequence[ComparisonRow | ModelRow]) -> int:

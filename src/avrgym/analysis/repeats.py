@@ -38,10 +38,10 @@ class RepeatRow:
     ]
 
 
-def repeat_rows(tried: Iterable[AttemptedTrial]) -> list[RepeatRow]:
+def repeat_rows(attempted_trials: Iterable[AttemptedTrial]) -> list[RepeatRow]:
     """The rows of all conditions with repeats."""
     conditions = defaultdict[tuple[bool, str, str, str], list[AttemptedTrial]](list)
-    for each in tried:
+    for each in attempted_trials:
         condition = (each.participant.simulated, each.trial.task, each.trial.robot, each.trial.policy)
         conditions[condition].append(each)
     return [row for condition, own in sorted(conditions.items()) for row in _rows(condition, own)]
@@ -84,12 +84,12 @@ def repeats_section(
 ) -> Markup:
     """Repeats of a group of participants, with the findings about them."""
     rows = [row for row in repeats if row.simulated is simulated]
-    listed = [bullet_list([f"{each}." for each in findings]), *_letters(design)] if findings else []
+    listed = [bullet_list([f"{each}." for each in findings]), *_policy_codes(design)] if findings else []
     shown = [_table(rows, simulated)] if rows else []
     return tag("section", tag("h3", "Repeats"), tag("p", _summary_text(rows)), *listed, *shown)
 
 
-def _letters(design: Design) -> list[Markup]:
+def _policy_codes(design: Design) -> list[Markup]:
     """The letters of the policies in a blind study, for the findings."""
     if not design.blind_experimenter:
         return []

@@ -94,7 +94,10 @@ def _notices(analysis: Analysis) -> Markup:
     notices += [warning_box("Rebuilt database.", words) for words in analysis.losses]
     if analysis.plan is not None and not analysis.plan.is_confirmatory:
         notices.append(warning_box("Exploratory.", "No plan was frozen before the first participant."))
-    if any(use.design.blind_experimenter for use in analysis.uses) or analysis.design.blind_experimenter:
+    if (
+        any(use.design.blind_experimenter for use in analysis.session_designs)
+        or analysis.design.blind_experimenter
+    ):
         notices.append(
             warning_box(
                 "Unblinded.", "The experimenter is blinded in this study; this page names the policies."
@@ -132,7 +135,7 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
     tests = tables_of_tests(analysis.families, simulated)
     design, observed = analysis.design, analysis.observed
     confirmed = analysis.plan.confirmed if analysis.plan else None
-    findings = analysis.repeat_findings if simulated is analysis.repeats_about else []
+    findings = analysis.repeat_findings if simulated is analysis.repeats_of_simulated else []
     return tag(
         "article",
         tag("h2", TITLES[simulated]),
@@ -175,7 +178,7 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
         "in the analyses": sum(row.counted for row in trials),
         "left out, tracking lost": sum(row.left_out is not None for row in trials),
         "Attempts": sum(row.attempts for row in trials),
-        "broken off": sum(row.attempts_broken_off for row in trials),
+        "not completed": sum(row.attempts_not_completed for row in trials),
     }
     sites = ["Site"] if any(row.site for row in people) else []
     rows = [
@@ -183,13 +186,13 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
             row.participant, *([row.site or ""] if sites else []), row.state, row.sex, row.language,
             "" if row.age_years is None else row.age_years,
             "" if row.torso_height_m is None else f"{row.torso_height_m:.3f}", row.sessions,
-            row.trials_completed, row.trials_missing, row.attempts, row.attempts_broken_off,
+            row.trials_completed, row.trials_missing, row.attempts, row.attempts_not_completed,
         )
         for row in people
     ]  # fmt: skip
     heads = (
         "Participant", *sites, "State", "Body", "Language", "Age", "Torso / m", "Sessions", "Trials completed",
-        "missing", "Attempts", "broken off",
+        "missing", "Attempts", "not completed",
     )  # fmt: skip
     also = " or whose consent is unknown" if unknown else ""
     caption = f"Participants, including those who withdrew{also}, who are in no analysis"
@@ -205,15 +208,15 @@ def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
 
 def _facts(analysis: Analysis) -> Markup:
     """Information for a publication that is not in the data."""
-    design, uses = analysis.design, analysis.uses
+    design, session_designs = analysis.design, analysis.session_designs
     given = {
         name.replace("_", " ").capitalize(): text or "missing; set it in [reporting] of study.toml"
         for name, text in msgspec.structs.asdict(design.reporting).items()
     }
     rows = given | {
-        "Task text for participants": describe_by_design(uses, design, _told),
-        "Real seat": describe_by_design(uses, design, _seat),
-        "Real mattress": describe_by_design(uses, design, _mattress),
+        "Task text for participants": describe_by_design(session_designs, design, _goals),
+        "Real seat": describe_by_design(session_designs, design, _seat),
+        "Real mattress": describe_by_design(session_designs, design, _mattress),
     }
     words = bullet_list([f"{name}: {text}" for name, text in rows.items()])
     note = "Values come from recordings if there are any."
@@ -221,7 +224,7 @@ def _facts(analysis: Analysis) -> Markup:
     return tag("section", tag("h2", "About the study"), words, tag("p", note), *planned, id="facts")
 
 
-def _told(design: Design) -> str:
+def _goals(design: Design) -> str:
     return " ".join(f"{task}: {design.goals.get(task) or TASKS[task].goal}" for task in design.tasks)
 
 

@@ -41,7 +41,7 @@ from avrgym.analysis.latency import LatencyRow, latency_rows
 from avrgym.analysis.log import StudyLog, study_log
 from avrgym.analysis.models.models import ModelRow, model_rows
 from avrgym.analysis.outcomes.outcomes import ObjectiveRow, objective_rows, outcome_families
-from avrgym.analysis.outcomes.paper_tables import as_tables, paper_tables
+from avrgym.analysis.outcomes.paper_tables import file_tables, paper_tables
 from avrgym.analysis.plan import FrozenPlan, label_by_plan, plan_results, read_frozen_plan
 from avrgym.analysis.primary import assign_roles
 from avrgym.analysis.reading.rows import (
@@ -67,7 +67,7 @@ from avrgym.study.checking.repeats import attempted_trials
 from avrgym.study.design.design import Design
 from avrgym.study.export.codebook import TABLES
 from avrgym.study.export.functioning import functioning_counts
-from avrgym.study.export.records import WITHOUT, adverse_event_rows
+from avrgym.study.export.records import NO_EXTRAS, adverse_event_rows
 from avrgym.study.export.scores import uses_instruments
 from avrgym.study.storage.analysis_files import FORMAT_NAME
 from avrgym.study.storage.data_loss import describe_data_loss
@@ -78,7 +78,7 @@ from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
 from avrgym.vr.session.attempt import versions
 
 IN_TABLES_ONLY = ("control_steps", "people")
-"""Tables too long for the results' file."""
+"""Tables that are too long for ``results.json``."""
 FORMAT = f"{FORMAT_NAME} 1"
 FROM_FILE = "what recordings do not contain is taken from the study's present files"
 
@@ -87,15 +87,16 @@ FROM_FILE = "what recordings do not contain is taken from the study's present fi
 class Analysis:
     """The results of a study. ``groups`` are the groups of participants with recorded bodies.
 
-    ``design`` is the study's design with all answered items. ``uses`` are the recorded designs of the participants, and
-    ``differences`` their differences from the present design. ``losses`` describe the consequences of a lost database.
-    ``repeat_findings`` are about simulated participants if ``repeats_about`` is true, otherwise about people.
+    ``design`` is the study's design with all answered items. ``session_designs`` are the recorded designs of the
+    participants, and ``differences`` their differences from the present design. ``losses`` describe the consequences
+    of a lost database. ``repeat_findings`` are about simulated participants if ``repeats_of_simulated`` is true,
+    otherwise about people.
     """
 
     design: Design
     plan: FrozenPlan | None
     differences: list[Finding]
-    uses: list[SessionDesign]
+    session_designs: list[SessionDesign]
     items: list[ItemRow]
     observed: StudyData
     flows: list[ParticipantFlow]
@@ -121,7 +122,7 @@ class Analysis:
     losses: tuple[str, ...]
     repeats: list[RepeatRow]
     repeat_findings: list[str]
-    repeats_about: bool
+    repeats_of_simulated: bool
 
     @property
     def tests(self) -> list[ComparisonRow]:
@@ -145,7 +146,7 @@ class Analysis:
         yield Table("adverse_events", TABLES["adverse_events"], self.adverse_events)
         yield Table.of("problems", ProblemRow, seen.problems)
         yield Table.of("objective", ObjectiveRow, self.objective)
-        yield from as_tables(list(paper_tables(self.design, self.objective)))
+        yield from file_tables(list(paper_tables(self.design, self.objective)))
         yield Table.of("subjective", SubjectiveRow, self.subjective)
         yield Table.of("session_answers", SessionAnswerRow, self.session_answers)
         yield Table.of("likert", LikertRow, self.likert)
@@ -222,7 +223,7 @@ def analyse(
         design=design,
         plan=plan,
         differences=differences,
-        uses=recorded_designs(store),
+        session_designs=recorded_designs(store),
         items=item_rows(store, answered_items),
         observed=observed,
         flows=participant_flows(store, observed),
@@ -243,12 +244,12 @@ def analyse(
         latency=latency_rows(observed.trials, observed.latencies),
         rebuilt_at=store.rebuilt_at(),
         log=study_log(store),
-        adverse_events=[vars(row) for row in adverse_event_rows(store, store.participants(), WITHOUT)],
+        adverse_events=[vars(row) for row in adverse_event_rows(store, store.participants(), NO_EXTRAS)],
         functioning=[vars(row) for row in functioning_counts(store)] if store.design.ask_functioning else [],
         losses=describe_data_loss(store),
         repeats=repeat_rows(attempted_trials(store)),
         repeat_findings=[f"{each.where}: {each.message}" for each in check_repeats(store)],
-        repeats_about=is_simulated(store),
+        repeats_of_simulated=is_simulated(store),
     )
 
 

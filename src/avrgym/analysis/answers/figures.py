@@ -26,7 +26,7 @@ from avrgym.analysis.page.drawing import (
     GROUP_WIDTH,
     INK,
     LETTER_WIDTH_IN,
-    LINES,
+    LINE_COLOURS,
     ON_DARK,
     ON_LIGHT,
     RULE,
@@ -42,12 +42,12 @@ from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS, PARTICIPANT
 from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Item, Questionnaire
 from avrgym.study.design.design import Design
 
-LINE = 0.55
-"""The height of a line of an item's words as a share of a bar's."""
+LINE_HEIGHT = 0.55
+"""Height of a line of an item's text as a share of a bar's."""
 BRACKET_WIDTH_IN = 0.62
-"""The width of a bracket with the result of its test."""
-MOST_BRACKETS = 6
-"""With more comparisons of an item than these, figures show no tests."""
+"""Width of a bracket with the result of its test."""
+MAX_BRACKETS = 6
+"""Largest number of comparisons of an item in a figure with tests."""
 
 
 def trial_answers_figures(
@@ -78,7 +78,7 @@ def mean_answers_figures(
         if own:
             differ = _differences(design, questionnaire, tests) if len(design.policies) == 2 else []
             tested = "; p over participants, corrected over all primary results" if differ else ""
-            caption = f"{questionnaire.name}: mean answers over all trials, as the paper drew them{tested}"
+            caption = f"{questionnaire.name}: mean answers over all trials, as in the paper{tested}"
             figure = means_figure(design, questionnaire, own, differ)
             yield finish_figure(
                 simulated, f"{trial_figure_name(design, questionnaire)}-means", caption, figure
@@ -89,7 +89,7 @@ def _differences(
     design: Design, questionnaire: Questionnaire, tests: Sequence[ComparisonRow]
 ) -> list[ComparisonRow]:
     """Tests between policies that a figure shows; each value is the mean of one participant."""
-    family = policy_question(design, questionnaire).by(PARTICIPANT)
+    family = policy_question(design, questionnaire).family_name(PARTICIPANT)
     return _shown(row for row in tests if row.family == family)
 
 
@@ -109,7 +109,7 @@ def session_answers_figures(
             for moment in SESSION_MOMENTS
             if moment in questionnaire.moments
         }
-        family = change_question(questionnaire).by(PARTICIPANT)
+        family = change_question(questionnaire).family_name(PARTICIPANT)
         differ = _shown(row for row in tests if row.family == family)
         if any(groups.values()):
             name, words = session_figure_name(questionnaire), ("session", "participants")
@@ -141,7 +141,7 @@ def _likert_figure(
     what, counted = words
     by_item = {item.id: [row for row in tests if row.quantity == item.id] for item in questionnaire.items}
     brackets = max(map(len, by_item.values()))
-    brackets = brackets if brackets <= MOST_BRACKETS else 0
+    brackets = brackets if brackets <= MAX_BRACKETS else 0
     width_in = WIDTH_IN + BRACKET_WIDTH_IN * max(0, brackets - 1)
     axes_in = width_in - 0.45 - LETTER_WIDTH_IN * max(map(len, groups))
     share_in = (axes_in - BRACKET_WIDTH_IN * brackets) / 2.04
@@ -149,7 +149,7 @@ def _likert_figure(
     heads = [
         _head(questionnaire, item, int(axes_in / LETTER_WIDTH_IN), common) for item in questionnaire.items
     ]
-    spaces = [LINE * head.count("\n") + LINE + 0.9 for head in heads]
+    spaces = [LINE_HEIGHT * head.count("\n") + LINE_HEIGHT + 0.9 for head in heads]
     tops = [sum(spaces[: index + 1]) + len(groups) * index for index in range(len(heads))]
     bottom = tops[-1] + len(groups)
     with matplotlib.rc_context(STYLE):
@@ -251,7 +251,7 @@ def _brackets(
 ROW_WIDTH_IN = 4.2
 """The width of a row of bars."""
 BAR_WIDTH_IN = 0.34
-"""The least width of a bar, which has its mean above it."""
+"""Minimum width of a bar with its mean above."""
 
 
 def means_figure(
@@ -291,7 +291,7 @@ def _mean_bars(axes: Axes, design: Design, items: Sequence[Item], rows: Sequence
         own = {row.item: row.mean for row in rows if row.policy == policy and row.item in ids}
         if own:
             places = [ids.index(item) + width * (index - (len(design.policies) - 1) / 2) for item in own]
-            colour = LINES[index % len(LINES)]
+            colour = LINE_COLOURS[index % len(LINE_COLOURS)]
             bars = axes.bar(places, list(own.values()), 0.9 * width, color=colour, alpha=0.55, label=policy)
             axes.bar_label(bars, fmt="%.1f", fontsize=7)
     label_x_ticks(axes, ids, ROW_WIDTH_IN)
@@ -302,13 +302,15 @@ def _mean_axis(
 ) -> None:
     """The range of the items' scales on the y axis, with the tests above."""
     scales = [questionnaire.scale_of(item) for item in items]
-    least, most = min(scale.lowest for scale in scales), max(scale.highest for scale in scales)
+    minimum, maximum = min(scale.lowest for scale in scales), max(scale.highest for scale in scales)
     ids = [item.id for item in items]
     for row in tests:
         if row.quantity in ids:
-            y = most + 0.1 * (most - least)
+            y = maximum + 0.1 * (maximum - minimum)
             axes.text(ids.index(row.quantity), y, p_primary_and_stars(row), fontsize=7, ha="center")
-    axes.set_ylim(least, most)
-    ticks = [tick for tick in axes.get_yticks() if least <= tick <= most]
-    label = f"mean answer\n({least} to {most})" if len(set(scales)) == 1 else "mean answer\n(own scales)"
-    axes.set(ylim=(least, most + (0.35 if tests else 0.12) * (most - least)), yticks=ticks, ylabel=label)
+    axes.set_ylim(minimum, maximum)
+    ticks = [tick for tick in axes.get_yticks() if minimum <= tick <= maximum]
+    label = f"mean answer\n({minimum} to {maximum})" if len(set(scales)) == 1 else "mean answer\n(own scales)"
+    axes.set(
+        ylim=(minimum, maximum + (0.35 if tests else 0.12) * (maximum - minimum)), yticks=ticks, ylabel=label
+    )

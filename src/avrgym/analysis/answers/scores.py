@@ -11,7 +11,7 @@ from avrgym.analysis.answers.session_answers import (
     CHANGE,
     MOMENT_LABELS,
     compare_before_after,
-    values_at,
+    values_at_moment,
 )
 from avrgym.analysis.answers.trial_answers import AFTER_TRIAL
 from avrgym.analysis.columns import (
@@ -59,11 +59,11 @@ class ScoreSummaryRow:
     policy: PolicyNameOrNone
     n: N
     mean: Mean
-    least: Minimum
+    minimum: Minimum
     lower_quartile: LowerQuartile
     median: Median
     upper_quartile: UpperQuartile
-    most: Maximum
+    maximum: Maximum
 
 
 def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[ScoreSummaryRow]:
@@ -75,7 +75,7 @@ def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[Score
             rows += _summary_rows(simulated, questionnaire, scale, AFTER_TRIAL, policy, values)
         given = _about_sessions(own)
         for scale, moment in product(_scales(own), (BEFORE, AFTER, CHANGE)):
-            values = values_at(moment, scale, given)
+            values = values_at_moment(moment, scale, given)
             rows += _summary_rows(simulated, questionnaire, scale, moment, None, values)
     return rows
 
@@ -190,8 +190,8 @@ def _summary_rows(
 
 
 NOTE = (
-    "A scale of one item has the values and the p of that item, which the section Answers tests too. After correction "
-    "p differs, because families differ. Without a plan only the score is a primary result."
+    "A scale of one item has the same values and p as the item in the section Answers. Corrected p differs because the "
+    "families differ. Without a plan, only the score is a primary result."
 )
 
 
@@ -248,7 +248,7 @@ def _summary_table(caption: str, rows: Sequence[ScoreSummaryRow], instrument: In
             row.scale, *_range_cells(row, instrument), row.policy or "",
             MOMENT_LABELS.get(row.moment, "after trials"), row.n, short_number(row.median),
             f"{short_number(row.lower_quartile)} to {short_number(row.upper_quartile)}", number_text(row.mean),
-            f"{short_number(row.least)} to {short_number(row.most)}",
+            f"{short_number(row.minimum)} to {short_number(row.maximum)}",
         )
         for row in rows
     ]  # fmt: skip
@@ -257,8 +257,8 @@ def _summary_table(caption: str, rows: Sequence[ScoreSummaryRow], instrument: In
 
 def _range_cells(row: ScoreSummaryRow, instrument: Instrument) -> tuple[str, str]:
     """The lowest and highest possible score of a scale; empty for changes."""
-    least, most = instrument.range_of(row.scale)
-    return ("", "") if row.moment == CHANGE else (short_number(least), short_number(most))
+    minimum, maximum = instrument.range_of(row.scale)
+    return ("", "") if row.moment == CHANGE else (short_number(minimum), short_number(maximum))
 
 
 def _score_table(caption: str, rows: Sequence[ScoreRow]) -> Markup:

@@ -128,7 +128,7 @@ def _quartiles(row: SubjectiveRow | SessionAnswerRow) -> tuple[int, str, str, st
     """Number, median, quartiles, mean and range of answers, or of their changes."""
     return (
         row.n, _brief_number(row.median), f"{_brief_number(row.lower_quartile)} to {_brief_number(row.upper_quartile)}",
-        number_text(row.mean), f"{_brief_number(row.least)} to {_brief_number(row.most)}",
+        number_text(row.mean), f"{_brief_number(row.minimum)} to {_brief_number(row.maximum)}",
     )  # fmt: skip
 
 

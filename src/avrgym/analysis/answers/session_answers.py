@@ -51,17 +51,17 @@ class SessionAnswerRow:
     moment: Annotated[str, Column("Moment of the answers.", allowed=f"{BEFORE}, {AFTER}, {CHANGE}")]
     n: N
     mean: Mean
-    least: Minimum
+    minimum: Minimum
     lower_quartile: LowerQuartile
     median: Median
     upper_quartile: UpperQuartile
-    most: Maximum
+    maximum: Maximum
 
 
 MOMENT_LABELS = {BEFORE: "before", AFTER: "after", CHANGE: "change"}
 """Labels of moments in tests, tables and figures."""
 SessionValues = Mapping[tuple[str, str], Mapping[str, float]]
-"""By moment and item, or scale, the value of each participant."""
+"""The value of each participant, by moment and item or scale."""
 
 
 def session_questionnaires(design: Design) -> list[Questionnaire]:
@@ -74,7 +74,7 @@ def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Se
     rows: list[SessionAnswerRow] = []
     for simulated, questionnaire, given in _asked(design, answers):
         for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE)):
-            values = values_at(moment, item.id, given)
+            values = values_at_moment(moment, item.id, given)
             if values:
                 rows.append(_summary(simulated, questionnaire.name, item.id, moment, values))
     return rows
@@ -107,7 +107,7 @@ def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Famil
     ]
 
 
-def values_at(moment: str, quantity: str, given: SessionValues) -> list[float]:
+def values_at_moment(moment: str, quantity: str, given: SessionValues) -> list[float]:
     """The values at a moment. For ``CHANGE``: after minus before, for participants with both answers."""
     if moment != CHANGE:
         return list(given.get((moment, quantity), {}).values())

@@ -55,11 +55,11 @@ class SubjectiveRow:
     robot: RobotName
     n: N
     mean: Mean
-    least: Minimum
+    minimum: Minimum
     lower_quartile: LowerQuartile
     median: Median
     upper_quartile: UpperQuartile
-    most: Maximum
+    maximum: Maximum
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -46,15 +46,15 @@ class BiomechanicsRow:
     simulated: IsSimulated
     quantity: Quantity
     posture: Posture
-    people: Annotated[str, Column("Participants, or the training population.")]
+    population: Annotated[str, Column("Participants, or the training population.")]
     n: N
     mean: Mean
     deviation: Annotated[float | None, Column("Standard deviation.", empty="fewer than two values")]
-    least: Minimum
+    minimum: Minimum
     lower_quartile: LowerQuartile
     median: Median
     upper_quartile: UpperQuartile
-    most: Maximum
+    maximum: Maximum
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,8 +64,8 @@ class RangeRow:
     simulated: IsSimulated
     quantity: Quantity
     n: N
-    least: Minimum
-    most: Maximum
+    minimum: Minimum
+    maximum: Maximum
     original_low: Annotated[float, Column("Lower bound in the Original population.")]
     original_high: Annotated[float, Column("Upper bound in the Original population.")]
     original_covers: Annotated[float, Column("Share of values within these bounds.", allowed=SHARE)]
@@ -114,7 +114,7 @@ def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow])
                 _distribution(group.simulated, f"head_{AXES[axis]}_m", posture, "participants", heads)
             )
     for name in TRAINING_PEOPLE:
-        drawn = [row for row in people if row.people == name]
+        drawn = [row for row in people if row.population == name]
         values = [row.torso_height_m for row in drawn]
         rows.append(_distribution(True, "torso_height_m", "any", name, values))
         for posture, axis in product(dict.fromkeys(row.posture for row in drawn), range(len(AXES))):
@@ -143,20 +143,20 @@ def participant_head_positions(group: BodyTrials, posture: str) -> FloatArray:
 def _distribution(
     simulated: bool, quantity: str, posture: str, people: str, values: Sequence[float] | FloatArray
 ) -> BiomechanicsRow:
-    least, lower, median, upper, most = (float(v) for v in np.percentile(values, [0, 25, 50, 75, 100]))
+    minimum, lower, median, upper, maximum = (float(v) for v in np.percentile(values, [0, 25, 50, 75, 100]))
     return BiomechanicsRow(
         simulated=simulated,
         quantity=quantity,
         posture=posture,
-        people=people,
+        population=people,
         n=len(values),
         mean=float(np.mean(values)),
         deviation=float(np.std(values, ddof=1)) if len(values) > 1 else None,
-        least=least,
+        minimum=minimum,
         lower_quartile=lower,
         median=median,
         upper_quartile=upper,
-        most=most,
+        maximum=maximum,
     )
 
 
@@ -180,14 +180,14 @@ def range_rows(groups: Sequence[BodyTrials]) -> list[RangeRow]:
                 for name in HEIGHT_DISTRIBUTIONS
             ]
             means = [_span(row, f"waist_{axis}_deg", f"waist_{axis}_deg") for row in group.trials]
-            whole = [_span(row, f"waist_{axis}_least_deg", f"waist_{axis}_most_deg") for row in group.trials]
+            whole = [_span(row, f"waist_{axis}_min_deg", f"waist_{axis}_max_deg") for row in group.trials]
             rows += _range(group.simulated, f"waist_{axis}_deg, mean of a trial", means, *ends)
             rows += _range(group.simulated, f"waist_{axis}_deg, all of a trial", whole, *ends)
     return rows
 
 
-def _span(row: TrialRow, least: str, most: str) -> tuple[float, float]:
-    return float(getattr(row, least)), float(getattr(row, most))
+def _span(row: TrialRow, minimum: str, maximum: str) -> tuple[float, float]:
+    return float(getattr(row, minimum)), float(getattr(row, maximum))
 
 
 def _range(
@@ -200,7 +200,7 @@ def _range(
     if not spans:
         return []
     covers = [
-        fmean(low - 1e-9 <= least and most <= high + 1e-9 for least, most in spans)
+        fmean(low - 1e-9 <= minimum and maximum <= high + 1e-9 for minimum, maximum in spans)
         for low, high in (original, revised)
     ]
     return [
@@ -208,8 +208,8 @@ def _range(
             simulated=simulated,
             quantity=quantity,
             n=len(spans),
-            least=min(least for least, _ in spans),
-            most=max(most for _, most in spans),
+            minimum=min(minimum for minimum, _ in spans),
+            maximum=max(maximum for _, maximum in spans),
             original_low=original[0],
             original_high=original[1],
             original_covers=covers[0],

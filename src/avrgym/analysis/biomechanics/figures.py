@@ -14,11 +14,19 @@ from matplotlib.figure import Figure
 
 from avrgym.analysis.biomechanics.biomechanics import BodyTrials, torso_heights
 from avrgym.analysis.biomechanics.training_people import HEIGHT_DISTRIBUTIONS, PersonRow, head_position
-from avrgym.analysis.page.drawing import INK, LINES, STYLE, WIDTH_IN, Drawing, add_legend, finish_figure
+from avrgym.analysis.page.drawing import (
+    INK,
+    LINE_COLOURS,
+    STYLE,
+    WIDTH_IN,
+    Drawing,
+    add_legend,
+    finish_figure,
+)
 from avrgym.models.human import SEXES
 
-SHOWN_PEOPLE = 150
-"""How many of the people drawn for each distribution and posture a figure shows."""
+MAX_SHOWN_PEOPLE = 150
+"""Number of sampled people of each population and posture in a figure."""
 BIN_M = 0.01
 
 
@@ -29,7 +37,8 @@ def height_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
     """Torso heights: one mark for each participant above the distribution of the training populations."""
     own = torso_heights(group)
     trained = {
-        name: [row.torso_height_m for row in people if row.people == name] for name in HEIGHT_DISTRIBUTIONS
+        name: [row.torso_height_m for row in people if row.population == name]
+        for name in HEIGHT_DISTRIBUTIONS
     }
     samples = {"participants": own, **trained}
     edges = np.arange(
@@ -38,7 +47,9 @@ def height_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 3.0), layout="constrained")
         axes = figure.add_subplot()
-        for (name, values), colour in zip(samples.items(), (INK, LINES[0], LINES[1]), strict=True):
+        for (name, values), colour in zip(
+            samples.items(), (INK, LINE_COLOURS[0], LINE_COLOURS[1]), strict=True
+        ):
             label = name if name == "participants" else f"{name} people (simulation)"
             weights = np.full(len(values), 1.0 / len(values))
             axes.hist(values, edges.tolist(), weights=weights, histtype="step", color=colour, label=label)
@@ -50,7 +61,7 @@ def height_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
         axes.set(xlabel="torso height / m", ylabel="share per cm")
         add_legend(figure, columns=2)
     return finish_figure(
-        group.simulated, "torso-heights", "Torso heights of participants and of the training's people", figure
+        group.simulated, "torso-heights", "Torso heights of participants and of training populations", figure
     )
 
 
@@ -72,15 +83,15 @@ def head_figure(group: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
             )
         add_legend(figure, columns=2)
     caption = (
-        "Centres of heads, in the mean of each trial, among the training's people (up to "
-        f"{SHOWN_PEOPLE} of each distribution)"
+        "Head centres of participants (mean of each trial) and of training populations (up to "
+        f"{MAX_SHOWN_PEOPLE} people of each)"
     )
     return finish_figure(group.simulated, "head-positions", caption, figure)
 
 
 def _heads(axes: Axes, group: BodyTrials, people: Sequence[PersonRow], posture: str, axis: int) -> None:
-    for name, colour in zip(reversed(HEIGHT_DISTRIBUTIONS), (LINES[1], LINES[0]), strict=True):
-        drawn = [row for row in people if (row.people, row.posture) == (name, posture)][:SHOWN_PEOPLE]
+    for name, colour in zip(reversed(HEIGHT_DISTRIBUTIONS), (LINE_COLOURS[1], LINE_COLOURS[0]), strict=True):
+        drawn = [row for row in people if (row.population, row.posture) == (name, posture)][:MAX_SHOWN_PEOPLE]
         _cloud(
             axes, drawn, axis, color=colour, alpha=0.4, markersize=2.5, label=f"{name} people (simulation)"
         )

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from avrgym.analysis.biomechanics.biomechanics import BiomechanicsRow, RangeRow
-from avrgym.analysis.biomechanics.tests import HEADS, HEIGHTS
+from avrgym.analysis.biomechanics.tests import HEAD_QUESTION, HEIGHT_QUESTION
 from avrgym.analysis.page.comparisons import TestTables
 from avrgym.analysis.page.drawing import Drawings, inline_figures
 from avrgym.analysis.page.elements import (
@@ -33,11 +33,11 @@ def biomechanics_section(
         return empty_section("Biomechanics", "No counted trial has a whole recording of a body.")
     return tag(
         "section",
-        tag("h3", "Biomechanics: participants and the people of the training"),
+        tag("h3", "Biomechanics: participants and training populations"),
         inline_figures(drawings, "torso-heights", "head-positions"),
         _ranges(own_ranges, simulated),
-        tests.pop(HEIGHTS.table, Markup()),
-        details("Head positions, axis by axis", tests.pop(HEADS.table, Markup())),
+        tests.pop(HEIGHT_QUESTION.table, Markup()),
+        details("Head positions, axis by axis", tests.pop(HEAD_QUESTION.table, Markup())),
         details("The distributions in numbers", _distributions(distributions, simulated)),
     )
 
@@ -46,15 +46,15 @@ def _ranges(rows: Sequence[RangeRow], simulated: bool) -> Markup:
     heads = ("Measure", "n", "Seen", "Original", "covers", "Revised", "covers")
     body = [
         (
-            row.quantity, row.n, _ends(row.least, row.most),
+            row.quantity, row.n, _ends(row.minimum, row.maximum),
             _ends(row.original_low, row.original_high), f"{100 * row.original_covers:.0f} %",
             _ends(row.revised_low, row.revised_high), f"{100 * row.revised_covers:.0f} %",
         )
         for row in rows
     ]  # fmt: skip
     caption = (
-        "What would have covered the participants, and what share of them the ranges of the training's people do: "
-        "of participants for torso heights, of trials for waists"
+        "Ranges that cover the participants, and shares within the ranges of the training populations: of "
+        "participants for torso heights, of trials for waist angles"
     )
     return table(group_caption(caption, simulated), heads, body, numbers=range(1, 7))
 
@@ -67,15 +67,15 @@ def _distributions(rows: Sequence[BiomechanicsRow], simulated: bool) -> Markup:
     heads = ("Measure", "Posture", "People", "n", "Mean", "Deviation", "Least", "Median", "Most")
     body = [
         (
-            row.quantity, row.posture, row.people, row.n, number_text(row.mean, digits=3),
+            row.quantity, row.posture, row.population, row.n, number_text(row.mean, digits=3),
             number_text(row.deviation, digits=3, absent="–"),
-            *(number_text(value, digits=3) for value in (row.least, row.median, row.most)),
+            *(number_text(value, digits=3) for value in (row.minimum, row.median, row.maximum)),
         )
         for row in rows
-        if row.people != "participants" or row.simulated is simulated
+        if row.population != "participants" or row.simulated is simulated
     ]  # fmt: skip
     return table(
-        group_caption("Distributions; the training's people are simulated", simulated),
+        group_caption("Distributions; training populations are simulated", simulated),
         heads,
         body,
         numbers=range(3, 9),

@@ -28,9 +28,9 @@ from avrgym.analysis.statistics.tests import StatisticalTest, energy_test, rank_
 from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
 from avrgym.tasks.registry import TASKS
 
-HEIGHTS = Question("torso heights", table="Torso heights and whole head positions")
-WHOLE_HEADS = Question("whole head positions", table=HEIGHTS.table)
-HEADS = Question("head positions", table="Head positions by axis")
+HEIGHT_QUESTION = Question("torso heights", table="Torso heights and whole head positions")
+HEAD_POSITION_QUESTION = Question("whole head positions", table=HEIGHT_QUESTION.table)
+HEAD_QUESTION = Question("head positions", table="Head positions by axis")
 
 
 def biomechanics_families(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[Family]:
@@ -46,13 +46,16 @@ def biomechanics_families(groups: Sequence[BodyTrials], people: Sequence[PersonR
 def _families(group: BodyTrials, people: Sequence[PersonRow]) -> Iterator[Family]:
     for unit, test in ((TRIAL, _paired_heights), (PARTICIPANT, _unpaired_heights)):
         yield corrected_family(
-            group.simulated, HEIGHTS, unit, [test(group, people, name) for name in HEIGHT_DISTRIBUTIONS]
+            group.simulated,
+            HEIGHT_QUESTION,
+            unit,
+            [test(group, people, name) for name in HEIGHT_DISTRIBUTIONS],
         )
     places = list(product(group.postures(), TRAINING_PEOPLE))
     for question, unit, tests in (
-        (HEADS, TRIAL, _paired_heads),
-        (HEADS, PARTICIPANT, _unpaired_heads),
-        (WHOLE_HEADS, PARTICIPANT, _whole_heads),
+        (HEAD_QUESTION, TRIAL, _paired_heads),
+        (HEAD_QUESTION, PARTICIPANT, _unpaired_heads),
+        (HEAD_POSITION_QUESTION, PARTICIPANT, _whole_heads),
     ):
         found = [test for place in places for test in tests(group, people, *place)]
         yield corrected_family(group.simulated, question, unit, found)
@@ -67,7 +70,7 @@ def _paired_heights(group: BodyTrials, people: Sequence[PersonRow], name: str) -
 
 def _unpaired_heights(group: BodyTrials, people: Sequence[PersonRow], name: str) -> Comparison:
     own = torso_heights(group)
-    others = [row.torso_height_m for row in people if row.people == name]
+    others = [row.torso_height_m for row in people if row.population == name]
     return _against(group.trials, "torso_height_m", own, name, others, rank_sum(own, others))
 
 
@@ -113,7 +116,7 @@ def _against(
 
 def _partners(trials: Sequence[TrialRow], people: Sequence[PersonRow], name: str) -> list[PersonRow]:
     """For each trial the next sampled person of its task; the first person follows the last."""
-    drawn = {task: [row for row in people if (row.people, row.task) == (name, task)] for task in TASKS}
+    drawn = {task: [row for row in people if (row.population, row.task) == (name, task)] for task in TASKS}
     taken = dict.fromkeys(TASKS, 0)
     partners: list[PersonRow] = []
     for trial in trials:

@@ -9,7 +9,7 @@ import numpy as np
 
 from avrgym.analysis.columns import FROM_0, IsSimulated, TaskName
 from avrgym.analysis.reading.rows import TrialRow
-from avrgym.analysis.reading.trial_series import WAIST, head_centres
+from avrgym.analysis.reading.trial_series import WAIST_JOINTS, head_centres
 from avrgym.array_types import FloatArray
 from avrgym.models.human import SEATED, SEXES
 from avrgym.people.arm_clearance import furniture_boxes
@@ -31,7 +31,7 @@ class PersonRow:
     """A person sampled from a training population."""
 
     simulated: IsSimulated
-    people: Annotated[str, Column("The training population.")]
+    population: Annotated[str, Column("The training population.")]
     task: TaskName
     posture: Posture
     number: Annotated[int, Column("Number of the person within task and population.", allowed=FROM_0)]
@@ -83,11 +83,11 @@ def _people(name: str, task: str, robot: str) -> list[PersonRow]:
         TRAINING_PEOPLE[name], TASKS[task].pose, scene.posture, furniture_boxes(scene.furniture), uniforms
     )
     heads_w = head_centres(drawn, scene.posture)
-    waists_deg = np.degrees(drawn.joint_angles_rad[:, WAIST])
+    waists_deg = np.degrees(drawn.joint_angles_rad[:, WAIST_JOINTS])
     return [
         PersonRow(
             simulated=True,
-            people=name,
+            population=name,
             task=task,
             posture=posture_of(task),
             number=number,
@@ -105,7 +105,9 @@ def _people(name: str, task: str, robot: str) -> list[PersonRow]:
 
 def training_head_positions(people: Sequence[PersonRow], name: str, posture: str) -> FloatArray:
     """Head positions (n, 3) of a population's people in a posture, world frame."""
-    return np.array([head_position(row) for row in people if (row.people, row.posture) == (name, posture)])
+    return np.array(
+        [head_position(row) for row in people if (row.population, row.posture) == (name, posture)]
+    )
 
 
 def head_position(row: TrialRow | PersonRow) -> tuple[float, ...]:

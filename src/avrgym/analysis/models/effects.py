@@ -24,17 +24,18 @@ Group = tuple[str, str]
 class TrialValue:
     """A value of one trial, with its position in the study.
 
-    ``block``: position of the task's block, from 0 (first) to 1 (last). ``place``: position of the trial in that block.
-    ``before``: policy of the previous trial of the block, with practice; ``None`` for the first.
+    ``block_position``: position of the task's block, from 0 (first) to 1 (last). ``position_in_block``: position of the
+    trial in that block, from 0 to 1. ``previous_policy``: policy of the previous trial of the block, with practice;
+    ``None`` for the first.
     """
 
     participant: str
     task: str
     robot: str
     policy: str
-    block: float
-    place: float
-    before: str | None
+    block_position: float
+    position_in_block: float
+    previous_policy: str | None
     value: float
 
 
@@ -49,10 +50,10 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class DesignMatrix:
-    """Columns (n, p) of a model without constant, by kind and group; ``bases`` are the reference groups."""
+    """Columns (n, p) of a model without constant, by kind and group; ``reference_groups`` are the reference groups."""
 
     names: tuple[Group, ...]
-    bases: frozenset[Group]
+    reference_groups: frozenset[Group]
     matrix: FloatArray
 
     def contrast(self, effect: Effect) -> FloatArray:
@@ -61,7 +62,7 @@ class DesignMatrix:
         for group, sign in (((effect.kind, effect.group_a), 1.0), ((effect.kind, effect.group_b), -1.0)):
             if group in self.names:
                 weights[self.names.index(group)] = sign
-            elif group not in self.bases:
+            elif group not in self.reference_groups:
                 raise FitError("these trials do not identify this effect")
         return weights
 
@@ -88,17 +89,17 @@ def after_policy(policy: str) -> str:
 def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatrix:
     """The linearly independent columns of these trials, in order of importance."""
     names: list[Group] = []
-    bases: set[Group] = set()
+    reference_groups: set[Group] = set()
     kept = np.ones((len(observed), 1))
     for group, column in _candidates(design, observed):
         if column is None:
-            bases.add(group)
+            reference_groups.add(group)
             continue
         widened = np.hstack([kept, column[:, None]])
         if np.linalg.matrix_rank(widened) > kept.shape[1]:
             names.append(group)
             kept = widened
-    return DesignMatrix(tuple(names), frozenset(bases), kept[:, 1:])
+    return DesignMatrix(tuple(names), frozenset(reference_groups), kept[:, 1:])
 
 
 def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tuple[Group, FloatArray | None]]:
@@ -107,10 +108,10 @@ def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tupl
     yield from _indicators(ROBOTS, design.robots, [each.robot for each in observed])
     yield from _indicators(TASK_GROUPS, design.tasks, [each.task for each in observed])
     yield (LEARNING, FIRST_TASK), None
-    yield (LEARNING, LAST_TASK), np.array([each.block for each in observed])
+    yield (LEARNING, LAST_TASK), np.array([each.block_position for each in observed])
     yield (ORDER, FIRST_TRIAL), None
-    yield (ORDER, LAST_TRIAL), np.array([each.place for each in observed])
-    befores = [after_policy(each.before) if each.before else None for each in observed]
+    yield (ORDER, LAST_TRIAL), np.array([each.position_in_block for each in observed])
+    befores = [after_policy(each.previous_policy) if each.previous_policy else None for each in observed]
     yield from _indicators(CARRY_OVER, [after_policy(policy) for policy in design.policies], befores)
 
 

@@ -8,7 +8,7 @@ from scipy import stats
 
 from avrgym.array_types import FloatArray
 
-LEVEL = 0.95
+CONFIDENCE_LEVEL = 0.95
 
 
 class FitError(Exception):
@@ -36,7 +36,7 @@ class Estimate:
         if not variance > 1e-16 * max(1.0, value**2):
             raise FitError("all participants have the same difference: its variance is zero")
         error = float(np.sqrt(variance))
-        half = float(stats.t.ppf(0.5 + LEVEL / 2, df)) * error
+        half = float(stats.t.ppf(0.5 + CONFIDENCE_LEVEL / 2, df)) * error
         p = 2.0 * float(stats.t.sf(abs(value) / error, df))
         return cls(value, error, df, value - half, value + half, p)
 

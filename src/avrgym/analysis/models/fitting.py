@@ -86,12 +86,12 @@ def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -
     design = np.hstack([np.ones((len(values), 1)), names.matrix])
     together = random_effects(observed)
     fitted = fit_mixed(values, design, participants, list(together.values()))
-    return _WithConstant(fitted, _singular([list(together)[place] for place in fitted.at_zero]))
+    return _WithConstant(fitted, _singular([list(together)[place] for place in fitted.zero_variances]))
 
 
-def _singular(at_zero: Sequence[str]) -> str:
+def _singular(zero_variances: Sequence[str]) -> str:
     """The warning about random effects with zero variance; empty without any."""
-    return f"singular: random effect at zero: {', '.join(at_zero)}" if at_zero else ""
+    return f"singular: random effect at zero: {', '.join(zero_variances)}" if zero_variances else ""
 
 
 class _WithConstant:

@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike
 from avrgym.analysis.models.estimate import Estimate, FitError
 from avrgym.array_types import FloatArray
 
-ITERATIONS = 30
-HALVINGS = 8
-CONVERGED = 1e-10
+MAX_ITERATIONS = 30
+MAX_HALVINGS = 8
+TOLERANCE = 1e-10
 SINGULAR = 1e-8
-"""A random effect is at zero if its variance is no more than this share of that of single values."""
-NOT_CONVERGED = "the variances between and within participants cannot be told apart"
+"""A random effect is at zero if its variance is at most this share of the residual variance."""
+NOT_CONVERGED = "the values do not separate variance between and within participants"
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class MixedFit:
     """Coefficients (p,), variances (v,) with the residual variance last, and covariances.
 
     ``covariance`` (p, p) ignores the uncertainty of the variances, ``adjusted`` includes it. ``slopes`` (v, p, p): the
-    derivatives of ``covariance`` by each variance. ``of_variances`` (v, v): the covariance of the variances.
+    derivatives of ``covariance`` by each variance. ``variance_covariance`` (v, v): the covariance of the variances.
     """
 
     coefficients: FloatArray
@@ -37,10 +37,10 @@ class MixedFit:
     covariance: FloatArray
     adjusted: FloatArray
     slopes: FloatArray
-    of_variances: FloatArray
+    variance_covariance: FloatArray
 
     @property
-    def at_zero(self) -> list[int]:
+    def zero_variances(self) -> list[int]:
         """Indices of random effects with zero or negative variance; with any the fit is singular."""
         *groups, single = self.variances.tolist()
         return [place for place, variance in enumerate(groups) if variance <= SINGULAR * abs(single)]
@@ -49,7 +49,7 @@ class MixedFit:
         """Estimate of a contrast (p,), with Student's t."""
         plain = float(contrast @ self.covariance @ contrast)
         slopes = np.einsum("i,vij,j->v", contrast, self.slopes, contrast)
-        spread = float(slopes @ self.of_variances @ slopes)
+        spread = float(slopes @ self.variance_covariance @ slopes)
         if not spread > 0.0:
             raise FitError(NOT_CONVERGED)
         value = float(contrast @ self.coefficients)
@@ -97,13 +97,13 @@ def fit_mixed(
     if np.ptp(given) == 0.0:
         raise FitError("all values are equal")
     if np.linalg.matrix_rank(design) < design.shape[1] or len(given) <= design.shape[1]:
-        raise FitError("effects cannot be told apart")
+        raise FitError("the design does not identify all effects")
     scale = float(given.std())
     own = list(_clusters(given / scale, design, np.asarray(clusters), groupings))
-    state, variances = _restricted(own, len(groupings) + 1)
-    of_variances = _inverse(state.information)
+    state, variances = _maximise_likelihood(own, len(groupings) + 1)
+    variance_covariance = _inverse(state.information)
     bend = state.pairs - np.einsum("aij,jk,bkl->abil", state.singles, state.covariance, state.singles)
-    middle = np.einsum("ab,abij->ij", of_variances, bend)
+    middle = np.einsum("ab,abij->ij", variance_covariance, bend)
     adjusted = state.covariance + 2.0 * state.covariance @ middle @ state.covariance
     slopes = state.covariance @ state.singles @ state.covariance
     return MixedFit(
@@ -112,7 +112,7 @@ def fit_mixed(
         scale**2 * state.covariance,
         scale**2 * adjusted,
         slopes,
-        scale**4 * of_variances,
+        scale**4 * variance_covariance,
     )
 
 
@@ -134,26 +134,26 @@ def _part(grouping: FloatArray) -> FloatArray:
     return grouping @ grouping.T
 
 
-def _restricted(clusters: Sequence[_Cluster], count: int) -> tuple[_State, FloatArray]:
+def _maximise_likelihood(clusters: Sequence[_Cluster], count: int) -> tuple[_State, FloatArray]:
     """State and variances at the maximum of the restricted likelihood."""
     variances = np.full(count, 0.5 / max(count - 1, 1))
     variances[-1] = 0.5
     state = _state(clusters, variances)
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         if state is None:
             break
         step = _inverse(state.information) @ state.score
-        if state.score @ step < CONVERGED:
+        if state.score @ step < TOLERANCE:
             return state, variances
-        variances, state = _along(clusters, variances, state, step)
+        variances, state = _take_step(clusters, variances, state, step)
     raise FitError(NOT_CONVERGED)
 
 
-def _along(
+def _take_step(
     clusters: Sequence[_Cluster], variances: FloatArray, state: _State, step: FloatArray
 ) -> tuple[FloatArray, _State | None]:
     """Variances and state after a step, halved until the likelihood does not decrease; no state if it always does."""
-    for _ in range(HALVINGS):
+    for _ in range(MAX_HALVINGS):
         tried = _state(clusters, variances + step)
         if tried is not None and tried.likelihood >= state.likelihood - 1e-12:
             return variances + step, tried

@@ -84,18 +84,20 @@ class ModelRow:
     p: PValue = None
     p_holm: PHolm = None
     p_primary: PPrimary = None
-    mark: Stars = ""
-    without_one: Annotated[
+    stars: Stars = ""
+    leave_one_out: Annotated[
         int, Column("Number of leave-one-participant-out models that could be fitted.", allowed=FROM_0)
     ] = 0
-    without_one_least: Annotated[float | None, Column("Smallest of their estimates.", empty=NO_ESTIMATE)] = (
+    leave_one_out_min: Annotated[float | None, Column("Smallest of their estimates.", empty=NO_ESTIMATE)] = (
         None
     )
-    without_one_most: Annotated[float | None, Column("Largest of their estimates.", empty=NO_ESTIMATE)] = None
-    without_one_p_least: Annotated[
+    leave_one_out_max: Annotated[float | None, Column("Largest of their estimates.", empty=NO_ESTIMATE)] = (
+        None
+    )
+    leave_one_out_p_min: Annotated[
         float | None, Column("Smallest of their p values.", allowed=SHARE, empty=NO_ESTIMATE)
     ] = None
-    without_one_p_most: Annotated[
+    leave_one_out_p_max: Annotated[
         float | None, Column("Largest of their p values.", allowed=SHARE, empty=NO_ESTIMATE)
     ] = None
     role: Role = ""
@@ -104,10 +106,10 @@ class ModelRow:
 
 
 MAX_ORDINAL_POINTS = 11
-"""Answers on longer scales are taken for numbers."""
+"""Answers on longer scales are modelled as numbers."""
 SUCCESS, REWARD = "success", "reward"
 ANSWERS, SCORES, TRIALS = "answers", "scores", "trials"
-"""Where the values of a source stand."""
+"""The tables that contain the values of a group."""
 TrialKey = tuple[str, int]
 """Pseudonym and position of a trial."""
 
@@ -134,7 +136,7 @@ def model_groups(design: Design) -> Iterator[ModelGroup]:
     rated = questionnaires_at(design, AFTER_TRIAL)
     for questionnaire in rated:
         models = {item.id: _model_of_item(item) for item in questionnaire.items}
-        yield ModelGroup(_of_answers(questionnaire, len(rated) > 1), models, ANSWERS, questionnaire.name)
+        yield ModelGroup(_name_of_group(questionnaire, len(rated) > 1), models, ANSWERS, questionnaire.name)
     for questionnaire in rated:
         if questionnaire.instrument is not None:
             scales = dict.fromkeys(questionnaire.instrument.scale_names, MIXED)
@@ -142,7 +144,7 @@ def model_groups(design: Design) -> Iterator[ModelGroup]:
     yield ModelGroup("models of success and reward", {SUCCESS: LOGISTIC, REWARD: MIXED}, TRIALS)
 
 
-def _of_answers(questionnaire: Questionnaire, several: bool) -> str:
+def _name_of_group(questionnaire: Questionnaire, several: bool) -> str:
     return f"models of answers to {questionnaire.name}" if several else "models of answers"
 
 
@@ -168,7 +170,7 @@ def trial_values(
     counted = {
         (row.participant, row.position) for row in seen.trials if row.counted and row.simulated is simulated
     }
-    course = trial_places(design, seen.attempts)
+    course = trial_positions(design, seen.attempts)
     found: dict[str, list[TrialValue]] = {quantity: [] for quantity in source.models}
     for quantity, key, value in _values(seen, source):
         if quantity in found and key in counted and key in course:
@@ -195,7 +197,7 @@ def _values(seen: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey
                 yield REWARD, (row.participant, row.position), row.reward
 
 
-def trial_places(design: Design, attempts: Sequence[AttemptRow]) -> dict[TrialKey, TrialValue]:
+def trial_positions(design: Design, attempts: Sequence[AttemptRow]) -> dict[TrialKey, TrialValue]:
     """Position of every completed trial in its participant's session, without practice; the values are still zero."""
     found: dict[TrialKey, TrialValue] = {}
     blocks, places = max(len(design.tasks) - 1, 1), max(len(design.conditions) - 1, 1)
@@ -249,7 +251,7 @@ def _quantity_rows(
     kept, left_out = drop_constant_groups(model, observed)
     found, without = (
         estimate_effects(design, model, observed, wanted),
-        _without_one(design, model, observed, wanted),
+        _leave_one_out(design, model, observed, wanted),
     )
     for effect in wanted:
         estimate = found[effect]
@@ -269,10 +271,10 @@ def _quantity_rows(
         if isinstance(estimate, FitError):
             yield replace(row, note="; ".join(filter(None, (str(estimate), left_out))))
         else:
-            yield _robust(_estimated(row, estimate), [each[effect] for each in without])
+            yield _with_leave_one_out(_estimated(row, estimate), [each[effect] for each in without])
 
 
-def _without_one(
+def _leave_one_out(
     design: Design, model: str, observed: Sequence[TrialValue], wanted: Sequence[Effect]
 ) -> list[EffectEstimates]:
     """The effects in leave-one-participant-out models."""
@@ -302,7 +304,7 @@ def _estimated(row: ModelRow, found: Estimate) -> ModelRow:
     )
 
 
-def _robust(row: ModelRow, without: Sequence[Estimate | FitError]) -> ModelRow:
+def _with_leave_one_out(row: ModelRow, without: Sequence[Estimate | FitError]) -> ModelRow:
     """The row with the range of its effect over leave-one-participant-out models."""
     fitted = [each for each in without if isinstance(each, Estimate)]
     if not fitted:
@@ -310,11 +312,11 @@ def _robust(row: ModelRow, without: Sequence[Estimate | FitError]) -> ModelRow:
     values, probabilities = [each.value for each in fitted], [each.p for each in fitted]
     return replace(
         row,
-        without_one=len(fitted),
-        without_one_least=min(values),
-        without_one_most=max(values),
-        without_one_p_least=min(probabilities),
-        without_one_p_most=max(probabilities),
+        leave_one_out=len(fitted),
+        leave_one_out_min=min(values),
+        leave_one_out_max=max(values),
+        leave_one_out_p_min=min(probabilities),
+        leave_one_out_p_max=max(probabilities),
     )
 
 

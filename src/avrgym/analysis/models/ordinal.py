@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike
 from avrgym.analysis.models.estimate import Estimate, FitError
 from avrgym.array_types import FloatArray, IntArray
 
-ITERATIONS = 60
-CONVERGED = 1e-12
-NOT_APART = "effects cannot be told apart"
-FARTHEST = 12.0
+MAX_ITERATIONS = 60
+TOLERANCE = 1e-12
+NOT_IDENTIFIED = "the values do not identify all effects"
+MAX_LOG_ODDS = 12.0
 """Effects of more log odds than this grow without bound: groups are separated."""
 UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0
-"""The power of one minus the leverage that residuals are divided by."""
+"""Residuals are divided by this power of one minus the leverage."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ def _root_of_inverse(matrix: FloatArray) -> FloatArray:
     try:
         return np.linalg.cholesky(np.linalg.inv(matrix))
     except np.linalg.LinAlgError as error:
-        raise FitError(NOT_APART) from error
+        raise FitError(NOT_IDENTIFIED) from error
 
 
 def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> FloatArray:
@@ -90,20 +90,20 @@ def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> Flo
     below = np.array([np.mean(answered <= k) for k in range(thresholds)])
     parameters: FloatArray = np.concatenate([np.log(below / (1.0 - below)), np.zeros(design.shape[1])])
     likelihood, scores, information = _derivatives(parameters, answered, design, thresholds)
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         score = scores.sum(axis=0)
         step = _solved(information.sum(axis=0), score)
-        if score @ step < CONVERGED:
+        if score @ step < TOLERANCE:
             return parameters
         tried = _derivatives(parameters + step, answered, design, thresholds)
         while tried[0] < likelihood and np.abs(step).max() > 1e-12:
             step = step / 2.0
             tried = _derivatives(parameters + step, answered, design, thresholds)
         parameters, (likelihood, scores, information) = parameters + step, tried
-        if np.abs(parameters[thresholds:]).max(initial=0.0) > FARTHEST:
+        if np.abs(parameters[thresholds:]).max(initial=0.0) > MAX_LOG_ODDS:
             break
     raise FitError(
-        "groups are separated: in one of them all values are at the same end, an effect has no bound"
+        "groups are separated: one group has all values at one end of the scale, and an effect has no bound"
     )
 
 
@@ -111,7 +111,7 @@ def _solved(information: FloatArray, score: FloatArray) -> FloatArray:
     try:
         return np.linalg.solve(information, score)
     except np.linalg.LinAlgError as error:
-        raise FitError(NOT_APART) from error
+        raise FitError(NOT_IDENTIFIED) from error
 
 
 def _derivatives(

@@ -70,7 +70,7 @@ def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) ->
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.participants, effect_text(row), p_text(row.p),
             p_text(row.p_holm), *([p_primary_text(row.p_primary)] if corrected else []),
-            _without_one(row), _probabilities(row), row.role,
+            _leave_one_out(row), _probabilities(row), row.role,
             *([row.planned] if planned else []), *([row.note] if noted else []),
         )
         for row in rows
@@ -107,19 +107,19 @@ def _ratio(value: float | None) -> str:
     )
 
 
-def _without_one(row: ModelRow) -> str:
+def _leave_one_out(row: ModelRow) -> str:
     """Range of the leave-one-participant-out estimates, in the unit of the effect."""
-    least, most = row.without_one_least, row.without_one_most
-    if least is None or most is None:
+    minimum, maximum = row.leave_one_out_min, row.leave_one_out_max
+    if minimum is None or maximum is None:
         return "–"
     if row.odds_ratio is not None:
-        return f"{_ratio(exp(least))} to {_ratio(exp(most))} ×"
-    return f"{number_text(least)} to {number_text(most)}"
+        return f"{_ratio(exp(minimum))} to {_ratio(exp(maximum))} ×"
+    return f"{number_text(minimum)} to {number_text(maximum)}"
 
 
 def _probabilities(row: ModelRow) -> str:
-    least, most = row.without_one_p_least, row.without_one_p_most
-    return "–" if least is None else f"{p_text(least)} to {p_text(most)}"
+    minimum, maximum = row.leave_one_out_p_min, row.leave_one_out_p_max
+    return "–" if minimum is None else f"{p_text(minimum)} to {p_text(maximum)}"
 
 
 MODELS_METHOD = (

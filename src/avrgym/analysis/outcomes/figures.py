@@ -13,7 +13,7 @@ from avrgym.analysis.outcomes.outcomes import ObjectiveRow
 from avrgym.analysis.page.drawing import (
     GROUP_WIDTH,
     INK,
-    LINES,
+    LINE_COLOURS,
     STYLE,
     WIDTH_IN,
     Drawing,
@@ -25,7 +25,7 @@ from avrgym.study.design.design import Design
 
 PERCENTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 SIMULATION = "simulation"
-"""The name of the marks of policies in simulation."""
+"""The label of policies in simulation."""
 
 
 # Objective measures
@@ -80,7 +80,7 @@ def _conditions(axes: Axes, design: Design, rows: Sequence[ObjectiveRow], interv
     for row in rows:
         policy = design.policies.index(row.policy)
         x = design.robots.index(row.robot) + width * (policy - (len(design.policies) - 1) / 2)
-        colour = LINES[policy % len(LINES)]
+        colour = LINE_COLOURS[policy % len(LINE_COLOURS)]
         if getattr(row, mean) is not None:
             axes.bar(x, getattr(row, mean), 0.9 * width, color=colour, alpha=0.55, label=row.policy)
             _interval(axes, x - 0.12 * width, row, interval, "")

@@ -71,7 +71,7 @@ class Outcome:
 class SimulationResult:
     """Results in simulation from the file of a policy."""
 
-    simulation_people: Annotated[
+    simulation_population: Annotated[
         str | None, Column("Population of the evaluation.", empty=_NOT_SIMULATED)
     ] = None
     simulation_episodes: Annotated[
@@ -185,14 +185,14 @@ def simulation_result(store: Store, environment: str, policy: str) -> Simulation
     try:
         source = store.policy_source(environment, policy)
         if not source.endswith(FILE_SUFFIX) and source not in packaged_policies(environment):
-            return SimulationResult(simulation_note=f"{policy} is no policy whose file holds measurements")
+            return SimulationResult(simulation_note=f"{policy} is not a policy file with measurements")
         metadata = Policy.load(find_policy(source, environment)).metadata
     except PolicyError as error:
         return SimulationResult(simulation_note=str(error))
     numbers = ("episodes", "success_rate", "reward_mean", "reward_std")
     if any(name not in metadata.measured for name in numbers):
         return SimulationResult(
-            simulation_people=metadata.people, simulation_note="the policy's file has no measurements"
+            simulation_population=metadata.people, simulation_note="the policy's file has no measurements"
         )
     episodes, rate, mean, deviation = (float(metadata.measured[name]) for name in numbers)
     return _as_measured(metadata.people, int(episodes), rate, mean, deviation, store.design.trial_steps)
@@ -207,7 +207,7 @@ def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
     successes = round(sum((rate or 0.0) * (number or 0) for rate, number in rates))
     low, high = wilson_interval(successes, episodes)
     return SimulationResult(
-        simulation_people=measured[0].simulation_people,
+        simulation_population=measured[0].simulation_population,
         simulation_episodes=episodes,
         simulation_success_rate=successes / episodes,
         simulation_success_low=low,
@@ -224,7 +224,7 @@ def _as_measured(
     success_low, success_high = wilson_interval(round(rate * episodes), episodes)
     other_length = f"episodes have {EPISODE_STEPS} steps, these trials {trial_steps}"
     return SimulationResult(
-        simulation_people=people,
+        simulation_population=people,
         simulation_episodes=episodes,
         simulation_reward_mean=mean,
         simulation_reward_low=low,
@@ -250,12 +250,12 @@ MEASURES: Mapping[str, Callable[[TrialRow], float | None]] = {
     "reward": lambda row: row.reward,
     "force_mean_n": lambda row: row.force_mean_n,
 }
-"""By quantity, its value in a trial."""
+"""The value of each quantity in a trial."""
 
 
 def outcome_tests(design: Design) -> dict[str, tuple[str, ...]]:
     """The family of these tests by name, with its quantities; empty for a single policy."""
-    return {OBJECTIVE.by(PARTICIPANT): tuple(MEASURES)} if len(design.policies) > 1 else {}
+    return {OBJECTIVE.family_name(PARTICIPANT): tuple(MEASURES)} if len(design.policies) > 1 else {}
 
 
 def outcome_families(design: Design, trials: Sequence[TrialRow]) -> list[Family]:

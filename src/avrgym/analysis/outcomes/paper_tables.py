@@ -24,7 +24,7 @@ class Cell:
     success: float | None
 
 
-EMPTY = Cell(None, None)
+EMPTY_CELL = Cell(None, None)
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ def _in_simulation(row: ObjectiveRow) -> Cell:
 
 
 SIDES: Mapping[str, Callable[[ObjectiveRow], Cell]] = {"simulation": _in_simulation, "VR": _in_vr}
-"""Table I's, and which cell of a condition stands there."""
+"""The two sides of table I, each with the cell of a condition."""
 Column = tuple[str, str, Callable[[ObjectiveRow], Cell]]
-"""Robot and policy, and which cell of that condition."""
+"""Robot, policy and the function that returns the cell of that condition."""
 
 
 def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[PaperTable]:
@@ -63,7 +63,8 @@ def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[Paper
             columns = {
                 f"{side} {robot}": (robot, policy, read)
                 for (side, read), robot in product(SIDES.items(), design.robots)
-                if read is _in_vr or any(read(own[task, robot, policy]) != EMPTY for task in design.tasks)
+                if read is _in_vr
+                or any(read(own[task, robot, policy]) != EMPTY_CELL for task in design.tasks)
             }
             where = "in simulation and in virtual reality"
             if len(columns) == len(design.robots):
@@ -91,7 +92,7 @@ def _cells(
     }
 
 
-def as_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
+def file_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
     """The same tables for files: one column for each reward and success; groups of participants in successive rows."""
     for name in dict.fromkeys(table.name for table in tables):
         own = [table for table in tables if table.name == name]

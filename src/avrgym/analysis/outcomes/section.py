@@ -86,7 +86,7 @@ def _intervals(rows: Sequence[ObjectiveRow], simulated: bool) -> Markup:
 def _simulation_cells(row: ObjectiveRow) -> tuple[object, ...]:
     """The cells of a condition about simulation."""
     return (
-        row.simulation_people or "–",
+        row.simulation_population or "–",
         row.simulation_episodes or "–",
         _interval(
             row.simulation_reward_mean,

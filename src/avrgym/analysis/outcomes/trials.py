@@ -17,7 +17,7 @@ def trials_section(observed: StudyData, simulated: bool, study_link: str) -> Mar
         "section",
         tag("h3", "Trials"),
         tag("details", tag("summary", f"All {len(rows)} planned trials"), _overview(rows, simulated)),
-        tag("p", "Each opens to its course. Replay commands are given as typed in the study's folder."),
+        tag("p", "Open a trial to see its time course. Run replay commands in the study's folder."),
         *opened,
     )
 
@@ -32,14 +32,14 @@ def _overview(rows: Sequence[TrialRow], simulated: bool) -> Markup:
         "Attempts",
         "Counted",
         "Recording",
-        "Held",
+        "Tracking lost",
         "Reward",
         "Success",
     )
     body = [
         (
             _link(row), row.task, row.robot, row.policy + (" (practice)" if row.practice else ""), row.state,
-            row.attempts, _counted(row), row.recorded or "–", _share(row.held_share),
+            row.attempts, _counted(row), row.recorded or "–", _share(row.tracking_loss_share),
             number_text(row.reward, absent="–"), _yes(row.success),
         )
         for row in rows
@@ -103,11 +103,11 @@ def _metrics(row: TrialRow) -> Markup:
     return definition_list(
         {
             "Steps": row.steps,
-            "Closest to the target": number_text(row.distance_least_m, "m"),
+            "Closest to the target": number_text(row.distance_min_m, "m"),
             "Mean force on the person": number_text(row.force_mean_n, "N"),
             "Peak force on the person": number_text(row.force_peak_n, "N"),
             "Interventions of the force guard": _times(row.guard_interventions),
-            "Person held": _share(row.held_share),
+            "Tracking lost": _share(row.tracking_loss_share),
             "Torso height": number_text(row.torso_height_m, "m", digits=3),
             "Bent forward, mean": number_text(row.waist_x_deg, "°", digits=1),
             "Attempts": row.attempts,
@@ -123,7 +123,7 @@ def _answers(rows: Sequence[AnswerRow]) -> Markup:
 
 def _ends(row: AnswerRow) -> str:
     """The range of an answer's scale; empty if the design no longer has its item."""
-    return "" if row.least is None else f" ({row.least} to {row.most})"
+    return "" if row.minimum is None else f" ({row.minimum} to {row.maximum})"
 
 
 def _terms(rows: Sequence[TermRow]) -> Markup:

@@ -42,10 +42,10 @@ def table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool)
     by_participant = [row for row in rows if row.unit != TRIAL]
     main = _table_of_tests(caption, by_participant, simulated) if by_participant else Markup()
     supplement = _table_of_tests(f"{caption}, by trial", by_trial, simulated)
-    return Markup(main + details(BY_TRIAL, supplement)) if by_trial else main
+    return Markup(main + details(TESTS_BY_TRIAL, supplement)) if by_trial else main
 
 
-BY_TRIAL = (
+TESTS_BY_TRIAL = (
     "Supplement: the paper's tests by trial. Trials of one participant are not independent; p is too small if "
     "participants differ"
 )
@@ -89,4 +89,4 @@ def p_primary_and_stars(row: ComparisonRow) -> str:
     if row.p_primary is None:
         return "no test"
     shown = "p < 0.001" if row.p_primary < 0.001 else f"p = {row.p_primary:.3f}"
-    return f"{shown}\n{row.mark}" if row.mark else shown
+    return f"{shown}\n{row.stars}" if row.stars else shown

@@ -19,18 +19,18 @@ from matplotlib.lines import Line2D
 from avrgym.analysis.page.elements import Markup, figure, tag
 
 INK, GROUND, RULE, WARNING = "#1c2024", "#ffffff", "#d5dae0", "#8a3b00"
-LINES = ("#0b62a8", "#b1560f", "#1b7a43", "#8b3a8f", "#6b6b00", "#b3263a")
+LINE_COLOURS = ("#0b62a8", "#b1560f", "#1b7a43", "#8b3a8f", "#6b6b00", "#b3263a")
 ON_DARK, ON_LIGHT = "#fffffe", "#1c2025"
-"""Numbers on coloured bars, which look the same on every page."""
+"""Colours of numbers on bars; equal on every page."""
 _IN_PAGE = {INK: "currentColor", GROUND: "none", RULE: "var(--rule)", WARNING: "var(--warning)"} | {
-    colour: f"var(--line-{index})" for index, colour in enumerate(LINES, start=1)
+    colour: f"var(--line-{index})" for index, colour in enumerate(LINE_COLOURS, start=1)
 }
 """Colours of pages, light or dark, that replace the colours of a file."""
 WIDTH_IN = 5.0
 LETTER_WIDTH_IN = 0.066
-"""The width of a letter of ticks, legends and items, rather more than the mean."""
+"""Width of a letter in ticks, legends and items; slightly above the mean."""
 GROUP_WIDTH = 0.8
-"""What the bars of one group take of the space from one group to the next."""
+"""Share of the space between groups that the bars of a group fill."""
 STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "avrgym",

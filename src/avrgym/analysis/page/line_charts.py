@@ -14,8 +14,8 @@ from avrgym.recording.schema import Control
 WIDTH, HEIGHT = 460, 200
 LEFT, RIGHT, TOP, BOTTOM = 52, 8, 10, 38
 COLOURS = 6
-LINES_BELOW = 16
-"""The height of a line of the key below a chart with several lines."""
+LEGEND_LINE_HEIGHT = 16
+"""Height of a line of the legend below a chart."""
 
 
 def trial_charts(times_s: Sequence[float], steps: Sequence[Control], weights: Mapping[str, float]) -> Markup:
@@ -51,16 +51,16 @@ def line_chart(
     scale_x = (WIDTH - LEFT - RIGHT) / max(end - begin, 1e-9)
     scale_y = (HEIGHT - TOP - BOTTOM) / (high - low)
 
-    def place(time_s: float, value: float) -> str:
+    def point(time_s: float, value: float) -> str:
         return f"{LEFT + (time_s - begin) * scale_x:.1f},{TOP + (high - value) * scale_y:.1f}"
 
     ticks = [low + step * k for k in range(round((high - low) / step) + 1)]
     parts = [_grid_line(TOP + (high - tick) * scale_y, _short(tick, step)) for tick in ticks]
     parts += [_time_tick(LEFT + (second - begin) * scale_x, second) for second in _seconds(begin, end)]
     for index, points in enumerate(shown.values()):
-        path = " ".join(place(*point) for point in _without_middles(points))
+        path = " ".join(point(*each) for each in _without_plateaus(points))
         parts.append(f'<polyline points="{path}" fill="none" stroke="{_colour(index)}" stroke-width="1.5"/>')
-    height = HEIGHT + (LINES_BELOW * math.ceil(len(lines) / 2) if len(lines) > 1 else 0)
+    height = HEIGHT + (LEGEND_LINE_HEIGHT * math.ceil(len(lines) / 2) if len(lines) > 1 else 0)
     parts += _key(list(lines)) if len(lines) > 1 else []
     parts.append(_text(14, (TOP + HEIGHT - BOTTOM) / 2, unit, "middle", turned=True))
     parts.append(_text((LEFT + WIDTH - RIGHT) / 2, HEIGHT - 6, "time / s", "middle"))
@@ -72,7 +72,7 @@ def _finite(times_s: Sequence[float], values: Sequence[float]) -> list[tuple[flo
     return [(t, v) for t, v in zip(times_s, values, strict=True) if math.isfinite(v)]
 
 
-def _without_middles(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+def _without_plateaus(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """The points, without those between two points of the same value."""
     inner = zip(points, points[1:], points[2:], strict=False)
     kept = [here for before, here, after in inner if not before[1] == here[1] == after[1]]
@@ -111,7 +111,7 @@ def _time_tick(x: float, second: float) -> str:
 def _key(names: list[str]) -> list[str]:
     parts: list[str] = []
     for index, name in enumerate(names):
-        x, y = LEFT + index % 2 * (WIDTH - LEFT) / 2, HEIGHT + LINES_BELOW * (index // 2) + 6
+        x, y = LEFT + index % 2 * (WIDTH - LEFT) / 2, HEIGHT + LEGEND_LINE_HEIGHT * (index // 2) + 6
         parts.append(f'<path d="M{x:g} {y - 4}h18" stroke="{_colour(index)}" stroke-width="2"/>')
         parts.append(_text(x + 23, y, name, "start"))
     return parts

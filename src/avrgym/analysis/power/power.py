@@ -11,7 +11,13 @@ from avrgym.analysis.models.effects import POLICIES, Effect, TrialValue
 from avrgym.analysis.models.estimate import Estimate
 from avrgym.analysis.models.fitting import estimate_effects
 from avrgym.analysis.models.models import model_groups
-from avrgym.analysis.power.simulated_studies import POINTS, Answers, Assumptions, SimulatedStudies, midpoint
+from avrgym.analysis.power.simulated_studies import (
+    SCALE_POINTS,
+    Answers,
+    Assumptions,
+    SimulatedStudies,
+    midpoint,
+)
 from avrgym.analysis.statistics.comparisons import MEAN_DECIMALS, MIN_PARTICIPANTS, PARTICIPANT
 from avrgym.analysis.statistics.sign_flips import sign_flip_p_values
 from avrgym.analysis.statistics.tests import signed_rank
@@ -26,12 +32,12 @@ from avrgym.system.jobs import report, run_all
 ALPHA = 0.05
 GOALS = (0.8, 0.9)
 CHUNK = 100
-"""How many studies a process simulates at a time."""
+"""Number of studies that a process simulates at a time."""
 _STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)
 _LEAST_STEP = 4
 Probability = float | None
 Probabilities = Mapping[tuple[str, str], tuple[Probability, Probability]]
-"""By test and measure: p, and p corrected over all primary results."""
+"""p by test and measure, without and with correction over all primary results."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +66,7 @@ def default_sizes(design: Design) -> tuple[int, ...]:
     """Default numbers of participants: multiples of the design's number of orders, and the planned number."""
     orders = len(cell_orders(design))
     step = orders * -(-_LEAST_STEP // orders)
-    return tuple(sorted({design.participants, *(step * count_significant for count_significant in _STEPS)}))
+    return tuple(sorted({design.participants, *(step * count for count in _STEPS)}))
 
 
 def simulate_power(
@@ -91,8 +97,8 @@ def simulate_power(
         ValueError: if the design has no items after trials, or an effect is out of range.
     """
     for effect in effects:
-        if not 0 < effect < POINTS:
-            raise ValueError(f"an effect of {effect:g} points; allowed: above 0, below {POINTS}")
+        if not 0 < effect < SCALE_POINTS:
+            raise ValueError(f"an effect of {effect:g} points; allowed: above 0, below {SCALE_POINTS}")
     SimulatedStudies(design, assumptions, seed)
     wanted = [(0.0, design.participants), *product(effects, sizes)]
     chunks = [range(begin, min(begin + CHUNK, simulations)) for begin in range(0, simulations, CHUNK)]
@@ -107,7 +113,7 @@ def simulate_power(
 
 
 Counts = Mapping[tuple[str, str], tuple[int, int]]
-"""By test and measure, in how many studies p was below 0.05, and p after correction."""
+"""Number of studies with p below 0.05, and with corrected p below 0.05, by test and measure."""
 
 
 def power_rows(
@@ -151,11 +157,11 @@ def count_significant(
             judged[family, first] = p, p
         for test, (p, p_corrected) in judged.items():
             plain, corrected = found.get(test, (0, 0))
-            found[test] = plain + _finds(p), corrected + _finds(p_corrected)
+            found[test] = plain + _is_significant(p), corrected + _is_significant(p_corrected)
     return found
 
 
-def _finds(p: Probability) -> bool:
+def _is_significant(p: Probability) -> bool:
     return p is not None and p < ALPHA
 
 
@@ -183,7 +189,7 @@ def p_values(
 
 
 Named = tuple[tuple[str, str] | None, FloatArray]
-"""Test and measure, for those whose power is wanted, and the differences by participant."""
+"""Test and measure (``None``: its power is not reported), and the differences by participant."""
 
 
 def _primary(
@@ -196,9 +202,11 @@ def _primary(
     items, last = [item.id for item in questionnaire.items], len(design.policies) - 1
     neutral = midpoint(questionnaire.items[0])
     for policy in range(len(design.policies)):
-        name = (midpoint_question(questionnaire).by(PARTICIPANT), items[0]) if policy == last else None
+        name = (
+            (midpoint_question(questionnaire).family_name(PARTICIPANT), items[0]) if policy == last else None
+        )
         yield name, means[:, policy, 0] - neutral
-    family = policy_question(design, questionnaire).by(PARTICIPANT)
+    family = policy_question(design, questionnaire).family_name(PARTICIPANT)
     for first, second in combinations(range(len(design.policies)), 2):
         apart = np.round(means[:, second] - means[:, first], MEAN_DECIMALS)
         for place, item in enumerate(items):

@@ -14,9 +14,9 @@ from avrgym.study.design.design import Design
 from avrgym.system import random_streams
 
 Answers = NDArray[np.int_]
-"""Of participants who have finished: (participants, tasks, robots, policies, items)."""
-POINTS = 7
-"""The scale in whose points effects and deviations are given; on others they are stretched with the scale."""
+"""Answers of completed participants: (participants, tasks, robots, policies, items)."""
+SCALE_POINTS = 7
+"""Effects and deviations are in points of a scale of this length; longer scales stretch them."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class SimulatedStudies:
         """Raises ``ValueError`` for a design without questionnaire after trials."""
         asked = questionnaires_at(design, AFTER_TRIAL)
         if not asked:
-            raise ValueError("the design asks nothing after trials: there is nothing to simulate")
+            raise ValueError("the design has no questionnaire after trials: there is nothing to simulate")
         self.design, self.questionnaire = design, asked[0]
         self._assumptions, self._seed = assumptions, seed
         self._shape = (len(design.tasks), len(design.robots), len(design.policies), len(asked[0].items))
@@ -92,7 +92,7 @@ class SimulatedStudies:
             + of_policy
         )
         latent = shift[..., None] + assumed.noise_sd * noise
-        rated = np.rint(self._middle + latent * (self._points - 1) / (POINTS - 1))
+        rated = np.rint(self._middle + latent * (self._points - 1) / (SCALE_POINTS - 1))
         return np.clip(rated, 1, self._points).astype(int)[stays]
 
     def orders(self, participants: int, number: int) -> list[Order]:

@@ -20,12 +20,12 @@ def power_summary(
         "seed": seed,
         "assumptions": asdict(assumptions),
         "power": [asdict(row) for row in rows],
-        "needed": _needed(assumptions, rows),
+        "needed": _required_numbers(assumptions, rows),
         "words": list(describe_power(assumptions, rows, design.participants)),
     }
 
 
-def _needed(assumptions: Assumptions, rows: Sequence[PowerRow]) -> list[dict[str, Any]]:
+def _required_numbers(assumptions: Assumptions, rows: Sequence[PowerRow]) -> list[dict[str, Any]]:
     """Required numbers of completed and of enrolled participants; ``None`` if no simulated number is enough."""
     found: list[dict[str, Any]] = []
     for effect, test, measure in _tests(rows):
@@ -67,8 +67,8 @@ def _power(rows: Sequence[PowerRow], effect: float, test: str, measure: str, siz
 
 def _number(rows: Sequence[PowerRow], effect: float, test: str, measure: str, goal: float) -> str:
     number = required_participants(rows, effect, test, measure, goal)
-    most = max(row.participants for row in rows)
-    return f"over {most}" if number is None else str(number)
+    maximum = max(row.participants for row in rows)
+    return f"over {maximum}" if number is None else str(number)
 
 
 def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participants: int) -> Iterator[str]:
@@ -79,7 +79,7 @@ def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participa
     own = [row for row in rows if row.participants == participants and row.measure == rows[0].measure]
     taken_in = ceil(participants / (1.0 - assumptions.dropout))
     yield (
-        f"{participants} participants who complete the study (about {taken_in} taken in, if "
+        f"{participants} participants who complete the study (about {taken_in} enrolled if "
         f"{100 * assumptions.dropout:g} % withdraw):"
     )
     yield _min_p_text(participants)
@@ -89,7 +89,7 @@ def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participa
     for row in own:
         if not row.effect:
             yield _false_alarm(row)
-    yield "A test that finds nothing does not show that there is nothing."
+    yield "A result that is not significant does not show that there is no effect."
 
 
 def min_p_value(participants: int) -> float:
@@ -100,9 +100,9 @@ def min_p_value(participants: int) -> float:
 def _min_p_text(participants: int) -> str:
     if participants < MIN_PARTICIPANTS:
         return f"Fewer than {MIN_PARTICIPANTS} participants are not tested."
-    least = min_p_value(participants)
-    words = f"By participant p is never below {least:.3g}"
-    return f"{words}: no such test can find anything." if least >= ALPHA else f"{words}."
+    minimum = min_p_value(participants)
+    words = f"p of a test by participant is at least {minimum:.3g}"
+    return f"{words}: no such test can be significant." if minimum >= ALPHA else f"{words}."
 
 
 def _found(row: PowerRow) -> str:
@@ -115,8 +115,8 @@ def _found(row: PowerRow) -> str:
         else "not corrected"
     )
     return (
-        f"An effect of {row.effect:g} {points} in {row.measure} is found by {row.test!r} in {_share(row.power, row)} "
-        f"of studies, {after}: {verdict}."
+        f"An effect of {row.effect:g} {points} in {row.measure} is significant in {row.test!r} in "
+        f"{_share(row.power, row)} of studies, {after}: {verdict}."
     )
 
 
@@ -131,4 +131,4 @@ def _share(power: float, row: PowerRow) -> str:
 
 
 def _false_alarm(row: PowerRow) -> str:
-    return f"Where there is no effect, {row.test!r} finds one in {_share(row.power, row)} of studies."
+    return f"Without an effect, {row.test!r} is significant in {_share(row.power, row)} of studies."

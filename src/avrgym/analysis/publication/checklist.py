@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from avrgym.analysis.designs import describe_by_design
 from avrgym.analysis.flow import ParticipantFlow
 from avrgym.analysis.page.elements import time_text
-from avrgym.analysis.publication.methods import days_of, inclusion_answers, uses_of
+from avrgym.analysis.publication.methods import analysed_designs, inclusion_answers, session_days
 from avrgym.analysis.study import Analysis
 from avrgym.policies.names import OPERATOR
 from avrgym.study.design.description import describe_blinding, describe_conditions, describe_randomization
@@ -21,8 +21,8 @@ class ChecklistField:
     """A recommended field: its value (empty if missing), and where to set it."""
 
     field: str
-    known: str
-    fill_in: str = ""
+    value: str
+    source: str = ""
 
 
 def checklist(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistField]:
@@ -43,7 +43,7 @@ def _about_people(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistFi
     )
     if lost := flow.unknown + flow.unknown_before:
         left += f", of {lost} unknown"
-    inclusion = describe_by_design(uses_of(analysis, flow), analysis.design, inclusion_answers)
+    inclusion = describe_by_design(analysed_designs(analysis, flow), analysis.design, inclusion_answers)
     consent = ", ".join(f"version {version}: {number}" for version, number in flow.consents.items())
     if flow.reconsented or flow.declined:
         consent += f"; re-consent: {flow.reconsented} agreed, {flow.declined} declined"
@@ -54,7 +54,7 @@ def _about_people(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistFi
         ),
         ChecklistField(
             "Age",
-            f"known of {ages} of {len(people)} in the analysis" if ages else "",
+            f"known for {ages} of {len(people)} in the analysis" if ages else "",
             "--age of `avrgym study enrol`",
         ),
         _reporting("Gender, as participants described it", about.gender, "gender"),
@@ -72,17 +72,19 @@ def _about_the_study(analysis: Analysis) -> list[ChecklistField]:
     design, about = analysis.design, analysis.design.reporting
     measures = ", ".join(each.name for each in design.questionnaires)
     flow = next(iter(analysis.flows), None)
-    days = days_of(flow) if flow and flow.first_day else ""
+    days = session_days(flow) if flow and flow.first_day else ""
     return [
         ChecklistField("Design and conditions", describe_conditions(design)),
         ChecklistField("Order and randomisation", describe_randomization(design)),
-        ChecklistField("Blinding", describe_by_design(analysis.uses, design, describe_blinding)),
+        ChecklistField("Blinding", describe_by_design(analysis.session_designs, design, describe_blinding)),
         ChecklistField("Robots", ", ".join(design.robots)),
         ChecklistField(
-            "Who controls the robots",
+            "Control of the robots",
             f"the policies {', '.join(design.policies)}"
             + (
-                "; the experimenter where it is operator" if OPERATOR in design.policies else ", on their own"
+                "; for the policy operator, the experimenter"
+                if OPERATOR in design.policies
+                else ", on their own"
             ),
         ),
         _reporting("Headset and controllers", about.headset, "headset"),
@@ -105,7 +107,7 @@ def _about_the_analysis(analysis: Analysis, flow: ParticipantFlow) -> list[Check
     )
     return [
         ChecklistField(
-            "Sample size and why", rationale, "sample_size_rationale in plan.toml, before it is frozen"
+            "Sample size and rationale", rationale, "sample_size_rationale in plan.toml, before it is frozen"
         ),
         ChecklistField("Preregistration", frozen, "`avrgym study freeze`, before the first participant"),
         ChecklistField(

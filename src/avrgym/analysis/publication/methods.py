@@ -30,7 +30,7 @@ from avrgym.tasks.registry import TASKS
 from avrgym.vr.session.attempt import versions
 
 SIMULATED = "SIMULATED PARTICIPANTS: a program generated all data. They contain no information about people."
-LOST_ANSWERS = "The answers from before the database was rebuilt are lost."
+LOST_ANSWERS = "Answers from before the rebuild of the database are lost."
 MOMENTS = {
     "before_session": "before each session",
     "after_trial": "after each trial",
@@ -47,18 +47,18 @@ def missing(what: str) -> str:
 
 def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
     """Sections about people; for a study without people, about simulated participants."""
-    uses = uses_of(analysis, flow)
+    session_designs = analysed_designs(analysis, flow)
     sections = {
         "Participants": list(_participants(analysis, flow)),
         "Design": [
-            describe_by_design(uses, analysis.design, describe_conditions),
+            describe_by_design(session_designs, analysis.design, describe_conditions),
             describe_randomization(analysis.design),
             *_orders(flow),
-            describe_by_design(uses, analysis.design, describe_blinding),
+            describe_by_design(session_designs, analysis.design, describe_blinding),
         ],
         "Apparatus": list(_apparatus(analysis, flow)),
         "Procedure": [
-            describe_by_design(uses, analysis.design, describe_procedure),
+            describe_by_design(session_designs, analysis.design, describe_procedure),
             *_inclusion(analysis, flow),
         ],
         "Measures": list(_measures(analysis)),
@@ -68,10 +68,10 @@ def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
     return {"": [SIMULATED]} | sections if flow.simulated else sections
 
 
-def uses_of(analysis: Analysis, flow: ParticipantFlow) -> list[SessionDesign]:
+def analysed_designs(analysis: Analysis, flow: ParticipantFlow) -> list[SessionDesign]:
     """The designs of the analysed people, or simulated participants."""
     analysed = {row.participant for row in analysis.observed.analysed_people(simulated=flow.simulated)}
-    return [use for use in analysis.uses if use.participant.pseudonym in analysed]
+    return [use for use in analysis.session_designs if use.participant.pseudonym in analysed]
 
 
 def markdown(title: str, sections: Sections) -> str:
@@ -85,7 +85,7 @@ def markdown(title: str, sections: Sections) -> str:
 def _participants(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
     about = analysis.design.reporting
     people = analysis.observed.analysed_people(simulated=flow.simulated)
-    yield " ".join(_came_how_far(flow))
+    yield " ".join(_flow_sentences(flow))
     if people:
         words = f"{_ages(people)} {_bodies(people)} {_languages(people)}"
         yield f"Of the {count_text(len(people), _who(flow))} in the analysis: {words}"
@@ -96,17 +96,15 @@ def _participants(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
         return
     yield f"Gender: {about.gender or missing('gender, as participants described it')}"
     yield f"Experience with robots and VR: {about.experience or missing('experience with robots and with VR')}"
-    yield f"Recruitment: {about.recruitment or missing('how participants were recruited')}"
-    yield f"Compensation: {about.compensation or missing('what participants were given')}"
+    yield f"Recruitment: {about.recruitment or missing('recruitment of participants')}"
+    yield f"Compensation: {about.compensation or missing('compensation of participants')}"
     yield f"Ethics approval: {about.ethics_approval or missing('board and number of the approval')}"
     lost = flow.unknown + flow.unknown_before
     unknown = (
-        f"; of {count_text(lost, 'participant')} that is unknown, because the database was lost"
-        if lost
-        else ""
+        f"; unknown for {count_text(lost, 'participant')}, because the database was lost" if lost else ""
     )
     agreed = ", ".join(f"version {version} by {number}" for version, number in flow.consents.items())
-    yield f"Participants gave informed consent before anything else (text: {agreed or 'by nobody yet'}){unknown}."
+    yield f"Participants first gave informed consent (text: {agreed or 'by nobody yet'}){unknown}."
     if flow.reconsented or flow.declined:
         yield (
             "Re-consent to another version of the text, before the next session: "
@@ -119,11 +117,11 @@ def _who(flow: ParticipantFlow) -> str:
     return "simulated participant" if flow.simulated else "participant"
 
 
-def _came_how_far(flow: ParticipantFlow) -> Iterator[str]:
+def _flow_sentences(flow: ParticipantFlow) -> Iterator[str]:
     """Sentences about the steps of the flow chart, each with the participants who left after it."""
     came = (
         f"{count_text(flow.enrolled, _who(flow))} enrolled",
-        f"{flow.allocated} were given an order of trials",
+        f"{flow.allocated} received an order of trials",
         f"{flow.completed} completed the study",
     )
     *_, (analysed, _) = flow_steps(flow)
@@ -137,7 +135,7 @@ def _ages(people: Sequence[ParticipantRow]) -> str:
     if not ages:
         return f"Age: {missing('ages')}."
     spread = f", standard deviation {stdev(ages):.1f}" if len(ages) > 1 else ""
-    unknown = f", of {len(people) - len(ages)} not given" if len(ages) < len(people) else ""
+    unknown = f", not given by {len(people) - len(ages)}" if len(ages) < len(people) else ""
     return f"Age: {min(ages)} to {max(ages)} years, mean {fmean(ages):.1f}{spread}{unknown}."
 
 
@@ -148,12 +146,12 @@ def _bodies(people: Sequence[ParticipantRow]) -> str:
 
 def _languages(people: Sequence[ParticipantRow]) -> str:
     read = Counter(row.language for row in people)
-    return f"Language of all that they read: {_shares(read)}."
+    return f"Language of texts: {_shares(read)}."
 
 
 def _sites(people: Sequence[ParticipantRow]) -> str:
     taken = Counter(site_of(row) for row in people)
-    return f"Sites: {_shares(taken)}. Orders are balanced within each site. Tests take all sites together."
+    return f"Sites: {_shares(taken)}. Orders are balanced within each site. Tests pool all sites."
 
 
 def _shares(times: Mapping[str, int]) -> str:
@@ -163,9 +161,9 @@ def _shares(times: Mapping[str, int]) -> str:
 def _orders(flow: ParticipantFlow) -> Iterator[str]:
     given = ", ".join(f"{number} ({times})" for number, times in flow.orders.items())
     yield (
-        f"Orders given, with the number of participants: {given}."
+        f"Orders of trials, with the number of participants: {given}."
         if given
-        else "No order has been given yet."
+        else "No participant has an order yet."
     )
 
 
@@ -178,7 +176,7 @@ def _apparatus(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
         f"MuJoCo {software.mujoco} (as of this analysis; the report lists recordings of other versions). "
         f"Headset and controllers: {design.reporting.headset or missing('headset and controllers')}"
     )
-    yield describe_by_design(uses_of(analysis, flow), design, _equipment)
+    yield describe_by_design(analysed_designs(analysis, flow), design, _equipment)
     yield from _plugins(analysis, flow)
     yield _latency(analysis)
     if checked:
@@ -192,10 +190,10 @@ def _equipment(design: Design) -> str:
         "seated": f"sat on a seat {seat.seat_height_m:g} m high",
         "in bed": f"lay on a mattress {seat.mattress_height_m:g} m high with its back at {seat.mattress_back_deg:g}°",
     }
-    guarded = "A force guard kept arms" if design.force_guard else "No force guard kept arms"
+    guarded = "A force guard limited" if design.force_guard else "No force guard limited"
     return (
         f"Participants {' and '.join(words for posture, words in places.items() if posture in postures)}. "
-        f"{guarded} from pressing too hard and from coming too fast.{_withdrawal(design)}"
+        f"{guarded} contact force and approach speed.{_withdrawal(design)}"
     )
 
 
@@ -224,19 +222,19 @@ def _latency(analysis: Analysis) -> str:
     if total is None:
         return f"Latency from pose to picture: {missing('no recording contains it')}"
     return (
-        "Latency from a tracked pose to the picture that showed what the simulation made of it: "
+        "Latency from a tracked pose to the picture of its simulation: "
         f"{total.p50_ms:.0f} ms at the median, at most {total.p95_ms:.0f} ms for 95 % of {total.pictures} frames, "
-        "without the headset's display. Participants' own arms were drawn in the frame of their pose."
+        "without the headset's display. The participants' own arms appeared in the frame of their pose."
     )
 
 
 def _inclusion(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
-    asked = describe_by_design(uses_of(analysis, flow), analysis.design, _inclusion_questions)
+    asked = describe_by_design(analysed_designs(analysis, flow), analysis.design, _inclusion_questions)
     if asked:
         yield f"{asked} {LOST_ANSWERS}" if analysis.rebuilt_at else asked
     about = analysis.design.reporting
-    days = f"Sessions took place {days_of(flow)}." if flow.first_day else "No session took place yet."
-    yield f"{days} Place: {about.location or missing('where sessions took place')}"
+    days = f"Sessions took place {session_days(flow)}." if flow.first_day else "No session took place yet."
+    yield f"{days} Place: {about.location or missing('place of the sessions')}"
 
 
 def inclusion_answers(design: Design) -> str:
@@ -246,10 +244,10 @@ def inclusion_answers(design: Design) -> str:
 
 def _inclusion_questions(design: Design) -> str:
     asked = inclusion_answers(design)
-    return f"Everybody who took part had to answer as follows: {asked}" if asked else ""
+    return f"Required answers to inclusion questions: {asked}" if asked else ""
 
 
-def days_of(flow: ParticipantFlow) -> str:
+def session_days(flow: ParticipantFlow) -> str:
     """The days of sessions, as text."""
     return (
         f"on {flow.first_day}"
@@ -271,8 +269,8 @@ def _questionnaire(asked: Questionnaire) -> str:
     when = " and ".join(MOMENTS[moment] for moment in asked.moments)
     if asked.instrument is not None:
         source, answers = f"{asked.instrument.title} ({asked.instrument.source})", asked.instrument.response
-        flow_steps = f" in steps of {answers.step}" if answers.step != 1 else ""
-        ranged = f"from {answers.lowest} to {answers.highest}{flow_steps}"
+        steps = f" in steps of {answers.step}" if answers.step != 1 else ""
+        ranged = f"from {answers.lowest} to {answers.highest}{steps}"
         scale = "with a choice of one of two" if answers.points == 2 else ranged
         return f"{asked.name}, asked {when}: {source}, {count_text(len(asked.items), 'item')} {scale}."
     scales = dict.fromkeys(asked.describe_scale(item) for item in asked.items)
@@ -287,8 +285,8 @@ def _versions(analysis: Analysis) -> Iterator[str]:
     """Each version of a changed item with its number of participants."""
     changed = {base_name(row.item) for row in analysis.items if row.version > 1}
     asked = [
-        f"{row.item} (“{row.text}”, from {row.least}, {row.low}, to {row.most}, {row.high}) was answered by "
-        f"{row.asked_of}"
+        f"{row.item} (“{row.text}”, from {row.minimum}, {row.low}, to {row.maximum}, {row.high}) was answered by "
+        f"{row.participants}"
         for row in analysis.items
         if base_name(row.item) in changed
     ]
@@ -303,37 +301,37 @@ def _analysis(analysis: Analysis) -> Iterator[str]:
     elif plan.plan is None:
         yield f"The record of a frozen plan is missing or damaged: {missing('the frozen plan')}"
     else:
-        rationale = plan.plan.sample_size_rationale or missing("why so many participants")
+        rationale = plan.plan.sample_size_rationale or missing("reason for this number of participants")
         yield (
-            f"{plan.origin_text} The SHA-256 of the frozen record is {plan.record_sha256}. "
+            f"{plan.origin_text} The frozen record has the SHA-256 {plan.record_sha256}. "
             f"{plan.plan.participants} participants were planned: {rationale}"
         )
         yield " ".join(f"{each.id}: {each.text}" for each in plan.plan.hypotheses)
     yield (
         "Answers, scores of validated questionnaires, success, reward and force were compared by Wilcoxon's "
-        "signed-rank test, two-sided, each participant one value, with rank-biserial correlations as effect sizes and "
+        "signed-rank test (two-sided, one value per participant), with rank-biserial correlations as effect sizes and "
         f"their 95 % intervals. Primary results: {_which_are_primary(analysis)}. Their p is corrected over all of "
         "them, by flipping the signs of participants' differences together (Westfall and Young, step-down)"
-        f"{_others_corrected(analysis)}. All other "
-        "results are sensitivity analyses, secondary or, by trial as in the paper of AVR Gym, a supplement. Fewer than "
-        f"{MIN_PARTICIPANTS} participants are not tested."
+        f"{_other_corrections(analysis)}. All other "
+        "results are sensitivity analyses, secondary or, by trial as in the paper of AVR Gym, a supplement. With fewer "
+        f"than {MIN_PARTICIPANTS} participants there are no tests."
     )
     yield from MODELS_METHOD
 
 
-def _others_corrected(analysis: Analysis) -> str:
+def _other_corrections(analysis: Analysis) -> str:
     """The correction of primary results that are not paired tests. Only plans have such results."""
     if analysis.plan is None or analysis.plan.confirmed is None:
         return ""
-    return "; models and unpaired tests by Holm, and next to paired tests both p are doubled"
+    return (
+        "; for models and unpaired tests by Holm's method (if there are also paired tests, each p is doubled)"
+    )
 
 
 def _which_are_primary(analysis: Analysis) -> str:
     if analysis.plan is not None and analysis.plan.confirmed is not None:
         return "the tests of the plan's hypotheses"
-    return (
-        "whether policies differ, the first answer against the middle of its scale, and changes over sessions"
-    )
+    return "differences between policies, the first answer against the midpoint of its scale, and changes over sessions"
 
 
 def _deviations(analysis: Analysis) -> list[str]:

@@ -141,16 +141,16 @@ def _models_table(analysis: Analysis, simulated: bool) -> PublicationTable:
     )
 
 
-SPECIAL = {
+LATEX_ESCAPES = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "−": "$-$", "×": r"$\times$", "–": "--",
     "<": "$<$", ">": "$>$",
 }  # fmt: skip
 
 
-def escaped(text: object) -> str:
-    """Text with escaped special characters of LaTeX."""
-    return "".join(SPECIAL.get(letter, letter) for letter in str(text))
+def latex_text(text: object) -> str:
+    """Text with latex_text special characters of LaTeX."""
+    return "".join(LATEX_ESCAPES.get(letter, letter) for letter in str(text))
 
 
 def latex_table(
@@ -158,11 +158,11 @@ def latex_table(
 ) -> str:
     """A table in LaTeX, as ``page.elements.table`` in HTML; ``numbers`` are the right-aligned columns."""
     columns = "".join("r" if column in numbers else "l" for column in range(len(heads)))
-    lines = [" & ".join(escaped(cell) for cell in row) + r" \\" for row in (heads, *rows)]
+    lines = [" & ".join(latex_text(cell) for cell in row) + r" \\" for row in (heads, *rows)]
     return "\n".join(
         [
             r"\begin{table}",
-            rf"\caption{{{escaped(caption)}}}",
+            rf"\caption{{{latex_text(caption)}}}",
             rf"\begin{{tabular}}{{{columns}}}",
             r"\toprule",
             lines[0],

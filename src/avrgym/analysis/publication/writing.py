@@ -65,7 +65,7 @@ def _title(analysis: Analysis) -> str:
 
 def _header(analysis: Analysis) -> list[Markup]:
     simulated = any(flow.simulated for flow in analysis.flows)
-    about = "What is about simulated participants says so; they are never taken together with people."
+    about = "Results of simulated participants are marked and never combined with those of people."
     return [
         *([warning_box("SIMULATED PARTICIPANTS.", about)] if simulated else []),
         tag("p", FILES),
@@ -79,7 +79,7 @@ def _main(
     return [
         tag("section", tag("h2", "Methods"), *_methods(sections), id="methods"),
         tag("section", tag("h2", "Flow of participants"), *map(_flow, analysis.flows), id="flow"),
-        tag("section", tag("h2", "What recommendations ask for"), _asked(asked), id="checklist"),
+        tag("section", tag("h2", "Checklist of reporting recommendations"), _asked(asked), id="checklist"),
         tag(
             "section",
             tag("h2", "Tables"),
@@ -114,14 +114,14 @@ def _flow(flow: ParticipantFlow) -> Markup:
 
 
 def _asked(asked: Sequence[ChecklistField]) -> Markup:
-    lacking = sum(not each.known for each in asked)
+    lacking = sum(not each.value for each in asked)
     rows = [
-        (each.field, each.known or _missing("missing"), "" if each.known else each.fill_in) for each in asked
+        (each.field, each.value or _missing("missing"), "" if each.value else each.source) for each in asked
     ]
     words = f"{lacking} of {len(asked)} fields are missing." if lacking else "No field is missing."
-    shown = table("Fields that a publication names", ("Field", "Known", "Fill in"), rows, numbers=())
+    shown = table("Recommended fields of a publication", ("Field", "Value", "Source"), rows, numbers=())
     return join([tag("p", words), shown])
 
 
 def _checked(asked: ChecklistField) -> dict[str, object]:
-    return {"field": asked.field, "missing": not asked.known, "known": asked.known, "fill_in": asked.fill_in}
+    return {"field": asked.field, "missing": not asked.value, "value": asked.value, "source": asked.source}

@@ -63,7 +63,7 @@ WaistMaximum = Annotated[
 
 
 @dataclass(frozen=True, kw_only=True)
-class OfParticipant:
+class ParticipantColumns:
     """The first columns of rows about a participant."""
 
     participant: Pseudonym
@@ -72,7 +72,7 @@ class OfParticipant:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ParticipantRow(OfParticipant):
+class ParticipantRow(ParticipantColumns):
     """A participant, including those who withdrew."""
 
     site_participant: Annotated[str | None, _PARTICIPANTS["site_participant"]] = None
@@ -95,11 +95,11 @@ class ParticipantRow(OfParticipant):
         int, Column("Number of planned trials that were not completed.", allowed=FROM_0)
     ]
     attempts: Attempts
-    attempts_broken_off: AttemptsNotCompleted
+    attempts_not_completed: AttemptsNotCompleted
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialRow(OfParticipant):
+class TrialRow(ParticipantColumns):
     """A planned trial, also if it did not run. Its outcome is the outcome of its completed attempt."""
 
     participant_state: State
@@ -112,16 +112,16 @@ class TrialRow(OfParticipant):
     seed: Annotated[int, _TRIALS["seed"]]
     state: Annotated[str, _TRIALS["state"]]
     attempts: Attempts
-    attempts_broken_off: AttemptsNotCompleted
+    attempts_not_completed: AttemptsNotCompleted
     counted: Counted
     left_out: Annotated[
         str | None,
         Column("Why a completed trial is not in the analyses.", empty="it is, or is not completed"),
     ] = None
-    held_share: Annotated[
+    tracking_loss_share: Annotated[
         float | None,
         Column(
-            "Share of the robot's time in which the body model stood still because tracking was lost or jumped.",
+            "Share of the robot's time with lost or jumped tracking, in which the body model does not move.",
             allowed=SHARE,
             empty=NO_RECORDING,
         ),
@@ -142,7 +142,7 @@ class TrialRow(OfParticipant):
     reward_recorded: Annotated[
         float | None, Column("Sum of the rewards in the recording.", empty=NO_RECORDING)
     ] = None
-    distance_least_m: Distance = None
+    distance_min_m: Distance = None
     force_mean_n: MeanForce = None
     force_peak_n: PeakForce = None
     guard_interventions: Annotated[
@@ -156,18 +156,18 @@ class TrialRow(OfParticipant):
     head_y_m: HeadPosition = None
     head_z_m: HeadPosition = None
     waist_x_deg: WaistMean = None
-    waist_x_least_deg: WaistMinimum = None
-    waist_x_most_deg: WaistMaximum = None
+    waist_x_min_deg: WaistMinimum = None
+    waist_x_max_deg: WaistMaximum = None
     waist_y_deg: WaistMean = None
-    waist_y_least_deg: WaistMinimum = None
-    waist_y_most_deg: WaistMaximum = None
+    waist_y_min_deg: WaistMinimum = None
+    waist_y_max_deg: WaistMaximum = None
     waist_z_deg: WaistMean = None
-    waist_z_least_deg: WaistMinimum = None
-    waist_z_most_deg: WaistMaximum = None
+    waist_z_min_deg: WaistMinimum = None
+    waist_z_max_deg: WaistMaximum = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class AttemptRow(OfParticipant):
+class AttemptRow(ParticipantColumns):
     """An attempt at a trial, with its stored outcome."""
 
     session: Session
@@ -186,7 +186,7 @@ class AttemptRow(OfParticipant):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _OfAnswer(OfParticipant):
+class _AnswerColumns(ParticipantColumns):
     """Time and trial of an answer."""
 
     counted: Counted
@@ -203,7 +203,7 @@ class _OfAnswer(OfParticipant):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AnswerRow(_OfAnswer):
+class AnswerRow(_AnswerColumns):
     """An answer to one item.
 
     An answer after a completed trial counts if the trial counts. About sessions, one answer counts for each
@@ -212,14 +212,14 @@ class AnswerRow(_OfAnswer):
 
     item: Annotated[str, _ANSWERS["item"]]
     value: Annotated[int, _ANSWERS["value"]]
-    least: Annotated[int | None, replace(_ANSWERS["least"], empty="the design has no such item")]
-    most: Annotated[int | None, replace(_ANSWERS["most"], empty="the design has no such item")]
+    minimum: Annotated[int | None, replace(_ANSWERS["minimum"], empty="the design has no such item")]
+    maximum: Annotated[int | None, replace(_ANSWERS["maximum"], empty="the design has no such item")]
     points: Annotated[int | None, replace(_ANSWERS["points"], empty="the design has no such item")]
     response_time_s: Annotated[float, _ANSWERS["response_time_s"]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScoreRow(_OfAnswer):
+class ScoreRow(_AnswerColumns):
     """A scale of a validated questionnaire, scored from one participant's answers at one time.
 
     It counts if all its answers count.
@@ -228,14 +228,14 @@ class ScoreRow(_OfAnswer):
     instrument: Annotated[str, _SCORES["instrument"]]
     scale: Annotated[str, _SCORES["scale"]]
     score: Annotated[float | None, _SCORES["score"]]
-    least: Annotated[float, _SCORES["least"]]
-    most: Annotated[float, _SCORES["most"]]
+    minimum: Annotated[float, _SCORES["minimum"]]
+    maximum: Annotated[float, _SCORES["maximum"]]
     answered: Annotated[int, _SCORES["answered"]]
     items: Annotated[int, _SCORES["items"]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class TermRow(OfParticipant):
+class TermRow(ParticipantColumns):
     """A term of the reward, summed over a trial."""
 
     position: Position

@@ -37,9 +37,9 @@ from avrgym.study.storage.states import PARTICIPATING, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS
 
-USED = "reward and success are those that were stored with the trial"
-WITHOUT = f"{USED}; it is missing from the biomechanics"
-WITHOUT_ALL = f"{USED}; it is missing from the biomechanics and has no time series"
+USE_STORED = "reward and success come from the database"
+NO_BIOMECHANICS = f"{USE_STORED}; the trial is not in the biomechanics"
+NO_SERIES = f"{USE_STORED}; the trial is not in the biomechanics and has no time series"
 TrialKey = tuple[str, int]
 """Pseudonym and position."""
 
@@ -103,7 +103,7 @@ def read_study(
             own = [each for each in attempts if each.trial.id == trial.id]
             row = _trial(participant, trial, own)
             if trial.id in completed:
-                row = _observe_recording(completed[trial.id], row, found, changed=trial.id in changed)
+                row = _read_recording(completed[trial.id], row, found, changed=trial.id in changed)
                 progress(sum(each.recording is not None for each in found.trials) + 1, len(completed))
             found.trials.append(row)
     found.problems.extend(_plugin_problems(found.plugins))
@@ -124,7 +124,9 @@ def _site_problems(store: Store) -> Iterator[ProblemRow]:
     for event in store.events():
         if event.name == SITE_DIFFERS:
             what = f"were merged although {event.detail}"
-            yield ProblemRow(simulated=None, where="sites", what=what, consequence="they are taken together")
+            yield ProblemRow(
+                simulated=None, where="sites", what=what, consequence="they are analysed together"
+            )
 
 
 def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[ProblemRow]:
@@ -141,7 +143,7 @@ def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[ProblemRow]:
 
 def _refusal(changed: Sequence[ExportedAttempt]) -> str:
     faults = "; ".join(f"{each.attempt.recording} {CHECKSUM_DIFFERS}" for each in changed)
-    return f"nothing was analysed: {faults}; --skip-damaged uses nothing of what is damaged"
+    return f"nothing was analysed: {faults}; --skip-damaged ignores damaged recordings"
 
 
 def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAttempt]) -> TrialRow:
@@ -161,7 +163,7 @@ def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAt
         seed=trial.seed,
         state=trial.state,
         attempts=len(attempts),
-        attempts_broken_off=sum(each.attempt.state not in ("completed", "running") for each in attempts),
+        attempts_not_completed=sum(each.attempt.state not in ("completed", "running") for each in attempts),
         counted=trial.state == "completed" and not trial.practice and takes_part,
     )
 
@@ -169,9 +171,7 @@ def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAt
 # One recording
 
 
-def _observe_recording(
-    exported: ExportedAttempt, row: TrialRow, found: StudyData, *, changed: bool
-) -> TrialRow:
+def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, *, changed: bool) -> TrialRow:
     """The row with metrics of its recording; time series, reward terms and problems are added to ``found``.
 
     ``changed``: the recording changed after the trial; it is not used.
@@ -189,15 +189,15 @@ def _observe_recording(
         )
 
     if changed:
-        tell(CHECKSUM_DIFFERS, WITHOUT_ALL)
+        tell(CHECKSUM_DIFFERS, NO_SERIES)
         return replace(row, recorded="changed")
     try:
         recording = exported.read()
     except FileNotFoundError:
-        tell("is not here", WITHOUT_ALL)
+        tell("is missing", NO_SERIES)
         return replace(row, recorded="missing")
     except (OSError, RecordingError, StudyError) as error:
-        tell(f"cannot be read: {_without_path(error, exported)}", WITHOUT_ALL)
+        tell(f"cannot be read: {_without_path(error, exported)}", NO_SERIES)
         return replace(row, recorded="unreadable")
     if recording.configuration.simulated is not row.simulated:
         tell("and the study differ in whether the participant was simulated", "the trial is not counted")
@@ -205,7 +205,7 @@ def _observe_recording(
     found.plugins.extend(
         recorded_plugins(recording.configuration, row.participant, row.position, simulated=row.simulated)
     )
-    row = replace(row, held_share=tracking_loss_share(recording))
+    row = replace(row, tracking_loss_share=tracking_loss_share(recording))
     left_out = describe_excess_loss(recording, exported.store.design) if row.counted else None
     if left_out is not None:
         tell(f"is left out: {left_out}", "the trial is not counted")
@@ -227,9 +227,9 @@ def _add_measures(
     measured = read_trial_series(recording, TASKS[row.task].scene(find_robot(row.robot)).posture)
     recorded = _kind(recording, measured)
     if recorded == "cut off":
-        tell(f"is cut off: it holds {len(measured.steps)} of {row.steps} control steps", WITHOUT)
+        tell(f"is cut off: it contains {len(measured.steps)} of {row.steps} control steps", NO_BIOMECHANICS)
     elif recorded == "without a body":
-        tell("does not tell the person's body as this version has it", WITHOUT)
+        tell("does not contain the body model of this version", NO_BIOMECHANICS)
     if measured.steps:
         found.series[row.participant, row.position] = measured
         found.terms.extend(_terms(row, measured))
@@ -241,7 +241,7 @@ def _add_measures(
     found.streams.extend(_streams(row, recording))
     if recorded == "whole" and row.reward != row.reward_recorded:
         tell(
-            f"adds up to a reward of {row.reward_recorded}, stored is {row.reward}", "the stored one is used"
+            f"has a total reward of {row.reward_recorded}, the database {row.reward}", "the database is used"
         )
     if recorded == "whole" and measured.body is not None:
         row = replace(row, **_body_metrics(measured.body))
@@ -257,8 +257,8 @@ def _kind(recording: Recording, measured: TrialSeries) -> str:
 def _step_metrics(measured: TrialSeries) -> dict[str, float]:
     forces = [step.force_on_person_n for step in measured.steps]
     return {
-        "reward_recorded": _added(step.reward for step in measured.steps),
-        "distance_least_m": min(step.distance_m for step in measured.steps),
+        "reward_recorded": _sum_in_order(step.reward for step in measured.steps),
+        "distance_min_m": min(step.distance_m for step in measured.steps),
         "force_mean_n": fmean(forces),
         "force_peak_n": max(forces),
     }
@@ -283,14 +283,16 @@ def _body_metrics(body: Body) -> dict[str, float]:
     for index, axis in enumerate("xyz"):
         metrics[f"head_{axis}_m"] = float(head[index])
         metrics[f"waist_{axis}_deg"] = float(waist[:, index].mean())
-        metrics[f"waist_{axis}_least_deg"] = float(waist[:, index].min())
-        metrics[f"waist_{axis}_most_deg"] = float(waist[:, index].max())
+        metrics[f"waist_{axis}_min_deg"] = float(waist[:, index].min())
+        metrics[f"waist_{axis}_max_deg"] = float(waist[:, index].max())
     return metrics
 
 
 def _terms(row: TrialRow, measured: TrialSeries) -> list[TermRow]:
     names = dict.fromkeys(name for step in measured.steps for name in step.reward_terms)
-    sums = {name: _added(step.reward_terms.get(name, 0.0) for step in measured.steps) for name in names}
+    sums = {
+        name: _sum_in_order(step.reward_terms.get(name, 0.0) for step in measured.steps) for name in names
+    }
     weights = measured.weights
     return [
         TermRow(
@@ -335,10 +337,10 @@ def _participant(store: Store, participant: Participant, found: StudyData) -> Pa
         trials_completed=completed,
         trials_missing=len(trials) - completed,
         attempts=sum(row.attempts for row in trials),
-        attempts_broken_off=sum(row.attempts_broken_off for row in trials),
+        attempts_not_completed=sum(row.attempts_not_completed for row in trials),
     )
 
 
-def _added(values: Iterable[float]) -> float:
+def _sum_in_order(values: Iterable[float]) -> float:
     """The sum in the order of values, as in sessions; ``sum`` rounds differently since Python 3.12."""
     return reduce(add, values, 0.0)

@@ -14,7 +14,7 @@ from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control
 from avrgym.vr.session.attempt import versions
 
-WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
+WAIST_JOINTS = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,16 +71,16 @@ def _body(recording: Recording, posture: Posture) -> Body | None:
     control, targets = recording.topics["/control"], recording.topics["/body_targets"]
     if configuration.joints != tuple(JOINTS) or not control or not targets:
         return None
-    angles = _held(targets, [time_ns for time_ns, _ in control])
+    angles = _targets_at(targets, [time_ns for time_ns, _ in control])
     if angles.shape[1] != len(JOINTS):
         return None
     people = People.unimpaired(
         np.full(len(angles), person.sex == "woman"), np.full(len(angles), person.torso_height_m), angles
     )
-    return Body(person.torso_height_m, head_centres(people, posture), angles[:, WAIST])
+    return Body(person.torso_height_m, head_centres(people, posture), angles[:, WAIST_JOINTS])
 
 
-def _held(targets: Sequence[tuple[int, Any]], times_ns: Sequence[int]) -> FloatArray:
+def _targets_at(targets: Sequence[tuple[int, Any]], times_ns: Sequence[int]) -> FloatArray:
     """The last targets (n, 20) before each time; before the first ones, the first."""
     begins_ns = [time_ns for time_ns, _ in targets]
     present = np.maximum(np.searchsorted(begins_ns, times_ns, side="right") - 1, 0)

@@ -55,7 +55,7 @@ class ComparisonRow:
     p: PValue
     p_holm: PHolm
     p_primary: PPrimary = None
-    mark: Stars = ""
+    stars: Stars = ""
     effect: EffectSize
     effect_low: EffectLow
     effect_high: EffectHigh
@@ -65,12 +65,12 @@ class ComparisonRow:
 
 
 TRIAL, PARTICIPANT = "trial", "participant"
-"""What one value of a test is of. Trials of one participant are not independent: p by trial is for comparison with the
-paper alone, and gets no stars."""
+"""Unit of analysis: the source of one value. Trials of one participant are not independent: p by trial is only for
+comparison with the paper and has no stars."""
 PRIMARY, SENSITIVITY, SECONDARY, SUPPLEMENT = "primary", "sensitivity analysis", "secondary", "supplement"
 """Roles of a result for its question."""
 MIN_PARTICIPANTS = 4
-"""With fewer participants nothing is tested or modelled: their differences cannot be estimated."""
+"""Minimum number of participants of tests and models."""
 TOO_FEW = f"fewer than {MIN_PARTICIPANTS} participants"
 Sample = tuple[str, Sequence[float]]
 """A group's name and its values."""
@@ -87,7 +87,7 @@ class Question:
     table: str
     primary: bool = False
 
-    def by(self, unit: str) -> str:
+    def family_name(self, unit: str) -> str:
         """The name of its family of tests with this unit of analysis."""
         return f"{self.name}, by {unit}"
 
@@ -119,14 +119,14 @@ class Family:
 
 def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequence[Comparison]) -> Family:
     """A family: tests of one question and unit, of people or simulated participants, with Holm's correction."""
-    allowed = [_with_enough(test) for test in tests]
+    allowed = [_without_small_test(test) for test in tests]
     adjusted = holm([test.found.p for test in allowed])
-    name = question.by(unit)
+    name = question.family_name(unit)
     rows = [_row(simulated, name, unit, test, p) for test, p in zip(allowed, adjusted, strict=True)]
     return Family(simulated, question, tuple(rows), tuple(test.differences for test in allowed))
 
 
-def _with_enough(test: Comparison) -> Comparison:
+def _without_small_test(test: Comparison) -> Comparison:
     """The test; with too few participants only its groups and effect."""
     if test.participants >= MIN_PARTICIPANTS:
         return test
@@ -168,7 +168,7 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 MEAN_DECIMALS = 9
-"""Means over a participant's trials are rounded to so many decimals, so that equal means are equal."""
+"""Means over a participant's trials are rounded to this number of decimals, which makes equal means identical."""
 Key = tuple[str, ...]
 
 

@@ -23,7 +23,7 @@ EXACT_SIGNED_RANK = 50
 EXACT_RANK_SUM = 8
 """Largest size of the smaller sample with an exact rank-sum p."""
 PERMUTATIONS = 9_999
-MARKS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
+STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 
 def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
@@ -32,11 +32,11 @@ def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
     return {
         "n": len(values),
         "mean": fmean(values),
-        "least": min(values),
+        "minimum": min(values),
         "lower_quartile": float(lower),
         "median": float(median),
         "upper_quartile": float(upper),
-        "most": max(values),
+        "maximum": max(values),
     }
 
 
@@ -213,7 +213,7 @@ def holm(probabilities: Sequence[float | None]) -> list[float | None]:
 
 def significance_stars(p: float | None) -> str:
     """Stars of a probability: * below 0.05, ** below 0.01, *** below 0.001."""
-    return next((stars for limit, stars in MARKS if p is not None and p < limit), "")
+    return next((stars for limit, stars in STARS if p is not None and p < limit), "")
 
 
 def clustered_wilson_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float | None, float | None]:
@@ -237,8 +237,8 @@ def clustered_wilson_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float
     return wilson_interval(share * size, size, quantile)
 
 
-LEAST_DESIGN_EFFECT = 0.25
-"""Few clusters underestimate the design effect by accident, down to 0 where all have equal shares."""
+MIN_DESIGN_EFFECT = 0.25
+"""Lower bound of the design effect; few clusters can underestimate it, down to 0 for equal shares."""
 
 
 def _design_effect(residuals: FloatArray, count: int, share: float) -> float:
@@ -247,10 +247,10 @@ def _design_effect(residuals: FloatArray, count: int, share: float) -> float:
         return 1.0
     clusters = len(residuals)
     between = clusters / (clusters - 1) * float(residuals @ residuals) / count**2
-    return max(between / (share * (1.0 - share) / count), LEAST_DESIGN_EFFECT)
+    return max(between / (share * (1.0 - share) / count), MIN_DESIGN_EFFECT)
 
 
-EQUAL = 1e-12
+EQUAL_TOLERANCE = 1e-12
 """Values are equal if they deviate by no more than this share of their mean."""
 
 
@@ -260,7 +260,7 @@ def t_interval(mean: float, deviation: float, count: int) -> tuple[float | None,
     ``deviation``: standard deviation with ``count − 1`` degrees of freedom. Fewer than two values, or equal values,
     have no interval: they contain no information about the error of the mean.
     """
-    if count < 2 or deviation <= EQUAL * abs(mean):
+    if count < 2 or deviation <= EQUAL_TOLERANCE * abs(mean):
         return None, None
     half = float(stats.t.ppf(0.975, count - 1)) * deviation / count**0.5
     return mean - half, mean + half

@@ -5,7 +5,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 
-from avrgym.study.export.records import WITHOUT, Extras
+from avrgym.study.export.records import NO_EXTRAS, Extras
 from avrgym.study.export.trials import ExportedAttempt, LeftOut, completed_attempts, verified
 from avrgym.study.storage.data_loss import describe_data_loss
 from avrgym.study.storage.states import StudyError
@@ -39,7 +39,7 @@ def export_study(
     out: Path,
     *,
     skip_damaged: bool = False,
-    extras: Extras = WITHOUT,
+    extras: Extras = NO_EXTRAS,
     progress: Callable[[int, int], None] = lambda done, all_: None,
     tell: Callable[[str], None] = lambda text: None,
 ) -> int:
@@ -65,7 +65,7 @@ def export_study(
     """
     if data_format not in FORMATS:
         raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(FORMATS)}")
-    if extras != WITHOUT and data_format not in WITH_RECORDS:
+    if extras != NO_EXTRAS and data_format not in WITH_RECORDS:
         raise StudyError(
             f"{data_format} cannot contain free text and data on health; allowed: {', '.join(WITH_RECORDS)}"
         )
@@ -78,13 +78,13 @@ def export_study(
     if left_out and not skip_damaged:
         raise StudyError(_refusal(left_out))
     for each in left_out:
-        tell(each.why)
+        tell(each.reason)
     write_folder_atomically(out, lambda folder: _write(store, write, sound, left_out, folder))
     return sum(path.is_file() for path in out.rglob("*"))
 
 
 def _refusal(left_out: Sequence[LeftOut]) -> str:
-    faults = "; ".join(each.why for each in left_out)
+    faults = "; ".join(each.reason for each in left_out)
     return f"nothing was exported: {faults}; --skip-damaged leaves out what is damaged or missing"
 
 
@@ -98,7 +98,8 @@ def _write(
     _add_losses(store, folder)
     if left_out:
         write_csv(
-            folder / LEFT_OUT, [LeftOutRow(**vars(each.exported.labels()), why=each.why) for each in left_out]
+            folder / LEFT_OUT,
+            [LeftOutRow(**vars(each.exported.labels()), reason=each.reason) for each in left_out],
         )
 
 

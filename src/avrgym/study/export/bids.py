@@ -16,7 +16,7 @@ from avrgym.recording.schema import Event, Pose, TrackingFrame
 from avrgym.study.export import LEFT_OUT, NOTICE
 from avrgym.study.export.codebook import TABLES
 from avrgym.study.export.physio import Series, corrected_marks, marks, recorded_series
-from avrgym.study.export.records import WITHOUT, Extras, record_tables, write_table
+from avrgym.study.export.records import NO_EXTRAS, Extras, record_tables, write_table
 from avrgym.study.export.table_files import tsv_cell, write_json, write_tsv
 from avrgym.study.export.trials import ExportedAttempt
 from avrgym.study.storage.answers import answer_moments
@@ -26,19 +26,21 @@ from avrgym.study.storage.store import Store
 VERSION = "1.11.1"
 TRACKED = {"head": "head", "left": "left_hand", "right": "right_hand"}
 """Tracked point for each field of a tracking frame."""
-RECORDS = "sourcedata"
+RECORDS_FOLDER = "sourcedata"
 """The folder of events, adverse events and notes; BIDS does not define its contents."""
 AXES = ("x", "y", "z")
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
-FRAME = "local_floor"
+REFERENCE_FRAME = "local_floor"
 TRACKING_SYSTEM = "headset"
-CONDITION = {
+CONDITION_COLUMNS = {
     name: TABLES["attempts"][name].meaning
     for name in ("simulated", "practice", "task", "robot", "policy", "reward", "success")
 }
 
 
-def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extras: Extras = WITHOUT) -> None:
+def write(
+    store: Store, completed: Sequence[ExportedAttempt], folder: Path, extras: Extras = NO_EXTRAS
+) -> None:
     """Write the data set of completed attempts into a folder."""
     write_json(folder / "dataset_description.json", _description(store))
     (folder / "README").write_text(f"{store.design.title}\n\n{NOTICE}\n", encoding="utf-8")
@@ -47,9 +49,9 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extr
     for _, session in groupby(completed, key=lambda exported: exported.session.id):
         _write_session(list(session), folder)
     _write_answers(store, completed, folder / "phenotype")
-    (folder / RECORDS).mkdir()
+    (folder / RECORDS_FOLDER).mkdir()
     for name, rows in record_tables(store, extras).items():
-        write_table(folder / RECORDS, name, rows)
+        write_table(folder / RECORDS_FOLDER, name, rows)
 
 
 def _description(store: Store) -> dict[str, Any]:
@@ -99,7 +101,7 @@ def _write_session(attempts: list[ExportedAttempt], folder: Path) -> None:
     _write_table(place / f"{prefix}_scans.tsv", [_scan(exported) for exported in attempts])
     write_json(
         place / f"{prefix}_scans.json",
-        {name: {"Description": description} for name, description in CONDITION.items()},
+        {name: {"Description": description} for name, description in CONDITION_COLUMNS.items()},
     )
 
 
@@ -175,9 +177,9 @@ def _channels() -> Iterator[dict[str, Any]]:
     yield _channel("latency", "n/a", "LATENCY", "n/a", "s", "n/a")
     for point in TRACKED.values():
         for axis in AXES:
-            yield _channel(f"{point}_{axis}", axis, "POS", point, "m", FRAME)
+            yield _channel(f"{point}_{axis}", axis, "POS", point, "m", REFERENCE_FRAME)
         for component in QUATERNION:
-            yield _channel(f"{point}_{component}", component, "ORNT", point, "n/a", FRAME)
+            yield _channel(f"{point}_{component}", component, "ORNT", point, "n/a", REFERENCE_FRAME)
         yield _channel(f"{point}_followed", "n/a", "MISC", point, "n/a", "n/a")
 
 
@@ -200,7 +202,7 @@ def _reference_frame() -> dict[str, Any]:
         "RotationRule": "right-hand",
         "Description": "WebXR's local-floor space: origin on the floor, x right, y up, z backward.",
     }
-    return {"reference_frame": {"Levels": {FRAME: frame}}}
+    return {"reference_frame": {"Levels": {REFERENCE_FRAME: frame}}}
 
 
 def _sidecar(exported: ExportedAttempt, frames: Sequence[TrackingFrame], channels: int) -> dict[str, Any]:
@@ -250,7 +252,7 @@ def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Pa
         columns, name = ["participant_id", "simulated", *item_by_column], _label(questionnaire.name)
         _write_table(folder / f"{name}.tsv", [{c: row.get(c) for c in columns} for row in rows])
         described = {column: _describe(questionnaire, items[item]) for column, item in item_by_column.items()}
-        described["simulated"] = {"Description": CONDITION["simulated"]}
+        described["simulated"] = {"Description": CONDITION_COLUMNS["simulated"]}
         write_json(folder / f"{name}.json", described)
     if not any(folder.iterdir()):
         folder.rmdir()

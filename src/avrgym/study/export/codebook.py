@@ -33,7 +33,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {name: columns_of(row) for name, ro
 """The columns of each table that do not depend on the study."""
 INSTRUMENT_TABLES = ("scores", "scales")
 """Tables of studies that use validated questionnaires."""
-RECORDS = ("events", "adverse_events", "functioning", "functioning_by_person", "notes")
+RECORD_TABLES = ("events", "adverse_events", "functioning", "functioning_by_person", "notes")
 """Tables of events and of experimenters' texts."""
 
 

@@ -9,7 +9,7 @@ from avrgym.study.storage.rows import Participant
 from avrgym.study.storage.states import PARTICIPATING
 from avrgym.study.storage.store import Store
 
-LEAST = 5
+MIN_GROUP_SIZE = 5
 """Smallest group that is shown. Counts that would reveal a smaller group are suppressed too."""
 SUPPRESSED = "suppressed"
 NOT_ASKED = "not asked"
@@ -29,10 +29,10 @@ def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
         yield FunctioningCountRow("devices", answer, _shown(suppress([number, len(given) - number])[0]))
 
 
-def suppress(counts: Sequence[int], least: int = LEAST) -> list[int | None]:
+def suppress(counts: Sequence[int], min_group_size: int = MIN_GROUP_SIZE) -> list[int | None]:
     """Counts without small ones, and without others from which small ones could be computed."""
-    hidden = {place for place, number in enumerate(counts) if 0 < number < least}
-    while hidden and (sum(counts[place] for place in hidden) < least or len(hidden) < 2):
+    hidden = {place for place, number in enumerate(counts) if 0 < number < min_group_size}
+    while hidden and (sum(counts[place] for place in hidden) < min_group_size or len(hidden) < 2):
         shown = [place for place, number in enumerate(counts) if number and place not in hidden]
         if not shown:
             return [None] * len(counts)

@@ -17,7 +17,7 @@ from avrgym.study.export import NOTICE
 from avrgym.study.export.trials import ExportedAttempt, scenes
 from avrgym.study.storage.store import Store
 
-WRITTEN_FOR = "0.5.0"
+MINARI_VERSION = "0.5.0"
 """The version of Minari's format."""
 
 
@@ -69,7 +69,7 @@ def _metadata(
         "env_spec": gymnasium.spec(attempts[0].trial.environment).to_json(),
         "algorithm_name": ", ".join(policies),
         "description": f"{store.design.title}. {NOTICE}",
-        "minari_version": WRITTEN_FOR,
+        "minari_version": MINARI_VERSION,
     }
 
 

@@ -11,7 +11,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import msgspec
 
 from avrgym.study.export.codebook import TABLES, codebook
-from avrgym.study.export.records import WITHOUT, Extras, adverse_event_rows, event_rows, log_rows, note_rows
+from avrgym.study.export.records import NO_EXTRAS, Extras, adverse_event_rows, event_rows, log_rows, note_rows
 from avrgym.study.export.rows import EventRow
 from avrgym.study.export.scores import scale_rows, uses_instruments
 from avrgym.study.export.table_files import write_csv
@@ -25,7 +25,7 @@ from avrgym.study.storage.store import Store
 from avrgym.system.files import private_opener
 
 INDEX = "README.md"
-NAMES_OTHERS = ("participant enrolled", "identity corrected")
+EVENTS_ABOUT_OTHERS = ("participant enrolled", "identity corrected")
 """Events with a detail that names other participants."""
 FILE_CONTENTS: Mapping[str, str] = {
     "identity.json": "Name and contact, from the identity file.",
@@ -113,7 +113,7 @@ def _tables(store: Store, person: Participant) -> dict[str, Iterable[Any]]:
         "adverse_events": [
             replace(row, recorded_by=None) for row in adverse_event_rows(store, [person], everything)
         ],
-        "log": _own(log_rows(store, WITHOUT), person),
+        "log": _own(log_rows(store, NO_EXTRAS), person),
     }
 
 
@@ -122,7 +122,7 @@ def _own(rows: Iterable[Any], person: Participant) -> Iterator[Any]:
 
 
 def _without_others(row: EventRow) -> EventRow:
-    return replace(row, detail=None) if row.name in NAMES_OTHERS else row
+    return replace(row, detail=None) if row.name in EVENTS_ABOUT_OTHERS else row
 
 
 def _pack(store: Store, person: Participant, folder: Path, archive: Path) -> list[str]:

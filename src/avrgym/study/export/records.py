@@ -36,7 +36,7 @@ class Extras:
     health: bool = False
 
 
-WITHOUT = Extras()
+NO_EXTRAS = Extras()
 """No extras."""
 
 

@@ -18,9 +18,9 @@ from avrgym.study.export import NOTICE
 from avrgym.study.export.trials import ExportedAttempt, scenes
 from avrgym.study.storage.store import Store
 
-GYM_TYPE = 2
+ENV_TYPE_GYM = 2
 """robomimic's number for environments of gym."""
-MADE_BY = "old_gym"
+ENV_MODULE = "old_gym"
 """The module that gym imports before it makes one."""
 OBSERVATION, ALSO = "observation", "flat"
 
@@ -37,7 +37,7 @@ def _write_file(file: h5py.File, attempts: Sequence[ExportedAttempt]) -> None:
     data = file.create_group("data")
     environment = attempts[0].trial.environment
     data.attrs["env_args"] = json.dumps(
-        {"env_name": f"{MADE_BY}:{environment}", "type": GYM_TYPE, "env_kwargs": {}}
+        {"env_name": f"{ENV_MODULE}:{environment}", "type": ENV_TYPE_GYM, "env_kwargs": {}}
     )
     data.attrs["notice"] = NOTICE
     data.attrs["total"] = sum(

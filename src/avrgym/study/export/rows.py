@@ -215,7 +215,7 @@ class AttemptRow(AttemptLabels):
 class LeftOutRow(AttemptLabels):
     """One attempt whose recording was left out."""
 
-    why: Annotated[str, Column("Why the recording was left out.")]
+    reason: Annotated[str, Column("Why the recording was left out.")]
 
 
 @dataclass(frozen=True)
@@ -262,9 +262,9 @@ class AnswerRow(AnswerLabels):
         str,
         Column("The item. A changed item is another version; items has the texts.", allowed="see items"),
     ]
-    value: Annotated[int, Column("The answer on the item's own scale.", allowed="least to most")]
-    least: Annotated[int, Column("Lowest value of the scale of this version.")]
-    most: Annotated[int, Column("Highest value of the scale of this version.")]
+    value: Annotated[int, Column("The answer on the item's own scale.", allowed="minimum to maximum")]
+    minimum: Annotated[int, Column("Lowest value of the scale of this version.")]
+    maximum: Annotated[int, Column("Highest value of the scale of this version.")]
     points: Annotated[int, Column("Number of values of the scale.", allowed="2 to 101")]
     response_time_s: Annotated[
         float,
@@ -287,8 +287,8 @@ class ItemRow:
     order: Annotated[str, Column("Order of the items.", allowed=_one_of(*ITEM_ORDERS))]
     item: Annotated[str, Column("Name of the item.")]
     text: Annotated[str, Column("Text of the item.")]
-    least: Annotated[int, Column("Lowest value of the scale.")]
-    most: Annotated[int, Column("Highest value of the scale.")]
+    minimum: Annotated[int, Column("Lowest value of the scale.")]
+    maximum: Annotated[int, Column("Highest value of the scale.")]
     points: Annotated[int, Column("Number of values of the scale, in equal steps.", allowed="2 to 101")]
     low: Annotated[str, Column("Label of the lowest value.")]
     high: Annotated[str, Column("Label of the highest value.")]
@@ -302,10 +302,10 @@ class ScoreRow(AnswerLabels):
     scale: Annotated[str, Column("Name of the score; scales has its computation.", allowed="see scales")]
     score: Annotated[
         float | None,
-        Column("The score.", allowed="least to most", empty="required answers or weights are missing"),
+        Column("The score.", allowed="minimum to maximum", empty="required answers or weights are missing"),
     ]
-    least: LowestScore
-    most: HighestScore
+    minimum: LowestScore
+    maximum: HighestScore
     answered: Annotated[int, Column("Number of answered items of the scale.", allowed=_FROM_0)]
     items: Annotated[int, Column("Number of items of the scale.", allowed=_FROM_1)]
 
@@ -318,13 +318,13 @@ class ScaleRow:
     instrument: InstrumentName
     title: Annotated[str, Column("Title of the validated questionnaire.")]
     scale: Annotated[str, Column("Name of the score.")]
-    of: Annotated[str, Column("Function of the item values.", allowed="mean, sum, weighted mean")]
+    function: Annotated[str, Column("Function of the item values.", allowed="mean, sum, weighted mean")]
     factor: Annotated[float, Column("Factor of the result.")]
-    reversed: Annotated[str, Column("Reversed items: least + most − value.", empty="none")]
+    reversed: Annotated[str, Column("Reversed items: minimum + maximum − value.", empty="none")]
     offset: Annotated[int, Column("Added to each item value after reversal.", unit="1")]
     items: Annotated[str, Column("Items; one that is listed twice counts twice.", allowed="see items")]
-    least: LowestScore
-    most: HighestScore
+    minimum: LowestScore
+    maximum: HighestScore
     missing: Annotated[str, Column("Effect of a missing answer.", allowed="no score, centre")]
     source: Annotated[str, Column("Publication of questionnaire and scoring.")]
     licence: Annotated[str, Column("Licence of the texts.")]

@@ -31,15 +31,15 @@ class Score:
 
     def row(self) -> ScoreRow:
         """The row of this score in tables."""
-        least, most = self.instrument.range_of(self.scale)
+        minimum, maximum = self.instrument.range_of(self.scale)
         items = self.instrument.items_of(self.scale)
         return ScoreRow(
             **vars(self.answers[-1].labels()),
             instrument=self.instrument.name,
             scale=self.scale,
             score=self.value,
-            least=least,
-            most=most,
+            minimum=minimum,
+            maximum=maximum,
             answered=sum(answer.given.item in items for answer in self.answers),
             items=len(items),
         )
@@ -81,19 +81,19 @@ def scale_rows(design: Design) -> Iterator[ScaleRow]:
         for name in instrument.scale_names if instrument else ():
             assert instrument is not None
             scale = next((each for each in instrument.scales if each.name == name), None)
-            least, most = instrument.range_of(name)
+            minimum, maximum = instrument.range_of(name)
             yield ScaleRow(
                 questionnaire=questionnaire.name,
                 instrument=instrument.name,
                 title=instrument.title,
                 scale=name,
-                of=scale.of if scale else "weighted mean",
+                function=scale.of if scale else "weighted mean",
                 factor=scale.factor if scale else 1.0,
                 reversed=", ".join(scale.reversed) if scale else "",
                 offset=scale.offset if scale else 0,
                 items=", ".join(scale.items if scale else instrument.items_of(name)),
-                least=least,
-                most=most,
+                minimum=minimum,
+                maximum=maximum,
                 missing=instrument.missing,
                 source=instrument.source,
                 licence=instrument.licence,

@@ -12,13 +12,13 @@ from avrgym.study.design.design import Design
 from avrgym.study.export import NOTICE
 from avrgym.study.export.codebook import (
     INSTRUMENT_TABLES,
-    RECORDS,
+    RECORD_TABLES,
     TABLES,
     action_size,
     codebook,
     reward_terms,
 )
-from avrgym.study.export.records import WITHOUT, Extras, log_rows, record_tables
+from avrgym.study.export.records import NO_EXTRAS, Extras, log_rows, record_tables
 from avrgym.study.export.rows import AttemptRow, ConsentRow, ControlStepRow, ItemRow, ParticipantRow, TrialRow
 from avrgym.study.export.scores import scale_rows, scores_of, uses_instruments
 from avrgym.study.export.table_files import write_csv
@@ -35,7 +35,9 @@ Heights = Mapping[int, float | None]
 """Torso heights in metres, by the id of the attempt."""
 
 
-def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extras: Extras = WITHOUT) -> None:
+def write(
+    store: Store, completed: Sequence[ExportedAttempt], folder: Path, extras: Extras = NO_EXTRAS
+) -> None:
     """Write all tables into a folder, with the control steps of completed attempts."""
     (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
     attempts = list(all_attempts(store))
@@ -48,7 +50,7 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path, extr
     records = record_tables(store, extras)
     for name, rows in records.items():
         write_csv(folder / f"{name}.csv", rows, TABLES[name])
-    absent = {"left_out", *RECORDS} - set(records)
+    absent = {"left_out", *RECORD_TABLES} - set(records)
     if uses_instruments(answered_items.design):
         write_csv(folder / "scales.csv", scale_rows(answered_items.design))
     else:
@@ -113,8 +115,8 @@ def item_rows(design: Design) -> Iterator[ItemRow]:
                 order=questionnaire.order,
                 item=item.id,
                 text=item.text,
-                least=scale.lowest,
-                most=scale.highest,
+                minimum=scale.lowest,
+                maximum=scale.highest,
                 points=item.points,
                 low=item.low,
                 high=item.high,

@@ -158,8 +158,8 @@ class ExportedAnswer:
             **vars(self.labels()),
             item=self.item.id,
             value=scale.counts_as(self.given.value),
-            least=scale.lowest,
-            most=scale.highest,
+            minimum=scale.lowest,
+            maximum=scale.highest,
             points=scale.points,
             response_time_s=self.given.response_time_s,
             answered_at=self.given.answered_at,
@@ -190,10 +190,10 @@ def answers_of(
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A completed attempt with a recording that cannot be exported; ``why`` begins with its name."""
+    """A completed attempt with a recording that cannot be exported; ``reason`` begins with its name."""
 
     exported: ExportedAttempt
-    why: str
+    reason: str
 
 
 def verified(

@@ -219,25 +219,31 @@ class FrozenPlan:
     def _sentences(self) -> Iterator[str]:
         if self.known_since is not None:
             verb = "was stored in the database" if self.is_adopted else "was frozen"
-            yield f"The plan {verb} at {self.at} (UTC), before the first participant."
+            yield f"The plan {verb} at {_minute(self.at)} (UTC), before the first participant."
         elif self.is_proven:
-            yield f"The plan existed at {self.at}, before the first recording."
+            yield f"The plan existed at {_minute(self.at)} (UTC), before the first recording."
         else:
-            why = f", which was rebuilt at {self.rebuilt_at} (UTC)" if self.rebuilt_at else ""
+            why = f", which was rebuilt at {_minute(self.rebuilt_at)} (UTC)" if self.rebuilt_at else ""
             yield (
-                f"When the plan was made is unknown: its checksum is not in the database{why}. "
+                f"The date of the plan is unknown: its checksum is not in the database{why}. "
                 "It is not confirmatory; all results are exploratory."
             )
         if self.stamp is not None:
             known = "knows" if self.stamp.is_trusted else "does not know"
             proves = "" if self.stamp.is_trusted else ", so the time stamp alone proves nothing"
+            at = _minute(self.stamp.at.isoformat())
             yield (
-                f"A valid time stamp (RFC 3161) of {self.stamp.authority} gives {self.stamp.at.isoformat()}; this "
+                f"A valid time stamp (RFC 3161) of {self.stamp.authority} gives {at} (UTC); this "
                 f"computer {known} the root certificate of that authority{proves}."
             )
         if self.registration is not None:
             claim = self.registration
             yield f"The researchers claim a registration of {claim.on} at {claim.url}; this is not verified."
+
+
+def _minute(at: str) -> str:
+    """An ISO 8601 time to the minute."""
+    return at[:16].replace("T", " ")
 
 
 def read_frozen_plan(store: Store) -> FrozenPlan | None:
