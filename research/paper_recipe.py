@@ -76,7 +76,7 @@ def main() -> None:
 def train(arguments: Sequence[str]) -> None:
     """Train every policy with fewer steps, in all environments unless some are named."""
     from avrgym.learning import training
-    from avrgym.learning.configuration import holds_training
+    from avrgym.learning.configuration import contains_training
     from avrgym.learning.hyperparameters import PAPER
 
     if not arguments or not arguments[0].isdigit():
@@ -86,7 +86,7 @@ def train(arguments: Sequence[str]) -> None:
         if run.environment not in environments or run.steps >= steps:
             continue
         out = UNDER_WAY / run.name
-        if holds_training(out):
+        if contains_training(out):
             policy = training.resume(out, steps=steps)
         else:
             configuration = training.configuration_for(

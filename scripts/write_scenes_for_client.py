@@ -56,7 +56,7 @@ def scene_of(name: str, simulation: Simulation) -> dict[str, Any]:
     mujoco.mj_kinematics(model, data)
     head = data.site(human.PREFIX + "head_centre").xpos
     ahead = data.body(human.PREFIX + "head").xmat.reshape(3, 3)[:, 1]
-    return {"name": name, "eyes": rounded(head - human.HEADSET_AHEAD_M * ahead), "geoms": geoms(model, data)}
+    return {"name": name, "eyes": rounded(head - human.HEADSET_OFFSET_M * ahead), "geoms": geoms(model, data)}
 
 
 def geoms(model: mujoco.MjModel, data: mujoco.MjData) -> list[list[Any]]:

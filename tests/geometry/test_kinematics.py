@@ -222,12 +222,12 @@ def test_a_row_has_the_same_bits_alone_and_among_others(rng, arm):
 @pytest.mark.parametrize("precision", [np.float64, np.float32])
 def test_rows_that_wait_for_others_have_the_same_bits_alone(rng, arm, precision):
     """More rows than a block; some do not converge."""
-    count = kinematics.ROWS_AT_ONCE + 500
+    count = kinematics.BLOCK_ROWS + 500
     pos, q = kinematics.forward(arm, within_ranges(rng, arm, count))
     pos[::7] += 1.0
     start = np.tile(seed_pose(), (count, 1))
     together = kinematics.solve(arm, pos, q, start, iterations=12, precision=precision)
-    for rows in (slice(0, 1), slice(40, 49), slice(kinematics.ROWS_AT_ONCE - 9, None), slice(3, None, 97)):
+    for rows in (slice(0, 1), slice(40, 49), slice(kinematics.BLOCK_ROWS - 9, None), slice(3, None, 97)):
         alone = kinematics.solve(arm, pos[rows], q[rows], start[rows], iterations=12, precision=precision)
         assert_array_equal(alone.angles_rad, together.angles_rad[rows])
         assert_array_equal(alone.position_error_m, together.position_error_m[rows])

@@ -122,10 +122,10 @@ def test_ppo_progress_starts_after_imitation_and_ends_with_the_last_update():
 def test_a_longer_training_has_as_much_imitation(rounds):
     configuration = replace(TINY, steps=200 * rounds, imitation_share=0.25)
     for more in (0, 1, 10, 100):
-        longer = configuration.lengthened(200 * (rounds + more))
+        longer = configuration.with_steps(200 * (rounds + more))
         assert (longer.updates, longer.imitation_updates) == (rounds + more, configuration.imitation_updates)
     with pytest.raises(ValueError, match="fewer than the training's"):
-        configuration.lengthened(200 * rounds - 200)
+        configuration.with_steps(200 * rounds - 200)
 
 
 @pytest.mark.slow
@@ -135,7 +135,7 @@ def test_the_best_action_std_is_kept_and_the_least_of_equals(tmp_path, monkeypat
 
     def evaluated(environment, path, *_, **__):
         return SimpleNamespace(
-            **dict.fromkeys(training.MEASURED, 0.0)
+            **dict.fromkeys(training.STORED_RESULTS, 0.0)
             | {"success_rate": success_with[Policy.load(path).action_std]}
         )
 

@@ -9,7 +9,7 @@ import torch
 from avrgym.geometry import kinematics, transforms
 from avrgym.learning.normaliser import observation_of
 from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
-from avrgym.learning.tool_loss import ACTIONS_WEIGHT, SLOW_MOTION, UNIT_M, UNIT_RAD, ToolMotion, tool_loss
+from avrgym.learning.tool_loss import ACTIONS_WEIGHT, MOTION_SCALE, UNIT_M, UNIT_RAD, ToolMotion, tool_loss
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.system.transferred_files import TransferredFile
@@ -59,7 +59,7 @@ def test_the_loss_of_an_error_falls_with_the_demonstrated_motion():
     wanted = torch.linspace(-0.5, 0.5, len(scene.arm.joints))
     wrong = torch.full_like(wanted, 0.01)
     length = float((motion @ wanted).square().sum().sqrt())
-    meant = [times * SLOW_MOTION / length * wanted for times in (0.0, 1.0, 10.0)]
+    meant = [times * MOTION_SCALE / length * wanted for times in (0.0, 1.0, 10.0)]
     at_rest, slow, fast = (float(tool_loss(each + wrong, each, motion)) for each in meant)
     assert_allclose([slow / at_rest, fast / at_rest], [1 / 2, 1 / 101], rtol=1e-4)
 

@@ -275,7 +275,7 @@ def test_a_complete_training_continues_with_larger_steps(trained, tmp_path, monk
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_longer_training_has_no_more_imitation(environment):
     how = configuration_for(environment, "revised", 300_000, 0)
-    assert how.lengthened(900_000).imitation_steps == how.imitation_steps
+    assert how.with_steps(900_000).imitation_steps == how.imitation_steps
 
 
 # Files of settings

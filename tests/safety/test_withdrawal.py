@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from avrgym.array_types import BoolArray
 from avrgym.policies import registry
 from avrgym.safety.retreat import SPEED_M_S
-from avrgym.safety.withdrawal import FROM_MOUTH_M, SETTLED_STEPS
+from avrgym.safety.withdrawal import MOUTH_DISTANCE_M, SETTLING_STEPS
 from avrgym.tasks.control_loop import Step
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
@@ -69,7 +69,7 @@ def assert_withdraws(environment: str, policy: str) -> None:
     settled_steps = np.argmax(driven, axis=0) - np.argmax(success, axis=0)
     over = driven.sum(axis=0) > WITHDRAWN_STEPS
     assert over.any()
-    assert (settled_steps[over] > SETTLED_STEPS).all()
+    assert (settled_steps[over] > SETTLING_STEPS).all()
     slowed = np.zeros_like(driven)
     slowed[BRAKED_STEPS:] = driven[:-BRAKED_STEPS]
     for step, withdrawing, steady in zip(found.steps, found.driven, slowed, strict=True):
@@ -77,7 +77,7 @@ def assert_withdraws(environment: str, policy: str) -> None:
         assert (step.tool_speed_m_s[steady] < SPEED_M_S + 0.02).all()
     last = found.steps[-1]
     assert (last.force_on_person_n[over] == 0.0).all()
-    assert (last.distance_m[over] > FROM_MOUTH_M - 0.02).all()
+    assert (last.distance_m[over] > MOUTH_DISTANCE_M - 0.02).all()
     assert (last.tool_speed_m_s[over] < 0.01).all()
 
 

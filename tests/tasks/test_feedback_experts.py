@@ -110,7 +110,8 @@ def directions(seed: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("in_front", "slant_rad"), [(0.0, feedback_expert.SLANT_RAD), (1.0, feedback_expert.FRONT_SLANT_RAD)]
+    ("in_front", "slant_rad"),
+    [(0.0, feedback_expert.MAX_HAND_ANGLE_RAD), (1.0, feedback_expert.FRONT_MAX_HAND_ANGLE_RAD)],
 )
 def test_a_scratching_hand_stays_out_of_the_skin(in_front, slant_rad):
     out_w = directions(0)
@@ -120,7 +121,8 @@ def test_a_scratching_hand_stays_out_of_the_skin(in_front, slant_rad):
 
 
 @pytest.mark.parametrize(
-    ("in_front", "askew_rad"), [(0.0, feedback_expert.ASKEW_RAD), (1.0, feedback_expert.FRONT_ASKEW_RAD)]
+    ("in_front", "askew_rad"),
+    [(0.0, feedback_expert.MAX_ROD_ANGLE_RAD), (1.0, feedback_expert.FRONT_MAX_ROD_ANGLE_RAD)],
 )
 def test_a_rod_that_has_turned_need_not_turn_again(in_front, askew_rad):
     rod_w, out_w, front = directions(0), directions(1), np.full(500, in_front)
@@ -135,11 +137,17 @@ def test_a_rod_that_has_turned_need_not_turn_again(in_front, askew_rad):
 def test_only_skin_that_faces_in_is_reached_from_in_front():
     out_w = directions(0)
     share = feedback_expert.faces_in(out_w)
-    inner = (out_w[:, 0] > feedback_expert.INWARDS[1]) & (out_w[:, 2] > feedback_expert.NOT_DOWN[1])
+    inner = (out_w[:, 0] > feedback_expert.INWARD_RANGE[1]) & (
+        out_w[:, 2] > feedback_expert.NOT_DOWNWARD_RANGE[1]
+    )
     assert inner.any()
     assert np.all(share[inner] == 1.0)
     assert np.all(
-        share[(out_w[:, 0] < feedback_expert.INWARDS[0]) | (out_w[:, 2] < feedback_expert.NOT_DOWN[0])] == 0.0
+        share[
+            (out_w[:, 0] < feedback_expert.INWARD_RANGE[0])
+            | (out_w[:, 2] < feedback_expert.NOT_DOWNWARD_RANGE[0])
+        ]
+        == 0.0
     )
     assert ((share > 0.0) & (share < 1.0)).any()
 
@@ -152,7 +160,7 @@ def test_a_hand_that_comes_from_in_front_turns_before_it_comes(robot):
     planner, state = FeedbackPlanner(episodes), episodes.state()
     out_w, _ = surface(itch, limb_frame(state, itch)[1])
     in_front = feedback_expert.faces_in(out_w) == 1.0
-    before_wrist_w = state.right_arm_pos_w[:, 2] + expert.FROM_WRIST_M
+    before_wrist_w = state.right_arm_pos_w[:, 2] + expert.DETOUR_OFFSET_M
     goal_w, _, _ = feedback_expert.scratching_target(state, itch, planner)
     waits = np.all(np.abs(goal_w - before_wrist_w) < 1e-9, axis=-1)
     assert in_front.any()

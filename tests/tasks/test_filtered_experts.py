@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose
 
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.filtered import PLACES, ROTATIONS, filtered
+from avrgym.tasks.experts.filtered import FILTERED_POSITIONS, FILTERED_ROTATIONS, filtered
 
 
 class Recorder:
@@ -38,7 +38,7 @@ def watched(impairment: str, steps: int):
 def test_resting_people_are_observed_unchanged():
     seen, there = watched("none", 4)
     for saw, was in zip(seen, there, strict=True):
-        for name in (*PLACES, *ROTATIONS):
+        for name in (*FILTERED_POSITIONS, *FILTERED_ROTATIONS):
             assert_allclose(getattr(saw, name), getattr(was, name), atol=1e-12)
 
 

@@ -8,10 +8,10 @@ from avrgym.simulation.worlds import State
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.drinking import expert, memory_expert
 from avrgym.tasks.drinking.memory_expert import (
-    CALM_RAD,
-    EXPECTED_RAD,
-    NEAR_M,
-    POUR_RAD_S,
+    EXPECTED_FACE_RAD,
+    POUR_SPEED_RAD_S,
+    POUR_START_DISTANCE_M,
+    SPILL_MARGIN_RAD,
     MemoryExpert,
 )
 from avrgym.tasks.drinking.reward import in_cup
@@ -59,34 +59,34 @@ def test_the_expected_angle_falls_as_the_face_turns_away():
     expected = memory_expert._expected_rad(turn)
     assert (np.diff(expected) <= 0.0).all()
     assert (expected < turn).all()
-    assert_allclose(expected[-1], EXPECTED_RAD)
+    assert_allclose(expected[-1], EXPECTED_FACE_RAD)
     assert_allclose(memory_expert._expected_rad(-turn), -expected)
 
 
 def test_water_is_poured_into_a_mouth_that_is_near_and_rests():
-    pouring = POURS_RAD - 0.5 * CALM_RAD
+    pouring = POURS_RAD - 0.5 * SPILL_MARGIN_RAD
     assert next_tilt(pouring) > pouring
-    assert next_tilt(pouring, distance_m=NEAR_M + 0.001) == pouring
+    assert next_tilt(pouring, distance_m=POUR_START_DISTANCE_M + 0.001) == pouring
     for stops in ({"rests": NO}, {"away": YES}, {"distance_m": 0.06}):
-        assert_allclose(next_tilt(pouring, **stops), expert.FULL_RAD)
+        assert_allclose(next_tilt(pouring, **stops), expert.POUR_START_TILT_RAD)
 
 
 def test_a_cup_is_tilted_the_more_slowly_the_nearer_its_water_is_to_the_rim():
     tilts = np.linspace(1.0, POURS_RAD, 40)
     turns = np.array([next_tilt(tilt) - tilt for tilt in tilts])
     assert (np.diff(turns) <= 1e-12).all()
-    assert_allclose(turns[-1], CONTROL_STEP_S * POUR_RAD_S)
+    assert_allclose(turns[-1], CONTROL_STEP_S * POUR_SPEED_RAD_S)
     assert_allclose(next_tilt(POURS_RAD + 0.1) - POURS_RAD - 0.1, turns[-1])
 
 
 def test_a_cup_is_made_ready_near_the_mouth_and_is_carried_less_tilted():
-    assert_allclose(next_tilt(expert.FULL_RAD - 0.01, distance_m=0.05), expert.FULL_RAD)
-    assert_allclose(next_tilt(expert.FULL_RAD, distance_m=0.2), expert.TIPPED_RAD)
+    assert_allclose(next_tilt(expert.POUR_START_TILT_RAD - 0.01, distance_m=0.05), expert.POUR_START_TILT_RAD)
+    assert_allclose(next_tilt(expert.POUR_START_TILT_RAD, distance_m=0.2), expert.CARRY_TILT_RAD)
 
 
 def test_a_cup_stays_on_its_side_of_the_face_where_that_is_near_the_lips(state):
     left, middle = memory_expert._to_the_left(state), state.head_pos_w
-    most_m, beside_m = memory_expert.MAX_ASIDE_M, memory_expert.BESIDE_M
+    most_m, beside_m = memory_expert.MAX_LIP_OFFSET_M, memory_expert.MIN_MIDPLANE_DISTANCE_M
     known = (0.02, 0.0), (-0.02, 0.02 + beside_m), (beside_m - most_m, most_m)
     for lips_m, moved in (*known, (beside_m - 1.25 * most_m, 0.5 * most_m), (-0.08, 0.0)):
         aside = memory_expert._aside_m(state, left, middle + 0.1 * left, middle + lips_m * left)
@@ -123,7 +123,7 @@ def test_a_turned_cup_comes_to_everybody(robot):
         _, cost_s = planner.find_angles(pos_w[:, None], q_w[:, None])
         return np.isfinite(cost_s)
 
-    assert reached(memory_expert.TURNED_M).all()
+    assert reached(memory_expert.LATERAL_OFFSET_M).all()
     assert reached(0.0).all() == (robot == "PR2")
 
 
@@ -135,7 +135,7 @@ def test_a_face_turned_aside_from_the_start_is_not_waited_for(monkeypatch):
         MemoryExpert, "_bring", lambda self, *seen: away.append(seen[2]) or bring(self, *seen)
     )
     controller = MemoryExpert(episodes)
-    assert (np.abs(memory_expert._turn_rad(episodes.state())) > memory_expert.AWAY_RAD).any()
+    assert (np.abs(memory_expert._turn_rad(episodes.state())) > memory_expert.LOOK_AWAY_RAD).any()
     for _ in range(10):
         episodes.step(controller(episodes.observe()))
     assert not np.any(away)
@@ -150,7 +150,7 @@ def test_water_leaves_a_cup_at_the_tilt_at_which_it_is_expected():
         episodes.step(controller(episodes.observe()))
         state = episodes.state()
         left = (in_cup(state).sum(axis=1) < before) & (before > 5)
-        expected = memory_expert.POURS_RAD - memory_expert.PER_PARTICLE_RAD * before
+        expected = memory_expert.POUR_TILT_RAD - memory_expert.TILT_PER_PARTICLE_RAD * before
         differences_rad.extend((expert.carried_tilt_rad(state.tool_q_w) - expected)[left])
     assert len(differences_rad) > 40
     assert np.abs(differences_rad).max() < np.radians(3.0)

@@ -7,7 +7,12 @@ from numpy.testing import assert_array_equal
 from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.tasks.experts.filtered import filtered
-from avrgym.tasks.feeding.memory_expert import RESTING_M_S, STANDOFF_M, MemoryExpert, standoff_from_mouth_m
+from avrgym.tasks.feeding.memory_expert import (
+    MAX_STANDOFF_M,
+    REST_SPEED_M_S,
+    MemoryExpert,
+    standoff_from_mouth_m,
+)
 from avrgym.tasks.task import Expert
 from helpers.learning.experts import assert_matches_feedback_expert
 from helpers.simulation.initial_states import reset_episodes
@@ -20,8 +25,8 @@ def test_the_standoff_grows_with_the_mouth_speed():
     speeds = np.linspace(0.0, 0.5, 101)
     off = standoff_from_mouth_m(speeds)
     assert (np.diff(off) >= 0.0).all()
-    assert not off[speeds <= RESTING_M_S].any()
-    assert_array_equal(off[speeds >= 2.0 * RESTING_M_S + 1e-9], STANDOFF_M)
+    assert not off[speeds <= REST_SPEED_M_S].any()
+    assert_array_equal(off[speeds >= 2.0 * REST_SPEED_M_S + 1e-9], MAX_STANDOFF_M)
 
 
 def test_resting_people_are_fed_like_the_feedback_expert():

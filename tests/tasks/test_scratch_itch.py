@@ -9,7 +9,7 @@ from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import People, Person
 from avrgym.models.scene import robot_with_tool
-from avrgym.models.scratcher import PAST_FINGERS_M, SCRATCHER
+from avrgym.models.scratcher import SCRATCHER, TIP_BEYOND_FINGERS_M
 from avrgym.people import distributions
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.registry import ROBOTS
@@ -18,7 +18,7 @@ from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.person import LIMBS
 from avrgym.tasks.registry import TASKS
-from avrgym.tasks.scratch_itch.reward import ALONG, AROUND_RAD, ScratchItchState
+from avrgym.tasks.scratch_itch.reward import ITCH_ANGLE_RANGE_RAD, ITCH_POSITION_RANGE, ScratchItchState
 from avrgym.tasks.task import StepResult
 from helpers.simulation.worlds import resting_state
 
@@ -216,8 +216,8 @@ def test_it_itches_on_the_skin_of_either_limb(itches, limb):
     radius, half_length, _ = human.layout(who.is_woman, who.torso_height_m).geom_size[LIMBS[limb]][0]
     assert_allclose(np.hypot(spots[:, 0], spots[:, 1]), radius)
     along = -spots[:, 2] / (2.0 * half_length)
-    around = np.arctan2(spots[:, 1], -spots[:, 0]) / AROUND_RAD[limb]
-    for share, (low, high) in ((along, ALONG), (around, (-1.0, 1.0))):
+    around = np.arctan2(spots[:, 1], -spots[:, 0]) / ITCH_ANGLE_RANGE_RAD[limb]
+    for share, (low, high) in ((along, ITCH_POSITION_RANGE), (around, (-1.0, 1.0))):
         assert low <= share.min()
         assert share.max() <= high
         even = low + (high - low) * np.array([0.25, 0.5, 0.75])
@@ -269,7 +269,7 @@ def test_the_tip_is_five_centimetres_past_the_fingers(name):
             vertices = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]]
             points_w = vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
             farthest = max(farthest, ((points_w - tool.xpos) @ tool.xmat.reshape(3, 3)[:, 0]).max())
-    assert -farthest == pytest.approx(PAST_FINGERS_M, abs=0.002)
+    assert -farthest == pytest.approx(TIP_BEYOND_FINGERS_M, abs=0.002)
     assert SCRATCHER.particles is None
 
 

@@ -105,7 +105,7 @@ class Replica:
         ctrl, (data, arm) = self.ctrl(after), (self.put(state), self._arm)
         driving = helping or ctrl[arm.ctrl].any()
         self.model.dof_frictionloss[arm.dof] = 0.0 if driving else arm.brake_n_m
-        self.model.opt.disableactuator = 0 if driving else 1 << robot.MOTORS
+        self.model.opt.disableactuator = 0 if driving else 1 << robot.MOTOR_GROUP
         if not np.array_equal(data.ctrl[arm.ctrl], ctrl[arm.ctrl]):
             lead = MAX_LEAD_RAD if driving else 0.0
             angles = data.qpos[arm.qpos]

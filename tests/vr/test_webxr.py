@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from avrgym.geometry import transforms
-from avrgym.models.human import HEADSET_AHEAD_M
+from avrgym.models.human import HEADSET_OFFSET_M
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import (
     Pose,
@@ -78,7 +78,7 @@ def test_the_head_lies_behind_the_headset() -> None:
     registration = register(head, np.zeros(3))
     headset = registration.to_world(head).pos_w
     np.testing.assert_allclose(
-        headset - head_pose(registration, head).pos_w, [0, -HEADSET_AHEAD_M, 0], atol=1e-12
+        headset - head_pose(registration, head).pos_w, [0, -HEADSET_OFFSET_M, 0], atol=1e-12
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from avrgym.models import human
 from avrgym.models.collision_bits import VISUAL_GROUP
-from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_AHEAD_M, Person
+from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_OFFSET_M, Person
 from avrgym.models.human_shape import HEAD_PARTS
 from avrgym.models.scene import build_spec
 from avrgym.system.mujoco_setup import RENDERING_HINT
@@ -20,7 +20,7 @@ from avrgym.tasks.task import View
 HEIGHT_PX, WIDTH_PX = 480, 640
 SHADOW_PX = 2048
 """Half of MuJoCo's default, sufficient for a scene of 2 m; saves a quarter of the time without a graphics card."""
-EYES, EYES_FIELD_DEG = "eyes", 96.0
+EYES_CAMERA, EYES_FIELD_OF_VIEW_DEG = "eyes", 96.0
 """Vertical field of view of a Quest 3."""
 HIDDEN_GROUP = 5
 
@@ -53,7 +53,7 @@ class Camera:
         placed = simulation.batch.get_model(world)
         self._model.body_pos[:], self._model.body_quat[:] = placed.body_pos, placed.body_quat
         self._data = mujoco.MjData(self._model)
-        self._viewpoint: mujoco.MjvCamera | str = EYES
+        self._viewpoint: mujoco.MjvCamera | str = EYES_CAMERA
         if first_person:
             _hide_head(self._model)
         else:
@@ -142,7 +142,10 @@ def _add_eyes(spec: mujoco.MjSpec, person: Person) -> None:
     sites = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m])).site_pos
     x, y, z = sites["head_centre"][0]
     spec.body(human.PREFIX + "head").add_camera(
-        name=EYES, pos=[x, y - HEADSET_AHEAD_M, z], quat=BODY_FROM_DEVICE_AXES, fovy=EYES_FIELD_DEG
+        name=EYES_CAMERA,
+        pos=[x, y - HEADSET_OFFSET_M, z],
+        quat=BODY_FROM_DEVICE_AXES,
+        fovy=EYES_FIELD_OF_VIEW_DEG,
     )
 
 

@@ -192,11 +192,11 @@ class Solution:
     rotation_error_rad: FloatArray
 
 
-ENOUGH_STEPS = 50
+MAX_ITERATIONS = 50
 MAX_TURN_RAD = 0.5
 METRES_PER_RADIAN = 0.3
 """Weight of a rotation error: one radian counts as 0.3 m."""
-ROWS_AT_ONCE = 4096
+BLOCK_ROWS = 4096
 """Rows in a block: large against NumPy's call overhead, small enough for the processor's cache."""
 
 
@@ -206,7 +206,7 @@ def solve(
     target_q: FloatArray | None,
     start_rad: FloatArray,
     *,
-    iterations: int = ENOUGH_STEPS,
+    iterations: int = MAX_ITERATIONS,
     tolerance: float = 1e-4,
     precision: DTypeLike = np.float64,
 ) -> Solution:
@@ -230,7 +230,7 @@ def solve(
     target, limits = target.astype(precision), np.stack([chain.lower_rad, chain.upper_rad]).astype(precision)
     angles = np.clip(rows_last(start_rad).astype(precision), *limits[..., None])
     left, steps = np.empty((2, len(start_rad))), np.zeros(len(start_rad), dtype=int)
-    rows, waiting = np.split(np.arange(len(start_rad)), [ROWS_AT_ONCE])
+    rows, waiting = np.split(np.arange(len(start_rad)), [BLOCK_ROWS])
     while len(rows):
         now = angles.take(rows, axis=-1)
         poses = _poses(chain, now)
@@ -343,14 +343,14 @@ def _error(poses: _Poses, target: FloatArray, metres_per_radian: float) -> Float
 
 
 DAMPING_PER_SQUARED_ERROR = 0.3
-LEAST_DAMPING_M2 = 1e-5
+MIN_DAMPING_M2 = 1e-5
 
 
 def _step(angles: FloatArray, limits: FloatArray, j: FloatArray, error: FloatArray) -> FloatArray:
     """Angles (J, N) after the step W Jᵀ (J W Jᵀ + damping)⁻¹ error; W is 0 for joints at a limit."""
     free = _free(angles, limits, _times_error(j, error))
     system = np.concatenate([weighted_square(j, free), error[:, None]], axis=1)
-    diagonal(system)[...] += DAMPING_PER_SQUARED_ERROR * norm(error) ** 2 + LEAST_DAMPING_M2
+    diagonal(system)[...] += DAMPING_PER_SQUARED_ERROR * norm(error) ** 2 + MIN_DAMPING_M2
     step = free * _times_error(j, solve_linear(system))
     step *= np.minimum(1.0, MAX_TURN_RAD / np.maximum(np.abs(step).max(axis=0), TINY))
     return np.clip(angles + step, *limits)

@@ -23,7 +23,7 @@ PEOPLE, PEOPLE_SUFFIX = "people", ".toml"
 """Name of the copy of the file of people, or of the folder of trained humans, in a training's folder."""
 LEARNING_VERSION = 2
 """Version of the training algorithm. A training is resumed only by the version that started it."""
-NAMES_OF_0_2 = {
+RENAMED_KEYS = {
     "worlds": "num_envs",
     "minibatch": "batch_size",
     "epochs": "n_epochs",
@@ -89,7 +89,7 @@ class TrainingConfiguration:
         return self.imitation_updates * self.update_steps
 
     @abstractmethod
-    def lengthened(self, steps: int) -> Self:
+    def with_steps(self, steps: int) -> Self:
         """The same with more steps, and as many updates of imitation.
 
         Raises:
@@ -112,7 +112,7 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
     def imitation_updates(self) -> int:
         return min(self.imitation_rounds, int(self.imitation_share * self.steps) // self.update_steps)
 
-    def lengthened(self, steps: int) -> Self:
+    def with_steps(self, steps: int) -> Self:
         return replace(self, steps=steps, imitation_rounds=self.imitation_updates, imitation_share=1.0)
 
     def _ppo_progress(self, steps: float) -> float:
@@ -171,7 +171,7 @@ class RecurrentConfiguration(TrainingConfiguration):
             share = self.imitation_share
         return max(least, round(share * self.updates))
 
-    def lengthened(self, steps: int) -> Self:
+    def with_steps(self, steps: int) -> Self:
         longer = replace(self, steps=steps)
         if longer.updates < self.updates:
             raise ValueError(
@@ -224,7 +224,7 @@ def store(configuration: AnyConfiguration, out: Path) -> None:
     write_atomically(path, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
 
 
-def holds_training(out: Path) -> bool:
+def contains_training(out: Path) -> bool:
     """Whether a folder contains a training."""
     return (out / CONFIGURATION_FILE).exists() or (out / RECURRENT_FILE).exists()
 
@@ -235,7 +235,7 @@ def stored_configuration(out: Path) -> AnyConfiguration:
     Raises:
         ValueError: when ``out`` contains no training, or one of another learning version.
     """
-    if not holds_training(out):
+    if not contains_training(out):
         raise ValueError(f"{out} contains no training to resume")
     recurrent = (out / RECURRENT_FILE).exists()
     path, kind = (
@@ -246,7 +246,7 @@ def stored_configuration(out: Path) -> AnyConfiguration:
     try:
         stored: dict[str, Any] = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
         configuration = msgspec.convert(
-            {NAMES_OF_0_2.get(key, key): value for key, value in stored.items()}, kind
+            {RENAMED_KEYS.get(key, key): value for key, value in stored.items()}, kind
         )
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
         raise ValueError(f"{path}: {error}") from error

@@ -17,7 +17,7 @@ from avrgym.tasks.world_people import environment_populations
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
-LeaveOut = Callable[[str, Exception], None]
+ReportOmitted = Callable[[str, Exception], None]
 """Called with the name of an environment that was left out, and with its error."""
 Run = Callable[[Sequence[str]], list[Evaluation]]
 """Evaluates one policy with one population in some environments."""
@@ -39,7 +39,7 @@ def cross_play(
     force_guard: bool = False,
     withdraw_after_success: bool = False,
     engine: str = THREADS,
-    leave_out: LeaveOut | None = None,
+    leave_out: ReportOmitted | None = None,
 ) -> list[Evaluation]:
     """A row for each population, policy and environment; arguments as in ``evaluate_all``.
 
@@ -100,7 +100,7 @@ def _environments_with(
     environment_ids: Sequence[str],
     name: str,
     find: Callable[[str, str], object],
-    leave_out: LeaveOut | None,
+    leave_out: ReportOmitted | None,
 ) -> set[str]:
     """The environments that have a policy or population of that name; raises the first error if there is none."""
     errors: dict[str, Exception] = {}
@@ -117,7 +117,9 @@ def _environments_with(
     return {*environment_ids} - errors.keys()
 
 
-def _rows(run: Run, environment_ids: Sequence[str], label: str, leave_out: LeaveOut) -> Iterator[Evaluation]:
+def _rows(
+    run: Run, environment_ids: Sequence[str], label: str, leave_out: ReportOmitted
+) -> Iterator[Evaluation]:
     """Rows of packaged environments, evaluated together unless one fails, and of other environments one by one."""
     packaged = [each for each in environment_ids if each in ENVIRONMENTS]
     single = [each for each in environment_ids if each not in ENVIRONMENTS]

@@ -25,7 +25,7 @@ from avrgym.learning.configuration import FeedforwardConfiguration, stored_peopl
 from avrgym.learning.hard_episodes import HardEpisodes
 from avrgym.learning.hyperparameters import IMITATION
 from avrgym.learning.imitation import Demonstration, Demonstrations, fit
-from avrgym.learning.normaliser import Scaled, observation_of
+from avrgym.learning.normaliser import ObservationScales, observation_of
 from avrgym.learning.recipe import Update
 from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out_all, worlds_of
 from avrgym.learning.rsl_rl_ppo import DevicePPO, libraries
@@ -288,7 +288,7 @@ def _roll_out_on(cluster: "Cluster") -> RollOut:
 
 def _agents(configuration: FeedforwardConfiguration, out: Path) -> list[ppo.Agent]:
     environment = configuration.environment
-    sides: list[tuple[Scaled, int]] = [(observation_of(environment), sizes(environment)[1])]
+    sides: list[tuple[ObservationScales, int]] = [(observation_of(environment), sizes(environment)[1])]
     if configuration.pairing is not None:
         sides.append(human_view_of(environment))
     return [ppo.make_agent(configuration, observation, actions, out) for observation, actions in sides]

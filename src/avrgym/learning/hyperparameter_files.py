@@ -9,7 +9,7 @@ from typing import Any, get_type_hints
 
 import msgspec
 
-from avrgym.learning.configuration import NAMES_OF_0_2
+from avrgym.learning.configuration import RENAMED_KEYS
 from avrgym.learning.hyperparameters import Hyperparameters, hyperparameters_of
 from avrgym.system.files import read_user_text
 from avrgym.system.type_guards import is_array
@@ -52,7 +52,7 @@ def changed_hyperparameters(changes: Mapping[str, Any], environment: str, where:
         ValueError: for an unknown name or a wrong value, naming what is allowed.
     """
     defaults = vars(hyperparameters_of(environment))
-    changes = {NAMES_OF_0_2.get(name, name): value for name, value in changes.items()}
+    changes = {RENAMED_KEYS.get(name, name): value for name, value in changes.items()}
     unknown = ", ".join(changes.keys() - defaults.keys())
     if unknown:
         raise ValueError(f"{where}: unknown hyperparameter {unknown}; allowed: {', '.join(defaults)}")

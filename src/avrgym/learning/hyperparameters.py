@@ -1,8 +1,8 @@
 """Hyperparameters of every recipe, named as in Stable-Baselines3.
 
 ``Hyperparameters`` are those of feed-forward policies: imitation, then PPO. A user changes them with
-``avrgym train --config FILE``. ``OF_TASK`` lists the values of single tasks, ``PAPER`` those of ``--recipe paper``,
-``IMITATION`` and ``RECURRENT`` the fixed values of imitation and of ``--recipe adaptive``.
+``avrgym train --config FILE``. ``TASK_CHANGES`` lists the values of single tasks, ``PAPER`` those of ``--recipe
+paper``, ``IMITATION`` and ``RECURRENT`` the fixed values of imitation and of ``--recipe adaptive``.
 """
 
 from collections.abc import Mapping
@@ -77,7 +77,7 @@ class Hyperparameters:
     ] = 0.0
 
 
-OF_TASK: Mapping[str, Mapping[str, Any]] = {
+TASK_CHANGES: Mapping[str, Mapping[str, Any]] = {
     "Feeding": {"imitation_rounds": 0, "log_std": (-0.7, -2.5)},
     "Drinking": {
         "imitation_rounds": 24,
@@ -210,4 +210,4 @@ def hyperparameters_of(environment: str) -> Hyperparameters:
         ValueError: for an unknown environment, naming the known ones.
     """
     task, _ = find_environment(environment)
-    return Hyperparameters(**{**OF_TASK.get(task, {}), **TASKS[task].hyperparameters})
+    return Hyperparameters(**{**TASK_CHANGES.get(task, {}), **TASKS[task].hyperparameters})

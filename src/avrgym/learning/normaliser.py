@@ -18,7 +18,7 @@ from avrgym.tasks.registry import task_and_scene
 OBSERVATION_CLIP, REWARD_CLIP = 5.0, 10.0
 
 
-class Scaled(Protocol):
+class ObservationScales(Protocol):
     """An observation of ``size`` numbers (O,) with their fixed scales, NaN where there is none."""
 
     @property
@@ -37,7 +37,7 @@ def observation_of(environment: str) -> Observation:
 class ObservationMoments(RunningMeanStd):
     """Running mean and variance of observations; where an observation has a fixed scale, mean 0 and that scale."""
 
-    def __init__(self, observation: Scaled) -> None:
+    def __init__(self, observation: ObservationScales) -> None:
         super().__init__(shape=(observation.size,))
         self._fixed = np.isfinite(observation.scale)
         self._variance = observation.scale[self._fixed] ** 2
@@ -54,7 +54,7 @@ class ObservationMoments(RunningMeanStd):
 class Normaliser:
     """Scales observations and rewards; its attributes are named as those of Stable-Baselines3's ``VecNormalize``."""
 
-    def __init__(self, observation: Scaled, gamma: float) -> None:
+    def __init__(self, observation: ObservationScales, gamma: float) -> None:
         self.obs_rms = ObservationMoments(observation)
         self.ret_rms = RunningMeanStd()
         self.clip_obs, self.epsilon = OBSERVATION_CLIP, 1e-8

@@ -15,7 +15,7 @@ from stable_baselines3 import PPO
 
 from avrgym.array_types import Float32Array
 from avrgym.learning.configuration import FeedforwardConfiguration
-from avrgym.learning.normaliser import OBSERVATION_CLIP, Normaliser, Scaled
+from avrgym.learning.normaliser import OBSERVATION_CLIP, Normaliser, ObservationScales
 from avrgym.learning.rollouts import Rollout
 from avrgym.networks.policy import Policy, PolicyMetadata
 from avrgym.tasks.constants import EPISODE_STEPS
@@ -36,7 +36,7 @@ class Agent(NamedTuple):
 
 
 def make_agent(
-    configuration: FeedforwardConfiguration, observation: Scaled, action_size: int, out: Path
+    configuration: FeedforwardConfiguration, observation: ObservationScales, action_size: int, out: Path
 ) -> Agent:
     """An agent before training."""
     return Agent(

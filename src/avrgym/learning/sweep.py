@@ -19,8 +19,8 @@ from ray import tune
 from ray.tune.schedulers import ASHAScheduler, FIFOScheduler
 
 from avrgym.learning import training
-from avrgym.learning.configuration import FeedforwardConfiguration, holds_training, stored_configuration
-from avrgym.learning.sweep_file import Planned, Stopping, Sweep, planned, read_sweep
+from avrgym.learning.configuration import FeedforwardConfiguration, contains_training, stored_configuration
+from avrgym.learning.sweep_file import PlannedTraining, Stopping, Sweep, planned, read_sweep
 from avrgym.learning.training import POLICY_FILE
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.files import write_atomically
@@ -66,7 +66,7 @@ def create(file: Path, out: Path) -> None:
     write_atomically(out / SWEEP_FILE, file.read_bytes())
 
 
-def plan_of(out: Path) -> dict[str, list[Planned]]:
+def plan_of(out: Path) -> dict[str, list[PlannedTraining]]:
     """The trainings of the sweep in a folder, by group.
 
     Raises:
@@ -110,7 +110,7 @@ def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
 
 
 def _run_group(
-    out: Path, name: str, group: Sequence[Planned], stopping: Stopping | None, jobs: int | None
+    out: Path, name: str, group: Sequence[PlannedTraining], stopping: Stopping | None, jobs: int | None
 ) -> list[str]:
     """Run a group; returns the errors of failed trainings."""
     schedule = out / SCHEDULE_FOLDER / name
@@ -168,7 +168,7 @@ def _train_one(given: dict[str, Any]) -> None:
     if (complete := _complete(out)) is not None:
         tune.report({"steps": complete.steps, "reward_mean": complete.measured["reward_mean"]})
         return
-    if holds_training(out):
+    if contains_training(out):
         training.resume(out, report)
     else:
         training.train(replace(configuration, threads=1), out, report)
@@ -181,7 +181,7 @@ def _complete(out: Path) -> PolicyMetadata | None:
     return metadata if metadata is not None and metadata.measured else None
 
 
-def _outcome(out: Path, each: Planned) -> Outcome:
+def _outcome(out: Path, each: PlannedTraining) -> Outcome:
     folder = out / each.name
     configuration = stored_configuration(folder)
     metadata = Policy.load(folder / POLICY_FILE).metadata

@@ -44,7 +44,7 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     stopping: Stopping | None = None
 
 
-class Planned(NamedTuple):
+class PlannedTraining(NamedTuple):
     """One training of a sweep: the name of its folder, the name of its recipe, and its configuration."""
 
     name: str
@@ -69,19 +69,19 @@ def read_sweep(path: Path) -> Sweep:
         raise validation_error(error, str(path)) from None
 
 
-def planned(sweep: Sweep, where: str) -> dict[str, list[Planned]]:
+def planned(sweep: Sweep, where: str) -> dict[str, list[PlannedTraining]]:
     """The trainings by group; those of a group have the same environment and people, and are compared.
 
     Raises:
         ValueError: for an unknown environment, people, impairment or setting, naming what is allowed.
     """
     find_impairment(sweep.impairment)
-    groups: dict[str, list[Planned]] = {}
+    groups: dict[str, list[PlannedTraining]] = {}
     for environment, people in product(dict.fromkeys(sweep.environments), dict.fromkeys(sweep.people)):
         find_environment(environment)
         environment_populations(people, environment)
         groups[f"{environment} with {people}"] = [
-            Planned(
+            PlannedTraining(
                 "-".join([environment.rpartition("/")[2], _people_label(people), recipe, str(seed)]),
                 recipe,
                 configuration_for(

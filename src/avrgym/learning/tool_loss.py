@@ -19,7 +19,7 @@ from avrgym.tasks.placement import arm_chain
 
 UNIT_M, UNIT_RAD = 0.02, 0.2
 """Errors of position and rotation in a control step that count as 1; at a lever of 0.1 m they are equal."""
-SLOW_MOTION = 0.25
+MOTION_SCALE = 0.25
 """A demonstrated motion of this length (5 mm, or 0.05 rad) halves the weight of its error, one ten times longer
 reduces it to a hundredth."""
 ACTIONS_WEIGHT = 0.1
@@ -54,4 +54,4 @@ def tool_loss(actions: Tensor, demonstrated: Tensor, per_action: Tensor) -> Tens
     error = actions - demonstrated
     motion, motion_error = ((per_action @ each[..., None])[..., 0] for each in (demonstrated, error))
     squared = motion_error.square().mean(dim=-1) + ACTIONS_WEIGHT * error.square().mean(dim=-1)
-    return (squared / (1.0 + motion.square().sum(dim=-1) / SLOW_MOTION**2)).mean()
+    return (squared / (1.0 + motion.square().sum(dim=-1) / MOTION_SCALE**2)).mean()

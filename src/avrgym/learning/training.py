@@ -24,7 +24,7 @@ from avrgym.learning.configuration import (
     FeedforwardConfiguration,
     RecurrentConfiguration,
     configuration_for,
-    holds_training,
+    contains_training,
     store,
     store_people,
     stored_configuration,
@@ -64,7 +64,7 @@ __all__ = [
 POLICY_FILE, CHECKPOINT_FILE = "policy.safetensors", "checkpoint.pt"
 EVALUATION_EPISODES = 100
 """Episodes of the final evaluation."""
-MEASURED = ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
+STORED_RESULTS = ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
 """Results of the final evaluation that a policy's file contains."""
 CURVE_POINTS = 100
 """Points of the learning curve that a policy's file contains."""
@@ -111,7 +111,7 @@ def train(
         FileExistsError: when ``out`` already contains a training.
         RuntimeError: where the worlds do not fit into the cluster's memory, or the cluster does not answer.
     """
-    _refuse_used(out)
+    _check_unused(out)
     _check(configuration, configuration.people, cluster)
     recurrent = isinstance(configuration, RecurrentConfiguration)
     copied = recurrent_recipe.given_policies(configuration) if recurrent else {}
@@ -119,7 +119,7 @@ def train(
         configuration = replace(configuration, people=f"{configuration.people.rstrip('/')}/")
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
-        _refuse_used(out)
+        _check_unused(out)
         store_people(configuration.people, out)
         for name, policy in copied.items():
             policy.save(out / name)
@@ -163,10 +163,10 @@ def resume(
         return trainer.run()
 
 
-def _refuse_used(out: Path) -> None:
+def _check_unused(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise FileExistsError(f"{out} is a file; choose a folder with --out")
-    if holds_training(out):
+    if contains_training(out):
         raise FileExistsError(f"{out} already contains a training; choose another folder, or add --resume")
 
 
@@ -176,7 +176,7 @@ def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyCo
     done = Policy.load(policy).metadata.steps if policy.exists() else 0
     if isinstance(configuration, FeedforwardConfiguration) and steps <= done:
         raise ValueError(f"the training in {out} has made {done} steps; --steps must be more")
-    return configuration.lengthened(steps)
+    return configuration.with_steps(steps)
 
 
 def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | None") -> None:
@@ -336,7 +336,7 @@ class _Trainer:
             split=VALIDATION,
             force_guard=configuration.force_guard,
         )
-        names = [*MEASURED, "guard_interventions"] if configuration.force_guard else MEASURED
+        names = [*STORED_RESULTS, "guard_interventions"] if configuration.force_guard else STORED_RESULTS
         return {name: getattr(row, name) for name in names}
 
     @property

@@ -56,10 +56,10 @@ PARTS: Mapping[str, Part] = {
 HEAD_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth", "tongue")
 """Parts that are hidden in the participant's own view."""
 
-PLACE_M, OPENING_M, MOUTH_OPEN = 1.2, 0.06, 0.7
+POSITION_RANGE_M, MOUTH_OPENING_RANGE_M, OPEN_MOUTH_SHARE = 1.2, 0.06, 0.7
 """Ranges of stored positions and mouth openings, and the extent of an open mouth."""
 ARM = ("upper_arm", "forearm")
-CROWN_SHARE = 0.5
+CROWN_STRETCH_SHARE = 0.5
 """Share of the torso's stretch added to the height of the head above the mouth, like its collision sphere."""
 
 
@@ -132,7 +132,7 @@ def shapes(person: Person, *, open_mouth: bool) -> Iterator[tuple[str, Shape]]:
     """All visual parts by name, scaled to torso height and arm scale."""
     for name in PARTS:
         drawn, opening = _stored_parts(person.sex)[name]
-        vertices = drawn.vertices + (MOUTH_OPEN if open_mouth else 0.0) * opening
+        vertices = drawn.vertices + (OPEN_MOUTH_SHARE if open_mouth else 0.0) * opening
         yield name, _stretched(drawn, vertices, person)
 
 
@@ -163,7 +163,7 @@ def _lengthened(local: FloatArray, body: str, h: float) -> FloatArray:
         return local * [1.0, h, 1.0]
     if part == "head":
         above = np.maximum(local[:, 2:] - MOUTH_RISE, 0.0)
-        return local + CROWN_SHARE * (h - 1.0) * above * [0.0, 0.0, 1.0]
+        return local + CROWN_STRETCH_SHARE * (h - 1.0) * above * [0.0, 0.0, 1.0]
     return local * [1.0, 1.0, h]
 
 
@@ -171,21 +171,21 @@ def _lengthened(local: FloatArray, body: str, h: float) -> FloatArray:
 def _stored_parts(sex: Sex) -> Mapping[str, tuple[Shape, FloatArray]]:
     """Stored parts, and the displacement of their vertices (V, 3) when the mouth opens."""
     with np.load(io.BytesIO(_asset(f"{sex}.npz"))) as stored:
-        return {name: _unpacked({k: stored[f"{name}/{k}"] for k in STORED}) for name in PARTS}
+        return {name: _unpacked({k: stored[f"{name}/{k}"] for k in STORED_ARRAYS}) for name in PARTS}
 
 
-STORED = ("vertices", "opening", "uv", "faces", "bodies", "weights")
+STORED_ARRAYS = ("vertices", "opening", "uv", "faces", "bodies", "weights")
 
 
 def _unpacked(stored: Mapping[str, NumpyArray]) -> tuple[Shape, FloatArray]:
     shape = Shape(
-        vertices=PLACE_M * stored["vertices"] / np.iinfo(np.int16).max,
+        vertices=POSITION_RANGE_M * stored["vertices"] / np.iinfo(np.int16).max,
         uv=stored["uv"] / np.iinfo(np.uint16).max,
         faces=stored["faces"].astype(np.int32),
         bodies=stored["bodies"].astype(np.int64),
         weights=stored["weights"] / 255.0,
     )
-    return shape, OPENING_M * stored["opening"] / np.iinfo(np.int8).max
+    return shape, MOUTH_OPENING_RANGE_M * stored["opening"] / np.iinfo(np.int8).max
 
 
 @cache

@@ -15,7 +15,7 @@ from avrgym.models import collision_bits
 from avrgym.models.tools import Tool
 
 PREFIX = "robot/"
-MOTORS = 1
+MOTOR_GROUP = 1
 """Actuator group of the moving arm."""
 Side = Literal["right", "left"]
 SIDES: tuple[Side, ...] = ("right", "left")
@@ -255,9 +255,9 @@ def _orientation(body: mujoco.MjsBody) -> FloatArray:
     return orientation
 
 
-COMFORTABLE_RAD_S = np.radians(48.0)
+MAX_JOINT_SPEED_RAD_S = np.radians(48.0)
 """Highest joint speed of the Jaco, an assistive arm."""
-SERVO_RAD_S = 20.0
+SERVO_FREQUENCY_RAD_S = 20.0
 """Natural frequency of a servo: 0.1 s of lag at full speed."""
 
 
@@ -278,7 +278,7 @@ def tuned_arm(
         joints: names of the J hinges, from base to hand.
         end_effector: body that holds tools.
         seed_pose_rad: start pose of the inverse kinematics (J,).
-        speed_limit_rad_s: (J,) or one value; limited to ``COMFORTABLE_RAD_S``.
+        speed_limit_rad_s: (J,) or one value; limited to ``MAX_JOINT_SPEED_RAD_S``.
         torque_limit_n_m: (J,) or one value.
         finger_prefix: see ``Arm``.
 
@@ -311,9 +311,9 @@ def tuned_arm(
     return Arm(
         joints=tuple(joints),
         end_effector=end_effector,
-        speed_limit_rad_s=np.minimum(speed, COMFORTABLE_RAD_S),
+        speed_limit_rad_s=np.minimum(speed, MAX_JOINT_SPEED_RAD_S),
         torque_limit_n_m=torque,
-        stiffness_n_m_rad=SERVO_RAD_S**2 * turned,
+        stiffness_n_m_rad=SERVO_FREQUENCY_RAD_S**2 * turned,
         inertia_kg_m2=turned,
         seed_pose_rad=seed,
         finger_prefix=finger_prefix,
@@ -341,20 +341,20 @@ def _add_servos(spec: mujoco.MjSpec, arm: Arm) -> None:
             forcerange=[-torque, torque],
             actrange=spec.joint(joint).range,
             actlimited=True,
-            group=MOTORS,
+            group=MOTOR_GROUP,
         )
         actuator.set_to_intvelocity(kp=kp, kv=kv)
 
 
-BRAKING_S = 0.04
+BRAKING_TIME_S = 0.04
 """Time constant of the brakes: they halve the speed of all joints every 10 ms, so that the hand continues straight, 2
 cm at 1 m/s."""
-BRAKE_FIRMNESS = 0.9999
+BRAKE_IMPEDANCE = 0.9999
 """Impedance of a brake, the largest in MuJoCo. The joint creeps under the rest of the load."""
 
 
 def _shape_brakes(spec: mujoco.MjSpec, arm: Arm) -> None:
     """Set the friction parameters that ``safety.brakes.Brakes`` uses."""
     for joint in arm.joints:
-        spec.joint(joint).solref_friction = [BRAKING_S, 1.0]
-        spec.joint(joint).solimp_friction = [BRAKE_FIRMNESS, BRAKE_FIRMNESS, 0.001, 0.5, 2.0]
+        spec.joint(joint).solref_friction = [BRAKING_TIME_S, 1.0]
+        spec.joint(joint).solimp_friction = [BRAKE_IMPEDANCE, BRAKE_IMPEDANCE, 0.001, 0.5, 2.0]

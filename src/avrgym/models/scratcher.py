@@ -8,7 +8,7 @@ from avrgym.models.geoms import CAPSULE, add_collision, add_material, add_skin
 from avrgym.models.shapes import Section, loft
 from avrgym.models.tools import Tool
 
-PAST_FINGERS_M = 0.05
+TIP_BEYOND_FINGERS_M = 0.05
 """Distance of the tip beyond the fingertips (reference)."""
 RADIUS_M, LENGTH_M = 0.005, 0.12
 _PINCH_M = 0.039  # from the end of the fingertips back to the point between the fingers that holds the rod
@@ -50,5 +50,5 @@ def _add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 SCRATCHER = Tool(
-    "scratcher", _build_scratcher, grip_pos=(-(PAST_FINGERS_M + _PINCH_M), 0.0, 0.0), particles=None
+    "scratcher", _build_scratcher, grip_pos=(-(TIP_BEYOND_FINGERS_M + _PINCH_M), 0.0, 0.0), particles=None
 )

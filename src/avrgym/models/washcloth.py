@@ -16,7 +16,7 @@ PAD_HALF_SIZE_M = np.array([0.010, 0.050, 0.025])
 ours."""
 PAD_CENTRE_M = np.array([-PAD_HALF_SIZE_M[0], 0.0, 0.0])
 """In the tool's frame. The origin is the middle of the wiping face, and x its normal."""
-NAP_M = 0.004
+CONTACT_MARGIN_M = 0.004
 """The collision box is smaller by this margin on each side and has this contact margin: a pad with rounded edges."""
 
 
@@ -47,8 +47,8 @@ def _build_washcloth(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool
     pad = body.add_body(name="washcloth", gravcomp=1.0)
     _add_springs(pad)
     add_collision(
-        pad, "washcloth", BOX, collision_bits.TOOL, pos=PAD_CENTRE_M, size=PAD_HALF_SIZE_M - NAP_M, margin=NAP_M,
-        mass=_PAD_MASS_KG, priority=1, friction=_WET_FRICTION, solimp=_FIRM,
+        pad, "washcloth", BOX, collision_bits.TOOL, pos=PAD_CENTRE_M, size=PAD_HALF_SIZE_M - CONTACT_MARGIN_M,
+        margin=CONTACT_MARGIN_M, mass=_PAD_MASS_KG, priority=1, friction=_WET_FRICTION, solimp=_FIRM,
     )  # fmt: skip
     if appearance:
         _add_skins(spec, body, pad)

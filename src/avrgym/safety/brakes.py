@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from avrgym.models.robot import MOTORS, PREFIX, Arm
+from avrgym.models.robot import MOTOR_GROUP, PREFIX, Arm
 
 HOLDING_FACTOR = 30.0
 """Holding torque of a brake as a multiple of its motor's torque limit. With a factor of 1, contact forces can push the
@@ -27,7 +27,7 @@ class Brakes:
 
     def engage(self) -> None:
         """Stop the arms and hold them, with the motors off."""
-        self._disabled_actuators[:] = 1 << MOTORS
+        self._disabled_actuators[:] = 1 << MOTOR_GROUP
         self._friction_n_m[:, self._dofs] = self._torque_n_m
         self._solver[:], self._tolerance[:] = mujoco.mjtSolver.mjSOL_NEWTON, SOLVER_TOLERANCE
 

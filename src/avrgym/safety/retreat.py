@@ -19,9 +19,9 @@ from avrgym.simulation.worlds import Simulation
 
 SPEED_M_S = 0.08
 """Speed of the tool. Near the head it stays below 0.1 m/s, although servos overshoot a little."""
-CLEAR_M = 0.32
+MOUTH_DISTANCE_M = 0.32
 """The retreat is complete when the tool is this far from the mouth,"""
-FREE_M = 0.10
+PERSON_DISTANCE_M = 0.10
 """and tool and hand are this far from the person."""
 MAX_DURATION_S = 6.0
 MIN_GAP_M = 0.01
@@ -36,7 +36,7 @@ REGULARIZATION = 1e-6
 """Makes the programme solvable if links are near in many places at the same time."""
 
 
-class Near(NamedTuple):
+class NearGaps(NamedTuple):
     """The L pairs of geoms in which the arm is near the person or furniture.
 
     ``gap_m`` (L,) is negative where they touch; ``away_w`` (L, 3) is the direction towards the arm; ``rows`` (L, J) map
@@ -57,8 +57,8 @@ class Retreat:
         simulation: Simulation,
         world: int = 0,
         *,
-        clear_m: float = CLEAR_M,
-        free_m: float = FREE_M,
+        clear_m: float = MOUTH_DISTANCE_M,
+        free_m: float = PERSON_DISTANCE_M,
         steps: int = 0,
     ) -> None:
         """Find the arm's links and the person. That takes milliseconds: do it before an episode.
@@ -91,18 +91,21 @@ class Retreat:
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         near = self._near()
-        if self._steps * CONTROL_STEP_S >= MAX_DURATION_S or self._has_left(near):
+        if self._steps * CONTROL_STEP_S >= MAX_DURATION_S or self._is_clear(near):
             return None
         self._steps += 1
-        return self._speeds_rad_s(self._wish_w(near), near) / self._simulation.scene.arm.speed_limit_rad_s
+        return (
+            self._speeds_rad_s(self._desired_velocity_w(near), near)
+            / self._simulation.scene.arm.speed_limit_rad_s
+        )
 
-    def _has_left(self, near: Near) -> bool:
+    def _is_clear(self, near: NearGaps) -> bool:
         from_mouth_w = self._data.xpos[self._tool] - self._data.site_xpos[self._mouth]
         return float(np.linalg.norm(from_mouth_w)) > self._clear_m and bool(
             (near.gap_m[near.of_hand] > self._free_m).all()
         )
 
-    def _wish_w(self, near: Near) -> FloatArray:
+    def _desired_velocity_w(self, near: NearGaps) -> FloatArray:
         """The desired velocity (3,) of the tool: away from the head and, if the hand is near it, from the rest of the
         body.
         """
@@ -112,7 +115,7 @@ class Retreat:
             away = away + max(0.0, 2.0 - 2.0 * near.gap_m[nearest] / self._free_m) * near.away_w[nearest]
         return SPEED_M_S * _unit(away)
 
-    def _speeds_rad_s(self, velocity_w: FloatArray, near: Near) -> FloatArray:
+    def _speeds_rad_s(self, velocity_w: FloatArray, near: NearGaps) -> FloatArray:
         """The joint speeds (J,) closest to a tool velocity without rotation, within the limits of gaps and joint
         ranges.
         """
@@ -128,7 +131,7 @@ class Retreat:
         excess = np.abs(speeds / limit).max(), np.linalg.norm(jacobian[:3] @ speeds) / SPEED_M_S
         return speeds / max(1.0, *excess)
 
-    def _near(self) -> Near:
+    def _near(self) -> NearGaps:
         pairs: list[tuple[float, FloatArray, FloatArray, bool]] = []
         ends_w = np.empty(6)
         for link in self._links:
@@ -140,8 +143,8 @@ class Retreat:
                     of_hand = link in self._hand and obstacle in self._person
                     pairs.append((gap_m, away_w, away_w @ jacobian[:3], of_hand))
         if not pairs:
-            return Near(np.zeros(0), np.zeros((0, 3)), np.zeros((0, len(self._dofs))), np.zeros(0, bool))
-        return Near(*(np.array(column) for column in zip(*pairs, strict=True)))
+            return NearGaps(np.zeros(0), np.zeros((0, 3)), np.zeros((0, len(self._dofs))), np.zeros(0, bool))
+        return NearGaps(*(np.array(column) for column in zip(*pairs, strict=True)))
 
     def _jacobian(self, body: int, pos_w: FloatArray) -> FloatArray:
         """The Jacobian (6, J) of a point of a body: its linear and angular velocity by the joint speeds."""

@@ -1,7 +1,7 @@
 """Withdrawal after success: the arm moves its tool a little away from the person and waits.
 
-It begins when the task has succeeded and no event has followed for ``SETTLED_S``. The tool leaves as in a ``Retreat``,
-but only as far as ``FROM_MOUTH_M`` and ``FROM_PERSON_M``. The arm then stands still until the episode ends.
+It begins when the task has succeeded and no event has followed for ``SETTLING_TIME_S``. The tool moves away as in a
+``Retreat``, up to ``MOUTH_DISTANCE_M`` and ``PERSON_DISTANCE_M``. The arm then stands still until the episode ends.
 """
 
 from typing import Any
@@ -14,10 +14,10 @@ from avrgym.safety.per_world_state import PerWorldState
 from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 
-SETTLED_S = 0.5
+SETTLING_TIME_S = 0.5
 """Time without an event, such as a bite or a sip, from success to the beginning of the withdrawal."""
-SETTLED_STEPS = round(SETTLED_S / CONTROL_STEP_S)
-FROM_MOUTH_M, FROM_PERSON_M = 0.15, 0.06
+SETTLING_STEPS = round(SETTLING_TIME_S / CONTROL_STEP_S)
+MOUTH_DISTANCE_M, PERSON_DISTANCE_M = 0.15, 0.06
 """Distances at which the withdrawal ends: from the mouth to the tool, and from the person to tool and hand."""
 WITHDRAWAL, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
 """In a recording: the driver of the withdrawal's control steps, and the event at its beginning."""
@@ -48,7 +48,7 @@ class Withdrawal(PerWorldState):
         """Take success and number of events (N,) of a control step."""
         settled = success & (events == 0)
         self._settled_steps = np.where(settled, self._settled_steps + 1, 0)
-        self.driving = self.driving | (self._settled_steps >= SETTLED_STEPS)
+        self.driving = self.driving | (self._settled_steps >= SETTLING_STEPS)
         self._actions = None
 
     def override(self, commanded: FloatArray) -> FloatArray:
@@ -76,8 +76,8 @@ class Withdrawal(PerWorldState):
             self._retreats[world] = Retreat(
                 self._simulation,
                 world,
-                clear_m=FROM_MOUTH_M,
-                free_m=FROM_PERSON_M,
+                clear_m=MOUTH_DISTANCE_M,
+                free_m=PERSON_DISTANCE_M,
                 steps=int(self._moved_steps[world]),
             )
         return self._retreats[world]

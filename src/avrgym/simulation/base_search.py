@@ -21,7 +21,7 @@ NUM_UNIFORMS = 3 * CANDIDATES
 """Number of uniform random numbers for the candidates of a world."""
 GOAL_ACCURACY_M, GOAL_ACCURACY_RAD = 0.03, np.radians(15.0)
 START_ITERATIONS, START_TOLERANCE_M = 15, 0.003
-RESTARTS, ENOUGH_CANDIDATES = 2, 10
+RESTARTS, MIN_REACHING_CANDIDATES = 2, 10
 GOAL_ITERATIONS, GOAL_TOLERANCE_M = 10, 0.02
 
 
@@ -123,7 +123,7 @@ def _solve_starts(
     around = seed_rad + kinematics.RESTART_SPREAD_RAD * _evenly_spread(RESTARTS * per_world, len(seed_rad))
     for starts in around.reshape(RESTARTS, per_world, -1):
         reached = kinematics.is_accurate(arms).reshape(-1, per_world)
-        few = reached.sum(axis=-1, keepdims=True) < ENOUGH_CANDIDATES
+        few = reached.sum(axis=-1, keepdims=True) < MIN_REACHING_CANDIDATES
         rows = np.nonzero((few & ~reached).reshape(-1))[0]
         again = _solve_within_reach(
             chain, pos[rows], q[rows], starts[rows % per_world], START_ITERATIONS, START_TOLERANCE_M

@@ -22,7 +22,7 @@ from avrgym.models.scene import (
 )
 
 
-class Names:
+class ModelAddresses:
     """The addresses in one model."""
 
     def __init__(self, model: mujoco.MjModel, scene: SceneConfig) -> None:
@@ -59,7 +59,7 @@ class Names:
         self.effector_velocity = _sensor(model, EFFECTOR_VELOCITY_SENSOR)
         self.tool_velocity = _sensor(model, TOOL_VELOCITY_SENSOR)
 
-    def beside(self, array: Any) -> "Names":
+    def on_device_of(self, array: Any) -> "ModelAddresses":
         """Returns the same addresses, as arrays on the device of another array."""
         there = copy(self)
         for name, addresses in vars(self).items():

@@ -52,7 +52,7 @@ class PersonModelFields:
                 np.where(people.is_woman, human.WOMAN.mass, human.MAN.mass)[:, None] * self._mass_share
             )
 
-    def give_way(self, ids: IntArray) -> None:
+    def make_contacts_compliant(self, ids: IntArray) -> None:
         """Make the contacts of people compliant, after ``set_const`` has computed constants."""
         self._inverse_mass[ids[:, None], self._ids, 0] += compliance.INVERSE_MASS_PER_KG
 

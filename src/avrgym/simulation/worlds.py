@@ -27,7 +27,7 @@ from avrgym.models.scene import (
 from avrgym.safety.brakes import Brakes
 from avrgym.safety.region_forces import RegionForceSensors, add_region_sensors
 from avrgym.simulation.engines.engine import Arrays, make_engine
-from avrgym.simulation.model_addresses import Names
+from avrgym.simulation.model_addresses import ModelAddresses
 from avrgym.simulation.person_model_fields import PersonModelFields
 from avrgym.simulation.start_clearance import Geoms
 from avrgym.simulation.state import RightArm, Start, State
@@ -105,8 +105,8 @@ class Simulation:
         self.engine = make_engine(engine, engine_model, num_worlds, num_threads, on_device=on_device)
         self.batch, self._now = self.engine.batch, self.engine.now
         self._host = Arrays.of(self.batch)
-        self._names = Names(self.model, scene)
-        self._at = self._names.beside(self.exemplar)
+        self._names = ModelAddresses(self.model, scene)
+        self._at = self._names.on_device_of(self.exemplar)
         self._person = PersonModelFields(self.batch, scene, moving)
         geoms = num_worlds, len(human.GEOMS), 2
         self._segment_w: Any = moved_to(np.zeros((*geoms, 3)), self.exemplar)
@@ -131,7 +131,7 @@ class Simulation:
         self._body_quat[ids, names.robot_base] = start.robot_q_w
         self._person.write(ids, start.people)
         self.batch.set_const(ids)
-        self._person.give_way(ids)
+        self._person.make_contacts_compliant(ids)
         host.qpos[np.ix_(ids, names.arm_qpos)] = start.arm_angles_rad
         host.act[np.ix_(ids, names.arm_act)] = start.arm_angles_rad
         if self.moving:

@@ -11,12 +11,12 @@ from avrgym.geometry import transforms
 from avrgym.models.human import JOINTS
 from avrgym.people.cooperation import OFFERED_JOINTS, OfferedPart
 from avrgym.simulation.worlds import Simulation
-from avrgym.tasks.observation import FORCE_N, REACH_M, TURN_RAD, UNIT, Observation
+from avrgym.tasks.observation import MAX_ANGLE_RAD, MAX_DISTANCE_M, MAX_FORCE_N, UNIT_BOUND, Observation
 from avrgym.tasks.registry import task_and_scene
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
+class PersonInputs:
     """The quantities from which N people's observations are computed; world frame, metres, radians, newtons.
 
     Positions are (N, 3), quaternions (N, 4). ``tool_from_goals_w`` has one (N, 3) for each of the view's ``goals``;
@@ -49,14 +49,14 @@ class HumanView:
         """The view of people who offer a part of the body to a robot with this observation."""
         self._arm = offered == "arm"
         self.goals = [entry for entry in observation.entries if entry.scale is not None]
-        body = [REACH_M] * 9 if self._arm else [REACH_M] * 3 + [UNIT] * 4
-        goals = [REACH_M] * sum(entry.size for entry in self.goals)
-        tool, angles = [REACH_M] * 3 + [UNIT] * 4, [TURN_RAD] * len(JOINTS)
-        self.bound = np.array(tool + goals + angles + body + [FORCE_N] * 2)
+        body = [MAX_DISTANCE_M] * 9 if self._arm else [MAX_DISTANCE_M] * 3 + [UNIT_BOUND] * 4
+        goals = [MAX_DISTANCE_M] * sum(entry.size for entry in self.goals)
+        tool, angles = [MAX_DISTANCE_M] * 3 + [UNIT_BOUND] * 4, [MAX_ANGLE_RAD] * len(JOINTS)
+        self.bound = np.array(tool + goals + angles + body + [MAX_FORCE_N] * 2)
         """Bound of the absolute value of each number, (O,)."""
         scales = [entry.scale for entry in self.goals for _ in range(entry.size)]
         self.scale = np.array(
-            [None] * len(tool) + scales + [None] * len(angles + body + [FORCE_N] * 2), float
+            [None] * len(tool) + scales + [None] * len(angles + body + [MAX_FORCE_N] * 2), float
         )
         """Fixed scales, (O,), NaN where there is none, as in ``Observation``."""
 
@@ -65,7 +65,7 @@ class HumanView:
         """Length O of an observation."""
         return len(self.bound)
 
-    def of(self, seen: Seen) -> FloatArray:
+    def of(self, seen: PersonInputs) -> FloatArray:
         """Returns observations (N, O)."""
         turned_back = transforms.conjugate(seen.hips_q_w)
         parts = [
@@ -79,7 +79,7 @@ class HumanView:
         ]
         return np.concatenate([part.reshape(len(turned_back), -1) for part in parts], axis=1)
 
-    def _body(self, seen: Seen, turned_back: FloatArray) -> list[FloatArray]:
+    def _body(self, seen: PersonInputs, turned_back: FloatArray) -> list[FloatArray]:
         """The offered part of the body, in the frame of the hips."""
         if self._arm:
             offset = seen.right_arm_pos_w - seen.hips_pos_w[:, None]
@@ -87,11 +87,11 @@ class HumanView:
         head = transforms.rotate(turned_back, seen.head_pos_w - seen.hips_pos_w)
         return [head, transforms.multiply(turned_back, seen.head_q_w)]
 
-    def seen_in(self, simulation: Simulation, task_state: Any) -> Seen:
+    def seen_in(self, simulation: Simulation, task_state: Any) -> PersonInputs:
         """Returns these quantities for the people of a simulation with moving joints."""
         state = simulation.state()
         hips_pos_w, hips_q_w = simulation.hips()
-        return Seen(
+        return PersonInputs(
             hips_pos_w=hips_pos_w,
             hips_q_w=hips_q_w,
             tool_pos_w=state.tool_pos_w,

@@ -11,16 +11,16 @@ from avrgym.geometry.arrays import namespace
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import State
 
-Of = Callable[[State, Any], FloatArray]
+EntryFunction = Callable[[State, Any], FloatArray]
 """From the states of N worlds and of the task to values (N, k), or (N,) for one value."""
 
-REACH_M = 3.0
+MAX_DISTANCE_M = 3.0
 """Arms reach less than 1.5 m, and the head is less than 1.5 m from the robot's base."""
-TURN_RAD = 7.0
+MAX_ANGLE_RAD = 7.0
 """Joint ranges end at ±2π. A soft stop lets a joint go slightly beyond."""
-UNIT = 1.001
+UNIT_BOUND = 1.001
 """Bound of a component of a unit quaternion, with a margin for rounding."""
-FORCE_N = 10_000.0
+MAX_FORCE_N = 10_000.0
 """50 times the force of the strongest joint at 0.4 m."""
 
 
@@ -34,36 +34,36 @@ class Entry:
     name: str
     size: int
     bound: float
-    of: Of
+    of: EntryFunction
     scale: float | None = None
 
 
-def position(name: str, of: Of) -> Entry:
+def position(name: str, of: EntryFunction) -> Entry:
     """Three coordinates in metres, relative to something within reach."""
-    return Entry(name, 3, REACH_M, of)
+    return Entry(name, 3, MAX_DISTANCE_M, of)
 
 
-def from_goal(name: str, of: Of) -> Entry:
+def from_goal(name: str, of: EntryFunction) -> Entry:
     """Offset of the tool from its goal in metres.
 
     Near the goal, centimetres matter. The variance over whole episodes would hide them, so the scale is fixed.
     """
-    return Entry(name, 3, REACH_M, of, scale=0.05)
+    return Entry(name, 3, MAX_DISTANCE_M, of, scale=0.05)
 
 
-def quaternion(name: str, of: Of) -> Entry:
+def quaternion(name: str, of: EntryFunction) -> Entry:
     """A rotation w, x, y, z."""
-    return Entry(name, 4, UNIT, of)
+    return Entry(name, 4, UNIT_BOUND, of)
 
 
-def angles(name: str, count: int, of: Of) -> Entry:
+def angles(name: str, count: int, of: EntryFunction) -> Entry:
     """Joint angles in radians."""
-    return Entry(name, count, TURN_RAD, of)
+    return Entry(name, count, MAX_ANGLE_RAD, of)
 
 
-def force(name: str, of: Of) -> Entry:
+def force(name: str, of: EntryFunction) -> Entry:
     """The magnitude of a force in newtons."""
-    return Entry(name, 1, FORCE_N, of)
+    return Entry(name, 1, MAX_FORCE_N, of)
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def arm_angles(scene: SceneConfig) -> Entry:
     return angles("arm_angles_rad", len(scene.arm.joints), lambda state, _: state.arm_angles_rad)
 
 
-def _right_arm(joint: int) -> Of:
+def _right_arm(joint: int) -> EntryFunction:
     return lambda state, _: state.right_arm_pos_w[:, joint] - state.robot_pos_w
 
 

@@ -21,8 +21,8 @@ LIMBS = RIGHT_ARM[:2]
 """Target limbs of scratching and bathing: upper arm and forearm."""
 STRONG_FORCE_N = 10.0
 """Limit of a comfortable contact force at the target (paper, section V; reference)."""
-DRAWN_ABOVE_M = 0.008
-SIDEWAYS = np.array([1.0, 1.0, 0.0])
+SKIN_MARGIN_M = 0.008
+LATERAL_AXES = np.array([1.0, 1.0, 0.0])
 """Selects the components across a limb, in the limb's frame."""
 
 
@@ -33,5 +33,5 @@ def force_above_limit(force_n: FloatArray) -> FloatArray:
 
 def above_sleeve(places: FloatArray) -> FloatArray:
     """Move points (..., 3) on a limb's collision shape outside of skin and sleeve, in the limb's frame."""
-    outwards = places * constant_like(SIDEWAYS, places)
-    return places + DRAWN_ABOVE_M * transforms.normalize(outwards)
+    outwards = places * constant_like(LATERAL_AXES, places)
+    return places + SKIN_MARGIN_M * transforms.normalize(outwards)

@@ -26,11 +26,11 @@ PEOPLE, STARTS = "revised", 32
 """Population and number of initial states of a robot check."""
 BODY_STARTS = 4
 """Number of initial states for each body."""
-ARMS_AT_ONCE = 50
+ARM_BATCH_SIZE = 50
 
 
 @dataclass(frozen=True)
-class StartDraws:
+class StartDrawStatistics:
     """Number of draws until an initial state has no collision: mean and maximum. ``refused`` is the reason if none
     had."""
 
@@ -54,31 +54,33 @@ def excess_draws(mean: float, most: int) -> str:
     )
 
 
-def draw_starts(episodes: Episodes) -> StartDraws:
+def draw_starts(episodes: Episodes) -> StartDrawStatistics:
     """Reset each world, seeded by its index."""
     worlds = np.arange(episodes.simulation.num_worlds)
     try:
         episodes.reset(worlds, [random_streams.episode(world) for world in worlds.tolist()])
     except NoClearanceError as error:
-        return StartDraws(float(episodes.start_draws.mean()), int(episodes.start_draws.max()), str(error))
-    return StartDraws(float(episodes.start_draws.mean()), int(episodes.start_draws.max()))
+        return StartDrawStatistics(
+            float(episodes.start_draws.mean()), int(episodes.start_draws.max()), str(error)
+        )
+    return StartDrawStatistics(float(episodes.start_draws.mean()), int(episodes.start_draws.max()))
 
 
 @cache
-def draws_by_body(environment_id: str) -> tuple[tuple[Person, StartDraws], ...]:
+def draws_by_body(environment_id: str) -> tuple[tuple[Person, StartDrawStatistics], ...]:
     """Initial states next to resting people: both body models, with the least and the greatest torso height."""
     episodes = Episodes(environment_id, BODY_STARTS, person=Person(), moving=True, num_threads=1)
     return tuple(_of_bodies(episodes))
 
 
-def _of_bodies(episodes: Episodes) -> Iterator[tuple[Person, StartDraws]]:
+def _of_bodies(episodes: Episodes) -> Iterator[tuple[Person, StartDrawStatistics]]:
     for sex, height_m in product(SEXES, TORSO_HEIGHT_RANGE_M):
         person = Person(sex, height_m, episodes.task.pose.rest_rad)
         episodes.set_person(person)
         yield person, draw_starts(episodes)
 
 
-def check_starts(environment_id: str) -> StartDraws:
+def check_starts(environment_id: str) -> StartDrawStatistics:
     """Draw initial states next to random people and next to each body.
 
     Returns:
@@ -96,7 +98,7 @@ def check_starts(environment_id: str) -> StartDraws:
     return drawn
 
 
-def check_placement(robot: str) -> dict[str, StartDraws]:
+def check_placement(robot: str) -> dict[str, StartDrawStatistics]:
     """Run ``check_starts`` for each environment of a robot; results by environment.
 
     Raises:
@@ -113,7 +115,7 @@ def is_collision_free(task: str, robot: Robot, angles_rad: FloatArray) -> BoolAr
     """
     if not len(angles_rad):
         return np.zeros(0, bool)
-    parts = np.array_split(np.asarray(angles_rad, float), -(-len(angles_rad) // ARMS_AT_ONCE))
+    parts = np.array_split(np.asarray(angles_rad, float), -(-len(angles_rad) // ARM_BATCH_SIZE))
     clear = [np.all([_clear(task, robot, part, sex) for sex in SEXES], axis=0) for part in parts]
     return np.concatenate(clear)
 

@@ -228,7 +228,7 @@ def _desired_angles(
 
 def _glance(desired: FloatArray, state: PartnerState, parameters: BehaviourParameters) -> None:
     """Occasional head turns: to a companion's side or to a random side."""
-    count, share = _cycle(state, parameters.glance_every_s, 2)
+    count, share = _periods(state, parameters.glance_every_s, 2)
     away = (parameters.glance_share > 0.0) & (share >= 1.0 - parameters.glance_share)
     side = 1.0 - 2.0 * (state.num_uniforms[:, 3] < 0.5)
     anywhere = 2.0 * _uniform(state.num_uniforms[:, 3], count) - 1.0
@@ -238,7 +238,7 @@ def _glance(desired: FloatArray, state: PartnerState, parameters: BehaviourParam
 
 def _shift(desired: FloatArray, state: PartnerState, parameters: BehaviourParameters) -> None:
     """Occasional posture shifts of the waist and, outwards, of the right arm."""
-    count, _ = _cycle(state, parameters.shift_every_s, 3)
+    count, _ = _periods(state, parameters.shift_every_s, 3)
     extent = RAD_PER_DEGREE * parameters.shift_deg
     for axis, joint in enumerate(_WAIST):
         desired[:, joint] += extent * (2.0 * _uniform(state.num_uniforms[:, axis], count) - 1.0)
@@ -282,7 +282,7 @@ def _withdraw(
         desired[:, _HEAD[2]] -= percept.side * extent
 
 
-def _cycle(state: PartnerState, every_s: FloatArray, of: int) -> tuple[FloatArray, FloatArray]:
+def _periods(state: PartnerState, every_s: FloatArray, of: int) -> tuple[FloatArray, FloatArray]:
     """Number of completed periods (N,) and the share of the current one (N,)."""
     rounds = state.time_s / every_s + state.num_uniforms[:, of]
     count = namespace(rounds).floor(rounds)

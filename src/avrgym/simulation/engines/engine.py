@@ -33,11 +33,11 @@ class Arrays:
     @classmethod
     def of(cls, batch: Batch) -> "Arrays":
         """Returns the arrays of a batch."""
-        return cls(**{name: batch.bind(name) for name in NAMES})
+        return cls(**{name: batch.bind(name) for name in ARRAY_NAMES})
 
 
-NAMES = tuple(each.name for each in fields(Arrays))
-WRITTEN = NAMES[:5]
+ARRAY_NAMES = tuple(each.name for each in fields(Arrays))
+WRITABLE_NAMES = ARRAY_NAMES[:5]
 
 
 class Engine(Protocol):

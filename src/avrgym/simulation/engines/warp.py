@@ -18,17 +18,23 @@ from avrgym.array_types import IntArray, NumpyArray
 from avrgym.geometry.arrays import to_numpy
 from avrgym.models.collision_bits import PARTICLE
 from avrgym.simulation.engines.batch import ForkSafeBatch
-from avrgym.simulation.engines.engine import NAMES, WRITTEN, Arrays, check_host_memory, check_memory
+from avrgym.simulation.engines.engine import (
+    ARRAY_NAMES,
+    WRITABLE_NAMES,
+    Arrays,
+    check_host_memory,
+    check_memory,
+)
 from avrgym.system.engines import WARP
 from avrgym.system.memory import available_bytes
 
-CONTACTS, CONTACTS_PER_PARTICLE = 96, 8
+CONTACTS_PER_WORLD, CONTACTS_PER_PARTICLE = 96, 8
 """Memory for contacts in a world, and in addition for each particle: twice the most that was measured in drinking."""
 ROWS_PER_CONTACT = 4
 """Sides of the pyramid that approximates a contact's friction cone."""
 SENSOR_CONTACTS = 96
 """Number of contacts among which a sensor finds the strongest."""
-HARMLESS = ("ITERATIONS", "LS_ITERATIONS")
+HARMLESS_OVERFLOWS = ("ITERATIONS", "LS_ITERATIONS")
 """Overflows that Warp counts although they are none: the solver stopped at its limit, as it does on threads."""
 
 
@@ -79,10 +85,10 @@ class Warp:
         self._host, self._warm_start = Arrays.of(self.batch), self.batch.bind("qacc_warmstart")
         self._data = self._made(model, num_worlds)
         host = self._host
-        self._there = {name: self._tensor(name).view(getattr(host, name).shape) for name in NAMES}
+        self._there = {name: self._tensor(name).view(getattr(host, name).shape) for name in ARRAY_NAMES}
         self._on_device = on_device
         self.now = Arrays(
-            **(self._there if on_device else {name: getattr(host, name).copy() for name in NAMES})
+            **(self._there if on_device else {name: getattr(host, name).copy() for name in ARRAY_NAMES})
         )
         self._model: Any = None
         self._varying: dict[str, Any] = {}
@@ -103,7 +109,7 @@ class Warp:
             assert values is not None
             self._put(field, rows, values[ids])
         self._put(self._tensor("qacc_warmstart"), rows, self._warm_start[ids])
-        for name in NAMES:
+        for name in ARRAY_NAMES:
             values = getattr(self._host, name)[ids]
             self._put(self._there[name], rows, values)
             if not self._on_device:
@@ -111,7 +117,7 @@ class Warp:
 
     def copy_to_host(self, ids: IntArray) -> None:
         """See ``Engine``; quantities derived from positions and velocities are computed again."""
-        for name in WRITTEN:
+        for name in WRITABLE_NAMES:
             getattr(self._host, name)[ids] = to_numpy(getattr(self.now, name))[ids]
         self._warm_start[ids] = to_numpy(self._tensor("qacc_warmstart"))[ids]
         self.batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
@@ -121,10 +127,10 @@ class Warp:
         if self._on_device:
             self._run(substeps)
             return
-        for name in WRITTEN:
+        for name in WRITABLE_NAMES:
             self._there[name].copy_(self._torch.as_tensor(getattr(self.now, name)))
         self._run(substeps)
-        for name in NAMES:
+        for name in ARRAY_NAMES:
             getattr(self.now, name)[:] = to_numpy(self._there[name])
         self.check()
 
@@ -182,7 +188,7 @@ class Warp:
     def check(self) -> None:
         """See ``Engine``. Warp records on the device which buffers overflowed."""
         flags = self._data.overflow.numpy()
-        kinds = [kind for kind in self._mujoco_warp.OverflowType if kind.name not in HARMLESS]
+        kinds = [kind for kind in self._mujoco_warp.OverflowType if kind.name not in HARMLESS_OVERFLOWS]
         counts = {kind.name: int(((flags & kind.value) != 0).sum()) for kind in kinds}
         told = ", ".join(f"{name} in {count}" for name, count in counts.items() if count)
         if told:
@@ -229,7 +235,9 @@ class Capacity(NamedTuple):
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Capacity":
         """Returns the capacity that a scene needs."""
-        contacts = CONTACTS + CONTACTS_PER_PARTICLE * int((model.geom_contype == PARTICLE.contype).sum())
+        contacts = CONTACTS_PER_WORLD + CONTACTS_PER_PARTICLE * int(
+            (model.geom_contype == PARTICLE.contype).sum()
+        )
         return cls(contacts, ROWS_PER_CONTACT * contacts + 2 * int(model.njnt))
 
 

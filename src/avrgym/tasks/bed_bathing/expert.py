@@ -24,20 +24,20 @@ SWEEPS = (
     (UPPER_ARM, np.radians(125.0), 1.0, 0.0),
 )
 """Limb, angle around it from its top outwards, and first and last position along it (0 at the shoulder's end)."""
-ALWAYS = 4
+MIN_SWEEPS = 4
 """Number of sweeps in any case. The others are made only while too little is wiped."""
-COME, TOUCH, WIPE, LIFT, REST = range(5)
+APPROACH, TOUCH, WIPE, LIFT, REST = range(5)
 
-FROM_ENDS_M = 0.065
+END_MARGIN_M = 0.065
 """Distance of the cloth's middle from the limb's ends, so that the cloth does not touch the next limb."""
-CARRY_M_S, WIPE_M_S, TURN_RAD_S = 0.30, 0.12, 1.2
+CARRY_SPEED_M_S, WIPE_SPEED_M_S, TURN_SPEED_RAD_S = 0.30, 0.12, 1.2
 LIFT_M, TOUCH_DEPTH_M = 0.03, 0.004
-FORCE_N, STRONG_N, TOUCHED_N = 5.0, 15.0, 1.0
-YIELD_M_N = 0.0003
-DEPTH_M = (-0.015, 0.03)
-ARRIVED_M, ARRIVED_RAD = 0.012, 0.15
+TARGET_FORCE_N, MAX_FORCE_N, CONTACT_FORCE_N = 5.0, 15.0, 1.0
+DEPTH_GAIN_M_N = 0.0003
+DEPTH_RANGE_M = (-0.015, 0.03)
+ARRIVAL_TOLERANCE_M, ARRIVAL_TOLERANCE_RAD = 0.012, 0.15
 METRES_PER_RADIAN = 0.1
-PROGRESS_M, STUCK_STEPS = 0.003, 6
+MIN_PROGRESS_M, STUCK_STEPS = 0.003, 6
 
 
 class BedBathingExpert:
@@ -59,35 +59,35 @@ class BedBathingExpert:
         state, sweep, phase = self._episodes.state(), self._sweep, self._phase
         self._press(state)
         share = np.where(phase <= TOUCH, self._first[sweep], self._last[sweep])
-        above = np.where((phase == COME) | (phase >= LIFT), LIFT_M, -self._depth_m)
+        above = np.where((phase == APPROACH) | (phase >= LIFT), LIFT_M, -self._depth_m)
         pos_w, q_w = cloth_pose(state, self._limb[sweep], self._angle[sweep], share, above)
-        speed = np.where(phase == COME, CARRY_M_S, WIPE_M_S)
-        speed = speed * np.clip(2.0 - state.tool_force_n / STRONG_N, 0.2, 1.0)
-        action = self._planner.action_toward(pos_w, q_w, speed, TURN_RAD_S)
+        speed = np.where(phase == APPROACH, CARRY_SPEED_M_S, WIPE_SPEED_M_S)
+        speed = speed * np.clip(2.0 - state.tool_force_n / MAX_FORCE_N, 0.2, 1.0)
+        action = self._planner.action_toward(pos_w, q_w, speed, TURN_SPEED_RAD_S)
         self._advance(state, pos_w, q_w)
         return action
 
     def _press(self, state: State) -> None:
-        deeper = self._depth_m + YIELD_M_N * (FORCE_N - state.tool_force_n)
-        self._depth_m = np.where(self._phase == WIPE, np.clip(deeper, *DEPTH_M), TOUCH_DEPTH_M)
+        deeper = self._depth_m + DEPTH_GAIN_M_N * (TARGET_FORCE_N - state.tool_force_n)
+        self._depth_m = np.where(self._phase == WIPE, np.clip(deeper, *DEPTH_RANGE_M), TOUCH_DEPTH_M)
 
     def _advance(self, state: State, pos_w: FloatArray, q_w: FloatArray) -> None:
         """Next phase on arrival or when wiping is stuck; next sweep after lifting."""
         away, turn = norm(self._planner.pos_w - pos_w), transforms.angle_between(self._planner.q_w, q_w)
-        arrived = (away < ARRIVED_M) & (turn < ARRIVED_RAD)
-        arrived = np.where(self._phase == TOUCH, state.tool_force_n > TOUCHED_N, arrived)
+        arrived = (away < ARRIVAL_TOLERANCE_M) & (turn < ARRIVAL_TOLERANCE_RAD)
+        arrived = np.where(self._phase == TOUCH, state.tool_force_n > CONTACT_FORCE_N, arrived)
         stuck = self._is_stuck(away + METRES_PER_RADIAN * turn)
         self._waited[arrived | stuck], self._left_m[arrived | stuck] = 0, np.inf
         on = arrived | (stuck & (self._phase == WIPE))
         over = ((on & (self._phase == LIFT)) | (stuck & ~on)) & (self._phase != REST)
-        planned = np.where(is_wiped(self._episodes.task_state), ALWAYS, len(SWEEPS))
+        planned = np.where(is_wiped(self._episodes.task_state), MIN_SWEEPS, len(SWEEPS))
         rests = over & (self._sweep + 1 >= planned)
-        self._phase = np.where(over, np.where(rests, REST, COME), np.minimum(self._phase + on, REST))
+        self._phase = np.where(over, np.where(rests, REST, APPROACH), np.minimum(self._phase + on, REST))
         self._sweep = self._sweep + (over & ~rests)
 
     def _is_stuck(self, left_m: FloatArray) -> BoolArray:
         """Worlds without progress for too long (N,)."""
-        nearer = left_m < self._left_m - PROGRESS_M
+        nearer = left_m < self._left_m - MIN_PROGRESS_M
         self._left_m = np.where(nearer, left_m, self._left_m)
         self._waited = np.where(nearer, 0, self._waited + 1)
         return self._waited > STUCK_STEPS
@@ -109,7 +109,7 @@ def cloth_pose(
     normal = (
         elementary.cos(angle_rad)[:, None] * at.top_w + elementary.sin(angle_rad)[:, None] * at.outwards_w
     )
-    far_m = FROM_ENDS_M + share * (at.length_m - 2.0 * FROM_ENDS_M)
+    far_m = END_MARGIN_M + share * (at.length_m - 2.0 * END_MARGIN_M)
     pos_w = at.start_w + far_m[:, None] * at.along_w + (at.radius_m + above_m)[:, None] * normal
     axes = [-normal, -at.along_w, transforms.cross(normal, at.along_w)]
     return pos_w, transforms.from_matrix(np.stack(axes, axis=-1))

@@ -12,12 +12,12 @@ from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.bed_bathing import expert
 from avrgym.tasks.bed_bathing.expert import (
-    CARRY_M_S,
+    CARRY_SPEED_M_S,
+    END_MARGIN_M,
     FOREARM,
-    FROM_ENDS_M,
-    STRONG_N,
+    MAX_FORCE_N,
     UPPER_ARM,
-    WIPE_M_S,
+    WIPE_SPEED_M_S,
     cloth_pose,
     limb_frame,
 )
@@ -27,43 +27,51 @@ from avrgym.tasks.task import TaskState
 
 TOP_RAD, SIDE_RAD = np.radians([12.0, 75.0])
 """Angles around the arm of the way down and the way back, from its top outwards."""
-BORDER_RAD, ELBOW_BORDER_RAD, SOFT_RAD = np.radians(43.0), np.radians(22.0), 0.1
+BORDER_RAD, ELBOW_BORDER_RAD, BORDER_WIDTH_RAD = np.radians(43.0), np.radians(22.0), 0.1
 """Border between the two, the border at the elbow, where the cloth is tilted, and width of the transition."""
-HAND_END, SOFT_END = 2.9, 0.08
+TURN_BACK_POSITION, TURN_BACK_WIDTH = 2.9, 0.08
 """Position along the arm at which the cloth turns back, and width of the transition."""
-AHEAD, AHEAD_RAD = 0.3, 0.8
+LOOKAHEAD, MAX_LOOKAHEAD_RAD = 0.3, 0.8
 """Distance of the target along the arm, and largest angle around it."""
-AWAY_M, HOVER_M = 0.045, 0.02
+APPROACH_HEIGHT_M, APPROACH_END_HEIGHT_M = 0.045, 0.02
 """Height above which the cloth is approaching, and height of the approach's end."""
-LIFT_M, ADVANCING_M, SLOWEST = 0.03, 0.01, 0.05
+LIFT_M, MAX_ADVANCE_HEIGHT_M, MIN_SPEED_SHARE = 0.03, 0.01, 0.05
 """Height across the elbow, height below which the cloth advances, and lowest share of its speed."""
-YIELD_M_N, SOFTER_M, FIRMER_M, LOST_M = 0.0003, -0.002, 0.001, 0.006
+DEPTH_GAIN_M_N, MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M, NO_CONTACT_STEP_M = 0.0003, -0.002, 0.001, 0.006
 """Depth gain per newton, its limits, and the depth step without contact."""
-HEIGHT_M = (-0.03, 0.01)
+HEIGHT_RANGE_M = (-0.03, 0.01)
 
 
 def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
     """Wipe from the shoulder to the wrist on top of the arm, and back on its outer side."""
     along, angle, above_m = _on_arm(state)
-    away = above_m > AWAY_M
+    away = above_m > APPROACH_HEIGHT_M
     elbow = elementary.sin(np.pi * np.clip(along - 1.0, 0.0, 1.0))
     border = BORDER_RAD + (ELBOW_BORDER_RAD - BORDER_RAD) * np.sqrt(elbow)
-    back = _gradual((angle - border) / SOFT_RAD)
-    side = np.maximum(back, _gradual((along - HAND_END) / SOFT_END))
-    turn: FloatArray = np.clip(TOP_RAD + side * (SIDE_RAD - TOP_RAD) - angle, -AHEAD_RAD, AHEAD_RAD)
-    advance = np.maximum(np.clip(1.0 - above_m / ADVANCING_M, SLOWEST, 1.0), np.minimum(1.0, 3.0 * elbow))
-    next_along = np.clip(along + (1.0 - 2.0 * back) * AHEAD * advance, 0.0, 3.0)
+    back = _gradual((angle - border) / BORDER_WIDTH_RAD)
+    side = np.maximum(back, _gradual((along - TURN_BACK_POSITION) / TURN_BACK_WIDTH))
+    turn: FloatArray = np.clip(
+        TOP_RAD + side * (SIDE_RAD - TOP_RAD) - angle, -MAX_LOOKAHEAD_RAD, MAX_LOOKAHEAD_RAD
+    )
+    advance = np.maximum(
+        np.clip(1.0 - above_m / MAX_ADVANCE_HEIGHT_M, MIN_SPEED_SHARE, 1.0), np.minimum(1.0, 3.0 * elbow)
+    )
+    next_along = np.clip(along + (1.0 - 2.0 * back) * LOOKAHEAD * advance, 0.0, 3.0)
     skin_w, q_w, out = _arm_pose(
         state, np.where(away, 0.0, next_along), np.where(away, float(TOP_RAD), angle + turn)
     )
-    deeper = np.clip(YIELD_M_N * (expert.FORCE_N - state.tool_force_n), SOFTER_M, FIRMER_M)
-    deeper = np.where(state.tool_force_n > 0.0, deeper, LOST_M)
-    height = np.clip(((planner.pos_w - skin_w) * out).sum(axis=-1) - deeper, *HEIGHT_M)
-    height = np.maximum(height, HEIGHT_M[0] + elbow * (LIFT_M - HEIGHT_M[0]))
-    before = HOVER_M + funnel_standoff_m(skin_w - state.tool_pos_w, out, HOVER_M, 4.0 * HOVER_M)
-    speed = WIPE_M_S * np.clip(2.0 - state.tool_force_n / STRONG_N, 0.2, 1.0)
+    deeper = np.clip(
+        DEPTH_GAIN_M_N * (expert.TARGET_FORCE_N - state.tool_force_n), MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M
+    )
+    deeper = np.where(state.tool_force_n > 0.0, deeper, NO_CONTACT_STEP_M)
+    height = np.clip(((planner.pos_w - skin_w) * out).sum(axis=-1) - deeper, *HEIGHT_RANGE_M)
+    height = np.maximum(height, HEIGHT_RANGE_M[0] + elbow * (LIFT_M - HEIGHT_RANGE_M[0]))
+    before = APPROACH_END_HEIGHT_M + funnel_standoff_m(
+        skin_w - state.tool_pos_w, out, APPROACH_END_HEIGHT_M, 4.0 * APPROACH_END_HEIGHT_M
+    )
+    speed = WIPE_SPEED_M_S * np.clip(2.0 - state.tool_force_n / MAX_FORCE_N, 0.2, 1.0)
     pos_w = skin_w + np.where(away, before, height)[:, None] * out
-    return pos_w, q_w, np.where(away, CARRY_M_S, speed)
+    return pos_w, q_w, np.where(away, CARRY_SPEED_M_S, speed)
 
 
 def _gradual(offset: FloatArray) -> FloatArray:
@@ -82,9 +90,9 @@ def _on_arm(state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
     offset, length = state.tool_pos_w - at.start_w, at.length_m
     far: FloatArray = (offset * at.along_w).sum(axis=-1)
     angle = elementary.arctan2((offset * at.outwards_w).sum(axis=-1), (offset * at.top_w).sum(axis=-1))
-    share = np.clip((far - FROM_ENDS_M) / (length - 2.0 * FROM_ENDS_M), 0.0, 1.0)
+    share = np.clip((far - END_MARGIN_M) / (length - 2.0 * END_MARGIN_M), 0.0, 1.0)
     to_elbow = np.where(limb == 0, length - far, far)
-    past_end = np.clip(1.0 - to_elbow / FROM_ENDS_M, 0.0, 1.0)
+    past_end = np.clip(1.0 - to_elbow / END_MARGIN_M, 0.0, 1.0)
     along = share + 2.0 * limb + 0.5 * past_end * (1.0 - 2.0 * limb)
     return along, angle, norm(offset - far[:, None] * at.along_w) - at.radius_m
 

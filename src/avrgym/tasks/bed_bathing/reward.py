@@ -16,14 +16,14 @@ from avrgym.geometry.arrays import active_indices, constant_like, namespace, row
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, RECLINED, TORSO_HEIGHT_RANGE_M, People
-from avrgym.models.washcloth import NAP_M, PAD_CENTRE_M, PAD_HALF_SIZE_M
+from avrgym.models.washcloth import CONTACT_MARGIN_M, PAD_CENTRE_M, PAD_HALF_SIZE_M
 from avrgym.simulation.worlds import State
 from avrgym.tasks.person import LIMBS, force_above_limit
 from avrgym.tasks.task import StepResult
 
 MARKER_SPACING_M = 0.03
 WIPE_RADIUS_M = 0.025
-RIM_COSINE = 0.26
+MIN_RIM_COSINE = 0.26
 """Cosine of 75°: largest angle between the face's normal and a contact normal at its rim."""
 SUCCESS_SHARE = 0.30
 
@@ -63,9 +63,9 @@ def _max_rings() -> int:
     return int(max(lengths) / MARKER_SPACING_M)
 
 
-RINGS = _max_rings()
-AROUND = int(2.0 * np.pi * _largest("upper_arm_radius") / MARKER_SPACING_M)
-MARKERS = RINGS * AROUND
+MAX_RINGS = _max_rings()
+MARKERS_PER_RING = int(2.0 * np.pi * _largest("upper_arm_radius") / MARKER_SPACING_M)
+MARKERS = MAX_RINGS * MARKERS_PER_RING
 """Upper arms are longer and thicker than forearms."""
 
 
@@ -75,8 +75,11 @@ def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
     size = human.layout_of(people, RECLINED).geom_size
     radius = xp.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
     length = 2.0 * xp.stack([size[limb][:, 1] for limb in LIMBS], axis=1)[..., None]
-    rings, around = xp.minimum(length // MARKER_SPACING_M, RINGS), 2.0 * np.pi * radius // MARKER_SPACING_M
-    ring, spot = (constant_like(each, uniforms) for each in np.divmod(np.arange(MARKERS), AROUND))
+    rings, around = (
+        xp.minimum(length // MARKER_SPACING_M, MAX_RINGS),
+        2.0 * np.pi * radius // MARKER_SPACING_M,
+    )
+    ring, spot = (constant_like(each, uniforms) for each in np.divmod(np.arange(MARKERS), MARKERS_PER_RING))
     along = 0.5 * length + (ring - 0.5 * (rings - 1.0)) * MARKER_SPACING_M
     angle = 2.0 * np.pi * spot / around
     sine, cosine = elementary.sine_and_cosine(angle)
@@ -121,10 +124,10 @@ def cloth_distance(state: State) -> FloatArray:
     centre_w = state.tool_pos_w + transforms.rotate(state.tool_q_w, PAD_CENTRE_M)
     begin_w, end_w = state.person_segment_w[:, :, 0], state.person_segment_w[:, :, 1]
     to_axis = capsules.segment_box_distance(
-        centre_w[:, None], state.tool_q_w[:, None], PAD_HALF_SIZE_M - NAP_M, begin_w, end_w
+        centre_w[:, None], state.tool_q_w[:, None], PAD_HALF_SIZE_M - CONTACT_MARGIN_M, begin_w, end_w
     )
     xp = namespace(to_axis)
-    return xp.maximum(xp.min(to_axis - state.person_radius_m, axis=-1) - NAP_M, 0.0)
+    return xp.maximum(xp.min(to_axis - state.person_radius_m, axis=-1) - CONTACT_MARGIN_M, 0.0)
 
 
 def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
@@ -159,7 +162,7 @@ def _on_face(state: State) -> BoolArray:
     to_pad = transforms.conjugate(state.pad_q_w)[:, None]
     place = transforms.rotate(to_pad, state.tool_contact_pos_w - state.pad_pos_w[:, None])
     normal = transforms.rotate(to_pad, state.tool_contact_normal_w)
-    return (place[..., 0] > PAD_CENTRE_M[0]) & (normal[..., 0] > RIM_COSINE)
+    return (place[..., 0] > PAD_CENTRE_M[0]) & (normal[..., 0] > MIN_RIM_COSINE)
 
 
 def _touched(contact_pos: FloatArray, near: BoolArray, marker_pos: FloatArray) -> BoolArray:

@@ -7,27 +7,27 @@ from avrgym.geometry.transforms import norm
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
 from avrgym.tasks.drinking import expert
-from avrgym.tasks.experts.feedback import TURN_RAD_S, ToolTarget, funnel_standoff_m, speed_m_s
+from avrgym.tasks.experts.feedback import TURN_SPEED_RAD_S, ToolTarget, funnel_standoff_m, speed_m_s
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
-NEAR_M = 0.015
+TILT_DISTANCE_M = 0.015
 """Distance to the lips within which the cup is tilted further. It allows for motion of the person and lag of the
 arm."""
-TILT_RAD_S = 0.12
+TILT_SPEED_RAD_S = 0.12
 """Tilt rate while pouring."""
 
 
 def drinking_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
     """Move the cup straight to the lips, then tilt it from its present tilt."""
-    way = expert.Way(*np.zeros((2, len(planner.pos_w))))
+    approach = expert.Approach(*np.zeros((2, len(planner.pos_w))))
     tilt = expert.carried_tilt_rad(planner.q_w)
-    into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
-    offset = expert.at_mouth(state, way, tilt)[0] - planner.pos_w
-    near = norm(offset) < NEAR_M
-    rate = np.where(tilt < expert.FULL_RAD, TURN_RAD_S, TILT_RAD_S)
-    far = norm(offset) > expert.AWAY_M
-    tilt = np.where(near, tilt + CONTROL_STEP_S * rate, np.where(far, expert.TIPPED_RAD, tilt))
-    goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_RAD))
-    back_m = funnel_standoff_m(offset, into, 0.01, expert.AWAY_M)
-    return goal_w - back_m[:, None] * into, q_w, speed_m_s(offset, expert.ENTER_M_S)
+    into = transforms.rotate(expert.yaw_q_w(state, approach), expert.FORWARD)
+    offset = expert.at_mouth(state, approach, tilt)[0] - planner.pos_w
+    near = norm(offset) < TILT_DISTANCE_M
+    rate = np.where(tilt < expert.POUR_START_TILT_RAD, TURN_SPEED_RAD_S, TILT_SPEED_RAD_S)
+    far = norm(offset) > expert.STANDOFF_M
+    tilt = np.where(near, tilt + CONTROL_STEP_S * rate, np.where(far, expert.CARRY_TILT_RAD, tilt))
+    goal_w, q_w = expert.at_mouth(state, approach, np.minimum(tilt, expert.EMPTY_TILT_RAD))
+    back_m = funnel_standoff_m(offset, into, 0.01, expert.STANDOFF_M)
+    return goal_w - back_m[:, None] * into, q_w, speed_m_s(offset, expert.APPROACH_SPEED_M_S)

@@ -22,12 +22,12 @@ from avrgym.models.human import GEOMS
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.simulation.worlds import State
 from avrgym.tasks.drinking import expert
-from avrgym.tasks.drinking.expert import Way
+from avrgym.tasks.drinking.expert import Approach
 from avrgym.tasks.drinking.reward import in_cup
 from avrgym.tasks.experts.feedback import (
     MAX_SPEED_M_S,
-    SPEED_PER_M,
-    TURN_RAD_S,
+    SPEED_GAIN_PER_S,
+    TURN_SPEED_RAD_S,
     FeedbackPlanner,
     funnel_standoff_m,
 )
@@ -35,36 +35,36 @@ from avrgym.tasks.experts.head_clearance import face_direction
 from avrgym.tasks.particles import count
 from avrgym.tasks.task import RunningEpisodes
 
-SLOWEST_M_S, RETREAT_M_S = 0.02, 0.10
+MIN_SPEED_M_S, RETREAT_SPEED_M_S = 0.02, 0.10
 """Least speed of a cup that approaches the lips, and of one that retreats from them."""
-NEAR_M, LEFT_M = 0.03, 0.05
+POUR_START_DISTANCE_M, POUR_STOP_DISTANCE_M = 0.03, 0.05
 """Distances to the lips within which pouring starts, and beyond which it stops."""
-RESTING_M_S = 0.05
+REST_SPEED_M_S = 0.05
 """Speed below which a mouth is at rest."""
-POURS_RAD, PER_PARTICLE_RAD = np.radians([89.5, 0.145])
+POUR_TILT_RAD, TILT_PER_PARTICLE_RAD = np.radians([89.5, 0.145])
 """Tilt at which the last water reaches the rim, and reduction for each particle in the cup. Measured at 0.1 rad/s,
 within one degree at any filling."""
-CALM_RAD = float(np.radians(4.0))
+SPILL_MARGIN_RAD = float(np.radians(4.0))
 """Margin below that tilt at which motion spills nothing."""
-APPROACH_PER_S, POUR_RAD_S = 3.0, 0.03
+TILT_GAIN_PER_S, POUR_SPEED_RAD_S = 3.0, 0.03
 """Gain of the approach to that tilt, and tilt rate while pouring."""
-AWAY_RAD, FAR_AWAY_RAD, EXPECTED_RAD = np.radians([25.0, 33.0, 8.0])
+LOOK_AWAY_RAD, FAR_LOOK_AWAY_RAD, EXPECTED_FACE_RAD = np.radians([25.0, 33.0, 8.0])
 """Face angles: the face looks away beyond the first. As it turns to the second, the expected angle falls from the first
 to the third."""
-TURNED_RAD = float(np.radians(8.0))
+MIN_HEAD_TURN_RAD = float(np.radians(8.0))
 """A face that has turned by less since the start does not look away."""
-ROOM_M = 0.001
+MAX_PENETRATION_M = 0.001
 """Penetration beyond which the cup retreats."""
-WAITING_M = 0.01
+WAITING_STANDOFF_M = 0.01
 """Additional standoff of a waiting cup."""
-TURNED_M, MAX_TURNED_M = 0.025, 0.042
+LATERAL_OFFSET_M, MAX_LATERAL_OFFSET_M = 0.025, 0.042
 """Lateral offset of the cup's reference point from its pouring point: default and maximum. The offset comes from a turn
 about the cup's axis and helps arms on the right to reach the mouth."""
-BESIDE_M, MAX_ASIDE_M = 0.01, 0.04
+MIN_MIDPLANE_DISTANCE_M, MAX_LIP_OFFSET_M = 0.01, 0.04
 """Least distance of the cup from the head's mid-plane on its side, and largest lateral offset from the lips for it."""
-TURNED_SHARE = 0.7
+TURN_COMPENSATION = 0.7
 """Share of the lateral offset that is compensated by turning the cup."""
-LOOKING_RAD = float(np.radians(8.0))
+FACING_CUP_RAD = float(np.radians(8.0))
 """Angle to the left of a face that looks at the cup."""
 
 _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "left"))
@@ -83,52 +83,62 @@ class MemoryExpert:
         """Actions (N, J)."""
         planner, state = self._planner, self._episodes.state()
         planner.relax()
-        rests = norm(state.mouth_pos_w - self._mouth_w) < RESTING_M_S * CONTROL_STEP_S
+        rests = norm(state.mouth_pos_w - self._mouth_w) < REST_SPEED_M_S * CONTROL_STEP_S
         self._mouth_w = state.mouth_pos_w
         turn_rad = _turn_rad(state)
-        away = (np.abs(turn_rad) > AWAY_RAD) & (np.abs(turn_rad - self._first_turn_rad) >= TURNED_RAD)
+        away = (np.abs(turn_rad) > LOOK_AWAY_RAD) & (
+            np.abs(turn_rad - self._first_turn_rad) >= MIN_HEAD_TURN_RAD
+        )
         awaited = _turned(state, np.where(away, _expected_rad(turn_rad) - turn_rad, 0.0))
         return self._bring(awaited, rests, away)
 
     def _bring(self, state: State, rests: BoolArray, away: BoolArray) -> FloatArray:
-        planner, way = self._planner, _way(np.full(len(rests), TURNED_M))
+        planner, way = self._planner, _way(np.full(len(rests), LATERAL_OFFSET_M))
         tilt = expert.carried_tilt_rad(planner.q_w)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
         left = _to_the_left(state)
         aside_m = _aside_m(state, left, planner.pos_w, at_lips_w)
-        turned_m = np.clip(TURNED_M + TURNED_SHARE * aside_m, -MAX_TURNED_M, MAX_TURNED_M)
+        turned_m = np.clip(
+            LATERAL_OFFSET_M + TURN_COMPENSATION * aside_m, -MAX_LATERAL_OFFSET_M, MAX_LATERAL_OFFSET_M
+        )
         way = _way(turned_m)
         at_lips_w, _ = expert.at_mouth(state, way, tilt)
-        aside = (TURNED_M + aside_m - turned_m)[:, None] * left
+        aside = (LATERAL_OFFSET_M + aside_m - turned_m)[:, None] * left
         offset = at_lips_w + aside - planner.pos_w
-        pours_rad = POURS_RAD - PER_PARTICLE_RAD * count(in_cup(state))
+        pours_rad = POUR_TILT_RAD - TILT_PER_PARTICLE_RAD * count(in_cup(state))
         tilt = _next_tilt_rad(tilt, pours_rad, norm(offset), rests, away)
-        goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_RAD))
+        goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_TILT_RAD))
         into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
-        back_m = funnel_standoff_m(offset, into, 0.01, expert.AWAY_M) + np.where(away, WAITING_M, 0.0)
+        back_m = funnel_standoff_m(offset, into, 0.01, expert.STANDOFF_M) + np.where(
+            away, WAITING_STANDOFF_M, 0.0
+        )
         goal_w = goal_w + aside - back_m[:, None] * into
-        too_far = ((goal_w - planner.pos_w) * into).sum(axis=-1) < -ROOM_M
-        slowest = np.where(too_far, RETREAT_M_S, SLOWEST_M_S)
-        speed = np.clip(SPEED_PER_M * norm(offset), slowest, MAX_SPEED_M_S)
-        return planner.action_toward(goal_w, q_w, speed, TURN_RAD_S)
+        too_far = ((goal_w - planner.pos_w) * into).sum(axis=-1) < -MAX_PENETRATION_M
+        slowest = np.where(too_far, RETREAT_SPEED_M_S, MIN_SPEED_M_S)
+        speed = np.clip(SPEED_GAIN_PER_S * norm(offset), slowest, MAX_SPEED_M_S)
+        return planner.action_toward(goal_w, q_w, speed, TURN_SPEED_RAD_S)
 
 
-def _way(left_m: FloatArray) -> Way:
+def _way(left_m: FloatArray) -> Approach:
     """Approach of cups with the reference point a distance (N,) to the left of the pouring point."""
-    return Way(np.zeros_like(left_m), -elementary.arcsin(left_m / RIM_RADIUS_M))
+    return Approach(np.zeros_like(left_m), -elementary.arcsin(left_m / RIM_RADIUS_M))
 
 
 def _next_tilt_rad(
     tilt: FloatArray, pours_rad: FloatArray, distance_m: FloatArray, rests: BoolArray, away: BoolArray
 ) -> FloatArray:
     """Target tilt (N,) for the present tilt, the pouring tilt and the distance to the lips."""
-    calm_rad = pours_rad - CALM_RAD
-    pours = (distance_m < NEAR_M) & ~away & (rests | (tilt < calm_rad))
-    on = tilt + CONTROL_STEP_S * np.clip(APPROACH_PER_S * (pours_rad - tilt), POUR_RAD_S, TURN_RAD_S)
-    ready = np.minimum(tilt + CONTROL_STEP_S * TURN_RAD_S, expert.FULL_RAD)
-    stops = (tilt > calm_rad) & (away | ~rests | (distance_m > LEFT_M))
-    waits = np.where(tilt < expert.FULL_RAD, ready, np.where(stops, expert.FULL_RAD, tilt))
-    return np.where(pours, on, np.where(distance_m > expert.AWAY_M, expert.TIPPED_RAD, waits))
+    calm_rad = pours_rad - SPILL_MARGIN_RAD
+    pours = (distance_m < POUR_START_DISTANCE_M) & ~away & (rests | (tilt < calm_rad))
+    on = tilt + CONTROL_STEP_S * np.clip(
+        TILT_GAIN_PER_S * (pours_rad - tilt), POUR_SPEED_RAD_S, TURN_SPEED_RAD_S
+    )
+    ready = np.minimum(tilt + CONTROL_STEP_S * TURN_SPEED_RAD_S, expert.POUR_START_TILT_RAD)
+    stops = (tilt > calm_rad) & (away | ~rests | (distance_m > POUR_STOP_DISTANCE_M))
+    waits = np.where(
+        tilt < expert.POUR_START_TILT_RAD, ready, np.where(stops, expert.POUR_START_TILT_RAD, tilt)
+    )
+    return np.where(pours, on, np.where(distance_m > expert.STANDOFF_M, expert.CARRY_TILT_RAD, waits))
 
 
 def _to_the_left(state: State) -> FloatArray:
@@ -143,13 +153,15 @@ def _turn_rad(state: State) -> FloatArray:
     turn_rad = elementary.arctan2(
         -(into * left).sum(axis=-1), (into * transforms.cross(expert.UP, left)).sum(axis=-1)
     )
-    return turn_rad - LOOKING_RAD
+    return turn_rad - FACING_CUP_RAD
 
 
 def _expected_rad(turn_rad: FloatArray) -> FloatArray:
     """Angle (N,) at which faces that look away are expected to return."""
-    share = (np.abs(turn_rad) - AWAY_RAD) / (FAR_AWAY_RAD - AWAY_RAD)
-    return np.sign(turn_rad) * np.maximum(AWAY_RAD - share * (AWAY_RAD - EXPECTED_RAD), EXPECTED_RAD)
+    share = (np.abs(turn_rad) - LOOK_AWAY_RAD) / (FAR_LOOK_AWAY_RAD - LOOK_AWAY_RAD)
+    return np.sign(turn_rad) * np.maximum(
+        LOOK_AWAY_RAD - share * (LOOK_AWAY_RAD - EXPECTED_FACE_RAD), EXPECTED_FACE_RAD
+    )
 
 
 def _turned(state: State, angle_rad: FloatArray) -> State:
@@ -162,9 +174,9 @@ def _turned(state: State, angle_rad: FloatArray) -> State:
 def _aside_m(state: State, left: FloatArray, tool_w: FloatArray, at_lips_w: FloatArray) -> FloatArray:
     """Lateral offset (N,) from the lips with which cups stay on their side of the head.
 
-    Beyond ``MAX_ASIDE_M`` it decreases, to zero at 1.5 times that value.
+    Beyond ``MAX_LIP_OFFSET_M`` it decreases, to zero at 1.5 times that value.
     """
     tool_m, lips_m = (((pos_w - state.head_pos_w) * left).sum(axis=-1) for pos_w in (tool_w, at_lips_w))
     side = np.where(tool_m > 0.0, 1.0, -1.0)
-    missing_m = np.maximum(BESIDE_M - side * lips_m, 0.0)
-    return side * np.maximum(np.minimum(missing_m, 3.0 * MAX_ASIDE_M - 2.0 * missing_m), 0.0)
+    missing_m = np.maximum(MIN_MIDPLANE_DISTANCE_M - side * lips_m, 0.0)
+    return side * np.maximum(np.minimum(missing_m, 3.0 * MAX_LIP_OFFSET_M - 2.0 * missing_m), 0.0)

@@ -13,12 +13,12 @@ from avrgym.tasks.task import RunningEpisodes, TaskState
 ToolTarget = tuple[FloatArray, FloatArray, FloatArray]
 """Target of a tool: position (N, 3), rotation (N, 4), world frame, and speed (N,) in m/s."""
 
-MAX_SPEED_M_S, TURN_RAD_S = 0.35, 0.8
-SPEED_PER_M = 2.0
+MAX_SPEED_M_S, TURN_SPEED_RAD_S = 0.35, 0.8
+SPEED_GAIN_PER_S = 2.0
 """Approach speed for each metre of distance, 1/s."""
-FUNNEL = 2.0
+STANDOFF_PER_OFFSET = 2.0
 """Standoff from the goal for each metre of lateral offset."""
-END_SHARE = 0.35
+LIMIT_MARGIN_SHARE = 0.35
 """Share of a joint's range, at each end, that the preferred posture avoids."""
 
 
@@ -32,7 +32,7 @@ class FeedbackPlanner(MotionPlanner):
         """Start at the present joint angles."""
         super().__init__(episodes)
         lower_rad, upper_rad = self._chain.lower_rad, self._chain.upper_rad
-        ends_rad = END_SHARE * (upper_rad - lower_rad)
+        ends_rad = LIMIT_MARGIN_SHARE * (upper_rad - lower_rad)
         self._middle_rad = lower_rad + ends_rad, upper_rad - ends_rad
 
     def relax(self) -> None:
@@ -59,7 +59,7 @@ class FeedbackExpert:
         self._planner.relax()
         state, task_state = self._episodes.state(), self._episodes.task_state
         pos_w, q_w, speed = self._target(state, task_state, self._planner)
-        return self._planner.action_toward(pos_w, q_w, speed, TURN_RAD_S)
+        return self._planner.action_toward(pos_w, q_w, speed, TURN_SPEED_RAD_S)
 
 
 def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, most_m: float) -> FloatArray:
@@ -69,9 +69,9 @@ def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, most_
 
 def standoff_m(beside_m: FloatArray, free_m: float, most_m: float) -> FloatArray:
     """Standoff (N,) from the goal at a lateral offset (N,), beyond ``free_m``."""
-    return np.clip(FUNNEL * (beside_m - free_m), 0.0, most_m)
+    return np.clip(STANDOFF_PER_OFFSET * (beside_m - free_m), 0.0, most_m)
 
 
 def speed_m_s(offset: FloatArray, slowest_m_s: float) -> FloatArray:
     """Tool speed (N,) at an offset (N, 3) from the goal."""
-    return np.clip(SPEED_PER_M * norm(offset), slowest_m_s, MAX_SPEED_M_S)
+    return np.clip(SPEED_GAIN_PER_S * norm(offset), slowest_m_s, MAX_SPEED_M_S)

@@ -14,11 +14,11 @@ ITERATIONS = 8
 POSTURE_SHARE = 0.1
 """Share of the distance to the preferred posture that the arm covers in one control step."""
 
-IK_STARTS, SPREAD_RAD = 12, 1.5
+IK_STARTS, IK_SPREAD_RAD = 12, 1.5
 """Number of start poses of the inverse kinematics: the present pose and random poses around it."""
 CANDIDATES = 8
 """Number of solutions for each pose that are checked for collisions."""
-PATH_SHARES = (0.2, 0.4, 0.6, 0.8, 1.0)
+PATH_FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
 COLLISION_COST_S, TILT_COST_S_RAD, MARGIN_M = 20.0, 20.0, 0.03
 """Costs of a collision and of tool tilt, and the distance at which the collision cost begins."""
 ACCURACY_M, ACCURACY_RAD = 0.003, 0.03
@@ -134,7 +134,7 @@ class MotionPlanner:
     def _swing_cost_s(self, angles_rad: FloatArray, tilt_rad: float) -> FloatArray:
         """Duration of motions to angles (N, M, J), plus the cost of tool tilt, (N, M)."""
         way = angles_rad - self.angles_rad[:, None]
-        tilt = [self._tilt_rad(self.angles_rad[:, None] + share * way) for share in PATH_SHARES]
+        tilt = [self._tilt_rad(self.angles_rad[:, None] + share * way) for share in PATH_FRACTIONS]
         excess = np.maximum(0.0, np.max(tilt, axis=0) - tilt_rad)
         return CONTROL_STEP_S * np.abs(way / self._reach_rad).max(axis=-1) + TILT_COST_S_RAD * excess
 
@@ -142,7 +142,7 @@ class MotionPlanner:
         """Cost of small distances on the way to angles (N, M, J), shape (N, M)."""
         way = angles_rad - self.angles_rad[:, None]
         state, gap = self._episodes.state(), np.full(way.shape[:2], np.inf)
-        for share in PATH_SHARES:
+        for share in PATH_FRACTIONS:
             there = self.angles_rad[:, None] + share * way
             gap = np.minimum(gap, self._clearance.min_distance_m(there, state, tool=share < 1.0))
         return COLLISION_COST_S * np.maximum(0.0, 1.0 - gap / MARGIN_M)
@@ -185,7 +185,7 @@ class MotionPlanner:
 
 def _start_offsets(joints: int) -> FloatArray:
     """Start poses of the inverse kinematics as offsets in radians, (``IK_STARTS``, J)."""
-    others = random_streams.planner_starts().uniform(-SPREAD_RAD, SPREAD_RAD, (IK_STARTS - 1, joints))
+    others = random_streams.planner_starts().uniform(-IK_SPREAD_RAD, IK_SPREAD_RAD, (IK_STARTS - 1, joints))
     return np.concatenate([np.zeros((1, joints)), others])
 
 

@@ -15,18 +15,18 @@ from avrgym.tasks.task import RunningEpisodes
 TIP_FIRST = [(0.0, pitch, 0.0, rise) for pitch in (0.0, 15.0, -15.0) for rise in (0.0, 0.006, -0.006)]
 TURNED = [(turn, 0.0, 0.0, 0.0) for turn in (20.0, -20.0, -40.0)]
 SIDEWAYS = [(turn, 0.0, roll, 0.0) for turn in (-75.0, -90.0, -105.0) for roll in (0.0, -15.0)]
-TURNS_DEG, PITCHES_DEG, ROLLS_DEG, RISES_M = np.array(TIP_FIRST + TURNED + SIDEWAYS).T
+TURNS_DEG, PITCHES_DEG, ROLLS_DEG, HEIGHTS_M = np.array(TIP_FIRST + TURNED + SIDEWAYS).T
 """Candidate spoon poses: yaw from the direction into the face, pitch, roll towards the lips, and height above the
 mouth."""
-SECONDS_PER_PIECE, FAILED_S, SHIFT_M = 3.0, 10.0, 0.001
+PIECE_COST_S, FAILURE_COST_S, SHIFT_M = 3.0, 10.0, 0.001
 """Cost of a piece that may stay outside the mouth, cost of failure, and margin for shifting food."""
 
-CARRY_M_S, ENTER_M_S, TURN_RAD_S, TILT_RAD = 0.35, 0.08, 0.8, np.radians(20.0)
-AWAY_M, ARRIVED_RAD = 0.06, 0.03
-CLEARANCE_M, NEARER_M, GENTLE_N = 0.002, 0.0005, 4.0
+CARRY_SPEED_M_S, INSERTION_SPEED_M_S, TURN_SPEED_RAD_S, MAX_TILT_RAD = 0.35, 0.08, 0.8, np.radians(20.0)
+STANDOFF_M, ARRIVAL_TOLERANCE_RAD = 0.06, 0.03
+CLEARANCE_M, CLOSER_STEP_M, GENTLE_FORCE_N = 0.002, 0.0005, 4.0
 """Initial clearance from the face. If too little food is in the mouth, the spoon moves closer in small steps until it
 touches the face gently."""
-ON_SPOON_M = 0.05
+SPOON_RADIUS_M = 0.05
 SPARE_PIECES = (1.0 - SUCCESS_SHARE) * len(FOOD.start)
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -45,19 +45,19 @@ class FeedingExpert:
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         state, planner = self._episodes.state(), self._planner
-        self._arrived |= np.abs(planner.angles_rad - self._before_rad).max(axis=-1) < ARRIVED_RAD
-        swing = planner.joint_step(self._before_rad, CARRY_M_S, TILT_RAD)
+        self._arrived |= np.abs(planner.angles_rad - self._before_rad).max(axis=-1) < ARRIVAL_TOLERANCE_RAD
+        swing = planner.joint_step(self._before_rad, CARRY_SPEED_M_S, MAX_TILT_RAD)
         target = at_mouth(state, self._q_w, self._rise_m, self._clearance_m)
-        there = self._arrived & (norm(target - planner.pos_w) < 2.0 * NEARER_M)
-        self._clearance_m -= np.where(there & _may_move_closer(state), NEARER_M, 0.0)
-        into = planner.line_step(target, self._q_w, ENTER_M_S, TURN_RAD_S)
+        there = self._arrived & (norm(target - planner.pos_w) < 2.0 * CLOSER_STEP_M)
+        self._clearance_m -= np.where(there & _may_move_closer(state), CLOSER_STEP_M, 0.0)
+        into = planner.line_step(target, self._q_w, INSERTION_SPEED_M_S, TURN_SPEED_RAD_S)
         return planner.action_to(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> None:
         """Choose the fastest reachable pose that brings most of the food into the mouth."""
         q_w = _spoon_q_w(state)
         pos_w = np.stack(
-            [at_mouth(state, q_w[:, way], rise, self._clearance_m) for way, rise in enumerate(RISES_M)],
+            [at_mouth(state, q_w[:, way], rise, self._clearance_m) for way, rise in enumerate(HEIGHTS_M)],
             axis=1,
         )
         food_w = pos_w[:, :, None] + transforms.rotate(q_w[:, :, None], FOOD.start)
@@ -65,12 +65,12 @@ class FeedingExpert:
         in_doubt = (from_mouth > MOUTH_RADIUS_M - SHIFT_M).sum(axis=-1)
         failed = (from_mouth > MOUTH_RADIUS_M).sum(axis=-1) > SPARE_PIECES
         before_rad, seconds = self._planner.find_angles(
-            pos_w - AWAY_M * face_direction(state)[:, None], q_w, TILT_RAD
+            pos_w - STANDOFF_M * face_direction(state)[:, None], q_w, MAX_TILT_RAD
         )
-        cost = seconds + SECONDS_PER_PIECE * in_doubt + FAILED_S * failed
+        cost = seconds + PIECE_COST_S * in_doubt + FAILURE_COST_S * failed
         best = cost.argmin(axis=-1)
         world = np.arange(len(best))
-        self._q_w, self._rise_m = q_w[world, best], RISES_M[best]
+        self._q_w, self._rise_m = q_w[world, best], HEIGHTS_M[best]
         self._before_rad = before_rad[world, best]
         self._planner.posture_rad = self._before_rad
 
@@ -97,5 +97,5 @@ def at_mouth(
 
 def _may_move_closer(state: State) -> BoolArray:
     """Whether the spoon may move closer (N,): too much food is left on it, and the contact force is small."""
-    on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < ON_SPOON_M
-    return (on_spoon.sum(axis=-1) > SPARE_PIECES) & (state.robot_force_n < GENTLE_N)
+    on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < SPOON_RADIUS_M
+    return (on_spoon.sum(axis=-1) > SPARE_PIECES) & (state.robot_force_n < GENTLE_FORCE_N)

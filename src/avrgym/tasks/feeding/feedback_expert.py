@@ -12,9 +12,9 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.feeding import expert
 from avrgym.tasks.task import TaskState
 
-TURNS_RAD = np.radians([0.0, -30.0, -60.0, -90.0])
+YAWS_RAD = np.radians([0.0, -30.0, -60.0, -90.0])
 """Candidate yaw angles: tip first, or turned towards the left side, which needs less reach."""
-MISSED_M_RAD, TURNED_M_RAD = 0.1, 0.02
+ERROR_COST_M_RAD, YAW_COST_M_RAD = 0.1, 0.02
 """Cost in metres of a radian of rotation error, and of a radian of yaw."""
 
 
@@ -32,12 +32,12 @@ def feeding_target(
     into = face_direction(state)
     goal_w, q_w = _within_reach(state, planner, elementary.arctan2(into[:, 1], into[:, 0]))
     back_m = np.maximum(
-        funnel_standoff_m(goal_w - planner.pos_w, into, 0.005, expert.AWAY_M), standoff_from_mouth_m
+        funnel_standoff_m(goal_w - planner.pos_w, into, 0.005, expert.STANDOFF_M), standoff_from_mouth_m
     )
     speed = np.where(
         np.greater(standoff_from_mouth_m, 0.0),
         MAX_SPEED_M_S,
-        speed_m_s(goal_w - planner.pos_w, expert.ENTER_M_S),
+        speed_m_s(goal_w - planner.pos_w, expert.INSERTION_SPEED_M_S),
     )
     return goal_w - back_m[:, None] * into, q_w, speed
 
@@ -48,12 +48,12 @@ def _within_reach(state: State, planner: MotionPlanner, yaw_rad: FloatArray) -> 
     goals_w: list[FloatArray] = []
     rotations_w: list[FloatArray] = []
     costs_m: list[FloatArray] = []
-    for turn in TURNS_RAD.tolist():
+    for turn in YAWS_RAD.tolist():
         q_w = transforms.from_axis_angle(expert.UP, yaw_rad + turn)
         goal_w = expert.at_mouth(state, q_w, 0.0, clearance_m)
         reached_w, reached_q_w = planner.pose(planner.angles_at(goal_w, q_w, planner.angles_rad))
-        missed_m = norm(reached_w - goal_w) + MISSED_M_RAD * angle_between(reached_q_w, q_w)
-        costs_m.append(missed_m + TURNED_M_RAD * abs(turn))
+        missed_m = norm(reached_w - goal_w) + ERROR_COST_M_RAD * angle_between(reached_q_w, q_w)
+        costs_m.append(missed_m + YAW_COST_M_RAD * abs(turn))
         goals_w.append(goal_w)
         rotations_w.append(q_w)
     best, world = np.argmin(costs_m, axis=0), np.arange(len(yaw_rad))

@@ -14,9 +14,9 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.feeding.feedback_expert import feeding_target
 from avrgym.tasks.task import RunningEpisodes, TaskState
 
-RESTING_M_S = 0.04
+REST_SPEED_M_S = 0.04
 """Speed below which a mouth is at rest."""
-STANDOFF_M = 0.06
+MAX_STANDOFF_M = 0.06
 """Standoff from a mouth at twice this speed or more; less at lower speeds."""
 
 
@@ -40,4 +40,4 @@ class MemoryExpert:
 
 def standoff_from_mouth_m(mouth_m_s: FloatArray) -> FloatArray:
     """Standoff (N,) from mouths with speeds (N,)."""
-    return STANDOFF_M * np.clip(mouth_m_s / RESTING_M_S - 1.0, 0.0, 1.0)
+    return MAX_STANDOFF_M * np.clip(mouth_m_s / REST_SPEED_M_S - 1.0, 0.0, 1.0)

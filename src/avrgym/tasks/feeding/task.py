@@ -26,7 +26,7 @@ from avrgym.tasks.task import BESIDE_WHEELCHAIR, Task, View, Views
 BOWL_SPREAD_M = 0.05
 HAND_SPREAD_M = 0.05
 HAND_FROM_BOWL_M = np.array([0.0, -0.1, 0.4])
-TURNED_RAD = np.array([0.0, -0.5 * np.pi])
+SPOON_YAWS_RAD = np.array([0.0, -0.5 * np.pi])
 """Yaw of the spoon relative to the face, with its tip or its left side first."""
 SPOON_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Level, pointing towards the person."""
@@ -50,7 +50,7 @@ def _goals(people: People) -> tuple[FloatArray, FloatArray]:
     """Spoon positions (n, 2, 3) and rotations (n, 2, 4) at the mouth: level, with the tip or the left side first."""
     mouth, head_q = placement.mouth_poses(people)
     into = transforms.rotate(head_q, [0.0, 1.0, 0.0])
-    yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None] + constant_like(TURNED_RAD, into)
+    yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None] + constant_like(SPOON_YAWS_RAD, into)
     return namespace(mouth).stack([mouth, mouth], axis=1), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw)
 
 

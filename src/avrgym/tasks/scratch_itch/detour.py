@@ -13,8 +13,8 @@ from avrgym.tasks.scratch_itch import feedback_expert
 from avrgym.tasks.scratch_itch.expert import ROD, surface
 from avrgym.tasks.scratch_itch.reward import ScratchItchState, limb_frame
 
-SMALLEST_M = 1e-4
-HAND_M = 0.06
+MIN_LENGTH_M = 1e-4
+TIP_TO_HAND_M = 0.06
 """Distance of the hand from the tip."""
 
 
@@ -30,8 +30,8 @@ def around_limb_m(state: State, task_state: ScratchItchState) -> FloatArray:
     along = tool[:, 2] - task_state.itch[:, 2]
     tool, itch = tool[:, :2], task_state.itch[:, :2]
     radius, from_axis = norm(itch), norm(tool)
-    away = xp.maximum(from_axis, radius + SMALLEST_M)
-    cosine = (tool * itch).sum(axis=-1) / xp.maximum(from_axis * radius, SMALLEST_M**2)
+    away = xp.maximum(from_axis, radius + MIN_LENGTH_M)
+    cosine = (tool * itch).sum(axis=-1) / xp.maximum(from_axis * radius, MIN_LENGTH_M**2)
     angle = elementary.arccos(xp.clip(cosine, -1.0, 1.0))
     hidden = xp.maximum(angle - elementary.arccos(radius / away), 0.0)
     straight = norm(tool - itch)
@@ -47,4 +47,4 @@ def around_arm_m(state: State, task_state: ScratchItchState) -> FloatArray:
     _, limb_q_w = limb_frame(state, task_state)
     out_w, _ = surface(task_state, limb_q_w)
     turn_rad = feedback_expert.turn_rad(transforms.rotate(state.tool_q_w, ROD), out_w)
-    return around_limb_m(state, task_state) + HAND_M * norm(turn_rad)
+    return around_limb_m(state, task_state) + TIP_TO_HAND_M * norm(turn_rad)

@@ -11,43 +11,43 @@ from avrgym.geometry.transforms import norm
 from avrgym.models.scratcher import RADIUS_M
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.motion_planner import MotionPlanner
-from avrgym.tasks.person import SIDEWAYS
+from avrgym.tasks.person import LATERAL_AXES
 from avrgym.tasks.scratch_itch.reward import ITCH_RADIUS_M, ScratchItchState, itch_pos_w, limb_frame
 from avrgym.tasks.task import RunningEpisodes
 
 TILTS_RAD = np.radians([25.0, 50.0, 70.0])
-SIDES = 8
-"""Candidate directions of the rod: normal to the skin, or tilted by these angles to ``SIDES`` sides."""
-SECONDS_PER_RAD = 2.0
+TILT_DIRECTIONS = 8
+"""Candidate directions of the rod: normal to the skin, or tilted by these angles to ``TILT_DIRECTIONS`` sides."""
+TILT_COST_S_PER_RAD = 2.0
 """Cost of a tilt."""
 
-SWING_M_S, ENTER_M_S, RUB_M_S, TURN_RAD_S = 0.30, 0.05, 0.10, 0.8
-AWAY_M, ARRIVED_RAD = 0.06, 0.05
-TOUCH_N = 0.3
-LOST_M = 0.004
+SWING_SPEED_M_S, APPROACH_SPEED_M_S, RUB_SPEED_M_S, TURN_SPEED_RAD_S = 0.30, 0.05, 0.10, 0.8
+STANDOFF_M, ARRIVAL_TOLERANCE_RAD = 0.06, 0.05
+CONTACT_FORCE_N = 0.3
+NO_CONTACT_STEP_M = 0.004
 """Additional depth in each control step without contact."""
 SEEK_DEPTH_M = 0.03
 """Target depth below the skin before contact."""
-HARD_S, DETOUR_STEPS = 20.0, 50
+DETOUR_COST_S, DETOUR_STEPS = 20.0, 50
 """Plans with a higher cost are planned again after a detour to a point in front of and above the wrist."""
-FROM_WRIST_M = (0.0, -0.15, 0.10)
+DETOUR_OFFSET_M = (0.0, -0.15, 0.10)
 DOWNWARD_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
 ROD = (1.0, 0.0, 0.0)
 """Direction of the rod in the tool's frame."""
-LOOP_M, AHEAD_RAD = np.array([0.014, 0.009]), np.radians(75.0)
+LOOP_HALF_AXES_M, LOOKAHEAD_RAD = np.array([0.014, 0.009]), np.radians(75.0)
 """Half axes of the tip's loop around the itch, along and across the limb, and how far ahead on the loop it aims."""
 
 
-class Press(NamedTuple):
+class ForceControl(NamedTuple):
     """Force control of the tip: desired force, gain in metres per newton, and limits of the step."""
 
     force_n: float
-    m_per_n: float
-    softer_m: float
-    firmer_m: float
+    gain_m_n: float
+    min_step_m: float
+    max_step_m: float
 
 
-PRESS = Press(force_n=3.0, m_per_n=0.0005, softer_m=-0.002, firmer_m=0.001)
+FORCE_CONTROL = ForceControl(force_n=3.0, gain_m_n=0.0005, min_step_m=-0.002, max_step_m=0.001)
 
 
 class ScratchItchExpert:
@@ -64,9 +64,9 @@ class ScratchItchExpert:
             np.zeros((count, len(episodes.scene.arm.joints))),
         )
         self._steps = 0
-        hard = self._plan(np.ones(count, dtype=bool)) > HARD_S
+        hard = self._plan(np.ones(count, dtype=bool)) > DETOUR_COST_S
         self._detour_rad, cost_s = find_detour(self._planner, episodes.state())
-        self._detour = hard & (cost_s < HARD_S)
+        self._detour = hard & (cost_s < DETOUR_COST_S)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         planner = self._planner
@@ -75,12 +75,12 @@ class ScratchItchExpert:
             self._detour = np.zeros_like(self._detour)
         self._steps += 1
         goal_rad = np.where(self._detour[:, None], self._detour_rad, self._before_rad)
-        swing = planner.joint_step(goal_rad, SWING_M_S, np.pi)
-        there = np.abs(planner.angles_rad - goal_rad).max(axis=-1) < ARRIVED_RAD
+        swing = planner.joint_step(goal_rad, SWING_SPEED_M_S, np.pi)
+        there = np.abs(planner.angles_rad - goal_rad).max(axis=-1) < ARRIVAL_TOLERANCE_RAD
         self._arrived |= there & ~self._detour
         tip_w, q_w = self._rub()
-        speed = np.where(self._touched, RUB_M_S, ENTER_M_S)
-        straight = planner.line_step(tip_w, q_w, speed, TURN_RAD_S)
+        speed = np.where(self._touched, RUB_SPEED_M_S, APPROACH_SPEED_M_S)
+        straight = planner.line_step(tip_w, q_w, speed, TURN_SPEED_RAD_S)
         return planner.action_to(np.where(self._arrived[:, None], straight, swing))
 
     def _rub(self) -> tuple[FloatArray, FloatArray]:
@@ -91,9 +91,9 @@ class ScratchItchExpert:
         q_w = transforms.multiply(limb_q_w, self._q_limb)
         rod_w = transforms.rotate(q_w, ROD)
         near = norm(state.tool_pos_w - itch_pos_w(state, task_state)) < ITCH_RADIUS_M
-        self._touched = near & (self._touched | (self._arrived & (state.tool_force_n > TOUCH_N)))
+        self._touched = near & (self._touched | (self._arrived & (state.tool_force_n > CONTACT_FORCE_N)))
         inside_w = tip(itch_pos_w(state, task_state) - SEEK_DEPTH_M * out, out, rod_w)
-        rubbed_w = rub(state, task_state, self._planner.pos_w, rod_w, PRESS)
+        rubbed_w = rub(state, task_state, self._planner.pos_w, rod_w, FORCE_CONTROL)
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
     def _plan(self, worlds: BoolArray) -> FloatArray:
@@ -112,10 +112,10 @@ class ScratchItchExpert:
         q_w = transforms.multiply(_turn(here, into), state.tool_q_w[:, None])
         tip_w = tip(itch_pos_w(state, task_state)[:, None], out[:, None], into)
         angles, cost_s = self._planner.find_angles(tip_w, q_w)
-        world, best = np.arange(len(out)), (cost_s + SECONDS_PER_RAD * tilt).argmin(axis=-1)
+        world, best = np.arange(len(out)), (cost_s + TILT_COST_S_PER_RAD * tilt).argmin(axis=-1)
         tip_w, q_w, into = tip_w[world, best], q_w[world, best], into[world, best]
         angles = angles[world, best]
-        before = self._planner.angles_at(tip_w - AWAY_M * into, q_w, angles)
+        before = self._planner.angles_at(tip_w - STANDOFF_M * into, q_w, angles)
         q_limb = transforms.multiply(transforms.conjugate(limb_q_w), q_w)
         new = worlds[:, None]
         self._q_limb = np.where(new, q_limb, self._q_limb)
@@ -129,14 +129,14 @@ def find_detour(planner: MotionPlanner, state: State) -> tuple[FloatArray, Float
     wrist_w = state.right_arm_pos_w[:, 2]
     turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
     q_w = np.tile(transforms.multiply(DOWNWARD_Q_W, turns), (len(wrist_w), 1, 1))
-    place_w = np.repeat((wrist_w + FROM_WRIST_M)[:, None], q_w.shape[1], axis=1)
+    place_w = np.repeat((wrist_w + DETOUR_OFFSET_M)[:, None], q_w.shape[1], axis=1)
     angles, cost_s = planner.find_angles(place_w, q_w)
     world, best = np.arange(len(wrist_w)), cost_s.argmin(axis=-1)
     return angles[world, best], cost_s[world, best]
 
 
 def rub(
-    state: State, task_state: ScratchItchState, pos_w: FloatArray, rod_w: FloatArray, press: Press
+    state: State, task_state: ScratchItchState, pos_w: FloatArray, rod_w: FloatArray, press: ForceControl
 ) -> FloatArray:
     """Next position (N, 3) of a tip that circles around the itch.
 
@@ -153,29 +153,31 @@ def rub(
     out, along = surface(task_state, limb_q_w)
     axes = np.stack([along, transforms.cross(out, along)], axis=1)
     middle_w = tip(itch_pos_w(state, task_state), out, rod_w)
-    offset = ((state.tool_pos_w - middle_w)[:, None] * axes).sum(axis=-1) / LOOP_M
-    angle = elementary.arctan2(offset[:, 1], offset[:, 0]) + AHEAD_RAD
-    ahead = LOOP_M * np.stack([elementary.cos(angle), elementary.sin(angle)], axis=-1)
+    offset = ((state.tool_pos_w - middle_w)[:, None] * axes).sum(axis=-1) / LOOP_HALF_AXES_M
+    angle = elementary.arctan2(offset[:, 1], offset[:, 0]) + LOOKAHEAD_RAD
+    ahead = LOOP_HALF_AXES_M * np.stack([elementary.cos(angle), elementary.sin(angle)], axis=-1)
     next_w = middle_w + (ahead[..., None] * axes).sum(axis=1)
-    deeper = np.clip(press.m_per_n * (press.force_n - state.tool_force_n), press.softer_m, press.firmer_m)
-    deeper = np.where(state.tool_force_n > 0.0, deeper, LOST_M)
+    deeper = np.clip(
+        press.gain_m_n * (press.force_n - state.tool_force_n), press.min_step_m, press.max_step_m
+    )
+    deeper = np.where(state.tool_force_n > 0.0, deeper, NO_CONTACT_STEP_M)
     height = ((pos_w - next_w) * out).sum(axis=-1) - deeper
     return next_w + height[:, None] * out
 
 
 def surface(task_state: ScratchItchState, limb_q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Unit vectors (N, 3) at the itch, out of the limb and along it; world frame."""
-    out = transforms.normalize(task_state.itch * constant_like(SIDEWAYS, task_state.itch))
+    out = transforms.normalize(task_state.itch * constant_like(LATERAL_AXES, task_state.itch))
     return transforms.rotate(limb_q_w, out), transforms.rotate(limb_q_w, [0.0, 0.0, 1.0])
 
 
 def _ways(out: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Candidate rod directions, unit vectors (N, K, 3), and their tilts (K,) in radians."""
     across = transforms.cross(out, along)
-    sides = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
+    sides = np.linspace(0.0, 2.0 * np.pi, TILT_DIRECTIONS, endpoint=False)
     aslant = [elementary.cos(side) * along + elementary.sin(side) * across for side in sides]
     tilted = [elementary.sin(tilt) * way - elementary.cos(tilt) * out for tilt in TILTS_RAD for way in aslant]
-    return np.stack([-out, *tilted], axis=1), np.concatenate([[0.0], np.repeat(TILTS_RAD, SIDES)])
+    return np.stack([-out, *tilted], axis=1), np.concatenate([[0.0], np.repeat(TILTS_RAD, TILT_DIRECTIONS)])
 
 
 def tip(skin_w: FloatArray, out: FloatArray, into: FloatArray) -> FloatArray:

@@ -15,31 +15,31 @@ from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_pos_w, limb_
 
 Range = tuple[float, float]
 
-SLANT_RAD, ASKEW_RAD = 1.2, 0.4
+MAX_HAND_ANGLE_RAD, MAX_ROD_ANGLE_RAD = 1.2, 0.4
 """Limits of the hand's angle to the skin normal, and of the rod's angle to the hand's direction."""
-FORWARDS, UPWARDS, SWERVE = -0.2, 0.2, 0.5
+CLEARANCE_FORWARD, CLEARANCE_UP, NORMAL_WEIGHT = -0.2, 0.2, 0.5
 """Direction with clearance for the hand, for each metre to the right, and how much the skin normal changes it."""
-LEVEL, SOFT = -0.35, 0.17
+SIDE_CHANGE_HEIGHT, SIDE_CHANGE_WIDTH = -0.35, 0.17
 """Height of the skin normal at which the hand changes from above to below the arm, and width of the transition."""
 FRONT_W = transforms.normalize(np.array([0.0, -0.7, 0.6]))
-FRONT_SLANT_RAD, FRONT_ASKEW_RAD = 1.0, 0.2
-"""Direction with clearance for a hand in front of the person, and its ``SLANT_RAD`` and ``ASKEW_RAD``."""
-INWARDS, NOT_DOWN = (0.6, 0.85), (-0.5, -0.3)
+FRONT_MAX_HAND_ANGLE_RAD, FRONT_MAX_ROD_ANGLE_RAD = 1.0, 0.2
+"""Direction with clearance for a hand in front of the person, and the two angle limits for it."""
+INWARD_RANGE, NOT_DOWNWARD_RANGE = (0.6, 0.85), (-0.5, -0.3)
 """Ranges of the skin normal's components over which the hand changes to the front: skin that faces left and not
 down."""
-STILL_TURNS_RAD = (0.2, 0.6)
+ROTATION_RANGE_RAD = (0.2, 0.6)
 """A hand in front approaches the itch if its remaining rotation is below the first value, and waits in front of the
 wrist above the second."""
-NONE_TO_ALL = (0.0, 1.0)
-"""Interpolation values for such a range."""
-BESIDE_M = 0.02
+ZERO_TO_ONE = (0.0, 1.0)
+"""Range of a blending weight."""
+MAX_LATERAL_OFFSET_M = 0.02
 """Lateral offset within which the tip comes down."""
-AHEAD_RAD = 0.8
+MAX_LOOKAHEAD_RAD = 0.8
 """Largest angle around the limb between the tip and its target."""
-RUB_M_S = 0.06
-PRESS = expert.Press(force_n=2.5, m_per_n=0.0008, softer_m=-0.006, firmer_m=0.001)
+RUB_SPEED_M_S = 0.06
+FORCE_CONTROL = expert.ForceControl(force_n=2.5, gain_m_n=0.0008, min_step_m=-0.006, max_step_m=0.001)
 """Rubbing speed and force control: slow for a steady force, and quick to release."""
-LEANING_N, BACK_M, BACK_M_S = 5.0, 0.03, 0.3
+MAX_LINK_FORCE_N, DRAW_BACK_M, DRAW_BACK_SPEED_M_S = 5.0, 0.03, 0.3
 """Link force on the person above which the arm draws back, distance of that target, and speed."""
 
 
@@ -65,21 +65,23 @@ def blended_target(
     tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
     skin_w = limb_pos_w + transforms.rotate(limb_q_w, around(tool, task_state))
     goal_w = expert.tip(skin_w, out_w, rod_w)
-    waits = (in_front * np.interp(norm(turn_w), STILL_TURNS_RAD, NONE_TO_ALL))[:, None]
-    goal_w = goal_w + waits * (state.right_arm_pos_w[:, 2] + expert.FROM_WRIST_M - goal_w)
+    waits = (in_front * np.interp(norm(turn_w), ROTATION_RANGE_RAD, ZERO_TO_ONE))[:, None]
+    goal_w = goal_w + waits * (state.right_arm_pos_w[:, 2] + expert.DETOUR_OFFSET_M - goal_w)
     itch_w = expert.tip(itch_pos_w(state, task_state), out_w, rod_w)
     rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < expert.SEEK_DEPTH_M)
-    rubbed_w = expert.rub(state, task_state, planner.pos_w, rod_w, PRESS)
+    rubbed_w = expert.rub(state, task_state, planner.pos_w, rod_w, FORCE_CONTROL)
     pos_w = np.where(rubs[:, None], rubbed_w, goal_w)
-    speed = np.where(rubs, RUB_M_S, speed_m_s(goal_w - state.tool_pos_w, expert.ENTER_M_S))
-    leans = state.links_force_n > LEANING_N
-    pos_w = np.where(leans[:, None], planner.pos_w + BACK_M * hand(out_w, in_front), pos_w)
-    return pos_w, np.where(leans[:, None], planner.q_w, q_w), np.where(leans, BACK_M_S, speed)
+    speed = np.where(rubs, RUB_SPEED_M_S, speed_m_s(goal_w - state.tool_pos_w, expert.APPROACH_SPEED_M_S))
+    leans = state.links_force_n > MAX_LINK_FORCE_N
+    pos_w = np.where(leans[:, None], planner.pos_w + DRAW_BACK_M * hand(out_w, in_front), pos_w)
+    return pos_w, np.where(leans[:, None], planner.q_w, q_w), np.where(leans, DRAW_BACK_SPEED_M_S, speed)
 
 
-def faces_in(out_w: FloatArray, inwards: Range = INWARDS, not_down: Range = NOT_DOWN) -> FloatArray:
+def faces_in(
+    out_w: FloatArray, inwards: Range = INWARD_RANGE, not_down: Range = NOT_DOWNWARD_RANGE
+) -> FloatArray:
     """Share (N,) of the approach from the front for skin normals (N, 3), mostly 0 or 1; world frame."""
-    return np.interp(out_w[:, 0], inwards, NONE_TO_ALL) * np.interp(out_w[:, 2], not_down, NONE_TO_ALL)
+    return np.interp(out_w[:, 0], inwards, ZERO_TO_ONE) * np.interp(out_w[:, 2], not_down, ZERO_TO_ONE)
 
 
 def turn_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
@@ -91,7 +93,7 @@ def turn_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray | float 
         in_front: see ``hand``.
     """
     axis, angle = _turn(rod_w, -hand(out_w, in_front))
-    askew_rad = ASKEW_RAD + in_front * (FRONT_ASKEW_RAD - ASKEW_RAD)
+    askew_rad = MAX_ROD_ANGLE_RAD + in_front * (FRONT_MAX_ROD_ANGLE_RAD - MAX_ROD_ANGLE_RAD)
     return axis * namespace(angle).maximum(angle - askew_rad, 0.0)[:, None]
 
 
@@ -102,13 +104,13 @@ def hand(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
     behind and below for skin that faces down. A share (N,) ``in_front`` turns it to the front, over the lap.
     """
     xp = namespace(out_w)
-    above = elementary.tanh((out_w[:, 2] - LEVEL) / SOFT)
-    right, forwards = xp.ones_like(above), FORWARDS + SWERVE * (above - out_w[:, 1])
-    room_w = xp.stack([-right, -forwards, UPWARDS + SWERVE * above], axis=-1)
+    above = elementary.tanh((out_w[:, 2] - SIDE_CHANGE_HEIGHT) / SIDE_CHANGE_WIDTH)
+    right, forwards = xp.ones_like(above), CLEARANCE_FORWARD + NORMAL_WEIGHT * (above - out_w[:, 1])
+    room_w = xp.stack([-right, -forwards, CLEARANCE_UP + NORMAL_WEIGHT * above], axis=-1)
     share = (in_front + xp.zeros_like(above))[:, None]
     room_w = (1.0 - share) * transforms.normalize(room_w) + share * constant_like(FRONT_W, out_w)
     axis, angle = _turn(out_w, room_w)
-    slant_rad = SLANT_RAD + in_front * (FRONT_SLANT_RAD - SLANT_RAD)
+    slant_rad = MAX_HAND_ANGLE_RAD + in_front * (FRONT_MAX_HAND_ANGLE_RAD - MAX_HAND_ANGLE_RAD)
     return transforms.rotate(transforms.from_axis_angle(axis, xp.minimum(angle, slant_rad)), out_w)
 
 
@@ -119,9 +121,9 @@ def around(tool: FloatArray, task_state: ScratchItchState) -> FloatArray:
     shorter = (there - now + np.pi) % (2.0 * np.pi) - np.pi
     way = np.where(task_state.limb == FOREARM, shorter, there - now)
     beside = np.hypot(radius * way, task_state.itch[:, 2] - tool[:, 2])
-    above = standoff_m(beside, BESIDE_M, expert.AWAY_M)
+    above = standoff_m(beside, MAX_LATERAL_OFFSET_M, expert.STANDOFF_M)
     height = radius + np.where(above > 0.0, above, -expert.SEEK_DEPTH_M)
-    angle = now + np.clip(way, -AHEAD_RAD, AHEAD_RAD)
+    angle = now + np.clip(way, -MAX_LOOKAHEAD_RAD, MAX_LOOKAHEAD_RAD)
     return np.stack(
         [-height * elementary.cos(angle), height * elementary.sin(angle), task_state.itch[:, 2]], axis=-1
     )

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.tasks.experts.feedback import TURN_RAD_S, FeedbackExpert, FeedbackPlanner
-from avrgym.tasks.scratch_itch.expert import SWING_M_S, surface
+from avrgym.tasks.experts.feedback import TURN_SPEED_RAD_S, FeedbackExpert, FeedbackPlanner
+from avrgym.tasks.scratch_itch.expert import SWING_SPEED_M_S, surface
 from avrgym.tasks.scratch_itch.feedback_expert import Range, blended_target, faces_in, scratching_target
 from avrgym.tasks.scratch_itch.reward import limb_frame
 from avrgym.tasks.task import Controller, RunningEpisodes
@@ -20,7 +20,7 @@ class Swing(NamedTuple):
     """Joint displacements (J,) of the motion to the front, and the skin normals for which it is used, see
     ``faces_in``."""
 
-    way_rad: tuple[float, ...]
+    displacement_rad: tuple[float, ...]
     inwards: Range
     not_down: Range
 
@@ -30,9 +30,9 @@ SWINGS = {
     "PR2": Swing((-0.85, -0.6, -0.9, 0.0, 2.6, 0.75, 0.0), inwards=(0.3, 0.6), not_down=(-0.7, -0.5)),
 }
 """By robot. Jaco: the median of the feedback expert's motions to the front. PR2: the mean of the planned detours."""
-HALF = 0.5
+SWING_THRESHOLD = 0.5
 """Share of ``in_front`` above which the arm first swings."""
-SWUNG = 0.85
+SWING_COMPLETE_SHARE = 0.85
 """Share of the swing that counts as completed."""
 
 
@@ -49,27 +49,27 @@ class SwingsInFront:
         """Start at the present poses."""
         self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
         self._swing, self._first_rad = swing, self._planner.angles_rad
-        self._way_rad = np.array(swing.way_rad)
+        self._way_rad = np.array(swing.displacement_rad)
         self._swung = np.zeros(len(self._first_rad), dtype=bool)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         planner, state, task_state = self._planner, self._episodes.state(), self._episodes.task_state
         planner.relax()
-        self._swung |= self._share_of_way() > SWUNG
+        self._swung |= self._swing_progress() > SWING_COMPLETE_SHARE
         out_w, _ = surface(task_state, limb_frame(state, task_state)[1])
         in_front = faces_in(out_w, self._swing.inwards, self._swing.not_down)
         pos_w, q_w, speed = blended_target(state, task_state, planner, in_front * self._swung)
-        angles_rad = planner.line_step(pos_w, q_w, speed, TURN_RAD_S)
-        swings = (in_front > HALF) & ~self._swung
+        angles_rad = planner.line_step(pos_w, q_w, speed, TURN_SPEED_RAD_S)
+        swings = (in_front > SWING_THRESHOLD) & ~self._swung
         if swings.any():
-            swing_rad = planner.joint_step(self._first_rad + self._way_rad, SWING_M_S, np.pi)
+            swing_rad = planner.joint_step(self._first_rad + self._way_rad, SWING_SPEED_M_S, np.pi)
             angles_rad = np.where(swings[:, None], swing_rad, angles_rad)
         return planner.action_to(angles_rad)
 
-    def _share_of_way(self) -> FloatArray:
+    def _swing_progress(self) -> FloatArray:
         """Completed share (N,) of the swing."""
-        way_rad = self._way_rad
-        return ((self._planner.angles_rad - self._first_rad) * way_rad).sum(axis=-1) / (
-            way_rad * way_rad
+        displacement_rad = self._way_rad
+        return ((self._planner.angles_rad - self._first_rad) * displacement_rad).sum(axis=-1) / (
+            displacement_rad * displacement_rad
         ).sum()

@@ -16,11 +16,11 @@ from avrgym.tasks.person import LIMBS, STRONG_FORCE_N, force_above_limit
 from avrgym.tasks.task import StepResult
 
 ITCH_RADIUS_M = 0.025
-STROKE_M = 0.01
+MIN_STROKE_M = 0.01
 SUCCESS_SCRATCHES = 25
-ALONG = (0.2, 0.85)
+ITCH_POSITION_RANGE = (0.2, 0.85)
 """Range of the itch along a limb, as shares of its length. The ends are inside shoulder and elbow."""
-AROUND_RAD = np.array([np.radians(120.0), np.pi])
+ITCH_ANGLE_RANGE_RAD = np.array([np.radians(120.0), np.pi])
 """Range of the itch around each limb, from its outer side. It excludes the third of the upper arm that faces the torso,
 where no robot hand fits."""
 WEIGHTS: Mapping[str, float] = {
@@ -58,8 +58,10 @@ def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
     layout = human.layout_of(people)
     sizes = xp.stack([layout.geom_size[name] for name in LIMBS], axis=1)[row_indices(limb), limb]
     radius, length = sizes[:, 0], 2.0 * sizes[:, 1]
-    along = length * (ALONG[0] + (ALONG[1] - ALONG[0]) * uniforms[:, 4])
-    around = constant_like(AROUND_RAD, uniforms)[limb] * (2.0 * uniforms[:, 5] - 1.0)
+    along = length * (
+        ITCH_POSITION_RANGE[0] + (ITCH_POSITION_RANGE[1] - ITCH_POSITION_RANGE[0]) * uniforms[:, 4]
+    )
+    around = constant_like(ITCH_ANGLE_RANGE_RAD, uniforms)[limb] * (2.0 * uniforms[:, 5] - 1.0)
     sine, cosine = elementary.sine_and_cosine(around)
     itch = xp.stack([-radius * cosine, radius * sine, -along], axis=-1)
     return ScratchItchState(limb, itch, xp.zeros_like(itch), xp.zeros_like(limb))
@@ -73,7 +75,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState
     """
     xp, itch_w = namespace(state.tool_pos_w), itch_pos_w(state, task_state)
     force_n, place = _touch(state, task_state, itch_w)
-    moved = norm(place - task_state.last_scratch) > STROKE_M
+    moved = norm(place - task_state.last_scratch) > MIN_STROKE_M
     scratch = (force_n > 0.0) & (force_n < STRONG_FORCE_N) & (moved | (task_state.scratches == 0))
     after = ScratchItchState(
         task_state.limb,

@@ -34,7 +34,7 @@ from avrgym.tasks.scratch_itch.reward import (
 )
 from avrgym.tasks.task import Marks, Task, View, Views
 
-HAND_M, MOBILE_HAND_M = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
+HAND_OFFSET_M, MOBILE_HAND_OFFSET_M = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
 HAND_SPREAD_M = 0.05
 SCRATCHER_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
 """Pointing 45° upwards at the person's shoulder, past the elbow."""
@@ -55,7 +55,7 @@ def scene(robot: Robot) -> SceneConfig:
 
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     """Hand within ±5 cm of a point next to the elbow. The goals are shoulder, elbow and wrist."""
-    place = MOBILE_HAND_M if scene.mount.on_floor else HAND_M
+    place = MOBILE_HAND_OFFSET_M if scene.mount.on_floor else HAND_OFFSET_M
     hand = constant_like(np.array(place), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, tool_q = placement.tool_in_hand(scene, hand, SCRATCHER_Q_W)
     goals = placement.right_arm_joints_w(people, scene.posture)

@@ -22,7 +22,7 @@ from avrgym.people.distributions import DISTRIBUTIONS, Distribution
 from avrgym.people.population_names import Impairment
 from avrgym.people.zoo import partner_behaviour, partners
 from avrgym.system import random_streams
-from avrgym.tasks.human_view import HumanView, Seen
+from avrgym.tasks.human_view import HumanView, PersonInputs
 from avrgym.tasks.registry import task_and_scene
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Tracking, XRPose
@@ -232,7 +232,7 @@ class SimulatedParticipant:
         """Apply an action of the policy for 0.1 s. Its observed forces are 0, because VR has no force feedback."""
         hips, head, tool = bodies[human.PREFIX + "hips"], bodies[human.PREFIX + "head"], bodies[TOOL]
         goal_w = sight.mouth_pos_w if self._offered == "mouth" else marks_w[0]
-        seen = Seen(
+        seen = PersonInputs(
             hips_pos_w=hips[None, :3],
             hips_q_w=hips[None, 3:],
             tool_pos_w=tool[None, :3],

@@ -33,7 +33,7 @@ def scene_message(number: int, episodes: Episodes, registration: Registration) -
         marks=marks.count if marks else 0,
         mark_radius_m=marks.radius_m if marks else 0.0,
         mark_rgb=marks.rgb if marks else (0.0, 0.0, 0.0),
-        eyes=(float(head_centre[0]), float(head_centre[1]) - human.HEADSET_AHEAD_M, float(head_centre[2])),
+        eyes=(float(head_centre[0]), float(head_centre[1]) - human.HEADSET_OFFSET_M, float(head_centre[2])),
         skeleton=skeleton(people.person(0), episodes.scene.posture),
         xr_from_world=registration.xr_from_world(),
     )

@@ -14,7 +14,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_AHEAD_M
+from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_OFFSET_M
 from avrgym.vr.protocol.messages import XRPose
 
 MAX_DISTANCE_M = 10.0
@@ -83,7 +83,7 @@ def head_pose(registration: Registration, head: XRPose) -> Pose:
     return _compose(registration.to_world(head), HEAD_CENTRE_FROM_HEADSET, BODY_FROM_DEVICE_AXES)
 
 
-HEAD_CENTRE_FROM_HEADSET = transforms.rotate(BODY_FROM_DEVICE_AXES, [0.0, HEADSET_AHEAD_M, 0.0])
+HEAD_CENTRE_FROM_HEADSET = transforms.rotate(BODY_FROM_DEVICE_AXES, [0.0, HEADSET_OFFSET_M, 0.0])
 
 
 def hand_pose(registration: Registration, grip: XRPose) -> Pose:
@@ -125,7 +125,7 @@ def headset_from_head(registration: Registration, head: Pose) -> XRPose:
     return registration.from_world(_compose(head, _HEADSET_FROM_HEAD_CENTRE, _DEVICE_FROM_BODY_AXES))
 
 
-_HEADSET_FROM_HEAD_CENTRE = np.array([0.0, -HEADSET_AHEAD_M, 0.0])
+_HEADSET_FROM_HEAD_CENTRE = np.array([0.0, -HEADSET_OFFSET_M, 0.0])
 
 
 def grip_from_hand(registration: Registration, hand: Pose) -> XRPose:
