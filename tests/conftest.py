@@ -68,7 +68,7 @@ def rng() -> np.random.Generator:
 
 
 @pytest.fixture(scope="module")
-def unhurried() -> Iterator[None]:
+def relaxed_limits() -> Iterator[None]:
     """Relax the time limits of trials for tests in real time."""
     from helpers.vr.time_limits import RELAXED_LIMITS, set_limits
 

@@ -24,7 +24,7 @@ from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.browser.journey import Journey
 
 METER = (Path(__file__).parents[1] / "helpers/browser/page_meter.js").read_text("utf-8")
-pytestmark = pytest.mark.usefixtures("unhurried", "long_timeout")
+pytestmark = pytest.mark.usefixtures("relaxed_limits", "long_timeout")
 MINUTES = float(os.environ.get("SOAK_MINUTES", "60"))
 WARM_UP_SHARE = 0.25
 """Share of the long session after which all scenes are loaded and all functions compiled."""

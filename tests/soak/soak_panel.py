@@ -13,7 +13,7 @@ from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.browser.journey import WATCH_SCENES, Journey, draw_triangles
 
-pytestmark = pytest.mark.usefixtures("unhurried")
+pytestmark = pytest.mark.usefixtures("relaxed_limits")
 
 PAINT = """(covered) => {
     for (const scene of scenes) scene.traverse((each) => {

@@ -25,7 +25,7 @@ from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, TrialPlan, loa
 from avrgym.vr.session.session import Session
 from helpers.browser.journey import Journey, draw_triangles, wait_until
 
-pytestmark = pytest.mark.usefixtures("unhurried")
+pytestmark = pytest.mark.usefixtures("relaxed_limits")
 COLUMNS, CAPTION_HEIGHT = 3, 14
 TICKS_PER_LOOK = 25
 IMAGE_AFTER_S = {

@@ -27,7 +27,7 @@ from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
 from helpers.browser.journey import Journey, draw_triangles, wait_until
 
-pytestmark = pytest.mark.usefixtures("unhurried")
+pytestmark = pytest.mark.usefixtures("relaxed_limits")
 
 TRIAL_STEPS = 100
 REACHING_RAD = human.joint_angles(

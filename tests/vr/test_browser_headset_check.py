@@ -15,7 +15,7 @@ from avrgym.vr.session.plan import HeadsetCheckPlan
 from helpers.browser.journey import Journey, wait_until
 from helpers.vr.visit import constant_policies, plan
 
-pytestmark = pytest.mark.usefixtures("unhurried")
+pytestmark = pytest.mark.usefixtures("relaxed_limits")
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from helpers.browser.journey import Journey, wait_until
 from helpers.vr.visit import constant_policies
 
-pytestmark = pytest.mark.usefixtures("unhurried")
+pytestmark = pytest.mark.usefixtures("relaxed_limits")
 
 HEADSETS = (
     "quest-3",

@@ -18,7 +18,7 @@ from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from helpers.browser.journey import TIMEOUT_S, Journey, wait_until
 from helpers.vr.visit import constant_policies
 
-pytestmark = pytest.mark.usefixtures("unhurried")
+pytestmark = pytest.mark.usefixtures("relaxed_limits")
 
 MIXED = (
     "avrgym/FeedingPR2-v1",

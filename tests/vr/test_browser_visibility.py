@@ -12,7 +12,7 @@ from avrgym.vr.session.session import Session
 from helpers.browser.journey import SEATING, Journey, wait_until
 from helpers.vr.visit import constant_policies, plan
 
-pytestmark = pytest.mark.usefixtures("unhurried")
+pytestmark = pytest.mark.usefixtures("relaxed_limits")
 
 ENDLESS = 100_000
 GRAPHICS = """(name) => {

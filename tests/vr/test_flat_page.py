@@ -18,7 +18,7 @@ from helpers.browser.accessibility import violations
 from helpers.browser.journey import SEATING, TIMEOUT_S, wait_until
 from helpers.vr.visit import ENVIRONMENT, constant_policies
 
-pytestmark = pytest.mark.usefixtures("unhurried")
+pytestmark = pytest.mark.usefixtures("relaxed_limits")
 
 ENDLESS = 100_000
 QUESTIONS = (LIKERT_ITEMS[0], Item("line", "How hard was it?", points=21, low="very low", high="very high"))

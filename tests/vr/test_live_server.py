@@ -62,7 +62,7 @@ from helpers.system.processes import kill_with_parent
 from helpers.vr.received_states import decode_message
 from helpers.vr.visit import constant_policies, plan
 
-pytestmark = pytest.mark.usefixtures("unhurried")
+pytestmark = pytest.mark.usefixtures("relaxed_limits")
 
 M = TypeVar("M", bound=Message)
 

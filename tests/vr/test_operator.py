@@ -185,7 +185,7 @@ def attended(server: LiveServer[Session]) -> Iterator[None]:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("unhurried")
+@pytest.mark.usefixtures("relaxed_limits")
 def test_an_experimenter_drives_with_the_keyboard_in_the_dashboard(tmp_path: Path) -> None:
     planned = operated(steps=3000)
     with (
