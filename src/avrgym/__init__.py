@@ -31,7 +31,7 @@ def parallel_env(environment_id: str, **how: Any) -> "AssistiveParallelEnv":
         from avrgym.envs.parallel import AssistiveParallelEnv
     except ModuleNotFoundError as error:
         raise RuntimeError(
-            f"{error.name} is missing; `pip install avrgym[pettingzoo]` brings what two agents need"
+            f"{error.name} is missing; `pip install avrgym[pettingzoo]` installs it"
         ) from error
     return AssistiveParallelEnv(environment_id, **how)
 

@@ -126,7 +126,7 @@ def test_an_episode_ends_for_both_and_the_next_is_another():
         ({HUMAN: np.full(6, np.nan)}, "human: .* is nan; allowed: finite numbers of shape"),
         ({ROBOT: np.full(7, np.inf)}, "robot: .* is inf"),
         ({HUMAN: np.zeros(7)}, r"human: actions of shape \(7,\); allowed: finite numbers of shape \(6,\)"),
-        ({HUMAN: "up"}, "human: str is no array of numbers"),
+        ({HUMAN: "up"}, "human: str is not an array of numbers"),
         ({"nurse": np.zeros(7)}, "actions of robot, human, nurse; allowed: one of each of robot, human"),
     ],
 )

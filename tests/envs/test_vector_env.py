@@ -130,7 +130,7 @@ def test_a_mask_of_another_kind_is_refused(mask):
 
 def test_the_first_reset_is_for_all_worlds():
     env = AssistiveVectorEnv(FEEDING, 3, num_threads=1)
-    with pytest.raises(ResetNeeded, match=r"reset\(\) begins them"):
+    with pytest.raises(ResetNeeded, match=r"call reset\(\) first"):
         env.step(STILL)
     with pytest.raises(ResetNeeded, match="the first reset is for all worlds"):
         env.reset(options={"reset_mask": np.array([True, False, True])})

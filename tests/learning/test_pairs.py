@@ -390,7 +390,7 @@ def test_unsuitable_people_are_refused_in_one_line(tmp_path):
     assert_refused(run("view", FEEDING, "--people", human, "--port", 0), "a human trained for")
     assert_refused(
         run("train", SCRATCHING, "--recipe", "pair", "--people", human, "--out", tmp_path / "no"),
-        "is trained already, and a pair trains a human of its own",
+        "is a trained human, but `--recipe pair` trains a new one",
     )
     assert not (tmp_path / "no").exists()
 
@@ -426,7 +426,7 @@ def test_options_of_pairs_need_the_recipe(trained, tmp_path):
 
 def test_a_task_without_human_actions_trains_no_human(tmp_path, monkeypatch):
     monkeypatch.setitem(TASKS, "ScratchItch", replace(TASKS["ScratchItch"], offered="nothing"))
-    with pytest.raises(ValueError, match="people do nothing in"):
+    with pytest.raises(ValueError, match="people have no actions in"):
         train(PAIR, tmp_path / "no")
     assert not (tmp_path / "no").exists()
 

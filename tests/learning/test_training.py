@@ -262,7 +262,7 @@ def test_a_complete_training_continues_with_larger_steps(trained, tmp_path, monk
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 2)
     first, out = trained
     longer = Path(shutil.copytree(out, tmp_path / "longer"))
-    with pytest.raises(ValueError, match=f"has made {TINY.steps} steps; --steps must be more"):
+    with pytest.raises(ValueError, match=f"is complete up to step {TINY.steps}; --steps must be larger"):
         resume(longer, steps=TINY.steps - 1)
     policy = resume(longer, steps=TINY.steps + 1)
     assert policy.metadata.steps == 3 * UPDATE

@@ -172,7 +172,7 @@ def test_an_incomplete_record_is_rejected(words):
 
 
 def test_a_name_that_is_taken_is_refused():
-    with pytest.raises(ValueError, match="there is a robot Jaco already"):
+    with pytest.raises(ValueError, match="a robot named Jaco is already registered"):
         registry.register(replace(UR5, name="Jaco"))
 
 

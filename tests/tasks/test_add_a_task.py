@@ -85,7 +85,7 @@ def test_broken_tasks_are_named_and_skipped(installed):
         ("NoRecord = json:dumps (unfinished 1.0)", "allowed: a Task"),
         ("avrgym/NoSceneJaco-v1", "no scene yet"),
         ("NoScene = unfinished:NO_SCENE (unfinished 1.0)", "no robot can do task NoScene"),
-        ("Twice = unfinished:TWICE (unfinished 1.0)", "there is already a task TouchElbow"),
+        ("Twice = unfinished:TWICE (unfinished 1.0)", "a task named TouchElbow is already registered"),
     ):
         assert re.search(f"skipped {re.escape(name)}: \\w+: .*{re.escape(reason)}", said), said
 

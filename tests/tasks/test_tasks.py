@@ -87,7 +87,7 @@ def test_a_name_is_registered_once():
     registry = Registry(ROBOTS)
     registry.add(FEEDING)
     before = dict(registry.environments)
-    with pytest.raises(ValueError, match="there is already a task Feeding"):
+    with pytest.raises(ValueError, match="a task named Feeding is already registered"):
         registry.add(FEEDING)
     assert (list(registry.tasks), registry.environments) == (["Feeding"], before)
 
@@ -96,7 +96,7 @@ def test_ids_that_coincide_are_refused():
     jaco = ROBOTS["Jaco"]
     registry = Registry({"Jaco": jaco, "BigJaco": replace(jaco, name="BigJaco")})
     registry.add(FEEDING)
-    with pytest.raises(ValueError, match="there is already an environment avrgym/FeedingBigJaco-v1"):
+    with pytest.raises(ValueError, match="the environment id avrgym/FeedingBigJaco-v1 is already in use"):
         registry.add(replace(FEEDING, name="FeedingBig"))
     assert list(registry.tasks) == ["Feeding"]
 

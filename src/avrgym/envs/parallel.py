@@ -116,7 +116,7 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
             gymnasium.error.ResetNeeded: before the first reset, and after an episode's end. Nothing has moved then.
         """
         if not self.agents:
-            raise ResetNeeded(f"no episode is running: reset() begins one, of {EPISODE_STEPS} steps")
+            raise ResetNeeded(f"no episode is running; call reset() to start one of {EPISODE_STEPS} steps")
         robot, human = self._checked(actions)
         self.episodes.command_people(human[None])
         step = self.episodes.step(robot[None])

@@ -40,7 +40,7 @@ class Camera:
         """Build the scene of the present episode with its appearance, seen from the side or with the person's eyes.
 
         Raises:
-            RuntimeError: if nothing can be rendered, with what to set.
+            RuntimeError: if nothing can be rendered, with the setting that helps.
         """
         self._episodes, self._world = episodes, world
         scene, simulation = episodes.scene, episodes.simulation
@@ -105,7 +105,7 @@ class Renderer:
         """Returns an image (480, 640, 3) with the render mode ``rgb_array``, else ``None``.
 
         Raises:
-            RuntimeError: if nothing can be rendered, with what to set.
+            RuntimeError: if nothing can be rendered, with the setting that helps.
         """
         if self.render_mode is None:
             return None

@@ -59,7 +59,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         A person may be given as the mapping of their fields. Episodes with ``max_episode_steps`` −1 never end.
 
         Raises:
-            ValueError: for an unknown name or a number out of range, with what is allowed.
+            ValueError: for an unknown name or a number out of range, with the allowed values.
         """
         check_render_mode(render_mode, environment_id)
         check_length(max_episode_steps)
@@ -97,7 +97,9 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             gymnasium.error.ResetNeeded: before the first reset, and after an episode's end. Nothing has moved then.
         """
         if not self._steps_left:
-            raise ResetNeeded(f"no episode is running: reset() begins one, of {self.max_episode_steps} steps")
+            raise ResetNeeded(
+                f"no episode is running; call reset() to start one of {self.max_episode_steps} steps"
+            )
         step = self.episodes.step(checked_actions(action, (self.episodes.action_size,))[None])
         self._steps_left -= 1
         return step.observation[0], float(step.reward[0]), False, self._steps_left == 0, info_of(step)

@@ -68,7 +68,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         A person may be given as the mapping of their fields. Episodes with ``max_episode_steps`` −1 never end.
 
         Raises:
-            ValueError: for an unknown name or a number out of range, with what is allowed.
+            ValueError: for an unknown name or a number out of range, with the allowed values.
             RuntimeError: if a package that the engine needs is not installed.
         """
         self._cameras: dict[int, Camera] = {}
@@ -128,7 +128,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         """
         which = reset_mask(options, self.num_envs)
         if self._now is None and not which.all():
-            raise ResetNeeded("no episode has begun yet: the first reset is for all worlds")
+            raise ResetNeeded("the first reset must include all worlds")
         self._random.reseed(seed, which)
         self._ended = self._ended & ~which
         start = self._begin(which)
@@ -160,11 +160,11 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def _check_running(self) -> None:
         if self._now is None:
-            raise ResetNeeded("no episode is running: reset() begins them")
+            raise ResetNeeded("no episode is running; call reset() first")
         if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
             raise ResetNeeded(
                 f"the episodes of worlds {np.nonzero(self._ended)[0].tolist()} have ended: "
-                'reset(options={"reset_mask": mask}) begins new ones'
+                'call reset(options={"reset_mask": mask}) to start new ones'
             )
 
     def _begin(self, which: BoolArray) -> Step:
@@ -210,7 +210,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         Every world has its own model and graphics context: use it with few worlds.
 
         Raises:
-            RuntimeError: if nothing can be rendered, with what to set.
+            RuntimeError: if nothing can be rendered, with the setting that helps.
         """
         if self.render_mode is None:
             return None

@@ -220,11 +220,11 @@ def solve(
     Args:
         chain: the arm.
         target_pos: (N, 3) in the base frame, metres.
-        target_q: (N, 4), or None where any rotation will do.
+        target_q: (N, 4), or None for any rotation.
         start_rad: (N, J), the angles to start from.
         iterations: how many steps at most, none of them larger than 0.5 rad in any joint.
         tolerance: a row stops moving when its weighted error is below this many metres.
-        precision: of the calculation; ``numpy.float32`` takes half the time and is good for 0.1 mm.
+        precision: of the calculation; ``numpy.float32`` takes half the time, with errors up to 0.1 mm.
     """
     target, metres_per_radian = _target(target_pos, target_q)
     target, limits = target.astype(precision), np.stack([chain.lower_rad, chain.upper_rad]).astype(precision)

@@ -70,18 +70,18 @@ class TrainingConfiguration:
 
     @property
     def updates(self) -> int:
-        """Updates in all."""
+        """Total number of updates."""
         return -(-self.steps // self.update_steps)
 
     @property
     def total_steps(self) -> int:
-        """Environment steps in all."""
+        """Total number of environment steps."""
         return self.updates * self.update_steps
 
     @property
     @abstractmethod
     def imitation_updates(self) -> int:
-        """Updates at the start that imitate."""
+        """Number of imitation updates, which come first."""
 
     @property
     def imitation_steps(self) -> int:
@@ -90,7 +90,7 @@ class TrainingConfiguration:
 
     @abstractmethod
     def with_steps(self, steps: int) -> Self:
-        """The same with more steps, and as many updates of imitation.
+        """The configuration with more steps and the same number of imitation updates.
 
         Raises:
             ValueError: for fewer steps, where the recipe does not allow it.
@@ -202,7 +202,7 @@ def configuration_for(
     """A training of a feed-forward policy, with the hyperparameters of its task unless others are given.
 
     Raises:
-        ValueError: for an unknown environment, naming the known ones.
+        ValueError: for an unknown environment, with the allowed ids.
     """
     return FeedforwardConfiguration(
         environment=environment,

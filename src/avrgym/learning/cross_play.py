@@ -47,7 +47,7 @@ def cross_play(
     people, and environments that fail, are reported and left out.
 
     Raises:
-        ValueError: for an unknown name, before the evaluation, naming what is allowed; with ``leave_out`` for a name
+        ValueError: for an unknown name, before the evaluation, with the allowed values; with ``leave_out`` for a name
             that is unknown in every environment, and when all environments fail.
     """
     find_impairment(impairment)

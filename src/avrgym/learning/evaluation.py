@@ -166,7 +166,7 @@ def evaluate_all(
         engine: where physics runs; published results are from threads.
 
     Raises:
-        ValueError: for an unknown name, a policy that does not fit or fewer than one episode, naming what is allowed.
+        ValueError: for an unknown name, a policy that does not fit or fewer than one episode, with the allowed values.
         ControllerError: when the controller of another package fails.
     """
     if episodes < 1:

@@ -53,7 +53,7 @@ def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluste
     """Refuse a training that cannot run.
 
     Raises:
-        ValueError, RuntimeError: naming what is allowed.
+        ValueError, RuntimeError: with the allowed values.
     """
     if configuration.pairing is not None:
         _check_pairing(configuration.environment, people)
@@ -71,14 +71,14 @@ def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluste
 
 
 def _check_pairing(environment: str, people: str) -> None:
-    """Refuse to train a human who has nothing to learn, or who is trained already."""
+    """Raise ``ValueError`` for a human without actions, or for trained humans."""
     _, joints = human_view_of(environment)
     if not joints:
-        raise ValueError(f"people do nothing in {environment}: there is no human to train with the robot")
+        raise ValueError(f"people have no actions in {environment}, so no human can be trained there")
     if is_trained(people):
         raise ValueError(
-            f"{people}: is trained already, and a pair trains a human of its own; allowed: people by name, or a file "
-            "of people, whose bodies that human gets"
+            f"{people} is a trained human, but `--recipe pair` trains a new one; allowed: the name of a population, "
+            "or a people file"
         )
 
 

@@ -19,7 +19,7 @@ def read_hyperparameters(path: Path, environment: str) -> Hyperparameters:
     """Hyperparameters in an environment, with those of a file.
 
     Raises:
-        ValueError: for invalid TOML, names or values, naming what is allowed.
+        ValueError: for invalid TOML, names or values, with the allowed values.
         OSError: when the file cannot be read.
     """
     return changed_hyperparameters(read_toml(path), environment, str(path))
@@ -49,7 +49,7 @@ def changed_hyperparameters(changes: Mapping[str, Any], environment: str, where:
     """Hyperparameters in an environment, with ``changes`` from the file, or its part, ``where``.
 
     Raises:
-        ValueError: for an unknown name or a wrong value, naming what is allowed.
+        ValueError: for an unknown name or a wrong value, with the allowed values.
     """
     defaults = vars(hyperparameters_of(environment))
     changes = {RENAMED_KEYS.get(name, name): value for name, value in changes.items()}

@@ -207,7 +207,7 @@ def hyperparameters_of(environment: str) -> Hyperparameters:
     """The hyperparameters of feed-forward policies in an environment.
 
     Raises:
-        ValueError: for an unknown environment, naming the known ones.
+        ValueError: for an unknown environment, with the allowed ids.
     """
     task, _ = find_environment(environment)
     return Hyperparameters(**{**TASK_CHANGES.get(task, {}), **TASKS[task].hyperparameters})

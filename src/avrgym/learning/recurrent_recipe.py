@@ -55,7 +55,7 @@ def given_policies(configuration: RecurrentConfiguration) -> dict[str, Policy]:
     """Teacher and initial policy, where they are named, by the name of their copy in the training's folder.
 
     Raises:
-        ValueError: for an unknown or unsuitable policy, naming what is allowed.
+        ValueError: for an unknown or unsuitable policy, with the allowed values.
     """
     policies = {TEACHER_FILE: _find_teacher(configuration), INITIAL_FILE: _find_initial(configuration)}
     return {name: policy for name, policy in policies.items() if policy is not None}

@@ -232,7 +232,7 @@ class _Agent:
         return self.actions[-1]
 
     def rollout(self, returns: FloatArray, success: BoolArray, force_n: FloatArray) -> Rollout:
-        """All of it, with the results of the episodes."""
+        """The rollout, with the results of its episodes."""
         xp = self._xp
         rewards = xp.astype(xp.stack(self.rewards), xp.float32)
         return Rollout(

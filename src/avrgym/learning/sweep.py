@@ -56,7 +56,7 @@ def create(file: Path, out: Path) -> None:
     """Create the folder of a new sweep, with a copy of its file.
 
     Raises:
-        ValueError: for an invalid sweep, naming what is allowed.
+        ValueError: for an invalid sweep, with the allowed values.
         FileExistsError: when ``out`` already contains a sweep.
     """
     planned(read_sweep(file), str(file))

@@ -56,7 +56,7 @@ def read_sweep(path: Path) -> Sweep:
     """Read a file.
 
     Raises:
-        ValueError: for invalid TOML, keys or values, naming what is allowed.
+        ValueError: for invalid TOML, keys or values, with the allowed values.
         OSError: when it cannot be read.
     """
     values = read_toml(path)
@@ -73,7 +73,7 @@ def planned(sweep: Sweep, where: str) -> dict[str, list[PlannedTraining]]:
     """The trainings by group; those of a group have the same environment and people, and are compared.
 
     Raises:
-        ValueError: for an unknown environment, people, impairment or setting, naming what is allowed.
+        ValueError: for an unknown environment, people, impairment or setting, with the allowed values.
     """
     find_impairment(sweep.impairment)
     groups: dict[str, list[PlannedTraining]] = {}

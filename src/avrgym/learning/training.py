@@ -175,7 +175,7 @@ def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyCo
     policy = out / POLICY_FILE
     done = Policy.load(policy).metadata.steps if policy.exists() else 0
     if isinstance(configuration, FeedforwardConfiguration) and steps <= done:
-        raise ValueError(f"the training in {out} has made {done} steps; --steps must be more")
+        raise ValueError(f"the training in {out} is complete up to step {done}; --steps must be larger")
     return configuration.with_steps(steps)
 
 

@@ -1,6 +1,6 @@
-"""The body that pictures show: a clothed man or woman as skins over the person's bodies. It never collides.
+"""The rendered body: a clothed man or woman as skins over the person's bodies. It never collides.
 
-The shapes are drawn at the sex's reference torso height; ``assets/human/SOURCE.md`` says where they come from.
+The shapes are drawn at the sex's reference torso height; ``assets/human/SOURCE.md`` lists their sources.
 """
 
 import io

@@ -295,7 +295,7 @@ def _tensors(policy: Policy) -> dict[str, np.ndarray]:
 
 
 def _narrowed(array: np.ndarray) -> np.ndarray:
-    """The same numbers in single precision, if that is exact."""
+    """The array in single precision, if no value changes."""
     with np.errstate(over="ignore"):
         single = array.astype(np.float32)
     return single if (single == array).all() else array

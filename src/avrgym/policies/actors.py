@@ -42,7 +42,7 @@ class Actor:
 class DeviceActor:
     """A policy without memory on the device of an array, such as a GPU, in that array's precision.
 
-    The order of sums is the library's.
+    The array library determines the order of sums.
     """
 
     def __init__(self, policy: Policy, exemplar: Any) -> None:

@@ -63,7 +63,7 @@ def find(name: str, environment_id: str, *, allow_other_environment: bool = Fals
         allow_other_environment: whether to allow a policy that was trained for another environment.
 
     Raises:
-        PolicyError: for an unknown name, naming what is allowed; for a policy that cannot be loaded or does not fit.
+        PolicyError: for an unknown name, with the allowed values; for a policy that cannot be loaded or does not fit.
     """
     observation_size, action_size = sizes(environment_id)
     if name in SCRIPTS:

@@ -19,7 +19,7 @@ def register(robot: Robot) -> None:
         ValueError: for a name in use or an invalid record. Nothing is added.
     """
     if robot.name in _robots:
-        raise ValueError(f"there is a robot {robot.name} already")
+        raise ValueError(f"a robot named {robot.name} is already registered")
     check_robot(robot)
     _robots[robot.name] = robot
 

@@ -1,4 +1,4 @@
-"""Addresses in a scene's model of everything that is read or written, looked up once by name."""
+"""Indices into a scene's model and data, looked up once by name."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -23,7 +23,7 @@ from avrgym.models.scene import (
 
 
 class ModelAddresses:
-    """The addresses in one model."""
+    """Indices of joints, actuators, sensors, bodies and geoms in one model."""
 
     def __init__(self, model: mujoco.MjModel, scene: SceneConfig) -> None:
         arm = [robot.PREFIX + joint for joint in scene.arm.joints]
@@ -60,7 +60,7 @@ class ModelAddresses:
         self.tool_velocity = _sensor(model, TOOL_VELOCITY_SENSOR)
 
     def on_device_of(self, array: Any) -> "ModelAddresses":
-        """Returns the same addresses, as arrays on the device of another array."""
+        """Returns the same indices, as arrays on the device of another array."""
         there = copy(self)
         for name, addresses in vars(self).items():
             if isinstance(addresses, np.ndarray):

@@ -21,7 +21,7 @@ def checked_actions(
         found = np.array(actions, dtype=float)
     except (TypeError, ValueError):
         raise ValueError(
-            f"{type(actions).__name__} is no array of numbers; {_allowed_actions(shape)}"
+            f"{type(actions).__name__} is not an array of numbers; {_allowed_actions(shape)}"
         ) from None
     if found.shape != shape:
         raise ValueError(f"actions of shape {found.shape}; {_allowed_actions(shape)}")

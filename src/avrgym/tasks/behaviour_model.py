@@ -32,7 +32,7 @@ class BehaviourModel:
         """Start with the initial state of these people.
 
         Args:
-            distribution: says how people behave.
+            distribution: describes how people behave.
             people: their bodies.
             offered: the part of the body that the task has people offer.
             posture: sitting or reclined.

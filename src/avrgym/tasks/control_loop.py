@@ -171,7 +171,7 @@ class ControlLoop:
         self._episodes.command(self._executed)
 
     def _change(self, actions: FloatArray | None) -> bool:
-        """Change actions within a control step, if others are given or the guard demands it; returns whether it did."""
+        """Change actions within a control step if the source or the guard does; returns whether they changed."""
         if self.guard is not None:
             changed = self.guard.update(actions)
             if changed.any():

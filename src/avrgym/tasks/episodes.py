@@ -249,7 +249,7 @@ class Episodes:
         self.task_state = replace_worlds(self.task_state, task_state, ids)
 
     def _with_strength(self, people: People) -> People:
-        """The people with the share of their strength that the task allows."""
+        """The people, with their strength scaled by ``Task.strength_share``."""
         share = self.task.strength_share
         return people if share is None else replace(people, strength_share=share * people.strength_share)
 
@@ -358,7 +358,7 @@ class Episodes:
         )
 
     def state(self) -> State:
-        """What tasks and experts see now."""
+        """The present state, for tasks and experts."""
         return self.simulation.state()
 
     def observe(self) -> FloatArray:
@@ -366,13 +366,13 @@ class Episodes:
         return self.observation.of(self.simulation.state(), self.task_state)
 
     def observe_human(self) -> FloatArray:
-        """What the people observe of the present state, (N, H), see ``HumanView``; of people whose joints move."""
+        """Observations (N, H) of people with moving joints, see ``HumanView``."""
         return self.human_view.of(self.human_view.seen_in(self.simulation, self.task_state))
 
     def human_reward(self, step: Step, action: FloatArray, *, shared: bool) -> FloatArray:
-        """The reward (N,) of people who acted (N, K) in a step: the robots', or, not shared, with their own effort.
+        """The reward (N,) of people with actions (N, K): the robots' reward if it is shared.
 
-        Then their own squared action stands in the place of the robots'.
+        Otherwise their own action penalty replaces that of the robots.
         """
         weight = self.task.weights.get(EFFORT, 0.0)
         if shared or not weight:

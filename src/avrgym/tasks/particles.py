@@ -49,6 +49,6 @@ def check_count(state: State, happened: BoolArray) -> None:
     carried = state.particle_pos_w.shape[1]
     if happened.shape[1] != carried:
         raise ValueError(
-            f"the tool carries {carried} particles, and the task's state is of {happened.shape[1]}; "
+            f"the tool carries {carried} particles, but the task state has {happened.shape[1]}; "
             f"allowed: init_state=partial(init_state, particles={carried})"
         )

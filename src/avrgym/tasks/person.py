@@ -1,4 +1,4 @@
-"""What tasks share about the person: initial poses, limbs, and the force that is too strong."""
+"""Shared constants of tasks: initial poses, limbs, and the comfortable force."""
 
 import numpy as np
 

@@ -55,7 +55,7 @@ def excess_draws(mean: float, most: int) -> str:
 
 
 def draw_starts(episodes: Episodes) -> StartDrawStatistics:
-    """Reset each world, seeded by its index."""
+    """Reset each world with its index as seed; returns the number of draws."""
     worlds = np.arange(episodes.simulation.num_worlds)
     try:
         episodes.reset(worlds, [random_streams.episode(world) for world in worlds.tolist()])

@@ -34,14 +34,14 @@ class Registry:
             ValueError: if the name or an environment id is in use, or if no robot is suitable. Nothing is added.
         """
         if task.name in self.tasks:
-            raise ValueError(f"there is already a task {task.name}; allowed: another name")
+            raise ValueError(f"a task named {task.name} is already registered; allowed: another name")
         suited = [robot.name for robot in self.robots.values() if self._is_suited(robot, task)]
         if not suited:
             raise ValueError(f"no robot can do task {task.name}; the robots are {', '.join(self.robots)}")
         made = {environment_id(task.name, robot): (task.name, robot) for robot in suited}
         taken = ", ".join(made.keys() & self.environments)
         if taken:
-            raise ValueError(f"there is already an environment {taken}; allowed: another name of the task")
+            raise ValueError(f"the environment id {taken} is already in use; allowed: another task name")
         self.tasks[task.name] = task
         self.environments |= made
 
@@ -108,10 +108,10 @@ def task_and_scene(environment_id: str) -> tuple[Task, SceneConfig]:
 
 
 def sizes(environment_id: str) -> tuple[int, int]:
-    """How many numbers an observation and an action have.
+    """Sizes of observation and action.
 
     Raises:
-        ValueError: for an unknown environment, naming the ids there are.
+        ValueError: for an unknown environment, with the allowed ids.
     """
     task, scene = task_and_scene(environment_id)
     return task.observation(scene).size, len(scene.arm.joints)

@@ -118,12 +118,12 @@ class WorldPeople:
 
     @property
     def need_host(self) -> bool:
-        """Whether they cannot move on a device."""
+        """Whether these people can move only on the host."""
         return bool(self._policies) or self._actions
 
     @property
     def spread_arm(self) -> bool:
-        """Whether they hold an arm away from their body at the start."""
+        """Whether the initial arm pose of these people is random."""
         return self.person is None and any(self._pose(each).spreads_arm for each in self._populations)
 
     def place(self, exemplar: Any) -> None:

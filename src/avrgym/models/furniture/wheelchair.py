@@ -129,9 +129,9 @@ def add_bracket(
 
     Args:
         spec: a scene with a wheelchair.
-        appearance: whether to add what only pictures need.
-        mount_m: where the base stands on it.
-        shoulder_m: up to here the shoulder is above its base, however the arm moves; people's arms keep out.
+        appearance: whether to add visual geoms.
+        mount_m: position of the robot's base on it.
+        shoulder_m: upper bound of the shoulder's position; people's arms do not enter this space.
     """
     x, y, z = mount_m
     body = spec.body(WHEELCHAIR_BODY)

@@ -71,7 +71,7 @@ class BehaviourParameters:
     range_share: FloatArray
 
     def of(self, rows: IntArray, numbers: Any = 0.0) -> "BehaviourParameters":
-        """Parameters of some partners, as arrays like ``numbers``."""
+        """Parameters of the partners ``rows``, as arrays of the same library as ``numbers``."""
         return BehaviourParameters(*(constant_like(array, numbers)[rows] for array in vars(self).values()))
 
 

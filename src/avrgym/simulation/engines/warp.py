@@ -56,9 +56,7 @@ def libraries() -> _Libraries:
         warp.config.log_level = warp.LOG_ERROR
         return _Libraries(warp, import_module("mujoco_warp"), torch)
     except ModuleNotFoundError as error:
-        raise RuntimeError(
-            f"{error.name} is missing; `pip install avrgym[gpu]` brings what the engine warp needs"
-        ) from error
+        raise RuntimeError(f"{error.name} is missing; `pip install avrgym[gpu]` installs it") from error
 
 
 class Warp:
@@ -69,7 +67,7 @@ class Warp:
     def __init__(
         self, model: mujoco.MjModel, num_worlds: int, num_threads: int, device: str, *, on_device: bool
     ) -> None:
-        """Make the worlds on a device with Warp's name of it; without a name on the first GPU.
+        """Create the worlds on a device, given by its Warp name; by default on the first GPU.
 
         Raises:
             ValueError: for an unknown device, or more worlds than memory allows.

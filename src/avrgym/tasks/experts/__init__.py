@@ -1,1 +1,1 @@
-"""What experts share: leading a tool through space, and the room that arms have."""
+"""Shared parts of experts: tool motion, motion planning and clearance."""

@@ -30,7 +30,7 @@ Configure = Callable[[int], Configuration]
 
 @dataclass(frozen=True)
 class Experience:
-    """Results of an attempt for its participant so far: success, and force and tool speed over its steps."""
+    """Results of an attempt so far: success, and force and tool speed over its steps."""
 
     success: bool = False
     force_mean_n: float = 0.0

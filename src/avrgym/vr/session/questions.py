@@ -50,7 +50,7 @@ class Questions:
         """PoseGetter the answer to the current item and move to the next one.
 
         Raises:
-            ValueError: for an invalid answer, with what is allowed.
+            ValueError: for an invalid answer, with the allowed values.
         """
         validate_answer([self._items[self._asked]], answer.item, answer.value)
         self._asked += 1

@@ -108,7 +108,7 @@ class SessionState:
     # What goes out -----------------------------------------------------------------------------------------------
 
     def explain(self, text: Text) -> None:
-        """Explain to the participant, in their language, why something is not done; the experimenter reads it too."""
+        """Explain to the participant, in their language, why a request is refused; the experimenter reads it too."""
         texts = self.plan.texts
         by_input = texts.render_by_input(text)
         self.send(messages.Problem(texts.render(text), "participant", texts.render_for_page(text), by_input))

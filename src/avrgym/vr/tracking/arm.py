@@ -141,7 +141,7 @@ _DAMPING = DAMPING_M**2 * np.eye(6)
 
 
 def _turn(from_axes: FloatArray, target_axes: FloatArray) -> FloatArray:
-    """The rotation vector (3,) from axes (9,), row by row, to others (3, 3)."""
+    """The rotation vector (3,) from axes (9,), flattened by rows, to target axes (3, 3)."""
     difference, q, vector = np.empty(9), np.empty(4), np.empty(3)
     mujoco.mju_mulMatMatT(difference.reshape(3, 3), target_axes, from_axes.reshape(3, 3))
     mujoco.mju_mat2Quat(q, difference)
@@ -290,7 +290,7 @@ def _solutions(entries: FloatArray, elbow: FloatArray, start_rad: FloatArray) ->
 
 
 def _per_arm(angles: FloatArray) -> FloatArray:
-    """Angles (A, 7) in a shape that broadcasts with solutions, (7, 2, A, K)."""
+    """Reshape angles (A, 7) to broadcast with solutions (7, 2, A, K)."""
     return angles.T[:, None, :, None]
 
 

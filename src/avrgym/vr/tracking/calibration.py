@@ -82,7 +82,7 @@ def measure_arm_scale(person: Person, reached_m: Sequence[float]) -> float:
     """Returns the scale of a person's arms, from wrist distances to the shoulder in each pose.
 
     Raises:
-        ValueError: for arms outside the range of adults, or a missing pose, with what is allowed.
+        ValueError: for arms outside the range of adults, or a missing pose, with the allowed values.
     """
     most = ArmLengths.of(replace(person, arm_scale=1.0))
     fixed_m = PROPORTIONS[person.sex].forearm_radius

@@ -179,7 +179,7 @@ class TrackingState:
         return self._glide
 
     def _go_on(self, glide: Glide) -> None:
-        """Move the participant's floor by a tick's share of the remaining way."""
+        """Move the participant's floor by one tick of the remaining shift."""
         assert self.registration is not None
         assert self._resting is not None
         share = min(TICK_S / glide.seconds, 1.0)

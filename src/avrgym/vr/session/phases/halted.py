@@ -63,5 +63,5 @@ class Finished(Phase):
         return self if self.state.on_hold else self._report("the session is finished")
 
     def correct_torso_height(self, torso_height_m: float) -> Self:
-        """There is no body any more."""
+        """Refused: the session is over."""
         return self._report("the session is finished")

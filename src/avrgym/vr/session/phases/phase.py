@@ -188,7 +188,7 @@ class Phase:
     # -------------------------------------------------------------------------------------------------------------
 
     def _refuse(self, key: str, by: events.Initiator = "participant") -> Self:
-        """Explain why a request is not done; ``key`` names a text."""
+        """Refuse a request with the text ``key``."""
         if by == "participant":
             self.state.explain(Text(key))
         else:
@@ -196,7 +196,7 @@ class Phase:
         return self
 
     def _report(self, why: str) -> Self:
-        """Report to the experimenter why a request is not done."""
+        """Report to the experimenter why a request is refused."""
         self.state.report(why)
         return self
 
