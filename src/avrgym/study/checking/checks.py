@@ -40,7 +40,7 @@ from avrgym.study.storage.sites import RECORDING_LEFT_OUT
 from avrgym.study.storage.states import PARTICIPATING, UNKNOWN, StudyError
 from avrgym.study.storage.store import Store, find_all
 
-_NAMED = 3
+_MAX_LISTED = 3
 """Maximum number of listed clock jumps."""
 
 
@@ -248,8 +248,10 @@ def _clocks(recording: Recording) -> Iterator[tuple[str, SampleTimes]]:
 
 
 def _jumped(stream: str, times: SampleTimes) -> str:
-    jumps = ", ".join(f"{reset.jump_s:+.3f} s at {reset.time_s:.1f} s" for reset in times.resets[:_NAMED])
-    more = f" and {len(times.resets) - _NAMED} more" if len(times.resets) > _NAMED else ""
+    jumps = ", ".join(
+        f"{reset.jump_s:+.3f} s at {reset.time_s:.1f} s" for reset in times.resets[:_MAX_LISTED]
+    )
+    more = f" and {len(times.resets) - _MAX_LISTED} more" if len(times.resets) > _MAX_LISTED else ""
     return f"the clock of the stream {stream} jumped: {jumps}{more}; analysis and exports use corrected times"
 
 

@@ -1,4 +1,4 @@
-"""How much of a trial its person was held, because tracking was lost, late, or not to be believed."""
+"""The share of a trial with tracking loss: lost, late or implausible data, for which the person is held still."""
 
 from avrgym.models.body_names import PART_LABELS, PARTS, Part
 from avrgym.recording.reader import Recording
@@ -8,26 +8,26 @@ from avrgym.vr.tracking.frames import STALE_S
 
 
 def tracking_loss_share(recording: Recording, part: Part | None = None) -> float | None:
-    """The share, 0 to 1, of the time in which the robot helped that the person was held; ``None`` where it never did.
+    """The share (0 to 1) of tracking loss in the time of the robot's assistance; ``None`` without assistance.
 
-    Each frame stands for the time until the next one: it was followed, until it was stale, unless it was held as a
-    whole or in any part, or in this ``part``.
+    A frame counts as tracked until the next one, or until it is stale, unless it or a part of it was held. With
+    ``part``, only this part counts.
     """
-    span = _driven_span_s(recording)
+    span = _assistance_span_s(recording)
     if span is None:
         return None
     frames = [(time_ns / 1e9, frame) for time_ns, frame in recording.topics["/tracking"]]
     ends_s = [time_s for time_s, _ in frames[1:]] + [span[1]]
-    followed_s = sum(
+    tracked_s = sum(
         _overlap_s(span, time_s, min(end_s, time_s + STALE_S))
         for (time_s, frame), end_s in zip(frames, ends_s, strict=False)
         if not _is_held(frame, part)
     )
-    return min(max(1.0 - followed_s / (span[1] - span[0]), 0.0), 1.0)
+    return min(max(1.0 - tracked_s / (span[1] - span[0]), 0.0), 1.0)
 
 
 def describe_excess_loss(recording: Recording, design: Design) -> str | None:
-    """Why a trial whose person was held for a large share does not count, by parts; ``None`` if it does."""
+    """The reason why a trial is excluded for tracking loss, with the share of each part; ``None`` if it is not."""
     share = tracking_loss_share(recording)
     if share is None or share <= design.max_held_share:
         return None
@@ -44,8 +44,8 @@ def _is_held(frame: TrackingFrame, part: Part | None) -> bool:
     return frame.held or in_part
 
 
-def _driven_span_s(recording: Recording) -> tuple[float, float] | None:
-    """From when to when the robot helped; without the event that it began, from its first control step on."""
+def _assistance_span_s(recording: Recording) -> tuple[float, float] | None:
+    """Begin and end of the robot's assistance; without its event, it begins with the first control step."""
     control_s = [time_ns / 1e9 for time_ns, _ in recording.topics["/control"]]
     begins_s = [
         time_ns / 1e9

@@ -159,9 +159,9 @@ class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     furniture: RealFurniture | None = None
 
 
-def _enrol(board: Dashboard, new: Enrolment) -> dict[str, str]:
+def _enrol(dashboard: Dashboard, new: Enrolment) -> dict[str, str]:
     pseudonym = enrol(
-        board.store,
+        dashboard.store,
         new.sex,
         age_years=new.age_years,
         language=new.language,
@@ -172,65 +172,71 @@ def _enrol(board: Dashboard, new: Enrolment) -> dict[str, str]:
     return {"participant": pseudonym}
 
 
-def _identify(board: Dashboard, pseudonym: str, who: Identification) -> None:
-    set_identity(board.store, pseudonym, who.name, who.contact, confirm_duplicate=who.confirm_duplicate)
+def _identify(dashboard: Dashboard, pseudonym: str, identification: Identification) -> None:
+    set_identity(
+        dashboard.store,
+        pseudonym,
+        identification.name,
+        identification.contact,
+        confirm_duplicate=identification.confirm_duplicate,
+    )
 
 
-def _consent(board: Dashboard, pseudonym: str, agreement: Agreement) -> None:
-    _check_version(board, agreement)
-    record_consent(board.store, pseudonym)
+def _consent(dashboard: Dashboard, pseudonym: str, agreement: Agreement) -> None:
+    _check_version(dashboard, agreement)
+    record_consent(dashboard.store, pseudonym)
 
 
-def _decline(board: Dashboard, pseudonym: str, refusal: Agreement) -> None:
-    _check_version(board, refusal)
-    decline_consent(board.store, pseudonym)
+def _decline(dashboard: Dashboard, pseudonym: str, refusal: Agreement) -> None:
+    _check_version(dashboard, refusal)
+    decline_consent(dashboard.store, pseudonym)
 
 
-def _check_version(board: Dashboard, agreement: Agreement) -> None:
-    present = board.store.design.consent.version
+def _check_version(dashboard: Dashboard, agreement: Agreement) -> None:
+    present = dashboard.store.design.consent.version
     if agreement.version != present:
         raise StudyError(
             f"the shown consent text has version {agreement.version!r}; the study's has {present!r}: reload the page"
         )
 
 
-def _include(board: Dashboard, pseudonym: str, inclusion: InclusionAnswers) -> None:
-    record_inclusion(board.store, pseudonym, inclusion.answers)
+def _include(dashboard: Dashboard, pseudonym: str, inclusion: InclusionAnswers) -> None:
+    record_inclusion(dashboard.store, pseudonym, inclusion.answers)
 
 
-def _withdraw(board: Dashboard, pseudonym: str, withdrawal: Withdrawal) -> None:
-    if board.live is not None and board.live.participant == pseudonym:
-        board.live.withdraw(pseudonym, withdrawal.reason)
+def _withdraw(dashboard: Dashboard, pseudonym: str, withdrawal: Withdrawal) -> None:
+    if dashboard.live is not None and dashboard.live.participant == pseudonym:
+        dashboard.live.withdraw(pseudonym, withdrawal.reason)
     else:
-        withdraw(board.store, pseudonym, withdrawal.reason)
+        withdraw(dashboard.store, pseudonym, withdrawal.reason)
 
 
-def _note(board: Dashboard, pseudonym: str, note: NewNote) -> None:
-    running = board.participant == pseudonym
-    session = board.store.sessions(pseudonym)[-1].id if running else None
-    add_note(board.store, pseudonym, note.text, session)
+def _note(dashboard: Dashboard, pseudonym: str, note: NewNote) -> None:
+    running = dashboard.participant == pseudonym
+    session = dashboard.store.sessions(pseudonym)[-1].id if running else None
+    add_note(dashboard.store, pseudonym, note.text, session)
 
 
-def _edit_note(board: Dashboard, pseudonym: str, note: EditedNote) -> None:
-    edit_note(board.store, pseudonym, note.id, note.text)
+def _edit_note(dashboard: Dashboard, pseudonym: str, note: EditedNote) -> None:
+    edit_note(dashboard.store, pseudonym, note.id, note.text)
 
 
-def _report(board: Dashboard, pseudonym: str, new: NewReport) -> None:
+def _report(dashboard: Dashboard, pseudonym: str, new: NewReport) -> None:
     record_adverse_event(
-        board.store, pseudonym, new.report, follows=new.follows, recorded_by=board.experimenter
+        dashboard.store, pseudonym, new.report, follows=new.follows, recorded_by=dashboard.experimenter
     )
 
 
-def _begin(board: Dashboard, pseudonym: str, start: SessionStart) -> None:
-    if board.live is None:
+def _begin(dashboard: Dashboard, pseudonym: str, start: SessionStart) -> None:
+    if dashboard.live is None:
         raise StudyError("this server runs no sessions; `avrgym serve --study DIR` runs them")
-    board.live.begin(pseudonym, start.furniture)
+    dashboard.live.begin(pseudonym, start.furniture)
 
 
-def _renew_link(board: Dashboard, pseudonym: str, _: NewLink) -> None:
-    if board.live is None:
+def _renew_link(dashboard: Dashboard, pseudonym: str, _: NewLink) -> None:
+    if dashboard.live is None:
         raise StudyError("this server runs no sessions; `avrgym serve --study DIR` runs them")
-    board.live.renew_link(pseudonym)
+    dashboard.live.renew_link(pseudonym)
 
 
 ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any], None]]] = {
@@ -279,7 +285,7 @@ def dashboard_app(
             raise HTTPException(401, "open the experimenter's address that the server printed")
         request.state.caller = caller
 
-    board, log = Dashboard(store, live), DashboardLog(store)
+    dashboard, log = Dashboard(store, live), DashboardLog(store)
     app = FastAPI(openapi_url=None, dependencies=[Depends(experimenter_only)])
     app.add_exception_handler(StudyError, _refuse(409))
     app.add_exception_handler(PossibleDuplicate, _refuse(409, confirm="duplicate"))
@@ -289,8 +295,8 @@ def dashboard_app(
     @app.get("/overview")
     def read_overview(request: Request) -> Response:
         log.view(_caller(request), "view dashboard")
-        link = link_view(board.live.links, addresses) if board.live else None
-        return _json(overview(store, board.participant, board.furniture, _caller(request).name, link))
+        link = link_view(dashboard.live.links, addresses) if dashboard.live else None
+        return _json(overview(store, dashboard.participant, dashboard.furniture, _caller(request).name, link))
 
     @app.get("/results")
     def read_results(request: Request) -> Response:
@@ -305,7 +311,7 @@ def dashboard_app(
 
     def logged(caller: Caller, new: Enrolment) -> dict[str, str]:
         with log.command(caller, "enrol", None) as entry:
-            enrolled = _enrol(board, new)
+            enrolled = _enrol(dashboard, new)
             entry.participant = enrolled["participant"]
         return enrolled
 
@@ -314,13 +320,13 @@ def dashboard_app(
         return _json(await run_in_threadpool(logged, _caller(request), await _body(request, Enrolment)))
 
     for name, (kind, act) in ACTIONS.items():
-        endpoint = _endpoint(board, log, LOGGED_AS.get(name, name), kind, act)
+        endpoint = _endpoint(dashboard, log, LOGGED_AS.get(name, name), kind, act)
         app.post(f"/participants/{{pseudonym}}/{name}")(endpoint)
     return app
 
 
 def _endpoint(
-    board: Dashboard,
+    dashboard: Dashboard,
     log: DashboardLog,
     name: str,
     kind: type[msgspec.Struct],
@@ -328,7 +334,7 @@ def _endpoint(
 ) -> Callable[..., Awaitable[Response]]:
     def logged(caller: Caller, pseudonym: str, body: Any) -> None:
         with log.command(caller, name, pseudonym):
-            act(replace(board, experimenter=caller.name), pseudonym, body)
+            act(replace(dashboard, experimenter=caller.name), pseudonym, body)
 
     async def endpoint(pseudonym: str, request: Request) -> Response:
         await run_in_threadpool(logged, _caller(request), pseudonym, await _body(request, kind))

@@ -25,7 +25,7 @@ FIELDS = ("use", "name", "when", "order", "weights")
 """Allowed keys of a questionnaire's table with ``use``."""
 
 
-class Words(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ItemText(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The texts of an item in a study's file."""
 
     text: str
@@ -41,7 +41,7 @@ def with_items(values: dict[str, Any], folder: Path) -> dict[str, Any]:
         folder: the study's folder.
 
     Raises:
-        Wrong: for an instrument that is not known, or whose words are not here or not whole.
+        ValidationError: for an unknown instrument, or one with missing or incomplete texts.
     """
     tables = values.get("questionnaires")
     if not is_array(tables):
@@ -79,22 +79,22 @@ def check_use(place: Place, questionnaire: Questionnaire) -> None:
 def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
     """An instrument's items with included texts, or with those of the study's file."""
     brought = all(item.text for item in instrument.items)
-    own: Mapping[str, Words] = {} if brought else _own_words(place, instrument, folder)
+    own: Mapping[str, ItemText] = {} if brought else _texts_of_study(place, instrument, folder)
     points = instrument.response.points
     return [
         Item(item.id, words.text, points, words.low or item.low, words.high or item.high, item.labels)
         for item in instrument.items
-        for words in (own.get(item.id, Words(item.text)),)
+        for words in (own.get(item.id, ItemText(item.text)),)
     ]
 
 
-def _own_words(place: Place, instrument: Instrument, folder: Path) -> Mapping[str, Words]:
+def _texts_of_study(place: Place, instrument: Instrument, folder: Path) -> Mapping[str, ItemText]:
     """The texts of all items in the study's file; ``ValidationError`` for missing texts."""
     name = f"{FOLDER}/{instrument.name}.toml"
     wanted = f"the texts of {', '.join(item.id for item in instrument.items)}, from {instrument.texts}"
     try:
         text = read_user_text(folder / name)
-        words = {key: _words(value) for key, value in tomllib.loads(text).items()}
+        words = {key: _item_text(value) for key, value in tomllib.loads(text).items()}
     except FileNotFoundError:
         raise ValidationError(
             place, f"{name} is missing in the study's folder; allowed: a file with {wanted}"
@@ -104,21 +104,21 @@ def _own_words(place: Place, instrument: Instrument, folder: Path) -> Mapping[st
     for key in words:
         if key not in (ids := [item.id for item in instrument.items]):
             raise ValidationError(place, f"{name} has an unknown item {key!r}; allowed: {', '.join(ids)}")
-    missing = [item.id for item in instrument.items if not _is_whole(item, words.get(item.id))]
+    missing = [item.id for item in instrument.items if not _is_complete(item, words.get(item.id))]
     if missing:
-        raise ValidationError(place, f"{name} lacks {_lacking(instrument, missing)}")
+        raise ValidationError(place, f"{name} lacks {_describe_missing(instrument, missing)}")
     return words
 
 
-def _words(value: Any) -> Words:
-    return Words(value) if isinstance(value, str) else msgspec.convert(value, Words)
+def _item_text(value: Any) -> ItemText:
+    return ItemText(value) if isinstance(value, str) else msgspec.convert(value, ItemText)
 
 
-def _is_whole(item: InstrumentItem, words: Words | None) -> bool:
+def _is_complete(item: InstrumentItem, words: ItemText | None) -> bool:
     return bool(words and words.text and (words.low or item.low) and (words.high or item.high))
 
 
-def _lacking(instrument: Instrument, missing: list[str]) -> str:
+def _describe_missing(instrument: Instrument, missing: list[str]) -> str:
     """The missing items of a file, and their format."""
     ends = all(item.low and item.high for item in instrument.items)
     how = '"text"' if ends else '{ text = "text", low = "at 1", high = "at the other end" }'

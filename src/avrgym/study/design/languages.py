@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ENGLISH = "en"
 """The language of AVR Gym's own sentences: tasks, and instruments with included texts."""
-NAMED = 3
+MAX_LISTED = 3
 """Maximum number of missing sentences in an error message."""
 
 
@@ -39,8 +39,8 @@ def check_languages(design: Design, folder: Path) -> None:
         included = _included_sentences(design) if language != ENGLISH else ()
         untranslated = texts.untranslated([*own, *included])
         if untranslated:
-            named = ", ".join(f'"{sentence}"' for sentence in untranslated[:NAMED])
-            more = f" and {len(untranslated) - NAMED} more" if len(untranslated) > NAMED else ""
+            named = ", ".join(f'"{sentence}"' for sentence in untranslated[:MAX_LISTED])
+            more = f" and {len(untranslated) - MAX_LISTED} more" if len(untranslated) > MAX_LISTED else ""
             allowed = (
                 f"a line for each under [sentences] of {TEXTS_FOLDER}/{language}.toml in the study's folder"
             )

@@ -95,7 +95,7 @@ class MergedSite:
 
 
 @dataclass
-class _Merging:
+class _SiteMerge:
     """A site during a merge."""
 
     number: int
@@ -176,14 +176,14 @@ def _open_merged(out: Path, stack: ExitStack) -> Store | None:
 
 def _number(
     sources: Sequence[SiteStudy], merged: Store | None, out: Path, *, accepted: bool
-) -> list[_Merging]:
+) -> list[_SiteMerge]:
     """The sites with their numbers and recordings; ``StudyError`` if they do not match the merged study."""
     known = merged.sites() if merged else []
     people = merged.participants() if merged else []
     gone = {each.number for each in merged.tombstones()} if merged else set[int]()
     like = (known[0].name, merged) if merged else (sources[0].name, sources[0].store)
     numbers = {site.name: site.number for site in known}
-    sites: list[_Merging] = []
+    sites: list[_SiteMerge] = []
     for source in sources:
         check_continuation(source, known, people)
         number = numbers.setdefault(source.name, len(numbers) + 1)
@@ -194,11 +194,11 @@ def _number(
         for each in recordings_of(source, number, out):
             if each.participant in recordings:
                 recordings[each.participant].append(each)
-        sites.append(_Merging(number, source, differing, recordings))
+        sites.append(_SiteMerge(number, source, differing, recordings))
     return sites
 
 
-def _verify(sites: Sequence[_Merging], progress: Callable[[int, int], None]) -> None:
+def _verify(sites: Sequence[_SiteMerge], progress: Callable[[int, int], None]) -> None:
     """Collect the faults of recordings that cannot be copied."""
     everything = [
         (site, each) for site in sites for recordings in site.recordings.values() for each in recordings
@@ -210,7 +210,7 @@ def _verify(sites: Sequence[_Merging], progress: Callable[[int, int], None]) -> 
         progress(done, len(everything))
 
 
-def _tell(sites: Sequence[_Merging], tell: Callable[[str], None], *, skip_damaged: bool) -> None:
+def _tell(sites: Sequence[_SiteMerge], tell: Callable[[str], None], *, skip_damaged: bool) -> None:
     faults = [f"{site.source.name}: {fault}" for site in sites for fault in site.faults.values()]
     if faults and not skip_damaged:
         raise StudyError(
@@ -223,7 +223,7 @@ def _tell(sites: Sequence[_Merging], tell: Callable[[str], None], *, skip_damage
 # One site
 
 
-def _merge_site(merged: Store, site: _Merging) -> MergedSite:
+def _merge_site(merged: Store, site: _SiteMerge) -> MergedSite:
     with merged.database.write() as connection:
         _enter(connection, site)
     rows = rows_by_participant(site.source, site.number)
@@ -244,7 +244,7 @@ def _merge_site(merged: Store, site: _Merging) -> MergedSite:
     )
 
 
-def _enter(connection: sa.Connection, site: _Merging) -> None:
+def _enter(connection: sa.Connection, site: _SiteMerge) -> None:
     """Store the site's number, unless it is stored; ``StudyError`` if another merge has used it."""
     for known in find_all(connection, Site, number=site.number):
         if known.name != site.source.name:
@@ -255,7 +255,7 @@ def _enter(connection: sa.Connection, site: _Merging) -> None:
 
 
 def _merge_participant(
-    merged: Store, site: _Merging, person: int, recordings: Sequence[Recording], rows: Rows
+    merged: Store, site: _SiteMerge, person: int, recordings: Sequence[Recording], rows: Rows
 ) -> None:
     for each in recordings:
         if each.attempt not in site.faults:
@@ -277,7 +277,7 @@ def _merge_participant(
                 )
 
 
-def _delete(merged: Store, site: _Merging) -> Iterator[int]:
+def _delete(merged: Store, site: _SiteMerge) -> Iterator[int]:
     """Delete participants that were deleted at the site since an earlier merge; yields their numbers."""
     present = {each.number for each in merged.participants()}
     for row in site.source.rows["tombstone"]:
@@ -288,7 +288,7 @@ def _delete(merged: Store, site: _Merging) -> Iterator[int]:
             yield number
 
 
-def _merge_rest(connection: sa.Connection, site: _Merging) -> None:
+def _merge_rest(connection: sa.Connection, site: _SiteMerge) -> None:
     """Store deletions, accepted differences, and the head of the site's hash chain."""
     for row in site.source.rows["tombstone"]:
         number = merged_number(site.number, row["number"])

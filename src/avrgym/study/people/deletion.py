@@ -26,7 +26,7 @@ def delete_participant(store: Store, pseudonym: str) -> None:
     number = participant_number(pseudonym)
     with store.database.write() as connection:
         if not find_all(connection, Tombstone, number=number):
-            simulated = _is_row(store, connection, number) and _delete_rows(store, connection, pseudonym)
+            simulated = _has_rows(store, connection, number) and _delete_rows(store, connection, pseudonym)
             hash_chain.insert(
                 connection, schema.TOMBSTONE, number=number, simulated=simulated, deleted_at=now()
             )
@@ -39,7 +39,7 @@ def delete_participant(store: Store, pseudonym: str) -> None:
     store.database.erase_traces()
 
 
-def _is_row(store: Store, connection: sa.Connection, number: int) -> bool:
+def _has_rows(store: Store, connection: sa.Connection, number: int) -> bool:
     """Whether there are rows to delete; not if only the identity file or recordings contain the participant."""
     return bool(find_all(connection, Participant, number=number)) or number not in used_numbers(store.folder)
 

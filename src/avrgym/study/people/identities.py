@@ -25,8 +25,8 @@ def check_duplicate(folder: Path, identity: Identity, *, confirmed: bool, pseudo
         pseudonym: the participant, if they are enrolled; their entry is not compared.
 
     Raises:
-        PossibleDouble: when the identity file has an entry of the same person, and nobody confirmed the difference.
-        Locked: when the names cannot be read without their key.
+        PossibleDuplicate: when the identity file has an entry of the same person, and nobody confirmed the difference.
+        KeyUnavailable: when the names cannot be read without their key.
     """
     if not identity.name and not identity.contact:
         return ""

@@ -46,17 +46,17 @@ def enrol(
     site: str = "",
     confirm_duplicate: bool = False,
 ) -> str:
-    """Take someone in and return their pseudonym; name and contact go into the identity file and nowhere else.
+    """Enrol a person and return their pseudonym; only the identity file contains name and contact.
 
     Orders are balanced within each ``site``; without one it is the design's. They read the study in ``language``, one
     of the design's, its first unless given. ``confirm_duplicate``: they are another person than any with the same name
     and contact.
 
     Raises:
-        PossibleDouble: when they may be enrolled already, and ``confirm_duplicate`` is false.
+        PossibleDuplicate: when they may be enrolled already, and ``confirm_duplicate`` is false.
         StudyError: for an unknown body model or language, an impossible age, a simulated participant with a name, or a
             name, contact or site that cannot be one.
-        Locked: for a name or contact where the identity file's key is not at hand.
+        KeyUnavailable: for a name or contact where the identity file's key is not at hand.
     """
     if sex not in SEXES:
         raise StudyError(f"unknown body model {sex!r}; allowed: {', '.join(SEXES)}")
@@ -99,12 +99,12 @@ def enrol(
 def set_identity(
     store: Store, pseudonym: str, name: str, contact: str, *, confirm_duplicate: bool = False
 ) -> None:
-    """Store who a participant is, in the identity file only.
+    """Store name and contact of a participant, in the identity file only.
 
     Raises:
-        PossibleDouble: when another participant may be the same person, and ``confirm_duplicate`` is false.
+        PossibleDuplicate: when another participant may be the same person, and ``confirm_duplicate`` is false.
         StudyError: for what cannot be a name or contact.
-        Locked: when the identity file's key is not at hand.
+        KeyUnavailable: when the identity file's key is not at hand.
     """
     _check_identity(name, contact)
     identity = identity_file.Identity(name, contact)

@@ -16,15 +16,15 @@ FILE = "plan.toml"
 CONFIRMATORY, EXPLORATORY, NOT_PLANNED = "confirmatory", "exploratory", "not in the plan"
 AvailableTests = Mapping[str, Sequence[str]]
 """The tests of a study's analysis by name, each with its measures."""
-Words = Annotated[str, msgspec.Meta(min_length=1)]
+NonEmptyText = Annotated[str, msgspec.Meta(min_length=1)]
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
 
 
 class Hypothesis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A hypothesis with its primary measures and tests."""
 
-    id: Words
-    text: Words
+    id: NonEmptyText
+    text: NonEmptyText
     measures: Names
     tests: Names
 
@@ -33,7 +33,7 @@ class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Exclusion rules: the maximum share of a trial without tracking, and further rules as text."""
 
     max_held_share: float
-    further: tuple[Words, ...] = ()
+    further: tuple[NonEmptyText, ...] = ()
 
 
 class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -90,7 +90,7 @@ def parse_frozen_plan(text: str, name: str) -> Plan:
 
 
 def _check(plan: Plan, design: Design, offered: AvailableTests) -> None:
-    """Raise ``Wrong`` for the first value that no type forbids but that cannot be."""
+    """Raise ``ValidationError`` for the first value that contradicts the design or the tests."""
     _check_equal(("participants",), plan.participants, design.participants)
     _check_equal(("exclusion", "max_held_share"), plan.exclusion.max_held_share, design.max_held_share)
     for index, test in enumerate(plan.exploratory):

@@ -22,8 +22,8 @@ from avrgym.system.files import read_user_text, write_new
 
 Fields = Mapping[str, Mapping[str, str]]
 """Texts by section and heading."""
-NOT_SAID = "(not specified)"
-BEFOREHAND = "None: a plan can be frozen only before the first participant."
+NOT_SPECIFIED = "(not specified)"
+NO_DATA_YET = "None: a plan can be frozen only before the first participant."
 
 
 def write_preregistration(store: Store, offered: AvailableTests, form: str) -> Path:
@@ -66,7 +66,7 @@ def as_markdown(title: str, state: str, fields: Fields) -> str:
     for section, answers in fields.items():
         lines += [f"## {section}"] if section else []
         for heading, text in answers.items():
-            lines += [f"### {heading}", text or NOT_SAID]
+            lines += [f"### {heading}", text or NOT_SPECIFIED]
     return "\n\n".join(lines) + "\n"
 
 
@@ -85,7 +85,7 @@ def _osf(design: Design, plan: Plan, offered: AvailableTests) -> Fields:
         },
         "Sampling plan": {
             "Existing data": "Registration prior to creation of data",
-            "Explanation of existing data": BEFOREHAND,
+            "Explanation of existing data": NO_DATA_YET,
             "Data collection procedures": _procedures(design),
             "Sample size": f"{plan.participants} participants.",
             "Sample size rationale": plan.sample_size_rationale,
@@ -110,7 +110,7 @@ def _osf(design: Design, plan: Plan, offered: AvailableTests) -> Fields:
 
 def _aspredicted(design: Design, plan: Plan, offered: AvailableTests) -> Fields:
     questions = {
-        "Data collected already": BEFOREHAND,
+        "Data collected already": NO_DATA_YET,
         "Question or hypothesis": _hypotheses(plan),
         "Dependent variables": _measures(design, plan),
         "Conditions": f"{describe_conditions(design)} {describe_randomization(design)}",
@@ -142,9 +142,9 @@ def _procedures(design: Design) -> str:
     asked = [f"{each.text} {'Yes' if each.required else 'No'}." for each in design.inclusion]
     about = design.reporting
     return _paragraphs(
-        f"Recruitment: {about.recruitment or NOT_SAID}",
-        f"Compensation: {about.compensation or NOT_SAID}",
-        f"Ethics approval: {about.ethics_approval or NOT_SAID}",
+        f"Recruitment: {about.recruitment or NOT_SPECIFIED}",
+        f"Compensation: {about.compensation or NOT_SPECIFIED}",
+        f"Ethics approval: {about.ethics_approval or NOT_SPECIFIED}",
         f"Participants consent and answer as follows:\n\n{_list(asked)}" if asked else "",
     )
 

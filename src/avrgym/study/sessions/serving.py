@@ -97,7 +97,7 @@ class StudySessions:
             StudyError: while another session runs, or when the participant cannot have a session.
             PolicyError: when a policy of the remaining trials is missing.
         """
-        self._ask(lambda now_s: self._begin(pseudonym, now_s, furniture))
+        self._request(lambda now_s: self._begin(pseudonym, now_s, furniture))
 
     def withdraw(self, pseudonym: str, reason: str) -> None:
         """Stop robot and recording of the running session, then store the withdrawal.
@@ -105,7 +105,7 @@ class StudySessions:
         Raises:
             StudyError: when the participant has no running session here.
         """
-        self._ask(lambda now_s: self._withdraw(pseudonym, reason, now_s))
+        self._request(lambda now_s: self._withdraw(pseudonym, reason, now_s))
 
     def renew_link(self, pseudonym: str) -> None:
         """Create a new link for the running session; the earlier link ends.
@@ -117,7 +117,7 @@ class StudySessions:
         if visit is None or visit.pseudonym != pseudonym:
             raise StudyError(f"no session of {pseudonym} runs here")
         link = make_link(self._store, visit.stored.id)  # not in the loop, which never waits for the database
-        self._ask(lambda _: self._renew_link(visit, link))
+        self._request(lambda _: self._renew_link(visit, link))
 
     # What the loop calls -----------------------------------------------------------------------------------------
 
@@ -151,11 +151,11 @@ class StudySessions:
         elif self._retry_at_s is not None:
             self._end_again(self._retry_at_s, now_s)
         elif self._questions is not None:
-            self._go_on_after(self._questions, now_s)
+            self._continue_after(self._questions, now_s)
         elif self._session is not None:
             self._session.tick(now_s)
             if self._session.phase == "finished" and self._visit is not None:
-                self._ask_last(self._visit, now_s)
+                self._begin_last_questions(self._visit, now_s)
 
     def close(self, now_s: float) -> None:
         """End the running session, and refuse pending actions."""
@@ -169,7 +169,7 @@ class StudySessions:
         finally:
             self._run_pending_actions(now_s)
 
-    def _ask(self, action: Action) -> None:
+    def _request(self, action: Action) -> None:
         done: Future[None] = Future()
         self._actions.put((action, done))
         done.result(ACTION_TIMEOUT_S)
@@ -185,7 +185,7 @@ class StudySessions:
             except Exception as error:  # the calling thread raises it
                 done.set_exception(error)
             else:
-                _hand_on(stored, done)
+                _forward_result(stored, done)
 
     def _begin(self, pseudonym: str, now_s: float, furniture: RealFurniture | None = None) -> None:
         if self.participant is not None:
@@ -200,7 +200,7 @@ class StudySessions:
             raise
         self._session, self._visit = session, visit
         self._questions = self._questions_of(visit, "before_session" if self._session else "after_session")
-        self._greet_all(now_s)
+        self._welcome_all(now_s)
 
     def _renew_link(self, visit: StudyVisit, link: str) -> None:
         if self._visit is not visit or self.links.link is None:
@@ -238,11 +238,11 @@ class StudySessions:
             send(Language(texts.language, texts.direction, dict(texts.page)))
             send(_phase("waiting", "waiting_session", texts))
 
-    def _greet_all(self, now_s: float) -> None:
+    def _welcome_all(self, now_s: float) -> None:
         for send, role in self._clients:
             self._welcome(send, role, now_s)
 
-    def _go_on_after(self, questions: SessionQuestions, now_s: float) -> None:
+    def _continue_after(self, questions: SessionQuestions, now_s: float) -> None:
         """Begin the trials after the first questions; end the session after the last ones."""
         questions.tick()
         if not questions.done:
@@ -251,17 +251,17 @@ class StudySessions:
         if questions.when == "before_session" and not questions.ended:
             if self._session is not None and questions.decision is not None:
                 self._session.prevent_trials(questions.decision)
-            self._greet_all(now_s)
+            self._welcome_all(now_s)
         else:
             self._session = None
-            self._tell_over()
+            self._send_end()
             self._end_visit(now_s)
 
-    def _tell_over(self) -> None:
+    def _send_end(self) -> None:
         if self._visit is not None:
             self._send(_phase("finished", "ended", self._visit.texts))
 
-    def _ask_last(self, visit: StudyVisit, now_s: float) -> None:
+    def _begin_last_questions(self, visit: StudyVisit, now_s: float) -> None:
         """Begin the questions after the trials."""
         self._questions = None if visit.ended_elsewhere else self._questions_of(visit, "after_session")
         if self._questions is None:
@@ -274,7 +274,7 @@ class StudySessions:
             raise StudyError(f"no session of {pseudonym} runs here")
         stored = self._visit.withdraw(self._session, now_s, reason)
         self._questions = None
-        self._tell_over()
+        self._send_end()
         self._end_visit(now_s)
         return stored
 
@@ -300,7 +300,7 @@ class StudySessions:
             self._end_visit(now_s)
 
 
-def _hand_on(stored: Future[None] | None, done: Future[None]) -> None:
+def _forward_result(stored: Future[None] | None, done: Future[None]) -> None:
     """Complete ``done`` with the result of ``stored``."""
     if stored is None:
         done.set_result(None)

@@ -21,7 +21,7 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.session.questions import Questions
 
-WORDS = {"before_session": Text("questions_before"), "after_session": Text("questions_after")}
+TITLES = {"before_session": Text("questions_before"), "after_session": Text("questions_after")}
 
 
 class SessionQuestions:
@@ -54,26 +54,26 @@ class SessionQuestions:
 
     def begin(self) -> None:
         """Show the first item."""
-        self._ask(self._send)
+        self._send_item(self._send)
 
     def welcome(self, send: Send, role: Role) -> None:
         """Send the present item to a new client."""
         send(Welcome(PROTOCOL, self._visit.identifier, role, haptics=False, sounds=False))
         send(self._visit.language_message)
-        self._ask(send)
+        self._send_item(send)
 
     def receive(self, message: Received) -> None:
         """Handle answers and commands; other messages are ignored."""
         if self.done or self._stored is not None:
             return
         if isinstance(message, Answer):
-            self._take(message)
+            self._store_answer(message)
         elif isinstance(message, Back):
             self._go_back()
         elif isinstance(message, Ready):
             self._over = self._questions.done
         elif isinstance(message, Command) and message.name in ("skip", "end"):
-            self._leave(ended=message.name == "end")
+            self._skip_rest(ended=message.name == "end")
 
     def tick(self) -> None:
         """Continue when an answer is stored; an invalid answer is requested again."""
@@ -83,17 +83,17 @@ class SessionQuestions:
         self._stored = self._given = None
         if isinstance(error, StudyError):
             self._over = self._ended = False
-            self._ask_again(str(error))
+            self._repeat_item(str(error))
         elif error is not None:
             raise error
         elif given is not None:
-            self._heed(given)
-            self._go_on(given)
+            self._apply_stop_rules(given)
+            self._continue(given)
 
-    def _ask(self, send: Send) -> None:
+    def _send_item(self, send: Send) -> None:
         """Send the present item, or the request to confirm all answers."""
         name, text = (
-            ("confirm", Text("confirm")) if self._questions.done else ("questionnaire", WORDS[self.when])
+            ("confirm", Text("confirm")) if self._questions.done else ("questionnaire", TITLES[self.when])
         )
         texts = self._visit.texts
         send(
@@ -111,11 +111,11 @@ class SessionQuestions:
         if not self._questions.done:
             send(self._questions.question())
 
-    def _go_on(self, given: Answer) -> None:
+    def _continue(self, given: Answer) -> None:
         """Continue after a stored answer."""
         self._questions.take(given)
         if self._questions.done:
-            self._ask(self._send)
+            self._send_item(self._send)
         else:
             self._send(self._questions.question())
 
@@ -124,48 +124,48 @@ class SessionQuestions:
         if not self._questions.go_back():
             self._explain("no_way_back")
         elif confirming:
-            self._ask(self._send)
+            self._send_item(self._send)
         else:
             self._send(self._questions.question())
 
-    def _heed(self, answer: Answer) -> None:
+    def _apply_stop_rules(self, answer: Answer) -> None:
         """Apply the stop rules to an answer; an end replaces a pause."""
         decision = self._visit.store.design.rules.decide(answer.item, answer.value)
         if decision is None:
             return
         if self.decision is None or THEN.index(decision.then) >= THEN.index(self.decision.then):
             self.decision = decision
-        self._visit.tell("stop rule met", f"then {decision.then}, why {decision.why}")
+        self._visit.record_event("stop rule met", f"then {decision.then}, why {decision.why}")
         before = f"the session {decision.then}s: " if self.when == "before_session" else ""
         self._send(Problem(before + decision.why, "experimenter"))
 
-    def _take(self, answer: Answer) -> None:
+    def _store_answer(self, answer: Answer) -> None:
         """Store an answer; refuse an invalid one."""
         asked = None if self._questions.done else self._questions.question()
         if asked is None:
             self._explain("no_question")
         elif answer.item != asked.item:
-            self._ask_again(f"the answer is to {answer.item!r}; expected: {asked.item}")
+            self._repeat_item(f"the answer is to {answer.item!r}; expected: {asked.item}")
         elif answer.value == asked.given:
-            self._go_on(answer)
+            self._continue(answer)
         else:
             self._given = answer
             store = self._visit.record if asked.given is None else self._visit.change
             self._stored = store(answer, self.when)
             self.tick()
 
-    def _leave(self, *, ended: bool) -> None:
+    def _skip_rest(self, *, ended: bool) -> None:
         """Skip the present and all following items."""
         self._over, self._ended = True, ended
         if not self._questions.done:
             what = f"questions {self.when} left"
-            self._stored = self._visit.tell(what, self._questions.question().item)
+            self._stored = self._visit.record_event(what, self._questions.question().item)
             self.tick()
 
-    def _ask_again(self, why: str) -> None:
+    def _repeat_item(self, why: str) -> None:
         self._explain("not_an_answer")
         self._send(Problem(why, "experimenter"))
-        self._ask(self._send)
+        self._send_item(self._send)
 
     def _explain(self, key: str) -> None:
         texts, text = self._visit.texts, Text(key)

@@ -117,10 +117,10 @@ def simulate_study(
         if cluster is None:
             run_all(simulate_participant, arguments, jobs or cores(), report)
         else:
-            cluster.run_all(_simulate_where_seen, arguments, report)
+            cluster.run_all(_simulate_on_worker, arguments, report)
 
 
-def _simulate_where_seen(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
+def _simulate_on_worker(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
     """``simulate_participant`` on a worker of a cluster."""
     if not (folder / FILE).is_file():
         raise StudyError(
@@ -134,13 +134,13 @@ def simulate_participant(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
     """Run all remaining trials of a simulated participant in this process, until they withdraw."""
     with Store(folder) as store:
         try:
-            _attend(store, pseudonym, dry_run)
+            _run_visit(store, pseudonym, dry_run)
         except RuntimeError:
             if store.participant(pseudonym).state not in LEFT_STUDY:
                 raise
 
 
-def _attend(store: Store, pseudonym: str, dry_run: DryRun) -> None:
+def _run_visit(store: Store, pseudonym: str, dry_run: DryRun) -> None:
     with StudyVisit(store, pseudonym) as visit:
         rng = _random(dry_run.seed, visit.stored.participant)
         _answer(visit, "before_session", rng)
@@ -191,11 +191,11 @@ def simulated_participant(store: Store, index: int, dry_run: DryRun) -> str:
     else:
         age_years = int(_random(dry_run.seed, index).integers(AGES_YEARS[0], AGES_YEARS[1] + 1))
         pseudonym = enrol(store, SEXES[index % len(SEXES)], age_years=age_years, simulated=True)
-    _admit(store, pseudonym, dry_run)
+    _consent_and_include(store, pseudonym, dry_run)
     return pseudonym
 
 
-def _admit(store: Store, pseudonym: str, dry_run: DryRun) -> None:
+def _consent_and_include(store: Store, pseudonym: str, dry_run: DryRun) -> None:
     """Record consent and inclusion, if they are missing."""
     note = str(dry_run)
     notes = [written.text for written in store.notes(pseudonym)]

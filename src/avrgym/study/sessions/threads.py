@@ -76,9 +76,9 @@ class SessionWatch:
     def _run(self) -> None:
         while not self._closed.wait(CHECK_EVERY_S) and not self.ended_elsewhere:
             with suppress(StudyError):  # other operations report an unreadable database
-                self._look()
+                self._poll()
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         with self._store.database.read() as connection:
             still_open = find_all(connection, StudySession, id=self._session_id, state="open")
         self.ended_elsewhere = not still_open

@@ -170,7 +170,7 @@ class StudyVisit:
         """Store a changed answer about the session; errors as in ``record``."""
         return self.storing.submit(lambda: change_session_answer(self.store, self.stored.id, answer, when))
 
-    def tell(self, name: str, detail: str) -> Future[None]:
+    def record_event(self, name: str, detail: str) -> Future[None]:
         """Store an event."""
         return self.storing.submit(lambda: record_session_event(self.store, self.stored.id, name, detail))
 
@@ -336,9 +336,9 @@ class EventStorage:
                 self._skip(event)
             case events.Calibrated() | events.TorsoHeightCorrected():
                 self._torso_height_m = event.torso_height_m
-                self._tell(event)
+                self._record_event(event)
             case _:
-                self._tell(event)
+                self._record_event(event)
 
     def _begin(self, begun: events.TrialBegun) -> None:
         self._settle()
@@ -376,7 +376,7 @@ class EventStorage:
         if self._store.trials(self._pseudonym)[position - 1].state == "planned":
             skip_trial(self._store, self._session.id, position)
 
-    def _tell(self, event: SessionEvent) -> None:
+    def _record_event(self, event: SessionEvent) -> None:
         details = {name: value for name, value in asdict(event).items() if name != "time_s"}
         name = re.sub(r"(?<!^)(?=[A-Z])", " ", type(event).__name__).lower()
         detail = ", ".join(f"{key} {value}" for key, value in details.items())
