@@ -253,7 +253,7 @@ def test_a_training_can_consist_of_imitation_only(tmp_path, monkeypatch):
     assert policy.metadata.measured["episodes"] == 2
     assert policy.action_std == pytest.approx(np.exp(TINY.log_std[0]))
     with pytest.raises(
-        ValueError, match=f"is complete, after {TINY.steps} steps; larger --steps continue it"
+        ValueError, match=f"is complete after {TINY.steps} steps; pass larger --steps to continue it"
     ):
         resume(tmp_path)
 

@@ -72,7 +72,7 @@ def test_a_missing_field_is_named(part):
 def test_observations_have_parts_of_different_names():
     part = position("tool_m", lambda state, _: state.tool_pos_w)
     for entries in ((), (part, part)):
-        with pytest.raises(ValueError, match="allowed: parts of different names"):
+        with pytest.raises(ValueError, match="allowed: one or more, with different names"):
             Observation(entries)
 
 

@@ -40,7 +40,7 @@ class Camera:
         """Build the scene of the present episode with its appearance, seen from the side or with the person's eyes.
 
         Raises:
-            RuntimeError: if nothing can be rendered, with the setting that helps.
+            RuntimeError: if nothing can be rendered, with a setting that may help.
         """
         self._episodes, self._world = episodes, world
         scene, simulation = episodes.scene, episodes.simulation
@@ -105,7 +105,7 @@ class Renderer:
         """Returns an image (480, 640, 3) with the render mode ``rgb_array``, else ``None``.
 
         Raises:
-            RuntimeError: if nothing can be rendered, with the setting that helps.
+            RuntimeError: if nothing can be rendered, with a setting that may help.
         """
         if self.render_mode is None:
             return None
@@ -172,7 +172,7 @@ def _visible_groups() -> mujoco.MjvOption:
 def _renderer(model: mujoco.MjModel, width_px: int, height_px: int) -> mujoco.Renderer:
     error = _graphics_error()
     if error is not None:
-        raise RuntimeError(f"no picture can be drawn here: {RENDERING_HINT}; {error}")
+        raise RuntimeError(f"rendering failed: {RENDERING_HINT}; {error}")
     return mujoco.Renderer(model, height_px, width_px)
 
 

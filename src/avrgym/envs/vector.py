@@ -210,7 +210,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         Every world has its own model and graphics context: use it with few worlds.
 
         Raises:
-            RuntimeError: if nothing can be rendered, with the setting that helps.
+            RuntimeError: if nothing can be rendered, with a setting that may help.
         """
         if self.render_mode is None:
             return None

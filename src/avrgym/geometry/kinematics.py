@@ -93,7 +93,7 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
     segments: list[tuple[str, FloatArray, FloatArray]] = []
     while body != base_id:
         if body == 0:
-            raise ValueError(f"body {tip!r} is not carried by {base!r}")
+            raise ValueError(f"body {tip!r} is not a descendant of {base!r}")
         if body in hinge_of_body:
             segments.insert(0, (hinge_of_body[body], pos, q))
             pos, q = np.zeros(3), transforms.IDENTITY_QUATERNION

@@ -29,7 +29,7 @@ class HardEpisodes:
         self._chosen: list[int] = []
 
     def choose(self, steps: int) -> list[int]:
-        """Seeds (N,) of the episodes after ``steps`` environment steps; the same at every call."""
+        """Seeds (N,) of the episodes after ``steps`` environment steps; repeated calls return the same seeds."""
         random = random_streams.hard_episodes(self._seed, steps)
         old = random.permutation(self.stored)[: self._max_repeated].tolist()
         new = random.integers(2**53, size=self._worlds - len(old)).tolist()

@@ -247,7 +247,8 @@ class _Trainer:
         finished = not (self._out / DEMONSTRATIONS_FOLDER).exists()
         if self._recipe.steps >= self._configuration.steps and finished and self._is_evaluated():
             raise ValueError(
-                f"the training in {self._out} is complete, after {self._recipe.steps} steps; larger --steps continue it"
+                f"the training in {self._out} is complete after {self._recipe.steps} steps; "
+                "pass larger --steps to continue it"
             )
 
     def run(self) -> Policy:

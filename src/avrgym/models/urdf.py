@@ -205,7 +205,7 @@ def _read(text: str) -> Element:
             f"the description is not XML: {error}; allowed: the text of a URDF, not its path"
         ) from error
     if robot.tag != "robot":
-        raise ValueError(f"the description is a <{robot.tag}>; allowed: <robot>, as URDF has it")
+        raise ValueError(f"the root element is <{robot.tag}>; allowed: <robot>, as in URDF")
     for joint in robot.findall("joint"):
         if joint.get("type") not in JOINT_TYPES:
             raise ValueError(

@@ -210,7 +210,7 @@ class Policy:
 def _check_numbers(policy: Policy) -> None:
     for name, array in _tensors(policy).items():
         if not np.isfinite(array).all():
-            raise PolicyError(f"{name} holds numbers that are not finite; all must be")
+            raise PolicyError(f"{name} contains numbers that are not finite")
     positive = {
         "observation.clip": policy.observation_clip,
         "observation.epsilon": policy.observation_epsilon,

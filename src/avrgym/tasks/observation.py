@@ -80,7 +80,8 @@ class Observation:
         names = [entry.name for entry in self.entries]
         if not names or len(set(names)) < len(names):
             raise ValueError(
-                f"an observation of {', '.join(names) or 'nothing'}; allowed: parts of different names"
+                f"the observation has the entries {', '.join(names) or 'none'}; "
+                "allowed: one or more, with different names"
             )
 
     @property

@@ -125,7 +125,7 @@ def _add_wheels(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 def add_bracket(
     spec: mujoco.MjSpec, appearance: bool, *, mount_m: tuple[float, float, float], shoulder_m: float
 ) -> None:
-    """A bracket on the wheelchair's right side that carries a robot's arm, and the room of its shoulder above.
+    """A bracket on the wheelchair's right side that carries a robot's arm, and the space of its shoulder.
 
     Args:
         spec: a scene with a wheelchair.

@@ -79,7 +79,7 @@ def check_arm_scale(arm_scale: float) -> None:
     """Raise ``ValueError`` for an arm scale out of range."""
     low, high = ARM_SCALE_RANGE
     if not low <= arm_scale <= high:
-        raise ValueError(f"arms {arm_scale:.2f} times as long as most are outside {low:g} to {high:g}")
+        raise ValueError(f"arm_scale is {arm_scale:.2f}; allowed: {low:g} to {high:g}")
 
 
 def check_torso_height(torso_height_m: float) -> None:

@@ -248,7 +248,7 @@ def _shift(desired: FloatArray, state: PartnerState, parameters: BehaviourParame
 def _approach(
     desired: FloatArray, state: PartnerState, parameters: BehaviourParameters, offered: OfferedPart
 ) -> None:
-    """Lean to a near tool or lift the arm. Hesitant people do so in two halves."""
+    """Lean to a near tool or lift the arm. Hesitant people pause half-way."""
     xp = namespace(desired)
     hesitates = parameters.pause_s > 0.0
     halves = xp.floor(state.near_s / xp.where(hesitates, parameters.pause_s, 1.0))

@@ -52,7 +52,7 @@ class ForkSafeBatch(Batch):
 
 
 def _keep_forever() -> None:
-    """In a forked process: never free a batch of the parent process, because that waits for its threads to end."""
+    """Keep batches of the parent process in a forked process: freeing them would wait for missing threads."""
     for batch in _LIVING:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(batch))
 

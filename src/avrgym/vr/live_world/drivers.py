@@ -49,7 +49,7 @@ class Driver(Protocol):
         ...
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
-        """Prepare for the episode that has started in a world, drawn from its generator."""
+        """Prepare for the episode that has started; its generator draws all randomness."""
         ...
 
     def act(self, observation: FloatArray) -> FloatArray:
@@ -88,7 +88,7 @@ class SynchronousDriver:
         return self.failure != ""
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
-        """Prepare for the episode that has started in a world, drawn from its generator."""
+        """Prepare for the episode that has started; its generator draws all randomness."""
         self.failure, self._act = "", None
         self._begun, self._zero_action = (episodes, generators), zero_action(episodes)
 
@@ -133,7 +133,7 @@ class ThreadedDriver:
         return self.failure != ""
 
     def reset(self, episodes: Episodes, generators: Generators) -> None:
-        """Prepare for the episode that has started in a world, drawn from its generator."""
+        """Prepare for the episode that has started; its generator draws all randomness."""
         if self._worker.busy:
             self._worker.close()
             self._worker = Worker(self._controller_factory)
@@ -156,7 +156,7 @@ class ThreadedDriver:
         return self._action
 
     def amend(self) -> FloatArray | None:
-        """Returns the controller's action (1, A) if it has arrived since, else ``None``."""
+        """Returns the action (1, A) of the controller if it has arrived, else ``None``."""
         before = self._action
         self._poll()
         return None if self._action is before else self._action
@@ -226,7 +226,7 @@ class Request:
         self._done.set()
 
     def wait(self, most_s: float) -> None:
-        """Wait until it is done, but no longer than this."""
+        """Wait until the request is done, at most this long."""
         self._done.wait(most_s)
 
 
@@ -263,7 +263,7 @@ class Worker:
         self._queue.put(None)
 
     def join(self, most_s: float) -> None:
-        """Wait for its end, but no longer than this."""
+        """Wait for the end of the thread, at most this long."""
         self._thread.join(most_s)
 
     def _run(self) -> None:

@@ -55,7 +55,7 @@ class LiveWorld:
 
     @property
     def braked(self) -> bool:
-        """Whether the latest action is zero and the brakes hold the robot."""
+        """Whether the latest action is zero and the brakes are engaged."""
         return self._loop.braked
 
     @property

@@ -38,7 +38,7 @@ class Experience:
     speed_mean_m_s: float = 0.0
 
     def after(self, step: ControlStep, steps: int) -> "Experience":
-        """Returns the results after another control step, the one with the number ``steps``."""
+        """Returns the results after another control step; ``steps`` is its number."""
         outcome = step.outcome
         force_n, speed_m_s = (
             float(outcome.force_on_person_n[0]),

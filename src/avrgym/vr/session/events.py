@@ -196,7 +196,7 @@ class VisibilityFound(SessionEvent):
 
 @dataclass(frozen=True)
 class TimeLost(SessionEvent):
-    """The session did not run for this time during an attempt: its process or its machine was suspended."""
+    """The process was suspended for this time during an attempt."""
 
     seconds: float
 

@@ -1,4 +1,4 @@
-"""Reasons to interrupt an attempt before the robot has finished: the participant cannot act, or time was lost."""
+"""Interruptions of an attempt before the robot has finished: the participant cannot act, or time was lost."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

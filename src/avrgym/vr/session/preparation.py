@@ -36,7 +36,7 @@ class TrialKey:
 
 
 class ImmediateExecutor(Executor):
-    """Runs a task in ``submit`` itself: for sessions in simulated time, which must not depend on threads."""
+    """Runs a task within ``submit``, for sessions in simulated time."""
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         future: Future[T] = Future()
@@ -56,7 +56,7 @@ class Preparation:
         self._world: Future[LiveWorld] | None = None
 
     def request(self, key: TrialKey, environment: str, person: Person, seed: int) -> None:
-        """Start to make a world with a person in this pose; an earlier request is cancelled."""
+        """Start to create a world with a person in this pose; cancels an earlier request."""
         if self._world is not None:
             self._world.cancel()
         self.key = key

@@ -155,7 +155,7 @@ class Session:
         return self.world.bodies
 
     def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
-        """Send the present situation to a client that has just connected."""
+        """Send the state of the session to a client that has just connected."""
         state = self._state
         if role == "participant":
             state.worlds.forget_client()

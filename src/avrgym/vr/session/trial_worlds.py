@@ -50,7 +50,7 @@ class TrialWorlds:
         self._fresh_for = None
 
     def prepare(self, trial: int, person: Person) -> None:
-        """Start to make a trial's world, unless it is there or being made.
+        """Start to create a trial's world, unless it exists or is in preparation.
 
         In the same environment, its person starts in the present pose, else in the task's pose.
         """

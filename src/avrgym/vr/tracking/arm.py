@@ -312,8 +312,8 @@ def _rest_near_pole(angles: FloatArray, ahead: FloatArray, start_y_rad: FloatArr
 def _costs(angles: FloatArray, rests: FloatArray, start_rad: FloatArray) -> FloatArray:
     """The costs (A, 2, K) of the solutions; ``rests`` (A, K) is the last of the ``_ENTRIES``.
 
-    Motion and discomfort are both squares about an angle of each joint. Their sum is, except for a constant, one square
-    about the mean of the two angles.
+    Both motion and discomfort cost the squared difference from one angle of each joint. Up to a constant, their sum is
+    one squared difference from the weighted mean of the two angles.
     """
     outside = angles - _clipped(angles, _per_arm(LOWER[None]), _per_arm(UPPER[None]))
     away = angles - _per_arm(

@@ -50,7 +50,7 @@ class SlidingMonitor:
         self._seen: deque[FloatArray] = deque(maxlen=SAMPLES_PER_SECOND)
 
     def look(self, head: Pose, joint_angles_rad: FloatArray) -> Glide | None:
-        """Returns how the room follows a head with a tracked pose and solved angles (20,); ``None``: not at all."""
+        """Returns the motion of the room for a tracked head and solved angles (20,), or ``None``."""
         self._seen.append(head.pos_w)
         if (
             len(self._seen) < SAMPLES_PER_SECOND
@@ -63,7 +63,7 @@ class SlidingMonitor:
         return self._glide(head)
 
     def forget(self) -> None:
-        """Drop all samples."""
+        """Delete all samples."""
         self._seen.clear()
 
     def head_centre_w(self, joint_angles_rad: FloatArray) -> FloatArray:

@@ -121,7 +121,7 @@ class Hands:
         self._left, self._right = Hand("left"), Hand("right")
 
     def follow(self, tracking: Tracking, captured_s: float) -> Tracking:
-        """Returns the frame with the grips to follow instead of its hand poses."""
+        """Returns the frame, with its hand poses replaced by the grips to follow."""
         return msgspec.structs.replace(
             tracking,
             left=_grip(self._left, tracking.left, tracking.left_modality, captured_s),
