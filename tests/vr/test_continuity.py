@@ -190,11 +190,11 @@ def test_a_stream_in_order_is_followed_whatever_came_before() -> None:
         numbering = SequenceFilter()
         wild = rng.integers(0, 3000, 30) * rng.choice([1, 1, 1, 2**40], 30)
         for number in wild.tolist():
-            numbering.follows(number)
+            numbering.accepts(number)
         begins = int(rng.choice([0, 1, 500, 10**6, LARGEST - 50, LARGEST]))
         steps = rng.integers(1, MAX_GAP_FRAMES + 1, 40)
         stream = (begins + np.cumsum(steps)).tolist()
-        assert all([numbering.follows(number) for number in stream][RESTART_FRAMES - 1 :])
+        assert all([numbering.accepts(number) for number in stream][RESTART_FRAMES - 1 :])
 
 
 def test_no_frame_counts_twice_and_none_that_comes_late() -> None:
@@ -202,9 +202,9 @@ def test_no_frame_counts_twice_and_none_that_comes_late() -> None:
     numbering, newest = SequenceFilter(), -1
     for number in range(0, 20_000, 3):
         late = int(rng.integers(max(0, number - 500), number + 1))
-        assert numbering.follows(number)
-        assert not numbering.follows(number)
-        assert not numbering.follows(late)
+        assert numbering.accepts(number)
+        assert not numbering.accepts(number)
+        assert not numbering.accepts(late)
         newest = number
     assert newest == 19_998
 

@@ -29,7 +29,7 @@ from avrgym.vr.live_world.scene_message import scene_message
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import Sent, State, Tracking, XRPose, decode_client, encode
 from avrgym.vr.protocol.webxr import Registration, is_valid
-from avrgym.vr.session.attempt import Experience
+from avrgym.vr.session.attempt import AttemptResults
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.calibration import measure_torso_height
 from helpers.learning.random_networks import random_network
@@ -182,60 +182,60 @@ def test_the_same_seed_gives_the_same_participant() -> None:
     def attend(seed: int) -> tuple[list[Tracking], list[int]]:
         someone = participant(seed)
         frames = [someone.frame(0.1 * i, moving=True) for i in range(20)]
-        return frames, [someone.answer("L1", 7, Experience(success=bool(i % 2))) for i in range(20)]
+        return frames, [someone.answer("L1", 7, AttemptResults(success=bool(i % 2))) for i in range(20)]
 
     assert attend(3) == attend(3)
     assert attend(3)[0] != attend(4)[0]
     assert attend(3)[1] != attend(4)[1]
 
 
-EXPERIENCES = (
-    Experience(),
-    Experience(success=True, force_mean_n=3.0, force_max_n=30.0, speed_mean_m_s=0.1),
-    Experience(success=True, force_mean_n=1e6, force_max_n=1e9, speed_mean_m_s=1e6),
+RESULTS = (
+    AttemptResults(),
+    AttemptResults(success=True, force_mean_n=3.0, force_max_n=30.0, speed_mean_m_s=0.1),
+    AttemptResults(success=True, force_mean_n=1e6, force_max_n=1e9, speed_mean_m_s=1e6),
 )
 
 
 @pytest.mark.parametrize("points", [2, 3, 7, 100])
 def test_answers_lie_on_the_scale(points: int) -> None:
     someone = participant(5)
-    for item, experience in product([*RATINGS, "own"], EXPERIENCES):
-        answers = [someone.answer(item, points, experience) for _ in range(100)]
+    for item, results in product([*RATINGS, "own"], RESULTS):
+        answers = [someone.answer(item, points, results) for _ in range(100)]
         assert all(type(answer) is int for answer in answers)
         assert 1 <= min(answers) <= max(answers) <= points
 
 
-def mean_answer(item: str, experience: Experience, seed: int = 6) -> float:
+def mean_answer(item: str, results: AttemptResults, seed: int = 6) -> float:
     """Of one participant on a scale of a hundred points."""
     someone = participant(seed)
-    return float(np.mean([someone.answer(item, 100, experience) for _ in range(300)]))
+    return float(np.mean([someone.answer(item, 100, results) for _ in range(300)]))
 
 
 @pytest.mark.parametrize(
     ("rated", "better", "worse"),
     [
-        (["L1"], Experience(success=True), Experience(success=False)),
-        (["L2"], Experience(force_mean_n=1.0), Experience(force_mean_n=10.0)),
-        (["L3"], Experience(force_max_n=5.0), Experience(force_max_n=40.0)),
-        (["L2", "L4"], Experience(speed_mean_m_s=0.1), Experience(speed_mean_m_s=0.5)),
+        (["L1"], AttemptResults(success=True), AttemptResults(success=False)),
+        (["L2"], AttemptResults(force_mean_n=1.0), AttemptResults(force_mean_n=10.0)),
+        (["L3"], AttemptResults(force_max_n=5.0), AttemptResults(force_max_n=40.0)),
+        (["L2", "L4"], AttemptResults(speed_mean_m_s=0.1), AttemptResults(speed_mean_m_s=0.5)),
     ],
 )
-def test_ratings_depend_on_the_trial(rated: list[str], better: Experience, worse: Experience) -> None:
+def test_ratings_depend_on_the_trial(rated: list[str], better: AttemptResults, worse: AttemptResults) -> None:
     for item in (*RATINGS, "own"):
         difference = mean_answer(item, better) - mean_answer(item, worse)
         assert difference > 20.0 if item in rated else difference == 0.0
 
 
 def test_a_robot_that_hardly_moves_has_no_appropriate_speed() -> None:
-    slow, unhurried = (mean_answer("L4", Experience(speed_mean_m_s=speed)) for speed in (0.0, 0.1))
+    slow, unhurried = (mean_answer("L4", AttemptResults(speed_mean_m_s=speed)) for speed in (0.0, 0.1))
     assert unhurried > slow + 20.0
 
 
 def test_participants_rate_the_same_more_and_less_leniently_and_never_quite_alike() -> None:
-    means = [mean_answer("own", Experience(), seed) for seed in range(8)]
+    means = [mean_answer("own", AttemptResults(), seed) for seed in range(8)]
     assert np.std(means) > 3.0
     someone = participant(6)
-    assert len({someone.answer("own", 7, Experience()) for _ in range(50)}) > 1
+    assert len({someone.answer("own", 7, AttemptResults()) for _ in range(50)}) > 1
 
 
 def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:

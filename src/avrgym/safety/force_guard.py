@@ -99,7 +99,7 @@ class ForceGuard(PerWorldState):
         return super().saved() | {"approach": self._approach.saved()}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Continues from what ``saved`` returned."""
+        """Restores a state from ``saved``."""
         super().restore(saved)
         self._approach.restore(saved["approach"])
 

@@ -15,7 +15,7 @@ class PerWorldState:
         return {name: getattr(self, name).copy() for name in self.STATE}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Continues from what ``saved`` returned."""
+        """Restores a state from ``saved``."""
         for name in self.STATE:
             setattr(self, name, saved[name].copy())
 

@@ -45,7 +45,7 @@ class Withdrawal(PerWorldState):
             self._retreats.pop(world, None)
 
     def update(self, success: BoolArray, events: IntArray) -> None:
-        """Take success and number of events (N,) of a control step."""
+        """Update with success and number of events (N,) of a control step."""
         settled = success & (events == 0)
         self._settled_steps = np.where(settled, self._settled_steps + 1, 0)
         self.driving = self.driving | (self._settled_steps >= SETTLING_STEPS)
@@ -83,7 +83,7 @@ class Withdrawal(PerWorldState):
         return self._retreats[world]
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Continues from what ``saved`` returned."""
+        """Restores a state from ``saved``."""
         super().restore(saved)
         self._retreats.clear()
         self._actions = None

@@ -337,7 +337,7 @@ class Simulation:
         }
 
     def restore(self, saved: Mapping[str, Mapping[str, NumpyArray]]) -> None:
-        """Continues from what ``saved`` returned in a simulation with the same arguments."""
+        """Restores a state from ``saved`` of a simulation with the same arguments."""
         for again in (False, True):  # set_const computes constants from the fields and changes some fields
             for name, array in self._expanded().items():
                 array[:] = saved["fields"][name]

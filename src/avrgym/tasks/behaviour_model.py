@@ -34,7 +34,7 @@ class BehaviourModel:
         Args:
             distribution: describes how people behave.
             people: their bodies.
-            offered: the part of the body that the task has people offer.
+            offered: body part that people bring to the tool.
             posture: sitting or reclined.
             human_actions: whether people move by actions alone, see ``move_targets``.
             exemplar: an array on the device of the state, if not that of the people.
@@ -54,7 +54,7 @@ class BehaviourModel:
         return self._state
 
     def restore(self, saved: CooperationState | PartnerState) -> None:
-        """Continues from what ``saved`` returned."""
+        """Restores a state from ``saved``."""
         self._state = saved
 
     def reset(self, ids: IntArray, people: People, uniforms: FloatArray) -> None:

@@ -119,7 +119,7 @@ class ControlLoop:
         return {name: layer.saved() for name, layer in layers.items() if layer is not None}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Continues from what ``saved`` returned."""
+        """Restores a state from ``saved``."""
         if self.withdrawal is not None:
             self.withdrawal.restore(saved["withdrawal"])
         if self.guard is not None:

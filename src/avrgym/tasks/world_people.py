@@ -208,7 +208,7 @@ class WorldPeople:
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Continues from what ``saved`` returned."""
+        """Restores a state from ``saved``."""
         self._set_people(saved["people"])
         self._behaviour.restore(saved["behaviour"])
         if self.trained is not None:

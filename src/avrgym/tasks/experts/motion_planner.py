@@ -156,7 +156,7 @@ class MotionPlanner:
         return elementary.arccos(np.clip(z_w[..., 2], -1.0, 1.0))
 
     def angles_at(self, pos_w: FloatArray, q_w: FloatArray, near_rad: FloatArray) -> FloatArray:
-        """Joint angles (N, J) for a tool pose near that of the angles ``near_rad``."""
+        """Joint angles (N, J) for a tool pose, by inverse kinematics that starts at ``near_rad``."""
         pos, q = transforms.compose(*self._to_base, pos_w, q_w)
         return kinematics.solve(self._chain, pos, q, near_rad, iterations=ITERATIONS).angles_rad
 

@@ -88,7 +88,7 @@ def _spoon_q_w(state: State) -> FloatArray:
 def at_mouth(
     state: State, q_w: FloatArray, rise_m: FloatArray | float, clearance_m: FloatArray
 ) -> FloatArray:
-    """Spoon positions (N, 3) in the middle of the mouth, or as far in as the clearance from the face allows."""
+    """Spoon positions (N, 3) in the middle of the mouth, or outside it if the clearance requires that."""
     pos_w = state.mouth_pos_w + np.multiply.outer(rise_m, UP)
     outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], OUTLINE)
     back = -face_direction(state)

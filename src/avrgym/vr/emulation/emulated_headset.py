@@ -247,8 +247,8 @@ class BrowserClient:
             self._headset.answer(DONE)
         if question is not None and question["item"] != self._asked and self._headset.call("buttons"):
             self._asked = question["item"]
-            experience = self._session.experience
-            self._headset.answer(self._participant.answer(question["item"], question["points"], experience))
+            results = self._session.attempt_results
+            self._headset.answer(self._participant.answer(question["item"], question["points"], results))
 
     def _take_picture(self, now_s: float) -> None:
         after_s = self._picture_after_s.get(self._phase[0])

@@ -77,7 +77,7 @@ class InProcessClient:
         question = self._question
         if question is not None and waited_s > ANSWER_AFTER_S:
             self._question = None
-            value = self._participant.answer(question.item, question.points, session.experience)
+            value = self._participant.answer(question.item, question.points, session.attempt_results)
             answer = messages.Answer(item=question.item, value=value, response_time_s=waited_s)
             session.receive(answer, self._now_s)
         if session.phase == "confirm":

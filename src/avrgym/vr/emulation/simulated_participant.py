@@ -27,7 +27,7 @@ from avrgym.tasks.registry import task_and_scene
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, headset_from_head
-from avrgym.vr.session.attempt import Experience
+from avrgym.vr.session.attempt import AttemptResults
 
 PARTICIPANTS = DISTRIBUTIONS["participants"]
 SENSOR_NOISE_M = 1e-9
@@ -41,11 +41,11 @@ LOOKING_AT_ARM_RAD = human.joint_angles(head_x=35.0, head_z=-40.0) - human.joint
 LENIENCY, NOISE = 0.08, 0.1
 """Standard deviations, between participants and from answer to answer, as shares of a scale."""
 
-RATINGS: Mapping[str, Callable[[Experience], float]] = {
-    "L1": lambda experience: 0.9 if experience.success else 0.15,
-    "L2": lambda experience: 1.0 - experience.force_mean_n / 20.0 - experience.speed_mean_m_s / 1.0,
-    "L3": lambda experience: 1.0 - experience.force_max_n / 60.0,
-    "L4": lambda experience: 1.0 - abs(experience.speed_mean_m_s - 0.1) / 0.3,
+RATINGS: Mapping[str, Callable[[AttemptResults], float]] = {
+    "L1": lambda results: 0.9 if results.success else 0.15,
+    "L2": lambda results: 1.0 - results.force_mean_n / 20.0 - results.speed_mean_m_s / 1.0,
+    "L3": lambda results: 1.0 - results.force_max_n / 60.0,
+    "L4": lambda results: 1.0 - abs(results.speed_mean_m_s - 0.1) / 0.3,
 }
 """Ratings of the paper's statements as shares of a scale: help by success, comfort by mean force and speed, safety by
 the maximum force, speed by the difference to 0.1 m/s. The constants are assumptions."""
@@ -289,9 +289,9 @@ class SimulatedParticipant:
             right_modality="controller",
         )
 
-    def answer(self, item: str, points: int, experience: Experience) -> int:
+    def answer(self, item: str, points: int, results: AttemptResults) -> int:
         """A rating of a trial from 1 to ``points`` by the rule of the item; by default about the middle."""
-        wanted = RATINGS[item](experience) if item in RATINGS else 0.5
+        wanted = RATINGS[item](results) if item in RATINGS else 0.5
         share = wanted + self.traits.leniency + self._random.normal(0.0, NOISE)
         return 1 + round(min(max(share, 0.0), 1.0) * (points - 1))
 

@@ -40,7 +40,7 @@ class Driver(Protocol):
 
     @property
     def failure(self) -> str:
-        """The present failure, in the words of ``ControllerError``; empty without one."""
+        """The message of the present ``ControllerError``; empty without one."""
         ...
 
     @property

@@ -29,7 +29,7 @@ Configure = Callable[[int], Configuration]
 
 
 @dataclass(frozen=True)
-class Experience:
+class AttemptResults:
     """Results of an attempt so far: success, and force and tool speed over its steps."""
 
     success: bool = False
@@ -37,14 +37,14 @@ class Experience:
     force_max_n: float = 0.0
     speed_mean_m_s: float = 0.0
 
-    def after(self, step: ControlStep, steps: int) -> "Experience":
+    def after(self, step: ControlStep, steps: int) -> "AttemptResults":
         """Returns the results after another control step; ``steps`` is its number."""
         outcome = step.outcome
         force_n, speed_m_s = (
             float(outcome.force_on_person_n[0]),
             float(outcome.tool_speed_m_s[0]),
         )
-        return Experience(
+        return AttemptResults(
             success=bool(outcome.success[0]),
             force_mean_n=self.force_mean_n + (force_n - self.force_mean_n) / steps,
             force_max_n=max(self.force_max_n, force_n),
@@ -55,7 +55,7 @@ class Experience:
 class Attempt:
     """The running attempt. Arguments are times of the session's clock; recorded times count from the attempt's start.
 
-    ``trial`` and ``number`` (of the attempt) count from 1; ``steps``, ``reward`` and ``experience`` are over its
+    ``trial`` and ``number`` (of the attempt) count from 1; ``steps``, ``reward`` and ``attempt_results`` are over its
     control steps, of which ``latest`` is the last one.
     """
 
@@ -75,7 +75,7 @@ class Attempt:
             OSError: if no recording can be opened.
         """
         self.began_s = began_s
-        self.steps, self.reward, self.experience = 0, 0.0, Experience()
+        self.steps, self.reward, self.attempt_results = 0, 0.0, AttemptResults()
         self.trial = trial
         self.latest: ControlStep | None = None
         self._told_of_stall = False
@@ -87,7 +87,7 @@ class Attempt:
     @property
     def success(self) -> bool:
         """Whether the robot has succeeded so far."""
-        return self.experience.success
+        return self.attempt_results.success
 
     @property
     def path(self) -> Path:
@@ -100,8 +100,8 @@ class Attempt:
         error = self._recording.error
         return None if isinstance(error, TimeoutError) else error
 
-    def stall(self) -> TimeoutError | None:
-        """Returns the error of a slow disk, the first time."""
+    def take_slow_disk_error(self) -> TimeoutError | None:
+        """Returns the error of a slow disk once, then ``None``."""
         error = self._recording.error
         if not isinstance(error, TimeoutError) or self._told_of_stall:
             return None
@@ -149,7 +149,7 @@ class Attempt:
         self.latest = step
         self.steps += 1
         self.reward += float(outcome.reward[0])
-        self.experience = self.experience.after(step, self.steps)
+        self.attempt_results = self.attempt_results.after(step, self.steps)
         self.record("/control", control_record(self.steps, step, driver, idle), now_s)
 
     def robot_finished(self, now_s: float) -> None:

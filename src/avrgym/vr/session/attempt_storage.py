@@ -8,7 +8,7 @@ from avrgym.recording import answers_file, schema
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
 from avrgym.vr.session import events
-from avrgym.vr.session.attempt import Attempt, Configure, Experience
+from avrgym.vr.session.attempt import Attempt, AttemptResults, Configure
 from avrgym.vr.session.events import EventSink
 from avrgym.vr.tracking.frames import Frame
 from avrgym.vr.tracking.tracking_state import TrackingUpdate
@@ -42,9 +42,9 @@ class AttemptStorage:
         self._latest: Attempt | None = None
 
     @property
-    def experience(self) -> Experience:
+    def attempt_results(self) -> AttemptResults:
         """The results of the latest attempt so far."""
-        return Experience() if self._latest is None else self._latest.experience
+        return AttemptResults() if self._latest is None else self._latest.attempt_results
 
     def begin(self, trial: int, configure: Configure, first_number: int, now_s: float) -> Attempt:
         """Start an attempt at a trial, both numbers from 1; see ``Attempt``. Raises ``OSError`` if it cannot be

@@ -21,7 +21,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName, Received, Send
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session import events
-from avrgym.vr.session.attempt import Attempt, Experience, versions
+from avrgym.vr.session.attempt import Attempt, AttemptResults, versions
 from avrgym.vr.session.attempt_storage import AttemptStorage, QuestionnaireAttempt
 from avrgym.vr.session.dispatch import take_message
 from avrgym.vr.session.events import EventSink, Observer
@@ -130,9 +130,9 @@ class Session:
         return self._state.storage.recordings
 
     @property
-    def experience(self) -> Experience:
+    def attempt_results(self) -> AttemptResults:
         """The results of the latest attempt so far."""
-        return self._state.storage.experience
+        return self._state.storage.attempt_results
 
     @property
     def scenes(self) -> list[tuple[str, Person]]:
@@ -311,7 +311,7 @@ class Session:
             self._go_to(self._phase.trial_stored())
         if storage.attempt is None:
             return
-        stall, failure = storage.attempt.stall(), storage.attempt.failure
+        stall, failure = storage.attempt.take_slow_disk_error(), storage.attempt.failure
         if stall is not None:
             state.record_event("recording_stalled", str(stall))
             state.report(f"the recording is slow: {stall}")

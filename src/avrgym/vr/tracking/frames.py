@@ -39,7 +39,7 @@ class SequenceFilter:
         self._stray: int | None = None
         self._strays = 0
 
-    def follows(self, number: int) -> bool:
+    def accepts(self, number: int) -> bool:
         """Returns whether the frame with this number continues the stream; call it for every valid frame."""
         if self._newest is None or _continues(number, self._newest):
             self._go_on(number)
@@ -139,7 +139,7 @@ class TrackingFeed:
         """Whether a frame has a head pose, valid numbers, and continues the stream."""
         poses = [pose for pose in (frame.head, frame.left, frame.right) if pose is not None]
         sound = frame.head is not None and all(is_valid(pose) for pose in poses)
-        return sound and self._numbering.follows(frame.sequence)
+        return sound and self._numbering.accepts(frame.sequence)
 
 
 def body_pose(registration: Registration, frame: Tracking) -> BodyPose:
