@@ -271,7 +271,7 @@ def test_command_requests_reconsent(folder: Path) -> None:
     assert "You fully take part" in agreed.stdout
     assert f"{agreeing} agrees to version 2" in agreed.stdout
     undecided = study("consent", folder, declining, answers="n\nn\n")
-    assert (undecided.exit_code, undecided.stderr.count("nothing was stored")) == (1, 1)
+    assert (undecided.exit_code, undecided.stderr.count("Nothing was stored")) == (1, 1)
     declined = study("consent", folder, declining, answers="n\ny\n")
     assert declined.exit_code == 0
     with Store(folder) as store:

@@ -229,7 +229,7 @@ def test_unencrypted_study_is_reported_and_encrypted(old: Path) -> None:
     assert (old / "private" / "key.json").exists()
     before = identity_file.read_identities(old)
     said = avrgym("encrypt-names", old).stdout
-    assert "may retain it" in said
+    assert "may still contain it" in said
     assert not (old / "private" / "key.json").exists()
     assert identity_file.read_identities(old) == before
     assert b"Example Person" not in b"".join(contents(old).values())
@@ -256,14 +256,14 @@ def test_leftover_plain_file_is_removed(old: Path) -> None:
     assert avrgym("encrypt-names", old).exit_code == 0
     assert not plain.exists()
     plain.write_bytes(kept.replace(b"sub-002", b"sub-009"))
-    assert "sub-009, who is missing in identities.json" in avrgym("encrypt-names", old).stderr
+    assert "contains sub-009, and identities.json does not" in avrgym("encrypt-names", old).stderr
     assert plain.exists()
 
 
 def test_key_can_be_replaced_by_a_passphrase(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with Store(folder) as store:
         enrol(store, "woman", name=NAME)
-    assert "needs a terminal" in avrgym("encrypt-names", folder, "--passphrase").stderr
+    assert "must be typed on a terminal" in avrgym("encrypt-names", folder, "--passphrase").stderr
     monkeypatch.setenv(PASSPHRASE, SECRET)
     assert "a passphrase" in avrgym("encrypt-names", folder, "--passphrase").stdout
     identity_keys._given.clear()

@@ -230,9 +230,9 @@ def remove(folder: Path) -> None:
 
 FORGERIES: dict[str, tuple[Callable[[Path], None], str]] = {
     "removed": (remove, "is missing"),
-    "edited": (edit, "has another content than its checksum"),
+    "edited": (edit, "does not match its checksum"),
     "signed with another key": (resign, "is not signed with this user's key"),
-    "set back": (cut, "was set back"),
+    "set back": (cut, "was replaced by an older copy"),
     "of another study": (another, "of another study"),
 }
 
