@@ -329,10 +329,10 @@ def test_ranges_say_what_would_have_covered_the_participants(tables: dict[str, F
     for sex in ("man", "woman"):
         row = ranges.loc[f"torso_height_{sex}_m"]
         assert (row["minimum"], row["maximum"]) == pytest.approx((heights.min()[sex], heights.max()[sex]))
-    assert ranges.loc["torso_height_man_m", ["original_covers", "revised_covers"]].tolist() == [0.0, 1.0]
+    assert ranges.loc["torso_height_man_m", ["original_share", "revised_share"]].tolist() == [0.0, 1.0]
     trials = only(tables["trials"], counted=True, simulated=True)
     within = trials["waist_x_min_deg"].ge(-10) & trials["waist_x_max_deg"].le(10)
-    assert ranges.loc["waist_x_deg, all of a trial", "revised_covers"] == pytest.approx(within.mean())
+    assert ranges.loc["waist_x_deg, all of a trial", "revised_share"] == pytest.approx(within.mean())
 
 
 def test_latency_follows_from_what_clients_told_in_counted_trials(

@@ -166,10 +166,12 @@ def flow_drawings() -> Iterator[Drawing]:
     excluded = {"Do you have a cognitive or visual impairment that glasses do not correct? Yes": 2}
     yield flow_chart(
         ParticipantFlow(
-            simulated=True, enrolled=20, deleted=1, no_consent=1, excluded=2, withdrew_before=1, waiting=1,
+            simulated=True, enrolled=20, deleted=1, no_consent=1, excluded=2, withdrew_before_allocation=1,
+            awaiting_allocation=1,
             allocated=14, withdrew=2, unfinished=3, completed=9, analysed=11, orders={1: 14}, consents={"1": 18},
-            first_day=None, last_day=None, analysed_unfinished=3, completed_without_data=1, excluded_by=excluded,
-            withdrew_before_for={"no reason stored": 1}, withdrew_for={"felt sick in the headset": 2},
+            first_day=None, last_day=None, analysed_unfinished=3, completed_without_data=1, exclusion_answers=excluded,
+            withdrawal_reasons_before_allocation={"no reason stored": 1},
+            withdrawal_reasons={"felt sick in the headset": 2},
         )
     )  # fmt: skip
 

@@ -195,7 +195,7 @@ def test_words_say_what_so_few_can_show(participants: int, words: str) -> None:
     ]
     told = " ".join(describe_power(Assumptions(), rows, participants))
     assert words in told
-    assert "after correction in 20 % (13 to 29): more often missed than found" in told
+    assert "after correction in 20 % (13 to 29): power is below 50 %" in told
     assert "Without an effect, 'policies, by participant' is significant in 5 %" in told
     assert min_p_value(8) == 2 / 2**8
 
@@ -216,7 +216,7 @@ def test_a_studys_power_on_the_command_line(tmp_path: Path) -> None:
     expected = count_significant(DESIGN, Assumptions(), 2.0, 8, 7, range(101))
     for row in found["power"]:
         if (row["effect"], row["participants"]) == (2.0, 8):
-            times = tuple(round(101 * row[name]) for name in ("power", "corrected"))
+            times = tuple(round(101 * row[name]) for name in ("power", "corrected_power"))
             assert times == expected[row["test"], row["measure"]]
     assert {path.name for path in tmp_path.iterdir()} == {"study.toml", "power.json"}
 

@@ -79,7 +79,13 @@ def test_everybody_is_somewhere_in_the_flow(analysis: Analysis) -> None:
     people, simulated = analysis.flows
     assert (people.simulated, simulated.simulated) == (False, True)
     for flow in analysis.flows:
-        left = flow.deleted + flow.no_consent + flow.excluded + flow.withdrew_before + flow.waiting
+        left = (
+            flow.deleted
+            + flow.no_consent
+            + flow.excluded
+            + flow.withdrew_before_allocation
+            + flow.awaiting_allocation
+        )
         assert flow.enrolled == left + flow.allocated
         assert flow.allocated == flow.withdrew + flow.unfinished + flow.completed
         assert sum(flow.orders.values()) == flow.allocated
@@ -238,7 +244,8 @@ def test_the_data_package_describes_the_files_beside_it(out: Path) -> None:
 
 def test_a_flow_without_anybody_leaving_tells_of_nobody() -> None:
     flow = ParticipantFlow(
-        simulated=False, enrolled=2, deleted=0, no_consent=0, excluded=0, withdrew_before=0, waiting=0, allocated=2,
+        simulated=False, enrolled=2, deleted=0, no_consent=0, excluded=0, withdrew_before_allocation=0,
+        awaiting_allocation=0, allocated=2,
         withdrew=0, unfinished=0, completed=2, analysed=2, orders={1: 2}, consents={"1": 2},
         first_day=None, last_day=None,
     )  # fmt: skip
@@ -260,8 +267,8 @@ def test_the_flow_names_why_people_left_and_who_is_analysed(tmp_path: Path) -> N
         withdraw(store, enrol(store, "man", age_years=70), "no time")
         found = analyse(store)
     (flow,) = found.flows
-    assert flow.excluded_by == {"Are you 18 years old or older? No": 1}
-    assert (flow.withdrew_before_for, flow.withdrew_for) == ({"no time": 1}, {})
+    assert flow.exclusion_answers == {"Are you 18 years old or older? No": 1}
+    assert (flow.withdrawal_reasons_before_allocation, flow.withdrawal_reasons) == ({"no time": 1}, {})
     assert (flow.completed, flow.analysed, flow.analysed_unfinished) == (1, 2, 1)
     assert flow_steps(flow)[-1] == ("In the analysis: 2, of them 1 not finished yet", [])
     about = " ".join(methods(found, flow)["Participants"])
@@ -276,7 +283,8 @@ def test_the_flow_names_why_people_left_and_who_is_analysed(tmp_path: Path) -> N
 
 def test_who_completed_a_study_without_data_that_count_is_not_analysed() -> None:
     flow = ParticipantFlow(
-        simulated=False, enrolled=2, deleted=0, no_consent=0, excluded=0, withdrew_before=0, waiting=0, allocated=2,
+        simulated=False, enrolled=2, deleted=0, no_consent=0, excluded=0, withdrew_before_allocation=0,
+        awaiting_allocation=0, allocated=2,
         withdrew=0, unfinished=0, completed=2, analysed=1, orders={1: 2}, consents={"1": 2},
         first_day=None, last_day=None, completed_without_data=1,
     )  # fmt: skip

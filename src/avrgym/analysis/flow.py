@@ -31,13 +31,13 @@ class ParticipantFlow:
 
     ``enrolled`` includes participants with ``deleted`` data. ``analysed`` have counted trials or answers;
     ``analysed_unfinished`` of them have not completed the study. ``completed_without_data`` completed it without
-    counted data. ``excluded_by``: number of exclusions by each answer to an inclusion question. ``withdrew_before_for``
-    and ``withdrew_for``: number of withdrawals by reason.
+    counted data. ``exclusion_answers``: number of exclusions by each answer to an inclusion question.
+    ``withdrawal_reasons`` and ``withdrawal_reasons_before_allocation``: number of withdrawals by reason.
 
     ``orders``: number of participants with each order of trials. ``consents``: number by latest accepted version of the
     consent text. ``reconsented``: number with consent to a later version. ``declined``: number with a refusal.
-    ``first_day`` and ``last_day`` are days of sessions (ISO 8601). After loss of the database it is ``unknown`` whether
-    some participants withdrew, and of ``unknown_before`` whether they consented.
+    ``first_day`` and ``last_day`` are days of sessions (ISO 8601). After loss of the database, ``consent_unknown`` and
+    ``withdrawal_unknown`` are numbers of participants with lost consents or withdrawals.
     """
 
     simulated: bool
@@ -45,12 +45,12 @@ class ParticipantFlow:
     deleted: int
     no_consent: int
     excluded: int
-    withdrew_before: int
-    unknown_before: int = 0
-    waiting: int
+    withdrew_before_allocation: int
+    consent_unknown: int = 0
+    awaiting_allocation: int
     allocated: int
     withdrew: int
-    unknown: int = 0
+    withdrawal_unknown: int = 0
     unfinished: int
     completed: int
     analysed: int
@@ -62,9 +62,9 @@ class ParticipantFlow:
     last_day: str | None
     analysed_unfinished: int = 0
     completed_without_data: int = 0
-    excluded_by: Mapping[str, int] = field(default_factory=dict[str, int])
-    withdrew_before_for: Mapping[str, int] = field(default_factory=dict[str, int])
-    withdrew_for: Mapping[str, int] = field(default_factory=dict[str, int])
+    exclusion_answers: Mapping[str, int] = field(default_factory=dict[str, int])
+    withdrawal_reasons_before_allocation: Mapping[str, int] = field(default_factory=dict[str, int])
+    withdrawal_reasons: Mapping[str, int] = field(default_factory=dict[str, int])
 
 
 def participant_flows(store: Store, seen: StudyData) -> list[ParticipantFlow]:
@@ -93,12 +93,12 @@ def _flow(
         deleted=deleted,
         no_consent=_in(without, "enrolled"),
         excluded=_in(without, "excluded"),
-        withdrew_before=_in(without, "withdrawn"),
-        unknown_before=_in(without, UNKNOWN),
-        waiting=_in(without, "consented"),
+        withdrew_before_allocation=_in(without, "withdrawn"),
+        consent_unknown=_in(without, UNKNOWN),
+        awaiting_allocation=_in(without, "consented"),
         allocated=len(with_order),
         withdrew=_in(with_order, "withdrawn"),
-        unknown=_in(with_order, UNKNOWN),
+        withdrawal_unknown=_in(with_order, UNKNOWN),
         unfinished=_in(with_order, "allocated"),
         completed=len(completed),
         analysed=len(analysed),
@@ -110,9 +110,9 @@ def _flow(
         last_day=days[-1] if days else None,
         analysed_unfinished=len(analysed) - _in(analysed, "completed"),
         completed_without_data=len(completed) - _in(analysed, "completed"),
-        excluded_by=Counter(answer for each in own for answer in _excluding(store.design, each)),
-        withdrew_before_for=Counter(_reasons(store, without)),
-        withdrew_for=Counter(_reasons(store, with_order)),
+        exclusion_answers=Counter(answer for each in own for answer in _excluding(store.design, each)),
+        withdrawal_reasons_before_allocation=Counter(_reasons(store, without)),
+        withdrawal_reasons=Counter(_reasons(store, with_order)),
     )
 
 
@@ -147,18 +147,18 @@ UNKNOWN_TEXT = "consent or withdrawal unknown, database lost"
 
 def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
     """Each step with its number, and the participants who left after it."""
-    before = f"withdrew before the first trial was planned{_reasons_text(flow.withdrew_before_for)}"
+    before = f"withdrew before the first trial was planned{_reasons_text(flow.withdrawal_reasons_before_allocation)}"
     unfinished = f", of them {flow.analysed_unfinished} not finished yet" if flow.analysed_unfinished else ""
     return [
         (
             f"Enrolled: {flow.enrolled}",
             _some(
                 {
-                    f"excluded by the inclusion questions{_reasons_text(flow.excluded_by)}": flow.excluded,
-                    before: flow.withdrew_before,
-                    UNKNOWN_TEXT: flow.unknown_before,
+                    f"excluded by the inclusion questions{_reasons_text(flow.exclusion_answers)}": flow.excluded,
+                    before: flow.withdrew_before_allocation,
+                    UNKNOWN_TEXT: flow.consent_unknown,
                     "no consent yet": flow.no_consent,
-                    "inclusion questions not answered yet": flow.waiting,
+                    "inclusion questions not answered yet": flow.awaiting_allocation,
                     "deleted with all data": flow.deleted,
                 }
             ),
@@ -167,8 +167,8 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
             f"Given an order of trials: {flow.allocated}",
             _some(
                 {
-                    f"withdrew{_reasons_text(flow.withdrew_for)}": flow.withdrew,
-                    UNKNOWN_TEXT: flow.unknown,
+                    f"withdrew{_reasons_text(flow.withdrawal_reasons)}": flow.withdrew,
+                    UNKNOWN_TEXT: flow.withdrawal_unknown,
                     "not finished yet": flow.unfinished,
                 }
             ),

@@ -68,10 +68,10 @@ class RangeRow:
     maximum: Maximum
     original_low: Annotated[float, Column("Lower bound in the Original population.")]
     original_high: Annotated[float, Column("Upper bound in the Original population.")]
-    original_covers: Annotated[float, Column("Share of values within these bounds.", allowed=SHARE)]
+    original_share: Annotated[float, Column("Share of values within these bounds.", allowed=SHARE)]
     revised_low: Annotated[float, Column("Lower bound in the Revised population.")]
     revised_high: Annotated[float, Column("Upper bound in the Revised population.")]
-    revised_covers: Annotated[float, Column("Share of values within these bounds.", allowed=SHARE)]
+    revised_share: Annotated[float, Column("Share of values within these bounds.", allowed=SHARE)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,9 +212,9 @@ def _range(
             maximum=max(maximum for _, maximum in spans),
             original_low=original[0],
             original_high=original[1],
-            original_covers=covers[0],
+            original_share=covers[0],
             revised_low=revised[0],
             revised_high=revised[1],
-            revised_covers=covers[1],
+            revised_share=covers[1],
         )
     ]

@@ -47,8 +47,8 @@ def _ranges(rows: Sequence[RangeRow], simulated: bool) -> Markup:
     body = [
         (
             row.quantity, row.n, _ends(row.minimum, row.maximum),
-            _ends(row.original_low, row.original_high), f"{100 * row.original_covers:.0f} %",
-            _ends(row.revised_low, row.revised_high), f"{100 * row.revised_covers:.0f} %",
+            _ends(row.original_low, row.original_high), f"{100 * row.original_share:.0f} %",
+            _ends(row.revised_low, row.revised_high), f"{100 * row.revised_share:.0f} %",
         )
         for row in rows
     ]  # fmt: skip

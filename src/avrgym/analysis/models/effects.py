@@ -52,16 +52,16 @@ class Effect:
 class DesignMatrix:
     """Columns (n, p) of a model without constant, by kind and group; ``reference_groups`` are the reference groups."""
 
-    names: tuple[Group, ...]
+    groups: tuple[Group, ...]
     reference_groups: frozenset[Group]
     matrix: FloatArray
 
     def contrast(self, effect: Effect) -> FloatArray:
         """Contrast vector (p,) of an effect; raises ``FitError`` if the trials cannot identify it."""
-        weights = np.zeros(len(self.names))
+        weights = np.zeros(len(self.groups))
         for group, sign in (((effect.kind, effect.group_a), 1.0), ((effect.kind, effect.group_b), -1.0)):
-            if group in self.names:
-                weights[self.names.index(group)] = sign
+            if group in self.groups:
+                weights[self.groups.index(group)] = sign
             elif group not in self.reference_groups:
                 raise FitError("these trials do not identify this effect")
         return weights
@@ -88,7 +88,7 @@ def after_policy(policy: str) -> str:
 
 def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatrix:
     """The linearly independent columns of these trials, in order of importance."""
-    names: list[Group] = []
+    groups: list[Group] = []
     reference_groups: set[Group] = set()
     kept = np.ones((len(observed), 1))
     for group, column in _candidates(design, observed):
@@ -97,9 +97,9 @@ def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatri
             continue
         widened = np.hstack([kept, column[:, None]])
         if np.linalg.matrix_rank(widened) > kept.shape[1]:
-            names.append(group)
+            groups.append(group)
             kept = widened
-    return DesignMatrix(tuple(names), frozenset(reference_groups), kept[:, 1:])
+    return DesignMatrix(tuple(groups), frozenset(reference_groups), kept[:, 1:])
 
 
 def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tuple[Group, FloatArray | None]]:

@@ -23,7 +23,7 @@ from avrgym.analysis.page.drawing import (
 )
 from avrgym.study.design.design import Design
 
-PERCENTS = (0.0, 0.25, 0.5, 0.75, 1.0)
+TICK_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 SIMULATION = "simulation"
 """The label of policies in simulation."""
 
@@ -70,7 +70,7 @@ def _objective_figure(
             axes.set(title=task, xlabel="robot", ylabel=label)
             if interval == "success":
                 axes.set_ylim(0.0, 1.05)
-                axes.set_yticks(PERCENTS, [f"{100 * share:g}" for share in PERCENTS])
+                axes.set_yticks(TICK_SHARES, [f"{100 * share:g}" for share in TICK_SHARES])
         add_legend(figure, columns=3)
     return finish_figure(simulated, kind, caption, figure)
 

@@ -44,8 +44,8 @@ Probabilities = Mapping[tuple[str, str], tuple[Probability, Probability]]
 class PowerRow:
     """Power of a test of ``measure`` to find an ``effect``, in points of a seven-point scale.
 
-    ``participants`` completed each study. ``power``: share of studies with p below 0.05. ``corrected``: the same after
-    correction over all primary results. Intervals are Wilson's, 95 %. Models are sensitivity analyses without
+    ``participants`` completed each study. ``power``: share of studies with p below 0.05. ``corrected_power``: the same
+    after correction over all primary results. Intervals are Wilson's, 95 %. Models are sensitivity analyses without
     correction.
     """
 
@@ -57,9 +57,9 @@ class PowerRow:
     power: float
     power_low: float
     power_high: float
-    corrected: float
-    corrected_low: float
-    corrected_high: float
+    corrected_power: float
+    corrected_power_low: float
+    corrected_power_high: float
 
 
 def default_sizes(design: Design) -> tuple[int, ...]:
@@ -225,7 +225,7 @@ def required_participants(
     )
     reached: int | None = None
     for row in reversed(own):
-        if row.corrected < goal:
+        if row.corrected_power < goal:
             break
         reached = row.participants
     return reached

@@ -61,8 +61,8 @@ def _tests(rows: Sequence[PowerRow]) -> list[tuple[float, str, str]]:
 def _power(rows: Sequence[PowerRow], effect: float, test: str, measure: str, size: int) -> str:
     wanted = effect, test, measure, size
     (row,) = (row for row in rows if (row.effect, row.test, row.measure, row.participants) == wanted)
-    half = 50 * (row.corrected_high - row.corrected_low)
-    return f"{100 * row.corrected:.0f}±{half:.0f}"
+    half = 50 * (row.corrected_power_high - row.corrected_power_low)
+    return f"{100 * row.corrected_power:.0f}±{half:.0f}"
 
 
 def _number(rows: Sequence[PowerRow], effect: float, test: str, measure: str, goal: float) -> str:
@@ -106,11 +106,11 @@ def _min_p_text(participants: int) -> str:
 
 
 def _found(row: PowerRow) -> str:
-    verdict = "shown as a rule" if row.corrected_low >= 0.8 else _missed(row)
+    verdict = "power is sufficient" if row.corrected_power_low >= 0.8 else _missed(row)
     points = "point" if row.effect == 1 else "points"
     after = (
-        f"after correction in {100 * row.corrected:.0f} % ({100 * row.corrected_low:.0f} to "
-        f"{100 * row.corrected_high:.0f})"
+        f"after correction in {100 * row.corrected_power:.0f} % ({100 * row.corrected_power_low:.0f} to "
+        f"{100 * row.corrected_power_high:.0f})"
         if row.test.endswith(PARTICIPANT)
         else "not corrected"
     )
@@ -121,9 +121,9 @@ def _found(row: PowerRow) -> str:
 
 
 def _missed(row: PowerRow) -> str:
-    if row.corrected_high < 0.5:
-        return "more often missed than found"
-    return "found too seldom to rely on" if row.corrected < 0.8 else "found in about four of five"
+    if row.corrected_power_high < 0.5:
+        return "power is below 50 %"
+    return "power is too low" if row.corrected_power < 0.8 else "power is about 80 %"
 
 
 def _share(power: float, row: PowerRow) -> str:

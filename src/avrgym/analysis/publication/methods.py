@@ -99,7 +99,7 @@ def _participants(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
     yield f"Recruitment: {about.recruitment or missing('recruitment of participants')}"
     yield f"Compensation: {about.compensation or missing('compensation of participants')}"
     yield f"Ethics approval: {about.ethics_approval or missing('board and number of the approval')}"
-    lost = flow.unknown + flow.unknown_before
+    lost = flow.withdrawal_unknown + flow.consent_unknown
     unknown = (
         f"; unknown for {count_text(lost, 'participant')}, because the database was lost" if lost else ""
     )

@@ -31,19 +31,19 @@ class ParticipantAnswers:
         self._answers = answers_of(store, participant, attempts, answered_items)
         takes_part = participant.state in PARTICIPATING
         self._compared = _compared(self._answers) if takes_part else set[int]()
-        of_trials = {each.given.id for each in self._answers if _is_of_trial(each, counted_positions)}
+        of_trials = {each.stored.id for each in self._answers if _is_of_trial(each, counted_positions)}
         self._counted = of_trials | self._compared
 
     def rows(self) -> Iterator[AnswerRow]:
         """Every answer, in order of time."""
         for answer in self._answers:
             columns = {name: value for name, value in vars(answer.row()).items() if name in ANSWER_COLUMNS}
-            yield AnswerRow(counted=answer.given.id in self._counted, **columns)
+            yield AnswerRow(counted=answer.stored.id in self._counted, **columns)
 
     def scores(self) -> Iterator[ScoreRow]:
         """Every score; it counts if all its answers count."""
         for score in scores_of(self._store, self._participant, self._answers, self._answered_items):
-            counted = all(answer.given.id in self._counted for answer in score.answers)
+            counted = all(answer.stored.id in self._counted for answer in score.answers)
             columns = {name: value for name, value in vars(score.row()).items() if name in SCORE_COLUMNS}
             yield ScoreRow(counted=counted, **columns)
 
@@ -53,9 +53,9 @@ class ParticipantAnswers:
             return
         for moment in SESSION_MOMENTS:
             given = [answer for answer in self._answers if answer.moment == moment]
-            again = [answer for answer in given if answer.given.id not in self._compared]
+            again = [answer for answer in given if answer.stored.id not in self._compared]
             if again:
-                items = ", ".join(dict.fromkeys(answer.given.item for answer in again))
+                items = ", ".join(dict.fromkeys(answer.stored.item for answer in again))
                 sessions = " and ".join(str(n) for n in sorted({each.session.number for each in given}))
                 yield ProblemRow(
                     simulated=self._participant.simulated,
@@ -66,7 +66,7 @@ class ParticipantAnswers:
 
 
 def _is_of_trial(answer: ExportedAnswer, counted_positions: set[int]) -> bool:
-    about = answer.exported
+    about = answer.attempt
     return (
         about is not None and about.attempt.state == "completed" and about.trial.position in counted_positions
     )
@@ -76,8 +76,8 @@ def _compared(answers: Sequence[ExportedAnswer]) -> set[int]:
     """Ids of counted answers about sessions: for each item the latest after a session, and the latest before that."""
     before, after = SESSION_MOMENTS
     ids: set[int] = set()
-    for item in {answer.given.item for answer in answers}:
-        own = {answer.given.id: answer.moment for answer in answers if answer.given.item == item}
+    for item in {answer.stored.item for answer in answers}:
+        own = {answer.stored.id: answer.moment for answer in answers if answer.stored.item == item}
         last = max((each for each in own if own[each] == after), default=None)
         first = [each for each in own if own[each] == before and (last is None or each < last)]
         ids |= {each for each in (last, max(first, default=None)) if each is not None}

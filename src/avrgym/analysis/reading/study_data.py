@@ -37,9 +37,9 @@ from avrgym.study.storage.states import PARTICIPATING, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS
 
-USE_STORED = "reward and success come from the database"
-NO_BIOMECHANICS = f"{USE_STORED}; the trial is not in the biomechanics"
-NO_SERIES = f"{USE_STORED}; the trial is not in the biomechanics and has no time series"
+RESULTS_FROM_DATABASE = "reward and success come from the database"
+NO_BIOMECHANICS = f"{RESULTS_FROM_DATABASE}; the trial is not in the biomechanics"
+NO_SERIES = f"{RESULTS_FROM_DATABASE}; the trial is not in the biomechanics and has no time series"
 TrialKey = tuple[str, int]
 """Pseudonym and position."""
 

@@ -123,19 +123,22 @@ def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArr
     channels = range(values.shape[1])
     labels = [_at(stream.channels, channel, f"channel_{channel + 1}") for channel in channels]
     names = _column_names(labels)
-    order: list[int] = list(channels)
+    column_order: list[int] = list(channels)
     if stream.kind.lower() == GAZE:
-        first = [next((i for i in order if _ends_with(labels[i], axis)), None) for axis in AXES]
+        first = [next((i for i in column_order if _ends_with(labels[i], axis)), None) for axis in AXES]
         if None not in first:
-            order = [*(i for i in first if i is not None), *(i for i in order if i not in first)]
-            names = {**names, **dict(zip(order, COORDINATES, strict=False))}
+            column_order = [
+                *(i for i in first if i is not None),
+                *(i for i in column_order if i not in first),
+            ]
+            names = {**names, **dict(zip(column_order, COORDINATES, strict=False))}
     return Series(
         stream,
-        [names[i] for i in order],
-        [labels[i] for i in order],
-        [_at(stream.units, i, "n/a") for i in order],
+        [names[i] for i in column_order],
+        [labels[i] for i in column_order],
+        [_at(stream.units, i, "n/a") for i in column_order],
         times.time_s - start_s,
-        values[:, order],
+        values[:, column_order],
         corrections(times, start_s),
     )
 

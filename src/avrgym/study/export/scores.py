@@ -40,7 +40,7 @@ class Score:
             score=self.value,
             minimum=minimum,
             maximum=maximum,
-            answered=sum(answer.given.item in items for answer in self.answers),
+            answered=sum(answer.stored.item in items for answer in self.answers),
             items=len(items),
         )
 
@@ -60,7 +60,7 @@ def scores_of(
             key = answer.questionnaire.name, _moment(answer, sessions)
             answers_by_questionnaire.setdefault(key, []).append(answer)
     given = {
-        key: {each.given.item: each.given.value for each in own}
+        key: {each.stored.item: each.stored.value for each in own}
         for key, own in answers_by_questionnaire.items()
     }
     design = answered_items.design
@@ -108,13 +108,13 @@ def uses_instruments(design: Design) -> bool:
 def _is_of_instrument(answer: ExportedAnswer) -> bool:
     """Whether the answer is to an item of a validated questionnaire."""
     instrument = answer.questionnaire.instrument
-    return instrument is not None and any(item.id == answer.given.item for item in instrument.items)
+    return instrument is not None and any(item.id == answer.stored.item for item in instrument.items)
 
 
 def _moment(answer: ExportedAnswer, sessions: Sequence[StudySession]) -> When:
-    if answer.given.attempt is not None:
-        return answer.given.attempt, answer.given.session, answer.moment
-    return 0, sessions_of_visit(sessions, answer.given.session)[0], answer.moment
+    if answer.stored.attempt is not None:
+        return answer.stored.attempt, answer.stored.session, answer.moment
+    return 0, sessions_of_visit(sessions, answer.stored.session)[0], answer.moment
 
 
 def _scores(
@@ -123,7 +123,7 @@ def _scores(
     weights: Mapping[str, int] | None,
     answers: Sequence[ExportedAnswer],
 ) -> Iterator[Score]:
-    given = {answer.given.item: answer.given.value for answer in answers}
+    given = {answer.stored.item: answer.stored.value for answer in answers}
     for scale, value in instrument.score(given, weights).items():
         yield Score(questionnaire, instrument, scale, value, tuple(answers))
 

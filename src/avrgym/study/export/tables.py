@@ -96,12 +96,12 @@ def participant_tables(
 
 def _median_heights(completed: Sequence[ExportedAttempt], heights: Heights) -> dict[str, float]:
     """The median torso height of each participant."""
-    known: dict[str, list[float]] = defaultdict(list)
+    heights_by_participant: dict[str, list[float]] = defaultdict(list)
     for exported in completed:
         height = heights[exported.attempt.id]
         if height is not None:
-            known[exported.participant.pseudonym].append(height)
-    return {pseudonym: median(values) for pseudonym, values in known.items()}
+            heights_by_participant[exported.participant.pseudonym].append(height)
+    return {pseudonym: median(values) for pseudonym, values in heights_by_participant.items()}
 
 
 def item_rows(design: Design) -> Iterator[ItemRow]:

@@ -127,15 +127,15 @@ class ExportedAnswer:
 
     participant: Participant
     session: StudySession
-    exported: ExportedAttempt | None
-    given: GivenAnswer
+    attempt: ExportedAttempt | None
+    stored: GivenAnswer
     moment: str
     questionnaire: Questionnaire
     item: Item
 
     def labels(self) -> AnswerLabels:
         """The labels of this answer in tables."""
-        attempt = self.exported
+        attempt = self.attempt
         return AnswerLabels(
             participant=self.participant.pseudonym,
             site=self.participant.site,
@@ -157,12 +157,12 @@ class ExportedAnswer:
         return AnswerRow(
             **vars(self.labels()),
             item=self.item.id,
-            value=scale.counts_as(self.given.value),
+            value=scale.counts_as(self.stored.value),
             minimum=scale.lowest,
             maximum=scale.highest,
             points=scale.points,
-            response_time_s=self.given.response_time_s,
-            answered_at=self.given.answered_at,
+            response_time_s=self.stored.response_time_s,
+            answered_at=self.stored.answered_at,
         )
 
 
@@ -192,7 +192,7 @@ def answers_of(
 class LeftOut:
     """A completed attempt with a recording that cannot be exported; ``reason`` begins with its name."""
 
-    exported: ExportedAttempt
+    attempt: ExportedAttempt
     reason: str
 
 
