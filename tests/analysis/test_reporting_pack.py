@@ -353,7 +353,7 @@ def test_the_methods_name_the_furniture_and_withdrawals_of_the_tasks(
     analysis: Analysis, tasks: tuple[str, ...], said: str, not_said: str
 ) -> None:
     design = msgspec.structs.replace(analysis.design, tasks=tasks)
-    told, flow = replace(analysis, design=design, uses=[]), main_flow(analysis)
+    told, flow = replace(analysis, design=design, session_designs=[]), main_flow(analysis)
     assert flow is not None
     words = " ".join(methods(told, flow)["Apparatus"])
     assert said in words

@@ -38,7 +38,8 @@ def _about_people(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistFi
     about = analysis.design.reporting
     people = analysis.observed.analysed_people(simulated=flow.simulated)
     ages = sum(row.age_years is not None for row in people)
-    left = f"{flow.excluded} excluded, {flow.withdrew_before_allocation + flow.withdrew} withdrew, {flow.deleted} deleted"
+    withdrew = flow.withdrew_before_allocation + flow.withdrew
+    left = f"{flow.excluded} excluded, {withdrew} withdrew, {flow.deleted} deleted"
     if lost := flow.withdrawal_unknown + flow.consent_unknown:
         left += f", of {lost} unknown"
     inclusion = describe_by_design(analysed_designs(analysis, flow), analysis.design, inclusion_answers)
