@@ -209,7 +209,7 @@ def evaluate_all(
 
 
 def _parts(episodes: int, size: int) -> list[range]:
-    """Numbers of episodes in batches of at most that size, which differ by one at most."""
+    """Split episodes into batches of at most ``size``; their lengths differ by at most 1."""
     count = -(-episodes // size)
     bounds = [number * episodes // count for number in range(count + 1)]
     return [range(*bound) for bound in pairwise(bounds)]

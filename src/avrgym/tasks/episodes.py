@@ -200,8 +200,8 @@ class Episodes:
             for world in invalid[self.start_draws[invalid] == MAX_START_DRAWS].tolist():
                 person = self.people.person(world)
                 raise NoClearanceError(
-                    f"{self.environment_id}: none of {MAX_START_DRAWS} starts leaves enough clearance next to a {person.sex} "
-                    f"with a torso of {person.torso_height_m:.2f} m: in the last one {conflicts[world]}"
+                    f"{self.environment_id}: none of {MAX_START_DRAWS} starts leaves enough clearance "
+                    f"next to a {person.sex} with a torso of {person.torso_height_m:.2f} m: in the last one {conflicts[world]}"
                 )
         self.loop.reset(ids)
         return self.observe()[ids]

@@ -248,7 +248,7 @@ def _first_gpu(torch: Any) -> str:
     if not torch.cuda.is_available():
         raise ValueError(
             "the engine warp needs a CUDA device, and PyTorch finds none here; `warp:cpu` runs it on the processor, "
-            "far slower than threads do"
+            "which is far slower than threads"
         )
     return "cuda:0"
 

@@ -175,7 +175,7 @@ class ThreadedDriver:
         return request
 
     def _poll(self) -> None:
-        """Take an answer that has arrived; give up one that is late."""
+        """Handle an answer that has arrived, or reject a late one."""
         pending = self._pending
         if pending is None:
             return

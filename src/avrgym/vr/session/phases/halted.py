@@ -59,7 +59,7 @@ class Finished(Phase):
         return self
 
     def pause(self) -> Self:
-        """Nothing starts any more; this is explained unless the session is paused already."""
+        """Refused: the session is over."""
         return self if self.state.on_hold else self._report("the session is finished")
 
     def correct_torso_height(self, torso_height_m: float) -> Self:
