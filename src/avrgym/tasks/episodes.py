@@ -201,7 +201,8 @@ class Episodes:
                 person = self.people.person(world)
                 raise NoClearanceError(
                     f"{self.environment_id}: none of {MAX_START_DRAWS} starts leaves enough clearance "
-                    f"next to a {person.sex} with a torso of {person.torso_height_m:.2f} m: in the last one {conflicts[world]}"
+                    f"next to a {person.sex} with a torso of {person.torso_height_m:.2f} m: "
+                    f"in the last one {conflicts[world]}"
                 )
         self.loop.reset(ids)
         return self.observe()[ids]
