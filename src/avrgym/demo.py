@@ -35,7 +35,7 @@ class DemoResult:
     without_browser: str | None
 
 
-def run_demo(out: Path, seed: int, print_line: Callable[[str], None]) -> DemoResult:
+def run_demo(out: Path, seed: int, log: Callable[[str], None]) -> DemoResult:
     """Runs a trial of each task with its questionnaire, and writes recordings, pictures and pages into ``out``."""
     plan = SessionPlan(
         trials=[
@@ -58,11 +58,11 @@ def run_demo(out: Path, seed: int, print_line: Callable[[str], None]) -> DemoRes
 
     without_browser = None
     try:
-        recordings = _in_browser(make_session, participant, pictures, print_line)
+        recordings = _in_browser(make_session, participant, pictures, log)
     except BrowserMissingError as error:
         without_browser = str(error)
-        print_line(f"no browser: {error}; running the same session in one process")
-        recordings = _in_process(make_session, participant, print_line)
+        log(f"no browser: {error}; running the same session in one process")
+        recordings = _in_process(make_session, participant, log)
     return DemoResult(_write_pages(recordings, out), recordings, without_browser)
 
 
@@ -70,28 +70,26 @@ def _in_browser(
     make_session: Callable[[Callable[[Message], None], Executor], Session],
     participant: SimulatedParticipant,
     pictures: Path,
-    print_line: Callable[[str], None],
+    log: Callable[[str], None],
 ) -> list[Path]:
     with (
         ThreadPoolExecutor(1) as workers,
         LiveServer(lambda send: make_session(send, workers), "127.0.0.1", 0) as server,
         EmulatedHeadset(server.url) as headset,
     ):
-        print_line(
-            f"the server listens on http://{server.host}:{server.port}, a headset is emulated in Chromium"
-        )
-        BrowserClient(headset, server.session, participant, pictures, print_line).run()
+        log(f"the server listens on http://{server.host}:{server.port}, a headset is emulated in Chromium")
+        BrowserClient(headset, server.session, participant, pictures, log).run()
         return list(server.session.recordings)
 
 
 def _in_process(
     make_session: Callable[[Callable[[Message], None]], Session],
     participant: SimulatedParticipant,
-    print_line: Callable[[str], None],
+    log: Callable[[str], None],
 ) -> list[Path]:
     """Run the session without browser and server, faster than real time."""
-    client = InProcessClient(participant, print_line)
-    session = make_session(client.hear)
+    client = InProcessClient(participant, log)
+    session = make_session(client.receive)
     client.run(session)
     return list(session.recordings)
 

@@ -40,7 +40,7 @@ def test_items_are_on_their_instruments_published_scale_in_every_language(
     questionnaire = asked(instrument)
     for item in translate(questionnaire.items, read_texts(language)):
         scale = questionnaire.scale_of(item)
-        shown = [scale.counts_as(answer) for answer in range(1, item.points + 1)]
+        shown = [scale.scale_value(answer) for answer in range(1, item.points + 1)]
         assert shown == PUBLISHED[instrument.name] == list(scale.values)
         assert (scale.lowest, scale.highest) == (shown[0], shown[-1])
         assert scale.middle == (shown[0] + shown[-1]) / 2

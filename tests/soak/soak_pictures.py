@@ -111,7 +111,7 @@ class Photographer(BrowserClient):
         name, now_s = self._phase[0], self._time.now_s()
         if name != "check":
             return self._participant.frame(now_s, moving=name != "calibration", watching=name == "trial")
-        return self._participant.frame_of(self._participant._rest_rad + LOOKING_DOWN_RAD, now_s)
+        return self._participant.frame_from_angles(self._participant._rest_rad + LOOKING_DOWN_RAD, now_s)
 
     def _take_picture(self, now_s: float) -> None:
         if now_s - self._phase_began > IMAGE_AFTER_S.get(self._phase[0], np.inf):

@@ -11,7 +11,7 @@ from avrgym.models.human import JOINT_INDEX, LOWER_RAD, UPPER_RAD, Person
 from avrgym.vr.tracking.arm import ARM_PARTS, ArmLengths, ArmSolver, comfortable_angles, solution_ms
 
 PERSON = Person("woman", 0.54)
-LENGTHS = ArmLengths.of(PERSON)
+LENGTHS = ArmLengths.from_person(PERSON)
 JOINTS = [JOINT_INDEX[f"right_{part}"] for part in ARM_PARTS]
 LOWER, UPPER = LOWER_RAD[JOINTS], UPPER_RAD[JOINTS]
 RELAXED = np.radians([8.0, -15.0, 0.0, -90.0, 0.0, 0.0, 0.0])

@@ -283,7 +283,7 @@ def test_a_certificate_is_reused_until_it_is_invalid(tmp_path: Path, monkeypatch
     (tmp_path / "key.pem").write_text("broken")
     mended = number(("192.0.2.8",))
     assert mended != other
-    monkeypatch.setattr(certificate_module, "VALID_DAYS", certificate_module.RENEWED_BEFORE_DAYS - 1)
+    monkeypatch.setattr(certificate_module, "VALID_DAYS", certificate_module.RENEWAL_DAYS - 1)
     (tmp_path / "certificate.pem").unlink()
     soon_over = number(("192.0.2.8",))
     monkeypatch.undo()

@@ -56,7 +56,7 @@ def test_a_participant_completes_a_feeding_session(journey: Journey) -> None:
         journey.participant.traits.torso_height_m, abs=0.005
     )
 
-    frame = journey.participant.frame_of(REACHING_RAD, 0.0)
+    frame = journey.participant.frame_from_angles(REACHING_RAD, 0.0)
     headset.set_poses(frame)
     registration = session.registration
     assert registration is not None
@@ -138,14 +138,14 @@ def test_hands_are_drawn_without_latency_and_blocked_by_the_robot(tmp_path: Path
         with standing_still(journey.session):
             for share in np.linspace(0.2, 1.0, 5):
                 angles = human.SEATED_RAD + share * (REACHING_RAD - human.SEATED_RAD)
-                journey.headset.set_poses(journey.participant.frame_of(angles, 0.0))
+                journey.headset.set_poses(journey.participant.frame_from_angles(angles, 0.0))
                 journey.headset.wait_for_frames(1)
                 hand = OwnHand(journey)
                 assert hand.drawn_off_m < NEAR_M
                 assert hand.drawn_off_deg < NEAR_DEG
             assert hand.simulated_off_m > 10.0 * NEAR_M
 
-        frame = journey.participant.frame_of(REACHING_RAD, 0.0)
+        frame = journey.participant.frame_from_angles(REACHING_RAD, 0.0)
         assert frame.right is not None
         registration = journey.session.registration
         assert registration is not None

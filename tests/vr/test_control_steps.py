@@ -19,7 +19,7 @@ class RepeatedAction:
     def act(self, observation: FloatArray) -> FloatArray:
         return self._action
 
-    def amend(self) -> FloatArray | None:
+    def update_action(self) -> FloatArray | None:
         return self._action if self._amended else None
 
 

@@ -13,7 +13,7 @@ from avrgym.safety.limits import BODY_REGIONS
 from avrgym.vr.lab_streaming.choice import StreamChoice
 from avrgym.vr.protocol.messages import Entered, Ready, Status
 from avrgym.vr.session.events import StreamFound, StreamLost
-from helpers.vr.lab_streams import POSED, RATE_HZ, Device, LiveVisit, lab_streams, pylsl
+from helpers.vr.lab_streams import RATE_HZ, SENT_BODIES, Device, LiveVisit, lab_streams, pylsl
 
 LOOPBACK_S = 0.002
 MARKERS = "AVR Gym events"
@@ -32,7 +32,9 @@ def test_poses_and_forces_are_sent(tmp_path: Path) -> None:
         (posed, posed_s), (pressed, _) = [inlet.pull_chunk(0.0, 1000, as_numpy=True) for inlet in inlets]
         labels = inlets[0].info(5.0).get_channel_labels()
         visit.leave()
-    assert labels == [f"{name}_{part}" for name in POSED for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+    assert labels == [
+        f"{name}_{part}" for name in SENT_BODIES for part in ("x", "y", "z", "qw", "qx", "qy", "qz")
+    ]
     body = visit.session.world.simulation.body_poses(0)[visit.session.bodies.index("person/head")]
     assert posed[-1, :7] == pytest.approx(body, abs=1e-3)
     assert (np.diff(posed_s) > 0).all()

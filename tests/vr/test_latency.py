@@ -10,7 +10,7 @@ from avrgym.recording.schema import LONGEST_MS, MOST_FRAMES, Latency
 from avrgym.vr.latency import STAGES, percentiles_ms
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import State, Status
-from avrgym.vr.server.connection import FRAMES_REMEMBERED, FrameTimes
+from avrgym.vr.server.connection import MAX_STORED_FRAMES, FrameTimes
 from helpers.vr.visit import Visit, plan
 
 
@@ -38,11 +38,11 @@ def test_a_frame_passes_once_from_its_arrival_to_the_first_state_that_follows_it
 
 def test_frames_that_no_state_follows_are_forgotten() -> None:
     passage = FrameTimes()
-    for sequence in range(3 * FRAMES_REMEMBERED):
+    for sequence in range(3 * MAX_STORED_FRAMES):
         passage.arrive(sequence)
     assert passage.leave(state(0), 0.0) is None
-    assert passage.leave(state(3 * FRAMES_REMEMBERED - 1), 0.0) is not None
-    assert len(passage._received_s) < FRAMES_REMEMBERED
+    assert passage.leave(state(3 * MAX_STORED_FRAMES - 1), 0.0) is not None
+    assert len(passage._received_s) < MAX_STORED_FRAMES
 
 
 def test_the_total_is_the_sum_of_the_stages() -> None:

@@ -12,7 +12,7 @@ from avrgym.vr.protocol.messages import (
     Answer,
     Back,
     ChooseBody,
-    ChooseTheirBody,
+    ChooseParticipantBody,
     Command,
     CommandName,
     CorrectTorsoHeight,
@@ -100,7 +100,8 @@ class Walk:
     )
     DISRUPTIONS: Sequence[Received] = (
         Entered(), Left(), Disconnected(), OriginReset(), Recalibrate(), Stop(), Ready(), Hello(4, "", "", True),
-        ChooseBody("woman", "fair"), ChooseBody("man", "dark"), ChooseTheirBody("woman", "blue"), Answer("L1", 4, 1.0),
+        ChooseBody("woman", "fair"), ChooseBody("man", "dark"), ChooseParticipantBody("woman", "blue"),
+        Answer("L1", 4, 1.0),
         VisibilityChanged("visible-blurred"), VisibilityChanged("visible"), VisibilityChanged("visible"), Back(),
         CorrectTorsoHeight(0.55), CorrectTorsoHeight(5.0), *(Command(name) for name in COMMANDS),
     )  # fmt: skip
@@ -144,7 +145,7 @@ class Walk:
         elif drawn < 0.5:
             self._go_on()
         else:
-            self.visit.participant.take_place(self._environment())
+            self.visit.participant.adopt_posture(self._environment())
             self.visit.tick(self._chance.choice([1, 1, 2, 10]))
 
     def _environment(self) -> str:

@@ -111,7 +111,7 @@ def test_who_moves_the_hand_with_a_mouse_stretches_no_arms(tmp_path: Path) -> No
 
 def test_nobody_has_arms_that_no_adult_has() -> None:
     person = Person("man", 0.6)
-    most = ArmLengths.of(person)
+    most = ArmLengths.from_person(person)
     assert measure_arm_scale(person, [most.upper_m + most.fore_m]) == pytest.approx(1.0)
     for reach_m in (0.2, 1.2):
         with pytest.raises(ValueError, match=r"outside 0\.8 to 1\.25"):

@@ -636,7 +636,7 @@ def test_frames_that_cannot_be_are_recorded_and_change_nothing(visit: Callable[.
 
 def replayed(visit: Visit) -> Tracking:
     """A sound frame with a number that has been used, of another pose."""
-    frame = visit.participant.frame_of(human.joint_angles(waist_x=20.0), 0.0)
+    frame = visit.participant.frame_from_angles(human.joint_angles(waist_x=20.0), 0.0)
     return Tracking(0, frame.client_time_ms, frame.head, frame.left, frame.right, "controller", "controller")
 
 

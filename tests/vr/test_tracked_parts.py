@@ -71,7 +71,7 @@ def visiting(folder: Path, task: str, *, steps: int = 40, free_movement_s: float
     visit = Spoiled(
         folder, plan(environments=[environment], trial_steps=steps, free_movement_s=free_movement_s)
     )
-    visit.participant.take_place(environment)
+    visit.participant.adopt_posture(environment)
     return visit
 
 
@@ -282,7 +282,7 @@ def test_before_the_first_frame_no_part_is_stale_and_none_is_tracked() -> None:
 def test_no_simulated_participant_repeats_a_pose(people: str, impairment: Impairment) -> None:
     someone = SimulatedParticipant(draw_traits("man", 3, DISTRIBUTIONS[people], impairment), 3)
     frames = [someone.frame(0.02 * n, moving=n >= 50) for n in range(100)]
-    frames += [someone.frame_of(SEATED_RAD, 3.0 + 0.02 * n) for n in range(50)]
+    frames += [someone.frame_from_angles(SEATED_RAD, 3.0 + 0.02 * n) for n in range(50)]
     for part in PARTS:
         assert all(getattr(a, part) != getattr(b, part) for a, b in pairwise(frames))
 

@@ -3,7 +3,7 @@
 export const TEXTS = {
   "de": {
     "direction": "ltr",
-    "words": {
+    "texts": {
       "link_ended": "Dieser Link ist mit seiner Sitzung abgelaufen. Jede Sitzung hat einen neuen.",
       "enter_code": "Geben Sie den Code ein, den Sie von der Versuchsleitung bekommen.",
       "code": "Code Ihrer Sitzung",
@@ -89,7 +89,7 @@ export const TEXTS = {
   },
   "en": {
     "direction": "ltr",
-    "words": {
+    "texts": {
       "link_ended": "This link has ended with its session. Each session has a new one.",
       "enter_code": "Enter the code that the experimenter gives you.",
       "code": "Code of your session",

@@ -215,7 +215,7 @@ export interface CorrectTorsoHeight {
 }
 
 /** The body model to use, chosen by the experimenter. */
-export interface ChooseTheirBody {
+export interface ChooseParticipantBody {
   type: "choose_body";
   sex: Sex;
   skin_tone: string;
@@ -238,7 +238,7 @@ export interface SceneWatched {
   url: string;
 }
 
-export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseTheirBody | Drive | SceneWatched;
+export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Drive | SceneWatched;
 
 /** The connection is accepted in a role. `haptics` and `sounds`: feedback enabled by the session plan. */
 export interface Welcome {
@@ -255,7 +255,7 @@ export interface Language {
   type: "language";
   language: string;
   direction: string;
-  words: Record<string, string>;
+  texts: Record<string, string>;
 }
 
 /** The participant's body model, and the available skin tones: names and RGB values in [0, 1]. */
@@ -351,8 +351,8 @@ export interface Phase {
 
 /** A questionnaire item.
  *
- * `labels`: texts of the buttons; by default they are numbered from 1 to `points`. `given`: the participant's
- * earlier answer, after going back. */
+ * `labels`: texts of the buttons; by default they are numbered from 1 to `points`. `previous_answer`: the
+ * participant's earlier answer, after going back. */
 export interface Question {
   type: "question";
   item: string;
@@ -363,7 +363,7 @@ export interface Question {
   labels: string[];
   number: number;
   count: number;
-  given: number | null;
+  previous_answer: number | null;
 }
 
 /** An error in a message or a measurement, and what is allowed. The session continues.

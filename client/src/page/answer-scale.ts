@@ -18,7 +18,7 @@ export class AnswerScale {
     this.shown = question;
     for (const button of this.points.querySelectorAll("button")) {
       button.disabled = answered !== null;
-      button.setAttribute("aria-pressed", String(Number(button.value) === (answered ?? question?.given)));
+      button.setAttribute("aria-pressed", String(Number(button.value) === (answered ?? question?.previous_answer)));
     }
   }
 
@@ -49,9 +49,9 @@ export class AnswerScale {
 
   /** A slider without an initial answer, so that none is suggested. */
   private line(question: Question, texts: Texts): HTMLElement[] {
-    const { points, given } = question;
+    const { points, previous_answer } = question;
     const line = document.createElement("input");
-    const value = String(given ?? Math.ceil(points / 2));
+    const value = String(previous_answer ?? Math.ceil(points / 2));
     Object.assign(line, { type: "range", min: "1", max: String(points), step: "1", value });
     line.setAttribute("aria-label", texts.get("slide"));
     line.setAttribute("aria-describedby", "statement anchors");
@@ -66,7 +66,7 @@ export class AnswerScale {
     };
     line.classList.add("untouched");
     take.hidden = true;
-    if (given !== null) choose();
+    if (previous_answer !== null) choose();
     for (const event of ["input", "pointerdown", "change"]) line.addEventListener(event, choose);
     take.addEventListener("click", (event) => {
       this.byKeyboard = event.detail === 0;

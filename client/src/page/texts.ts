@@ -1,7 +1,7 @@
 import type { Language } from "../generated/messages";
 import { TEXTS } from "../generated/interface-texts";
 
-export type Key = keyof (typeof TEXTS)["en"]["words"];
+export type Key = keyof (typeof TEXTS)["en"]["texts"];
 
 /** The interface texts in one language. */
 export class Texts {
@@ -32,18 +32,18 @@ export class Texts {
   }
 }
 
-export const ENGLISH_TEXTS = new Texts("en", TEXTS.en.direction, TEXTS.en.words);
+export const ENGLISH_TEXTS = new Texts("en", TEXTS.en.direction, TEXTS.en.texts);
 
 /** The texts of a message from the server. */
-export function textsOf({ language, direction, words }: Language): Texts {
-  return new Texts(language, direction, words);
+export function textsOf({ language, direction, texts }: Language): Texts {
+  return new Texts(language, direction, texts);
 }
 
 /** The texts in the browser's language, or English, before the server sends the participant's language. */
 export function initialTexts(wanted: readonly string[]): Texts {
-  const brought: Readonly<Record<string, { direction: string; words: Readonly<Record<string, string>> }>> = TEXTS;
-  const language = wanted.map((tag) => tag.split("-")[0]!).find((tag) => Object.hasOwn(brought, tag)) ?? "en";
-  return new Texts(language, brought[language]!.direction, brought[language]!.words);
+  const included: Readonly<Record<string, { direction: string; texts: Readonly<Record<string, string>> }>> = TEXTS;
+  const language = wanted.map((tag) => tag.split("-")[0]!).find((tag) => Object.hasOwn(included, tag)) ?? "en";
+  return new Texts(language, included[language]!.direction, included[language]!.texts);
 }
 
 /** Converts **bold** and `key` marks to elements. */

@@ -147,7 +147,7 @@ function paintText(context: Context, { label, text, secondsLeft }: PanelContent)
 
 function paintQuestion(context: Context, content: Asking, buttons: Button[], hovered: number | null): void {
   const { question, texts } = content;
-  const answered = content.answered ?? question.given;
+  const answered = content.answered ?? question.previous_answer;
   const scale = buttons.filter(({ value }) => value > 0);
   paintLabel(context, content.label);
   paintLines(context, content.text, STATEMENT_BOX, STATEMENT);
@@ -178,7 +178,7 @@ function paintActions(context: Context, texts: Texts, buttons: Button[], hovered
   }
 }
 
-/** A scale of many points: a bar with ticks, and a mark at the hovered or given answer. */
+/** A scale of many points: a bar with ticks, and a mark at the hovered or previous answer. */
 function paintLineOf(context: Context, places: Button[], hovered: number | null, answered: number | null): void {
   const left = Math.min(...places.map(({ x }) => x));
   const { y, height, width } = places[0]!;

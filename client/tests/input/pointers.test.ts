@@ -8,7 +8,7 @@ import { ENGLISH_TEXTS } from "../../src/page/texts";
 
 const QUESTION: Question = {
   ...{ type: "question", item: "L1", text: "Safe?", points: 7, labels: [], low: "no", high: "yes" },
-  ...{ number: 2, count: 4, given: null },
+  ...{ number: 2, count: 4, previous_answer: null },
 };
 const SPACE = {} as XRReferenceSpace;
 const EYES = new Vector3(0, 1.2, 0);

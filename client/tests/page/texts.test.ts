@@ -9,11 +9,11 @@ describe("words", () => {
   });
 
   it("are the browser's until the server tells the participant's", () => {
-    expect(initialTexts(["de-AT", "en"]).get("stop")).toBe(TEXTS.de.words.stop);
+    expect(initialTexts(["de-AT", "en"]).get("stop")).toBe(TEXTS.de.texts.stop);
     expect(initialTexts(["xx", "de"]).language).toBe("de");
     expect(initialTexts([]).language).toBe("en");
     expect(initialTexts(["toString"]).language).toBe("en");
-    const words = { ...TEXTS.en.words, stop: "قف" };
-    expect(textsOf({ type: "language", language: "ar", direction: "rtl", words }).get("stop")).toBe("قف");
+    const texts = { ...TEXTS.en.texts, stop: "قف" };
+    expect(textsOf({ type: "language", language: "ar", direction: "rtl", texts }).get("stop")).toBe("قف");
   });
 });

@@ -49,7 +49,7 @@ function said(toml: string): Record<string, string> {
 const LANGUAGES = { german: said(german), english: said(english) };
 const QUESTION: Question = {
   ...{ type: "question", item: "L1", text: "The robot successfully assisted me with the task.", points: 7, labels: [] },
-  ...{ low: "strongly disagree", high: "strongly agree", number: 2, count: 4, given: null },
+  ...{ low: "strongly disagree", high: "strongly agree", number: 2, count: 4, previous_answer: null },
 };
 
 const SAID = Object.values(LANGUAGES).flatMap((texts) => Object.entries(texts));
@@ -78,6 +78,6 @@ describe("the smallest texts on the panel", () => {
   });
 
   it("are 23 pixels high in a label", () => {
-    expect(smallest({ label: TEXTS.de.words.trial })).toBeGreaterThan(23);
+    expect(smallest({ label: TEXTS.de.texts.trial })).toBeGreaterThan(23);
   });
 });

@@ -17,7 +17,7 @@ const AREA: Box = { x: 70, y: 470, width: 1400, height: 250 };
 const SCALES = [1, 2, 5, 7, LONGEST_ROW];
 
 function question(item: string, labels: string[] = []): Question {
-  return { type: "question", item, text: "?", points: 7, low: "no", high: "yes", labels, number: 1, count: 4, given: null };
+  return { type: "question", item, text: "?", points: 7, low: "no", high: "yes", labels, number: 1, count: 4, previous_answer: null };
 }
 
 describe.each(SCALES)("a scale of %i points", (points) => {

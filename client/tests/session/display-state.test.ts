@@ -16,7 +16,7 @@ const QUESTION: Question = {
   labels: [],
   number: 2,
   count: 4,
-  given: null,
+  previous_answer: null,
 };
 
 const BODY: Body = {
@@ -146,7 +146,7 @@ describe("breaking lines", () => {
     expect(Math.max(...lines.map(measure))).toBeLessThanOrEqual(16);
   });
 
-  it("keeps given line ends and texts that are too long", () => {
+  it("keeps previous_answer line ends and texts that are too long", () => {
     expect(wrap("a\n\nlongestword b", 5, measure)).toEqual(["a", "", "longestword", "b"]);
   });
 });

@@ -9,7 +9,7 @@ from avrgym.analysis.page.elements import Markup, group_caption, table, tag
 from avrgym.analysis.reading.rows import TrialRow
 from avrgym.recording.schema import Latency
 from avrgym.system.columns import Column
-from avrgym.vr.latency import STAGE_WORDS, TOTAL, percentiles_ms
+from avrgym.vr.latency import STAGE_LABELS, TOTAL, percentiles_ms
 
 Latencies = Mapping[tuple[str, int], Sequence[Latency]]
 """Measurements of the client during trials, by pseudonym and position."""
@@ -84,7 +84,7 @@ def latency_section(latencies: Sequence[LatencyRow], simulated: bool) -> Markup:
     if not rows:
         return Markup()
     together = [row for row in rows if row.participant is None]
-    words = {TOTAL: "from pose to picture", **STAGE_WORDS}
+    words = {TOTAL: "from pose to picture", **STAGE_LABELS}
     body = [
         (words[row.stage], *(f"{ms:.1f}" for ms in (row.p50_ms, row.p95_ms, row.p99_ms))) for row in together
     ]

@@ -52,11 +52,11 @@ OMITTED = (
 )
 """Keys of the rows of `evaluate` that its table omits."""
 ADAPTIVE, PAPER, PAIR = RECIPES = ("adaptive", "paper", "pair")
-FIXED_BY_RECIPE: dict[str | None, tuple[str, ...]] = {
+OPTIONS_FIXED_BY_RECIPE: dict[str | None, tuple[str, ...]] = {
     ADAPTIVE: ("--config", "--people", "--impairment", "--cluster", "--engine"),
     PAPER: ("--config",),
 }
-OF_RECIPE = {
+RECIPE_OF_OPTION = {
     "--teacher": ADAPTIVE,
     "--initial-policy": ADAPTIVE,
     "--imitation-share": ADAPTIVE,
@@ -64,7 +64,13 @@ OF_RECIPE = {
     "--own-reward": PAIR,
 }
 """Options that only one recipe has."""
-OF_NEW_TRAINING = ("--config", "--num-envs", "--force-guard", "--withdraw-after-success", *OF_RECIPE)
+NEW_TRAINING_OPTIONS = (
+    "--config",
+    "--num-envs",
+    "--force-guard",
+    "--withdraw-after-success",
+    *RECIPE_OF_OPTION,
+)
 """Options that a training keeps: ``--resume`` does not take them."""
 
 
@@ -247,13 +253,13 @@ def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> No
     """Refuse an unknown recipe, and options that do not fit it or each other."""
     if recipe is not None and recipe not in RECIPES:
         raise ValueError(f"unknown recipe {recipe!r}; allowed: {', '.join(RECIPES)}")
-    fixed = [name for name in given if name in FIXED_BY_RECIPE.get(recipe, ())]
+    fixed = [name for name in given if name in OPTIONS_FIXED_BY_RECIPE.get(recipe, ())]
     if fixed:
         raise ValueError(f"--recipe {recipe} does not take {', '.join(fixed)}")
     for name in given:
-        if name in OF_RECIPE and recipe != OF_RECIPE[name]:
-            raise ValueError(f"{name} needs --recipe {OF_RECIPE[name]}")
-        if resume and name in OF_NEW_TRAINING:
+        if name in RECIPE_OF_OPTION and recipe != RECIPE_OF_OPTION[name]:
+            raise ValueError(f"{name} needs --recipe {RECIPE_OF_OPTION[name]}")
+        if resume and name in NEW_TRAINING_OPTIONS:
             raise ValueError(f"--resume does not take {name}: a training keeps its configuration")
     if "--jobs" in given and "--cluster" not in given:
         raise ValueError("--jobs needs --cluster: without one, threads of this process step the worlds")

@@ -11,10 +11,12 @@ from typer.core import TyperGroup
 
 from avrgym.system.extras import extra_of
 
-STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+STOP_SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 _INTERRUPTED = 130
 """Typer's exit code for a KeyboardInterrupt."""
-MOST_SIGNALS = 3
+MAX_SIGNALS = 3
 """The first signal ends the program in order, the second is ignored, the third ends it immediately."""
 EXTRAS = {
     "study": "study",
@@ -34,7 +36,7 @@ class Signals:
 
     def listen(self) -> None:
         """Raise ``KeyboardInterrupt`` at the first signal from now on."""
-        for each in STOPPING:
+        for each in STOP_SIGNALS:
             if signal.getsignal(each) is not signal.SIG_IGN:
                 signal.signal(each, self._receive)
 
@@ -47,7 +49,7 @@ class Signals:
         self.received.append(number)
         if len(self.received) == 1:
             raise KeyboardInterrupt
-        if len(self.received) >= MOST_SIGNALS:
+        if len(self.received) >= MAX_SIGNALS:
             os._exit(self.exit_code)
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from avrgym.recording.reader import Recording
     from avrgym.replay.verification import Verification
 
-WHERE_RECORDINGS_ARE = "give one of the .mcap files that `avrgym serve` writes into STUDY/recordings"
+RECORDINGS_HINT = "give one of the .mcap files that `avrgym serve` writes into STUDY/recordings"
 
 
 def replay(
@@ -112,7 +112,7 @@ def _with_file_name(file: Path) -> Generator[None]:
     try:
         yield
     except RecordingError as error:  # which names its file
-        raise ValueError(f"{error}; {WHERE_RECORDINGS_ARE}") from error
+        raise ValueError(f"{error}; {RECORDINGS_HINT}") from error
     except ReplayError as error:
         raise ValueError(f"{file}: {error}") from error
 
@@ -122,7 +122,7 @@ def _read(file: Path) -> "Recording":
     from avrgym.replay.playback import title
 
     if file.is_dir():
-        raise ValueError(f"{file}: a folder; {WHERE_RECORDINGS_ARE}")
+        raise ValueError(f"{file}: a folder; {RECORDINGS_HINT}")
     recording = read_recording(file)
     print_line(f"{title(recording)}, {recording.result or 'broken off'} after {recording.duration_s:.2f} s")
     return recording

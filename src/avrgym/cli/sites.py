@@ -47,7 +47,7 @@ def merge(
     from avrgym.study.merge.merging import merge_studies
     from avrgym.study.storage.store import Store
 
-    told: list[str] = []
+    notes: list[str] = []
     with plain_errors():
         check_json(json_file)
         with progress_bar("comparing recordings", unit="recordings", stopped=CONTINUES) as bar:
@@ -57,13 +57,13 @@ def merge(
                 accept_differences=accept_differences,
                 skip_damaged=skip_damaged,
                 progress=bar.show,
-                tell=told.append,
+                tell=notes.append,
             )
         if any(site.rows_written or site.recordings_copied or site.participants_deleted for site in sites):
             with Store(out) as merged:
                 log(merged, "merge", detail=", ".join(site.site for site in sites))
         write_json(json_file, [asdict(site) for site in sites])
-    for words in told:
+    for words in notes:
         print_line(f"note      {words}")
     print_table([asdict(site) for site in sites])
     print_line(f"merged    {out}; names and contacts stay in the sites' identity files")

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from avrgym.study.storage.store import Store
 
 app = typer.Typer(no_args_is_help=True, help="Run a study, from its design to the export of its data.")
-IN_IDENTITY_FILE = "Stored only in private/identities.json, encrypted."
+IDENTITY_FILE_HELP = "Stored only in private/identities.json, encrypted."
 Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
 
 
@@ -116,8 +116,8 @@ def enrol(
     body: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")],
     age: Annotated[int | None, typer.Option(help="In years.")] = None,
     language: Annotated[str, typer.Option(help="A language of study.toml; default: the first.")] = "",
-    name: Annotated[str, typer.Option(help=IN_IDENTITY_FILE)] = "",
-    contact: Annotated[str, typer.Option(help=IN_IDENTITY_FILE)] = "",
+    name: Annotated[str, typer.Option(help=IDENTITY_FILE_HELP)] = "",
+    contact: Annotated[str, typer.Option(help=IDENTITY_FILE_HELP)] = "",
     site: Annotated[str, typer.Option(help="The site; default: that of study.toml.")] = "",
     confirm_duplicate: Annotated[
         bool,

@@ -14,7 +14,7 @@ TIMEOUT_S = 60.0
 SCENE = """<mujoco><worldbody><light pos="0 0 3"/><geom size="0.3" rgba="1 0 0 1"/></worldbody></mujoco>"""
 HEIGHT_PX, WIDTH_PX = 48, 64
 KERNEL_DEVICES = Path("/sys/class/drm")
-BY_THE_PROCESSOR = ("llvmpipe", "softpipe", "swrast")
+SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast")
 """Names of Mesa's software renderers."""
 
 
@@ -52,7 +52,7 @@ def rendering() -> Finding:
     if ran.returncode != 0:
         return error(f"no picture can be rendered with {way}: {_reason(ran)}", RENDERING_HINT)
     renderer = ran.stdout.strip()
-    slowly = ", by the processor" if renderer.startswith(BY_THE_PROCESSOR) else ""
+    slowly = ", by the processor" if renderer.startswith(SOFTWARE_RENDERERS) else ""
     return ok(f"a picture was rendered by {renderer} ({way}{slowly})")
 
 

@@ -18,7 +18,7 @@ from avrgym.vr.server import cpu_idle
 from avrgym.vr.server.connection_limits import FILE_HANDLE_DIVISOR, MAX_UNAUTHENTICATED, max_open_files
 from avrgym.vr.server.real_time_loop import PRIORITY, use_real_time_priority
 
-SLEEPS = 20
+SLEEP_COUNT = 20
 OVERSLEEP_SHARE = 0.2
 """Maximum median oversleep, as a share of a tick."""
 BYTES_PER_TRIAL = 1_000_000
@@ -62,7 +62,7 @@ def _user() -> str:
 def oversleep_s() -> float:
     """The median excess duration of sleeps of one tick, seconds."""
     late: list[float] = []
-    for _ in range(SLEEPS):
+    for _ in range(SLEEP_COUNT):
         began = time.monotonic()
         time.sleep(TICK_S)
         late.append(time.monotonic() - began - TICK_S)

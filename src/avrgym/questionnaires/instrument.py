@@ -21,7 +21,7 @@ class Response(NamedTuple):
     @property
     def highest(self) -> int:
         """The value of the last answer."""
-        return self.counts_as(self.points)
+        return self.scale_value(self.points)
 
     @property
     def middle(self) -> float:
@@ -33,7 +33,7 @@ class Response(NamedTuple):
         """The values of all answers, the lowest first."""
         return range(self.lowest, self.highest + self.step, self.step)
 
-    def counts_as(self, value: int) -> int:
+    def scale_value(self, value: int) -> int:
         """The value of a stored answer; stored answers are numbered from 1."""
         return self.lowest + (value - 1) * self.step
 
@@ -146,7 +146,7 @@ class Instrument(NamedTuple):
             raise ValueError(
                 f"{value} is no answer to {item}; allowed: whole numbers from 1 to {self.response.points}"
             )
-        return self.response.counts_as(value)
+        return self.response.scale_value(value)
 
     def _score(self, scale: Scale, counts: Mapping[str, float]) -> float | None:
         ends = self.response.lowest + self.response.highest

@@ -5,7 +5,7 @@ from avrgym.questionnaires.instrument import Instrument, InstrumentItem, Respons
 SPATIAL = tuple(f"ipq_sp{number}" for number in range(1, 6))
 INVOLVEMENT = tuple(f"ipq_inv{number}" for number in range(1, 5))
 REALISM = tuple(f"ipq_real{number}" for number in range(1, 5))
-FROM_THE_OTHER_END = ("ipq_sp2", "ipq_inv3", "ipq_real1")
+REVERSED_ITEMS = ("ipq_sp2", "ipq_inv3", "ipq_real1")
 
 IPQ = Instrument(
     name="ipq",
@@ -20,8 +20,8 @@ IPQ = Instrument(
     items=tuple(InstrumentItem(item) for item in ("ipq_g1", *SPATIAL, *INVOLVEMENT, *REALISM)),
     scales=(
         Scale("general", ("ipq_g1",)),
-        Scale("spatial", SPATIAL, reversed=FROM_THE_OTHER_END),
-        Scale("involvement", INVOLVEMENT, reversed=FROM_THE_OTHER_END),
-        Scale("realism", REALISM, reversed=FROM_THE_OTHER_END),
+        Scale("spatial", SPATIAL, reversed=REVERSED_ITEMS),
+        Scale("involvement", INVOLVEMENT, reversed=REVERSED_ITEMS),
+        Scale("realism", REALISM, reversed=REVERSED_ITEMS),
     ),
 )

@@ -14,7 +14,7 @@ from avrgym.texts.interface_texts import Texts
 MOMENTS = ("before_session", "after_trial", "after_session")
 SESSION_MOMENTS = ("before_session", "after_session")
 ITEM_ORDERS = ("fixed", "random")
-MOST_POINTS = 101
+MAX_POINTS = 101
 
 
 class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -22,7 +22,7 @@ class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_default
 
     id: str
     text: Annotated[str, msgspec.Meta(min_length=1)]
-    points: Annotated[int, msgspec.Meta(ge=2, le=MOST_POINTS)]
+    points: Annotated[int, msgspec.Meta(ge=2, le=MAX_POINTS)]
     low: str
     high: str
     labels: tuple[str, ...] = ()
@@ -108,7 +108,7 @@ LIKERT_ITEMS = (
 )
 
 
-def items_to_ask(questionnaires: Iterable[Questionnaire], when: str, seed: int) -> tuple[Item, ...]:
+def items_at_moment(questionnaires: Iterable[Questionnaire], when: str, seed: int) -> tuple[Item, ...]:
     """The items of a moment in the order of presentation. The same seed gives the same order."""
     rng = random_streams.item_order(seed)
     ordered: list[Item] = []

@@ -72,4 +72,4 @@ def _value_text(questionnaire: Questionnaire, item: Item, value: int) -> str:
 
 def _count(questionnaire: Questionnaire, value: int) -> float:
     instrument = questionnaire.instrument
-    return value if instrument is None else instrument.response.counts_as(value)
+    return value if instrument is None else instrument.response.scale_value(value)

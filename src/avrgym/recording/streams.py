@@ -18,9 +18,9 @@ from avrgym.system.columns import Column
 
 GAP_INTERVALS = 5.0
 """A longer distance between samples of a regular stream is a gap; in sample intervals."""
-AHEAD_S, BACK_S = 0.25, 0.05
+MAX_LEAD_S, MAX_STEP_BACK_S = 0.25, 0.05
 """Smaller jumps ahead are gaps, smaller steps back are jitter."""
-OLDEST_S = 60.0
+MAX_DELAY_S = 60.0
 """Largest plausible age of a sample at arrival: the buffer of Lab Streaming Layer."""
 MIN_SAMPLES = 10
 """Smallest number of samples for a measure of jitter."""
@@ -34,7 +34,7 @@ Chunks = Sequence[tuple[int, StreamSamples]]
 class ClockReset:
     """A jump of a stream's clock: ``time_s`` is the corrected time of the first sample after it.
 
-    ``jump_s`` is positive if the clock jumped ahead.
+    ``jump_s`` is positive if the clock jumped forward.
     """
 
     time_s: float
@@ -54,7 +54,7 @@ class SampleTimes:
 
 
 @dataclass(frozen=True)
-class _Stretch:
+class _Segment:
     """Samples ``first`` to ``end`` without a reset; ``delay_s`` is the smallest delay from sample to arrival."""
 
     first: int
@@ -73,63 +73,63 @@ def sample_times(chunks: Chunks, rate_hz: float) -> SampleTimes:
     arrived = np.repeat([time_ns / 1e9 for time_ns, _ in chunks], [len(chunk.time_s) for _, chunk in chunks])
     if not len(given):
         return SampleTimes(given, (), 0)
-    stretches = _stretches(given, arrived, rate_hz)
-    normal_delay_s = next((each.delay_s for each in stretches if _is_plausible(each)), 0.0)
-    corrected, resets, ahead_s = given.copy(), list[ClockReset](), 0.0
-    for each in stretches:
-        before_s = ahead_s
-        ahead_s = _ahead_s(each, given, corrected, normal_delay_s, rate_hz)
-        corrected[each.first : each.end] -= ahead_s
-        if each.first or ahead_s:
-            resets.append(ClockReset(float(corrected[each.first]), ahead_s - before_s))
+    segments = _segments(given, arrived, rate_hz)
+    normal_delay_s = next((each.delay_s for each in segments if _is_plausible(each)), 0.0)
+    corrected, resets, lead_s = given.copy(), list[ClockReset](), 0.0
+    for each in segments:
+        before_s = lead_s
+        lead_s = _clock_lead_s(each, given, corrected, normal_delay_s, rate_hz)
+        corrected[each.first : each.end] -= lead_s
+        if each.first or lead_s:
+            resets.append(ClockReset(float(corrected[each.first]), lead_s - before_s))
     rising = np.maximum.accumulate(corrected)
     return SampleTimes(rising, tuple(resets), int((rising > corrected).sum()))
 
 
-def _is_plausible(stretch: _Stretch) -> bool:
-    return -AHEAD_S <= stretch.delay_s <= OLDEST_S
+def _is_plausible(segment: _Segment) -> bool:
+    return -MAX_LEAD_S <= segment.delay_s <= MAX_DELAY_S
 
 
-def _stretches(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_Stretch]:
+def _segments(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_Segment]:
     """The samples between resets of the clock."""
     steps_s = np.diff(given)
-    apart = np.flatnonzero((steps_s > _gap_s(rate_hz)) | (steps_s < -BACK_S)) + 1
-    ends = [*apart.tolist(), len(given)]
-    found: list[_Stretch] = []
+    breaks = np.flatnonzero((steps_s > _gap_s(rate_hz)) | (steps_s < -MAX_STEP_BACK_S)) + 1
+    ends = [*breaks.tolist(), len(given)]
+    found: list[_Segment] = []
     for first, end in zip([0, *ends], ends, strict=False):
         delay_s = float((arrived - given)[first:end].min())
         before = found[-1] if found else None
         if before is None or _is_reset(before.delay_s, delay_s, steps_s[first - 1], rate_hz):
-            found.append(_Stretch(first, end, delay_s))
+            found.append(_Segment(first, end, delay_s))
         else:
-            found[-1] = _Stretch(before.first, end, min(before.delay_s, delay_s))
+            found[-1] = _Segment(before.first, end, min(before.delay_s, delay_s))
     return found
 
 
 def _is_reset(before_s: float, after_s: float, step_s: float, rate_hz: float) -> bool:
     """Whether the clock jumped where the smallest delay changes from ``before_s`` to ``after_s``.
 
-    A late sample looks like a jump ahead. For irregular samples, only a sample from the future proves a jump.
+    A late sample looks like a jump forward. For irregular samples, only a sample from the future proves a jump.
     """
-    if step_s < -BACK_S:
+    if step_s < -MAX_STEP_BACK_S:
         return True
-    return before_s - after_s > step_s / 2.0 and (rate_hz > 0.0 or after_s < -AHEAD_S <= before_s)
+    return before_s - after_s > step_s / 2.0 and (rate_hz > 0.0 or after_s < -MAX_LEAD_S <= before_s)
 
 
 def _gap_s(rate_hz: float) -> float:
-    """The smallest step between samples that may be a jump ahead."""
-    return max(GAP_INTERVALS / rate_hz, AHEAD_S) if rate_hz > 0.0 else AHEAD_S
+    """The smallest step between samples that may be a jump forward."""
+    return max(GAP_INTERVALS / rate_hz, MAX_LEAD_S) if rate_hz > 0.0 else MAX_LEAD_S
 
 
-def _ahead_s(
-    stretch: _Stretch, given: FloatArray, corrected: FloatArray, normal_delay_s: float, rate_hz: float
+def _clock_lead_s(
+    segment: _Segment, given: FloatArray, corrected: FloatArray, normal_delay_s: float, rate_hz: float
 ) -> float:
-    """The lead of the clock in a stretch: from arrivals, or exactly if a regular stream continues at its rate."""
-    by_arrival_s = normal_delay_s - stretch.delay_s
-    if not stretch.first:
-        return 0.0 if _is_plausible(stretch) else by_arrival_s
-    going_on_s = corrected[stretch.first - 1] + (1.0 / rate_hz if rate_hz > 0.0 else inf)
-    by_rate_s = float(given[stretch.first] - going_on_s)
+    """The lead of the clock in a segment: from arrivals, or exactly if a regular stream continues at its rate."""
+    by_arrival_s = normal_delay_s - segment.delay_s
+    if not segment.first:
+        return 0.0 if _is_plausible(segment) else by_arrival_s
+    continued_s = corrected[segment.first - 1] + (1.0 / rate_hz if rate_hz > 0.0 else inf)
+    by_rate_s = float(given[segment.first] - continued_s)
     return by_rate_s if abs(by_rate_s - by_arrival_s) <= _gap_s(rate_hz) else by_arrival_s
 
 
@@ -161,7 +161,7 @@ def streams_by_name(topics: Topics) -> dict[str, Stream]:
     return {each.stream: each for _, each in topics["/streams"]}
 
 
-def chunks_of(topics: Topics, stream: str) -> Chunks:
+def stream_chunks(topics: Topics, stream: str) -> Chunks:
     """The samples of a stream, with their times of arrival."""
     return [(time_ns, chunk) for time_ns, chunk in topics["/samples"] if chunk.stream == stream]
 
@@ -169,13 +169,13 @@ def chunks_of(topics: Topics, stream: str) -> Chunks:
 def times_of(topics: Topics, stream: str) -> SampleTimes:
     """The times of a stream's samples, corrected for clock resets."""
     described = streams_by_name(topics).get(stream)
-    return sample_times(chunks_of(topics, stream), described.rate_hz if described else 0.0)
+    return sample_times(stream_chunks(topics, stream), described.rate_hz if described else 0.0)
 
 
 def stream_quality(topics: Topics) -> list[StreamQuality]:
     """The timing quality of each stream of a recording, in the order of names."""
     return [
-        _quality(stream, chunks_of(topics, name), times_of(topics, name))
+        _quality(stream, stream_chunks(topics, name), times_of(topics, name))
         for name, stream in sorted(streams_by_name(topics).items())
     ]
 
@@ -201,12 +201,12 @@ def _quality(stream: Stream, chunks: Chunks, found: SampleTimes) -> StreamQualit
 
 
 def _jitter(times: FloatArray, rate_hz: float) -> tuple[float | None, int | None]:
-    """The standard deviation from a straight line through each stretch without gaps, and the number of gaps."""
+    """The standard deviation from a straight line through each segment without gaps, and the number of gaps."""
     if rate_hz <= 0.0 or len(times) < MIN_SAMPLES:
         return None, None
     breaks = np.flatnonzero(np.diff(times) > GAP_INTERVALS / rate_hz) + 1
-    stretches = np.split(times, breaks)
-    residuals = [_residuals(stretch) for stretch in stretches if len(stretch) >= MIN_SAMPLES]
+    segments = np.split(times, breaks)
+    residuals = [_residuals(segment) for segment in segments if len(segment) >= MIN_SAMPLES]
     return (float(np.concatenate(residuals).std()) if residuals else None), len(breaks)
 
 

@@ -18,7 +18,7 @@ from avrgym.vr.live_world.scene_message import scene_url
 from avrgym.vr.server.web_server import STATIC, check_page
 
 TEMPLATE = "trial.html"
-PLACE = b'<script id="recorded" type="application/json">'
+DATA_TAG = b'<script id="recorded" type="application/json">'
 
 
 class PackedTrial(msgspec.Struct, frozen=True):
@@ -62,7 +62,7 @@ def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
     Raises: as ``check_page_to_write``.
     """
     check_page_to_write(out)
-    before, place, after = (STATIC / TEMPLATE).read_bytes().partition(PLACE)
+    before, place, after = (STATIC / TEMPLATE).read_bytes().partition(DATA_TAG)
     page = before + place + _within_script(_packed(trials)) + after
     check_new(out, (".html",))
     write_atomically(out, page, PRIVATE_FILE)

@@ -18,7 +18,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 from avrgym.vr.session.attempt import control_record
 
-HALTS = (("phase", "retreat"), ("phase", "free_after"))
+STOP_PHASES = (("phase", "retreat"), ("phase", "free_after"))
 """Events at which the robot is halted."""
 
 
@@ -121,7 +121,7 @@ class Playback:
 
     def _tick(self) -> None:
         if self.phase == "retreat":
-            self._loop.move(self.amend(), hold=self._brakes)
+            self._loop.move(self.update_action(), hold=self._brakes)
         else:
             self._step = self._loop.tick(self if self.driven else None, hold=self._brakes)
 
@@ -129,7 +129,7 @@ class Playback:
         size = len(self.episodes.simulation.integration_state())
         if len(state) != size:
             raise ReplayError(
-                f"its states have {len(state)} numbers, this simulator's have {size}: {made_with(self.recording)}"
+                f"its states have {len(state)} numbers, this simulator's have {size}: {version_text(self.recording)}"
             )
         self.episodes.simulation.brake_robot()
         self.episodes.simulation.set_integration_state(state)
@@ -143,11 +143,11 @@ class Playback:
     def act(self, observation: FloatArray) -> FloatArray:
         """Returns the recorded action (1, J)."""
         if self._action is None:
-            raise ReplayError(f"it contains no commands to the robot: {made_with(self.recording)}")
+            raise ReplayError(f"it contains no commands to the robot: {version_text(self.recording)}")
         self._action_is_new = False
         return self._action
 
-    def amend(self) -> FloatArray | None:
+    def update_action(self) -> FloatArray | None:
         """Returns an action (1, J) that was recorded within a control step, if there is one."""
         return self.act(np.zeros(0)) if self._action_is_new else None
 
@@ -156,7 +156,7 @@ class Playback:
         if event.name == "phase":
             self.phase = event.detail
         self._stopped = self._stopped or event.name == "robot_holds"
-        if self._stopped or (event.name, event.detail) in HALTS:
+        if self._stopped or (event.name, event.detail) in STOP_PHASES:
             self.episodes.simulation.brake_robot()
             self._loop.abort_step()
 
@@ -210,7 +210,7 @@ def driven_span_s(recording: Recording) -> tuple[float, float]:
     return starts[0], control[-1][0] / 1e9
 
 
-def made_with(recording: Recording) -> str:
+def version_text(recording: Recording) -> str:
     """The versions that wrote a recording, and its plug-ins that have changed since."""
     return "; ".join(
         [f"it was recorded with {recording.configuration.versions}", *changed_plugins(recording)]
@@ -229,7 +229,7 @@ def _check_world_version(recording: Recording) -> None:
     if version != WORLD_VERSION:
         raise ReplayError(
             f"it was made in version {version} of the simulated world; this release steps version {WORLD_VERSION}: "
-            f"{made_with(recording)}"
+            f"{version_text(recording)}"
         )
 
 

@@ -213,14 +213,14 @@ def _shared_once(arguments: Sequence[tuple[Any, ...]]) -> list[tuple[Any, ...]]:
     counts = Counter(id(each) for call in arguments for each in call)
     put: dict[int, Any] = {}
 
-    def reference_to(each: Any) -> Any:
+    def ray_reference(each: Any) -> Any:
         if counts[id(each)] == 1 or isinstance(each, bool | int | float | str | None):
             return each
         if id(each) not in put:
             put[id(each)] = ray.put(each)
         return put[id(each)]
 
-    return [tuple(reference_to(each) for each in call) for call in arguments]
+    return [tuple(ray_reference(each) for each in call) for call in arguments]
 
 
 def _versions() -> dict[str, str]:

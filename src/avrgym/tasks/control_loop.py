@@ -61,7 +61,7 @@ class ActionSource(Protocol):
         """Returns the actions (N, J) at the start of a control step, given observations (N, O)."""
         ...
 
-    def amend(self) -> FloatArray | None:
+    def update_action(self) -> FloatArray | None:
         """Returns other actions (N, J) at a later tick of the control step, or ``None`` to continue."""
         ...
 
@@ -244,7 +244,7 @@ class ControlLoop:
         self._note(hold)
 
     def _amend_ticks(self, source: ActionSource, hold: bool) -> None:
-        requested = None if self.withdrawing.all() else source.amend()
+        requested = None if self.withdrawing.all() else source.update_action()
         if requested is not None:
             self._commanded = self.apply_withdrawal(self._episodes.checked(requested))
         if hold == self._was_held:

@@ -8,15 +8,15 @@ from collections.abc import Iterator, Sequence
 
 from avrgym.recording.configuration import HeadsetCheck, TrackedPart
 from avrgym.texts.interface_texts import ENGLISH, Text
-from avrgym.vr.latency import STAGE_WORDS
+from avrgym.vr.latency import STAGE_LABELS
 
-SLOWEST_DISPLAY_HZ = 60.0
-MOST_DROPPED = 0.05
-LATEST_MS = 100.0
-LEAST_TRACKED = 0.95
-MOST_JITTER_MM = {"head": 1.0, "controller": 2.0, "hand": 5.0}
+MIN_DISPLAY_HZ = 60.0
+MAX_DROPPED_SHARE = 0.05
+MAX_LATENCY_MS = 100.0
+MIN_TRACKED_SHARE = 0.95
+MAX_JITTER_MM = {"head": 1.0, "controller": 2.0, "hand": 5.0}
 """By tracked device. Cameras track a bare hand less precisely."""
-LEAST_FRAMES = 30
+MIN_FRAMES = 30
 
 
 def is_ready(check: HeadsetCheck) -> bool:
@@ -82,7 +82,7 @@ def _of_display(display_hz: float | None) -> str:
 
 
 def _stages(check: HeadsetCheck) -> str:
-    return ", ".join(f"{words} {check.latency_ms[stage]['p50']:.0f}" for stage, words in STAGE_WORDS.items())
+    return ", ".join(f"{words} {check.latency_ms[stage]['p50']:.0f}" for stage, words in STAGE_LABELS.items())
 
 
 def _felt(answer: bool | None, verb: str) -> str:
@@ -100,14 +100,14 @@ def _part_text(name: str, part: TrackedPart) -> str:
 
 
 def _frame_faults(check: HeadsetCheck) -> Iterator[Text]:
-    if check.frames < LEAST_FRAMES:
+    if check.frames < MIN_FRAMES:
         yield Text("fault_no_pictures")
         return
     display_hz = check.display_hz or check.frame_rate_hz
-    if display_hz < SLOWEST_DISPLAY_HZ:
-        yield Text("fault_display", {"hz": f"{display_hz:.0f}", "least_hz": f"{SLOWEST_DISPLAY_HZ:.0f}"})
-    if check.dropped_share > MOST_DROPPED:
-        shares = {"percent": check.dropped_share, "most_percent": MOST_DROPPED}
+    if display_hz < MIN_DISPLAY_HZ:
+        yield Text("fault_display", {"hz": f"{display_hz:.0f}", "least_hz": f"{MIN_DISPLAY_HZ:.0f}"})
+    if check.dropped_share > MAX_DROPPED_SHARE:
+        shares = {"percent": check.dropped_share, "most_percent": MAX_DROPPED_SHARE}
         yield Text("fault_dropped", {name: f"{100.0 * share:.0f}" for name, share in shares.items()})
 
 
@@ -115,9 +115,9 @@ def _latency_faults(check: HeadsetCheck) -> Iterator[Text]:
     total = check.latency_ms.get("total_ms")
     if total is None:
         yield Text("fault_no_answer")
-    elif total["p95"] > LATEST_MS:
-        slowest = max(STAGE_WORDS, key=lambda stage: check.latency_ms[stage]["p95"])
-        values = {"ms": f"{total['p95']:.0f}", "most_ms": f"{LATEST_MS:.0f}"}
+    elif total["p95"] > MAX_LATENCY_MS:
+        slowest = max(STAGE_LABELS, key=lambda stage: check.latency_ms[stage]["p95"])
+        values = {"ms": f"{total['p95']:.0f}", "most_ms": f"{MAX_LATENCY_MS:.0f}"}
         yield Text("fault_late", values | {"advice": Text(f"advice_{slowest.removesuffix('_ms')}")})
 
 
@@ -127,10 +127,13 @@ def _tracking_faults(check: HeadsetCheck) -> Iterator[Text]:
         if part.with_ == "mouse":
             yield Text("fault_mouse", tracked)
             continue
-        if part.share < LEAST_TRACKED:
-            shares = {"percent": f"{100.0 * part.share:.0f}", "least_percent": f"{100.0 * LEAST_TRACKED:.0f}"}
+        if part.share < MIN_TRACKED_SHARE:
+            shares = {
+                "percent": f"{100.0 * part.share:.0f}",
+                "least_percent": f"{100.0 * MIN_TRACKED_SHARE:.0f}",
+            }
             yield Text("fault_untracked", tracked | shares)
-        limit_mm = MOST_JITTER_MM.get("head" if name == "head" else part.with_)
+        limit_mm = MAX_JITTER_MM.get("head" if name == "head" else part.with_)
         if limit_mm is not None and part.jitter_mm is not None and part.jitter_mm > limit_mm:
             yield Text("fault_jitter", tracked | {"mm": f"{part.jitter_mm:.1f}", "most_mm": f"{limit_mm:g}"})
 

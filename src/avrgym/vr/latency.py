@@ -6,7 +6,7 @@ import numpy as np
 
 from avrgym.recording.schema import Latency
 
-STAGE_WORDS = {
+STAGE_LABELS = {
     "sample_ms": "pose",
     "up_ms": "up",
     "simulate_ms": "simulation",
@@ -15,7 +15,7 @@ STAGE_WORDS = {
     "draw_ms": "drawing",
 }
 """What people read for each stage, in the order of the way."""
-STAGES = tuple(STAGE_WORDS)
+STAGES = tuple(STAGE_LABELS)
 TOTAL = "total_ms"
 """From pose to picture."""
 SHARES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}

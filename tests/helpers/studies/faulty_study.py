@@ -237,7 +237,7 @@ class FaultyStudy:
         session = self.sessions._session
         assert session is not None
         trials = session.plan.trials
-        self.participant.take_place(trials[min(session.trial, len(trials) - 1)].environment)
+        self.participant.adopt_posture(trials[min(session.trial, len(trials) - 1)].environment)
         if self.phase == "waiting":
             self._send(Entered())
         elif self.phase in ("calibration", "check", "ready", "paused", "confirm"):

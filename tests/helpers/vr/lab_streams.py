@@ -14,7 +14,7 @@ from helpers.vr.visit import Visit, constant_policies, plan
 
 pylsl = pytest.importorskip("pylsl", reason="`pip install avrgym[lsl]` brings Lab Streaming Layer")
 
-from avrgym.vr.lab_streaming.outlets import POSED as POSED  # noqa: E402
+from avrgym.vr.lab_streaming.outlets import SENT_BODIES as SENT_BODIES  # noqa: E402
 from avrgym.vr.lab_streaming.streams import LabStreams  # noqa: E402
 from avrgym.vr.lab_streaming.streams import lab_streams as lab_streams  # noqa: E402
 

@@ -164,7 +164,7 @@ class Visit:
     def frame(self) -> messages.Tracking:
         """Return the participant's next tracking frame."""
         if self.pose_rad is not None:
-            return self.participant.frame_of(self.pose_rad, self.now_s)
+            return self.participant.frame_from_angles(self.pose_rad, self.now_s)
         return self.participant.frame(self.now_s, moving=self.phase != "calibration")
 
     def tick(self, count: int = 1) -> None:

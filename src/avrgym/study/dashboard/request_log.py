@@ -98,7 +98,7 @@ class LiveLog(DashboardLog):
             case messages.CorrectTorsoHeight():
                 detail = f"{message.torso_height_m:g} m"
                 self._submit(caller, "correct torso height", pseudonym, detail)
-            case messages.ChooseTheirBody():
+            case messages.ChooseParticipantBody():
                 self._submit(caller, "choose body", pseudonym, message.sex)
             case messages.Drive() if self._begins(caller, "drive", pseudonym):
                 self._submit(caller, "drive", pseudonym, "")

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import msgspec
 
 from avrgym.models.furniture.real_furniture import RealFurniture
-from avrgym.questionnaires.questionnaire import Item, Questionnaire, items_to_ask
+from avrgym.questionnaires.questionnaire import Item, Questionnaire, items_at_moment
 from avrgym.questionnaires.stop_rules import StopRule, StopRules
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.instruments import with_items
@@ -146,7 +146,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     def items_at(self, when: str, seed: int = 0) -> tuple[Item, ...]:
         """The items at a moment, in order; ``seed`` is the seed of the trial."""
-        return items_to_ask(self.questionnaires, when, seed)
+        return items_at_moment(self.questionnaires, when, seed)
 
     def protocol(self) -> dict[str, Any]:
         """The fields that orders and trials depend on, as JSON values."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.recording.schema import Event, Stream
-from avrgym.recording.streams import Chunks, SampleTimes, Topics, chunks_of, sample_times, streams_by_name
+from avrgym.recording.streams import Chunks, SampleTimes, Topics, sample_times, stream_chunks, streams_by_name
 
 GAZE = "gaze"
 """The stream type of eye trackers in Lab Streaming Layer."""
@@ -77,7 +77,7 @@ class Series:
 def recorded_series(topics: Topics, start_s: float) -> Iterator[Series]:
     """The numeric streams of a recording; ``start_s`` is the time of its first tracking frame."""
     for name, stream in streams_by_name(topics).items():
-        chunks = [each for each in chunks_of(topics, name) if each[1].values]
+        chunks = [each for each in stream_chunks(topics, name) if each[1].values]
         if chunks:
             values = np.concatenate([np.array(chunk.values, float) for _, chunk in chunks])
             yield _series(stream, sample_times(chunks, stream.rate_hz), start_s, values)
@@ -102,7 +102,7 @@ def corrected_marks(topics: Topics, start_s: float) -> dict[str, Any]:
 
 def _text_chunks(topics: Topics) -> Iterator[tuple[str, Chunks]]:
     for name in dict.fromkeys(chunk.stream for _, chunk in topics["/samples"] if chunk.texts):
-        yield name, [each for each in chunks_of(topics, name) if each[1].texts]
+        yield name, [each for each in stream_chunks(topics, name) if each[1].texts]
 
 
 def corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:

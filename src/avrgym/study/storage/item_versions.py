@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from avrgym.questionnaires.questionnaire import MOMENTS, MOST_POINTS, Item, Questionnaire
+from avrgym.questionnaires.questionnaire import MAX_POINTS, MOMENTS, Item, Questionnaire
 from avrgym.recording.reader import RecordingError, read_header
 from avrgym.study.design.comparison import Wordings
 from avrgym.study.design.design import Design
@@ -222,7 +222,7 @@ class AnsweredItems:
 
     def value(self, answer: GivenAnswer) -> int:
         """The value of an answer on the scale of its item."""
-        return self.questionnaire(answer).scale_of(self.item(answer)).counts_as(answer.value)
+        return self.questionnaire(answer).scale_of(self.item(answer)).scale_value(answer.value)
 
     def form(self, participant: Participant, design: Design, wordings: Wordings | None) -> Form:
         """The items of a design for a participant."""
@@ -243,7 +243,7 @@ class AnsweredItems:
 
     def _unknown(self, participant: Participant, answer: GivenAnswer) -> ItemVersion:
         """The item of an answer without a stored text."""
-        item = Item(answer.item, UNKNOWN, MOST_POINTS, "?", "?")
+        item = Item(answer.item, UNKNOWN, MAX_POINTS, "?", "?")
         version = self._catalogue.version(item, item, participant.language or "", NOT_STORED)
         when = "after_trial" if answer.attempt is not None else "after_session"
         self._catalogue.add(Questionnaire(NOT_STORED, when, (version.item,)))

@@ -38,7 +38,7 @@ TRACKING_HZ = 90.0
 HIDDEN_UNITS = 64
 POLICY = "measured"
 TIMEOUT_S = 120.0
-STOLEN_COLUMN = 8
+STEAL_COLUMN = 8
 """Of the first line of Linux's ``/proc/stat``, after its name (proc(5))."""
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
 
@@ -106,7 +106,7 @@ def _stolen_s() -> float:
     statistics = Path("/proc/stat")
     if not statistics.exists():
         return 0.0
-    return int(statistics.read_text().split(maxsplit=9)[STOLEN_COLUMN]) / os.sysconf("SC_CLK_TCK")
+    return int(statistics.read_text().split(maxsplit=9)[STEAL_COLUMN]) / os.sysconf("SC_CLK_TCK")
 
 
 def _plan(environment_id: str, seconds: float) -> SessionPlan:
@@ -272,7 +272,7 @@ class _Client:
 
     def _track(self) -> None:
         participant = SimulatedParticipant(draw_traits("woman", 0), 0)
-        participant.take_place(self._environment)
+        participant.adopt_posture(self._environment)
         began = due = time.monotonic()
         while not self._over.is_set():
             moving = self._phase not in ("calibration", "")

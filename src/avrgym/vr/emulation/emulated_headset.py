@@ -130,9 +130,9 @@ class EmulatedHeadset:
             self.call("holdMenu", hand, pressed)
             self.wait_for_frames(2)
 
-    def begin_stop(self, way: str) -> None:
+    def begin_stop(self, method: str) -> None:
         """Begin a stop gesture and hold it."""
-        match way:
+        match method:
             case "button":
                 self.call("holdMenu", "left", True)
             case "triggers":
@@ -188,16 +188,16 @@ class BrowserClient:
         session: Session,
         participant: SimulatedParticipant,
         pictures: Path,
-        say: Callable[[str], None],
+        log: Callable[[str], None],
         picture_after_s: Mapping[str, float] = PICTURE_AFTER_S,
     ) -> None:
-        """``pictures`` is the folder for pictures of the participant's view; ``say`` is called with each phase.
+        """``pictures`` is the folder for pictures of the participant's view; ``log`` is called with each phase.
 
         ``picture_after_s``: by phase, the delay after its start at which a picture is taken.
         """
         self.taken: list[Path] = []
         self._headset, self._session, self._participant = headset, session, participant
-        self._folder, self._say, self._picture_after_s = pictures, say, picture_after_s
+        self._folder, self._log, self._picture_after_s = pictures, log, picture_after_s
         self._phase: tuple[str, int] = ("", 0)
         self._phase_began = self._changed_s = 0.0
         self._asked = ""
@@ -228,8 +228,8 @@ class BrowserClient:
         if found != self._phase:
             self._phase, self._phase_began, self._changed_s = found, now_s, now_s
             self._asked = ""
-            self._participant.take_place(self._session.plan.trials[max(found[1] - 1, 0)].environment)
-            self._say(f"{found[0].replace('_', ' ')} (trial {found[1]} of {phase['trials']})")
+            self._participant.adopt_posture(self._session.plan.trials[max(found[1] - 1, 0)].environment)
+            self._log(f"{found[0].replace('_', ' ')} (trial {found[1]} of {phase['trials']})")
 
     def _act(self, question: dict[str, Any] | None, now_s: float) -> None:
         name, _ = self._phase

@@ -20,22 +20,22 @@ STATE_EVERY_TICKS = 2
 class InProcessClient:
     """A client that connects a simulated participant directly to a session, in simulated time."""
 
-    def __init__(self, participant: SimulatedParticipant, say: Callable[[str], None]) -> None:
-        self._participant, self._say = participant, say
+    def __init__(self, participant: SimulatedParticipant, log: Callable[[str], None]) -> None:
+        self._participant, self._log = participant, log
         self._question: messages.Question | None = None
         self._scene_url, self._problem = "", ""
         self._trial, self._tries = 0, 0
         self._heard_s = 0.0
         self._now_s = 0.0
 
-    def hear(self, message: Message) -> None:
+    def receive(self, message: Message) -> None:
         """Handle a message of the session."""
         self._participant.watch(message)
         if isinstance(message, messages.Phase):
             self._heard_s, self._question = self._now_s, None
             if message.trial != self._trial:
                 self._trial, self._tries = message.trial, 0
-            self._say(f"{message.name.replace('_', ' ')} (trial {message.trial} of {message.trials})")
+            self._log(f"{message.name.replace('_', ' ')} (trial {message.trial} of {message.trials})")
         elif isinstance(message, messages.Question):
             self._heard_s, self._question = self._now_s, message
         elif isinstance(message, messages.Scene):
@@ -53,7 +53,7 @@ class InProcessClient:
         tick = 0
         while session.phase != "finished":
             self._now_s = tick * TICK_S
-            self._participant.take_place(session.plan.trials[max(self._trial - 1, 0)].environment)
+            self._participant.adopt_posture(session.plan.trials[max(self._trial - 1, 0)].environment)
             if tick % TRACKING_EVERY_TICKS == 0:
                 frame = self._participant.frame(self._now_s, moving=session.phase != "calibration")
                 session.receive(frame, self._now_s)

@@ -5,10 +5,12 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,39}")
+NAME_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9]{0,39}")
 """Names of streams are also parts of file names."""
-QUERY = re.compile(r"{one}( and {one})*".format(one=r"(name|type|source_id|hostname)='[^'<>&\"]{1,80}'"))
-QUERIES = "name='…', type='…', source_id='…' or hostname='…', several of them joined by \"and\""
+QUERY_PATTERN = re.compile(
+    r"{one}( and {one})*".format(one=r"(name|type|source_id|hostname)='[^'<>&\"]{1,80}'")
+)
+QUERY_HELP = "name='…', type='…', source_id='…' or hostname='…', several of them joined by \"and\""
 
 
 class StreamChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -23,13 +25,15 @@ class StreamChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def stream_fault(name: str, query: str) -> str:
     """The error in a stream's name or query, with what is allowed; empty if both are valid."""
-    if not NAME.fullmatch(name):
+    if not NAME_PATTERN.fullmatch(name):
         return f"{name!r} is no name of a stream; allowed: a letter, then up to 39 letters and digits"
-    return "" if QUERY.fullmatch(query) else f"{query!r} is no query for a stream; allowed: {QUERIES}"
+    return (
+        "" if QUERY_PATTERN.fullmatch(query) else f"{query!r} is no query for a stream; allowed: {QUERY_HELP}"
+    )
 
 
 def stream_choice(send: bool, received: Sequence[str]) -> StreamChoice:
-    """The choice from command-line options; ``ValueError`` for an option that is not ``NAME=QUERY``."""
+    """The choice from command-line options; ``ValueError`` for an option that is not ``NAME_PATTERN=QUERY_PATTERN``."""
     receive = dict(_named(each) for each in received)
     return StreamChoice(send, receive)
 

@@ -11,14 +11,14 @@ from pylsl.util import LostError
 from avrgym.array_types import NumpyArray
 from avrgym.recording.schema import Stream, StreamSamples
 
-FIND_S = 1.0
+SEARCH_S = 1.0
 """Duration of a search for a stream."""
-OPEN_S = 5.0
+OPEN_TIMEOUT_S = 5.0
 """Timeout of requests to a stream."""
 CHUNK_S = 0.05
 """Duration of a chunk of samples. It is short, so no tick waits for a chunk."""
 CHUNK_SAMPLES = 4096
-CHUNKS_KEPT = 600
+MAX_CHUNKS = 600
 """Maximum number of waiting chunks. Above it the oldest are dropped."""
 BUFFER_S = 60
 SILENT_S, SILENT_INTERVALS = 1.0, 5.0
@@ -36,7 +36,7 @@ class Inlet:
         self.name = name
         self.present = False
         self._query = query
-        self._chunks: deque[tuple[Stream, StreamSamples]] = deque(maxlen=CHUNKS_KEPT)
+        self._chunks: deque[tuple[Stream, StreamSamples]] = deque(maxlen=MAX_CHUNKS)
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"stream {name}", daemon=True)
         self._thread.start()
@@ -51,25 +51,25 @@ class Inlet:
 
     def join(self) -> None:
         """Wait until the thread ends."""
-        self._thread.join(OPEN_S)
+        self._thread.join(OPEN_TIMEOUT_S)
 
     def _run(self) -> None:
         while not self._stopping.is_set():
             try:
-                for found in pylsl.resolve_bypred(self._query, 1, FIND_S)[:1]:
+                for found in pylsl.resolve_bypred(self._query, 1, SEARCH_S)[:1]:
                     self._listen(pylsl.StreamInlet(found, BUFFER_S, recover=False))
             except (LostError, RuntimeError, TimeoutError):  # lost, or not available: search again
                 self._stopping.wait(CHUNK_S)
             self.present = False
 
     def _listen(self, inlet: pylsl.StreamInlet) -> None:
-        info = inlet.info(OPEN_S)
+        info = inlet.info(OPEN_TIMEOUT_S)
         kind = "texts" if info.channel_format() == pylsl.cf_string else "values"
         stream = describe(self.name, info)
-        inlet.time_correction(OPEN_S)
-        inlet.open_stream(OPEN_S)
+        inlet.time_correction(OPEN_TIMEOUT_S)
+        inlet.open_stream(OPEN_TIMEOUT_S)
         for samples, times_s in self._chunks_of(inlet, stream.rate_hz):
-            offset_s = inlet.time_correction(OPEN_S)
+            offset_s = inlet.time_correction(OPEN_TIMEOUT_S)
             corrected_s = (times_s + offset_s).tolist()
             chunk = StreamSamples(stream.stream, offset_s, corrected_s, **{kind: _plain(samples)})
             self._chunks.append((stream, chunk))

@@ -229,7 +229,7 @@ class Command(Message, frozen=True, tag="command"):
     name: CommandName
 
 
-class ChooseTheirBody(ChooseBody, frozen=True, tag="choose_body"):
+class ChooseParticipantBody(ChooseBody, frozen=True, tag="choose_body"):
     """The body model to use, chosen by the experimenter."""
 
 
@@ -257,7 +257,9 @@ class SceneWatched(Message, frozen=True, tag="scene_watched"):
     url: Annotated[str, msgspec.Meta(max_length=128)]
 
 
-ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseTheirBody | Drive | SceneWatched
+ExperimenterMessage = (
+    Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Drive | SceneWatched
+)
 
 # From the server -------------------------------------------------------------------------------------------
 
@@ -302,7 +304,7 @@ class Language(Message, frozen=True, tag="language"):
 
     language: str
     direction: str
-    words: dict[str, str]
+    texts: dict[str, str]
 
 
 class Body(Message, frozen=True, tag="body"):
@@ -419,8 +421,8 @@ class Phase(Message, frozen=True, tag="phase"):
 class Question(Message, frozen=True, tag="question"):
     """A questionnaire item.
 
-    ``labels``: texts of the buttons; by default they are numbered from 1 to ``points``. ``given``: the participant's
-    earlier answer, after going back.
+    ``labels``: texts of the buttons; by default they are numbered from 1 to ``points``. ``previous_answer``: the
+    participant's earlier answer, after going back.
     """
 
     item: str
@@ -431,7 +433,7 @@ class Question(Message, frozen=True, tag="question"):
     labels: list[str]
     number: int
     count: int
-    given: int | None = None
+    previous_answer: int | None = None
 
 
 class Problem(Message, frozen=True, tag="problem"):

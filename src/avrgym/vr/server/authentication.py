@@ -38,7 +38,7 @@ class Refusal:
 NO_TOKEN = Refusal(
     4401, "the address of this page lacks the session's token; open the one that the server printed"
 )
-EARLIER_START = Refusal(
+OLD_TOKEN = Refusal(
     4403, "the address of this page is of an earlier start of the server; open the one that it prints now"
 )
 LINK_ENDED = Refusal(4410, "this link has ended with its session; each session has a new one")
@@ -86,7 +86,7 @@ class Tokens:
 
     def refusal(self, token: str) -> Refusal:
         """The reason for refusing an unknown token, or a token of another role."""
-        return EARLIER_START if token else NO_TOKEN
+        return OLD_TOKEN if token else NO_TOKEN
 
     def bearer(self, headers: Headers) -> Caller | None:
         """The owner of the bearer token of a request."""

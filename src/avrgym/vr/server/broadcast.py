@@ -24,14 +24,14 @@ T = TypeVar("T")
 
 OUTBOX_MESSAGES = 1000
 """Maximum number of waiting messages of a connection. Above it the oldest are dropped."""
-FOR_WATCHERS_ONLY = (Status, Timing)
+WATCHER_MESSAGES = (Status, Timing)
 
 
 def is_for_role(message: Message, role: Role) -> bool:
     """Whether connections of this role receive a message."""
     if isinstance(message, Problem):
         return role in ("experimenter", message.role)
-    return role != "participant" or not isinstance(message, FOR_WATCHERS_ONLY)
+    return role != "participant" or not isinstance(message, WATCHER_MESSAGES)
 
 
 CLOSE_TIMEOUT_S = 1.0

@@ -18,7 +18,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from avrgym.system.files import write_atomically
 
 VALID_DAYS = 90
-RENEWED_BEFORE_DAYS = 14
+RENEWAL_DAYS = 14
 DOCUMENTATION_ADDRESS = "192.0.2.1"
 """An address that no host has (RFC 5737). The route to it reveals this computer's own address; nothing is sent."""
 
@@ -72,7 +72,7 @@ def reason_to_renew(wanted: Certificate) -> str | None:
     if certificate.public_key() != key.public_key():
         return "its key does not match"
     ends = certificate.not_valid_after_utc
-    if ends <= datetime.timedelta(days=RENEWED_BEFORE_DAYS) + datetime.datetime.now(datetime.UTC):
+    if ends <= datetime.timedelta(days=RENEWAL_DAYS) + datetime.datetime.now(datetime.UTC):
         return f"it expires on {ends:%Y-%m-%d}"
     known = set(certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value)
     if not set(_alternative_names(wanted.names)) <= known:

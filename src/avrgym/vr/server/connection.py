@@ -79,7 +79,7 @@ class FrameTimes:
     def note_received(self, sequence: int) -> None:
         """Note the arrival of a frame."""
         self._received_s[sequence] = time.monotonic()
-        if len(self._received_s) > FRAMES_REMEMBERED:
+        if len(self._received_s) > MAX_STORED_FRAMES:
             del self._received_s[next(iter(self._received_s))]
 
     def times_of(self, state: State, created_s: float) -> Passed | None:
@@ -90,14 +90,16 @@ class FrameTimes:
         return Passed(state.tracking_sequence, received_s, created_s, time.monotonic())
 
 
-FRAMES_REMEMBERED = 1000
+MAX_STORED_FRAMES = 1000
 
 
 Record = Callable[[Caller, Any], None]
 """Called with the hello of each watcher, and with each command before its execution. Must not block."""
 
-PARTICIPANT = Channel(("participant",), messages.decode_client, messages.ClientMessage)
-WATCHING = Channel(("experimenter", "spectator"), messages.decode_experimenter, messages.ExperimenterMessage)
+PARTICIPANT_CHANNEL = Channel(("participant",), messages.decode_client, messages.ClientMessage)
+WATCHER_CHANNEL = Channel(
+    ("experimenter", "spectator"), messages.decode_experimenter, messages.ExperimenterMessage
+)
 
 
 async def serve_connection(

@@ -19,7 +19,7 @@ from avrgym.vr.server.authentication import Caller, SameOriginOnly, Tokens
 from avrgym.vr.server.broadcast import Broadcast
 from avrgym.vr.server.certificate import Certificate
 from avrgym.vr.server.code_exchange import code_exchange
-from avrgym.vr.server.connection import PARTICIPANT, WATCHING, Record, serve_connection
+from avrgym.vr.server.connection import PARTICIPANT_CHANNEL, WATCHER_CHANNEL, Record, serve_connection
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.real_time_loop import RealTimeLoop, S
 from avrgym.vr.server.session_links import SessionLinks
@@ -76,11 +76,11 @@ def create_app(
 
     @app.websocket("/ws")
     async def participant(socket: WebSocket) -> None:
-        await serve_connection(socket, PARTICIPANT, tokens, limiter, broadcast, loop, record)
+        await serve_connection(socket, PARTICIPANT_CHANNEL, tokens, limiter, broadcast, loop, record)
 
     @app.websocket("/watch")
     async def watch(socket: WebSocket) -> None:
-        await serve_connection(socket, WATCHING, tokens, limiter, broadcast, loop, record)
+        await serve_connection(socket, WATCHER_CHANNEL, tokens, limiter, broadcast, loop, record)
 
     @app.get("/spectator")
     async def spectator() -> FileResponse:

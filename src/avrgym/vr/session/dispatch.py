@@ -38,7 +38,7 @@ def take_message(phase: Phase, message: Received) -> Phase:
             return phase.go_back()
         case messages.Stop():
             return phase.stop("participant", message.method)
-        case messages.ChooseTheirBody():
+        case messages.ChooseParticipantBody():
             return phase.choose_body(message, "experimenter")
         case messages.ChooseBody():
             return phase.choose_body(message, "participant")

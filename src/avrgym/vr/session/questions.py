@@ -43,7 +43,7 @@ class Questions:
             labels=list(item.labels),
             number=self._asked + 1,
             count=len(self._items),
-            given=self.earlier,
+            previous_answer=self.earlier,
         )
 
     def take(self, answer: messages.Answer) -> Answer:

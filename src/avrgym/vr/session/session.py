@@ -158,7 +158,7 @@ class Session:
         """Send the state of the session to a client that has just connected."""
         state = self._state
         if role == "participant":
-            state.worlds.forget_client()
+            state.worlds.client_connected()
             state.visibility = "visible"
             state.sink.report(events.ConnectionFound(now_s))
         plan = state.plan

@@ -87,7 +87,7 @@ class SessionState:
     @property
     def driver(self) -> Driver:
         """The driver of the current trial."""
-        return self.drivers.of(self.current)
+        return self.drivers.driver_for(self.current)
 
     @property
     def world(self) -> LiveWorld:
@@ -189,7 +189,7 @@ class SessionState:
         """
         self.person = replace(self.person, torso_height_m=torso_height_m)
         self.height_known = True
-        self.tracking.place_again(self.person)
+        self.tracking.update_place(self.person)
 
     def set_arm_scale(self, arm_scale: float) -> None:
         """Change the length of the body's arms; raises ``ValueError`` outside the range of adults."""
@@ -240,15 +240,15 @@ class SessionState:
             self.sink.report(events.VisibilityFound(self.now_s))
         return False
 
-    def forget_place(self) -> None:
+    def reset_place(self) -> None:
         """Forget the participant's place."""
         self.tracking, self.calibrated_for = TrackingState(), None
 
-    # How late pictures are ---------------------------------------------------------------------------------------
+    # Latency of the pictures -------------------------------------------------------------------------------------
 
-    def take_latency(self, told: messages.Latency) -> schema.Latency | None:
+    def take_latency(self, message: messages.Latency) -> schema.Latency | None:
         """Record the client's latencies of the last second, if they are complete, and update the percentiles."""
-        latency = schema.Latency(*(getattr(told, name) for name in schema.Latency.__struct_fields__))
+        latency = schema.Latency(*(getattr(message, name) for name in schema.Latency.__struct_fields__))
         if not is_complete(latency):
             self.report("a latency needs an entry of each stage for each frame")
             return None
@@ -268,7 +268,7 @@ class SessionState:
         assert self.tracking.registration is not None
         plan, trial, world, identifier = self.plan, self.trial, self.world, self.identifier
         place = self.tracking.registration.xr_from_world()
-        plugins = self.drivers.plugins_in(self.current)
+        plugins = self.drivers.plugins_of(self.current)
         attempt = self.storage.begin(
             trial + 1,
             lambda number: configuration(
@@ -293,8 +293,8 @@ class SessionState:
         self.drivers.failure = failure
         self.record_event("controller_failed" if failure else "controller_drives", failure)
         kind = failure.partition(":")[0]
-        if kind and kind not in self.drivers.kinds_told:
-            self.drivers.kinds_told.add(kind)
+        if kind and kind not in self.drivers.reported_kinds:
+            self.drivers.reported_kinds.add(kind)
             self.sink.report(events.ControllerFailed(self.now_s, failure))
             self.report(f"the robot holds still, its controller failed: {failure}")
 

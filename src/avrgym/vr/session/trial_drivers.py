@@ -12,21 +12,21 @@ class Drivers:
     def __init__(self, policies: Policies, *, background: bool) -> None:
         """External controllers run in the ``background``, or the session waits for them."""
         self.failure = ""
-        self.kinds_told: set[str] = set()
+        self.reported_kinds: set[str] = set()
         self._drivers = {key: make_driver(policy, background=background) for key, policy in policies.items()}
         self._plugins = {key: plugins_used(key[0], policy) for key, policy in policies.items()}
 
-    def of(self, trial: TrialPlan) -> Driver:
+    def driver_for(self, trial: TrialPlan) -> Driver:
         """Returns the driver of a trial."""
         return self._drivers[trial.environment, trial.policy]
 
-    def plugins_in(self, trial: TrialPlan) -> tuple[UsedPlugin, ...]:
+    def plugins_of(self, trial: TrialPlan) -> tuple[UsedPlugin, ...]:
         """Returns the plug-ins that a trial uses, as they were at the session's start."""
         return self._plugins[trial.environment, trial.policy]
 
     def begin(self) -> None:
         """Clear the failures of an earlier attempt."""
-        self.failure, self.kinds_told = "", set()
+        self.failure, self.reported_kinds = "", set()
 
     def close(self) -> None:
         """Stop all drivers."""

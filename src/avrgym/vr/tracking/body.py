@@ -50,7 +50,7 @@ def hips_frame(person: Person, posture: Posture) -> tuple[FloatArray, FloatArray
 def skeleton(person: Person, posture: Posture) -> messages.Skeleton:
     """Returns the dimensions from which a client solves the body as ``BodySolver`` does."""
     frames = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]), posture)
-    lengths = ArmLengths.of(person)
+    lengths = ArmLengths.from_person(person)
     hips, waist, neck, shoulder = (
         (float(x), float(y), float(z))
         for x, y, z in (frames.body_pos[name][0] for name in ("hips", "torso", "head", "right_upper_arm"))

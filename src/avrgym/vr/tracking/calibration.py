@@ -84,7 +84,7 @@ def measure_arm_scale(person: Person, reached_m: Sequence[float]) -> float:
     Raises:
         ValueError: for arms outside the range of adults, or a missing pose, with the allowed values.
     """
-    most = ArmLengths.of(replace(person, arm_scale=1.0))
+    most = ArmLengths.from_person(replace(person, arm_scale=1.0))
     fixed_m = PROPORTIONS[person.sex].forearm_radius
     scale = (fmean(reached_m) - fixed_m) / (most.upper_m + most.fore_m - fixed_m)
     check_arm_scale(scale)

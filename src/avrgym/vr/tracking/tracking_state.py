@@ -104,16 +104,16 @@ class TrackingState:
     def place(self, head: XRPose, person: Person, posture: Posture) -> None:
         """Place the seat or bed to fit the headset of a participant at rest."""
         self._resting, self._posture = head, posture
-        self.place_again(person)
+        self.update_place(person)
 
-    def place_again(self, person: Person) -> None:
+    def update_place(self, person: Person) -> None:
         """Keep the participant's place for a person with another torso height."""
         if self._resting is not None:
             self.registration = register(self._resting, resting_head_centre(person, self._posture))
             self._sliding = SlidingMonitor(person, self._posture)
             self._pose = self._glide = None
 
-    def forget_place(self) -> None:
+    def reset_place(self) -> None:
         """Forget the participant's place; the next usable frame determines it."""
         self.registration = self._pose = self._resting = self._sliding = self._glide = None
 
@@ -170,12 +170,12 @@ class TrackingState:
         ):
             return None
         if "head" in self.deviating:
-            self._sliding.forget()
+            self._sliding.reset()
             return None
         assert self.registration is not None
         assert self._followed.tracking.head is not None
         head = head_pose(self.registration, self._followed.tracking.head)
-        self._glide = self._sliding.look(head, joint_angles_rad)
+        self._glide = self._sliding.update(head, joint_angles_rad)
         return self._glide
 
     def _go_on(self, glide: Glide) -> None:

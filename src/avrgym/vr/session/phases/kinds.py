@@ -25,7 +25,7 @@ class Ongoing(Phase):
         state.abandon("interrupted")
         if state.plan.headset_check is None or state.headset_checked:
             return self._calibrate_again()
-        state.forget_place()
+        state.reset_place()
         return phases.CheckStart(state)
 
     def leave_vr(self) -> phases.AfterLeaving:
@@ -62,7 +62,7 @@ class Ongoing(Phase):
 
     def _calibrate_again(self) -> phases.Calibration | phases.LoadCalibration:
         """Calibrate the participant again, in the current trial's seat or bed."""
-        self.state.forget_place()
+        self.state.reset_place()
         in_place = self.state.world.environment == self.state.current.environment
         return phases.Calibration(self.state) if in_place else phases.LoadCalibration(self.state)
 
@@ -151,7 +151,7 @@ class RobotFinished(InPlace):
 
     def enter_vr(self) -> phases.AfterRobot:
         self.state.away = None
-        self.state.forget_place()
+        self.state.reset_place()
         return self._ask()
 
     def reset_origin(self) -> phases.AfterRobot:
@@ -208,7 +208,7 @@ class RobotFinished(InPlace):
         failure = self.state.complete_attempt()
         if failure is not None:
             return self.fail(failure)
-        self.state.forget_place()
+        self.state.reset_place()
         return self._ask()
 
     def _ask(self) -> phases.AfterRobot:
