@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from avrgym.array_types import FloatArray
 from avrgym.recording.schema import Stream, StreamSamples
-from avrgym.recording.streams import AHEAD_S, GAP_INTERVALS, sample_times, stream_quality
+from avrgym.recording.streams import GAP_INTERVALS, MAX_LEAD_S, sample_times, stream_quality
 from avrgym.study.export.physio import corrected_marks, marks, recorded_series
 
 RATES_HZ = st.sampled_from([1.0, 10.0, 50.0, 100.0, 512.0])
@@ -56,7 +56,7 @@ def streams(draw: st.DrawFn) -> tuple[float, FloatArray, FloatArray, list[str], 
         step_s = 1.0 / rate_hz
         if what == "gap":
             step_s *= draw(st.floats(GAP_INTERVALS + 2.0, 20.0))
-            step_s = max(step_s, 2.0 * AHEAD_S)
+            step_s = max(step_s, 2.0 * MAX_LEAD_S)
         else:
             ahead_s += draw(JUMPS_S) * max(1.0, 12.0 / rate_hz)
         start_s = taken[-1][-1] + step_s

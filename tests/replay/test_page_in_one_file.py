@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from avrgym.cli.main import app
 from avrgym.recording.reader import read_recording
 from avrgym.replay.packing import STEP, pack_poses
-from avrgym.replay.page import PLACE, ReplayedTrial, write_page
+from avrgym.replay.page import DATA_TAG, ReplayedTrial, write_page
 from avrgym.replay.timeline import aligned, timeline_of
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from helpers.browser.journey import WATCH_SCENES
@@ -126,7 +126,7 @@ def avrgym(*arguments: Any) -> Any:
 
 def held(file: Path) -> dict[str, Any]:
     """What was written into a page."""
-    return json.loads(file.read_bytes().partition(PLACE)[2].partition(b"</script>")[0])
+    return json.loads(file.read_bytes().partition(DATA_TAG)[2].partition(b"</script>")[0])
 
 
 # What is written ---------------------------------------------------------------------------------------------

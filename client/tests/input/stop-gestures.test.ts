@@ -221,8 +221,8 @@ describe("a stop", () => {
   });
 
   it("is said in every language, in words of its own for each way but the squeeze, which is said with the triggers", () => {
-    for (const { words } of Object.values(TEXTS)) {
-      const said = Object.values(STOP_METHODS).map(({ text: key }) => words[key]);
+    for (const { texts } of Object.values(TEXTS)) {
+      const said = Object.values(STOP_METHODS).map(({ text: key }) => texts[key]);
       expect(new Set(said).size).toBe(said.length - 1);
     }
   });
