@@ -25,7 +25,7 @@ from msgspec import inspect
 from avrgym.models import human
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.texts.interface_texts import included_languages, read_texts
-from avrgym.vr.latency import STAGE_WORDS
+from avrgym.vr.latency import STAGE_LABELS
 from avrgym.vr.protocol import messages, state_encoding, webxr
 from avrgym.vr.session.phases import phases_with
 from avrgym.vr.tracking import arm, body, switches
@@ -68,7 +68,7 @@ CONSTANTS = {
     "TICK_S": messages.TICK_S,
     "JOINT_STEPS": json.dumps(state_encoding.JOINT_STEPS.tolist()),
     "POSE_STEPS": json.dumps(state_encoding.POSE_STEPS.tolist()),
-    "STAGE_LABELS": json.dumps(STAGE_WORDS),
+    "STAGE_LABELS": json.dumps(STAGE_LABELS),
     "FORCE_LIMITS_N: Readonly<Record<string, number>>": json.dumps(
         {region.name: float(limit) for region, limit in zip(BODY_REGIONS, QUASI_STATIC_LIMIT_N, strict=True)}
     ),
@@ -217,7 +217,7 @@ def facts_text(name: str, facts: dict[str, object]) -> str:
 def texts() -> str:
     """The whole of ``interface-texts.ts``: the words of the page in every language that AVR Gym brings."""
     words = {
-        language: {"direction": each.direction, "words": dict(each.page)}
+        language: {"direction": each.direction, "texts": dict(each.page)}
         for language, each in ((language, read_texts(language)) for language in included_languages())
     }
     shown = json.dumps(words, indent=2, ensure_ascii=False)

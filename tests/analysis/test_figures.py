@@ -110,7 +110,7 @@ def answers_of(design: Design) -> Iterator[AnswerRow]:
                     policy=policy,
                     attempt=None,
                     item=item.id,
-                    value=scale.counts_as(int(rng.integers(1, scale.points + 1))),
+                    value=scale.scale_value(int(rng.integers(1, scale.points + 1))),
                     minimum=scale.lowest,
                     maximum=scale.highest,
                     points=scale.points,

@@ -46,7 +46,7 @@ def test_a_long_session_has_constant_memory_and_loses_no_frame(tmp_path: Path) -
     client = InProcessClient(
         SimulatedParticipant(draw_traits("woman", 1), 1), lambda _: memory.append(memory_bytes())
     )
-    session = Session(plan, constant_policies(plan), tmp_path, client.hear, "soak")
+    session = Session(plan, constant_policies(plan), tmp_path, client.receive, "soak")
     client.run(session)
     assert len(session.recordings) == TRIALS
     for path in session.recordings:

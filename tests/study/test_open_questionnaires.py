@@ -86,7 +86,7 @@ def test_open_questionnaire_is_answered_the_next_day(left: Callable[[], tuple[St
     day = ServerDay(store, pseudonym)
     assert (day.phase, day.question().item) == ("questionnaire", "L3")
     day.send(Back())
-    assert day.question().given == 2
+    assert day.question().previous_answer == 2
     day.answer(3)
     day.send(Ready())
     day.run_until("waiting")

@@ -115,7 +115,7 @@ def test_a_study_brings_a_language_written_from_right_to_left(tmp_path: Path) ->
     visit = Visit(tmp_path, replace(plan(), texts=texts))
     visit.session.welcome(visit.inbox.append, "participant", 0.0)
     told = visit.received(Language)[-1]
-    assert (told.language, told.direction, told.words["stop"]) == ("ar-EG", "rtl", "tobor eht potS")
+    assert (told.language, told.direction, told.texts["stop"]) == ("ar-EG", "rtl", "tobor eht potS")
     visit.leave()
 
 

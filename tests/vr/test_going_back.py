@@ -29,7 +29,7 @@ def test_answers_are_changed_until_they_are_confirmed(asked: Visit) -> None:
     asked.answer(1, 2)
     asked.send(Back())
     question: Question = asked.received(Question)[-1]
-    assert (question.item, question.number, question.given) == ("L2", 2, 2)
+    assert (question.item, question.number, question.previous_answer) == ("L2", 2, 2)
     asked.answer(5, 3, 4)
     assert asked.phase == "confirm"
     asked.send(Back(), Back())
@@ -77,7 +77,7 @@ def test_who_repeats_a_trial_gives_its_answers_anew(asked: Visit) -> None:
     assert asked.recordings()[0].outcome is not None
     asked.confirms = True
     asked.run_until("questionnaire")
-    assert asked.received(Question)[-1].given is None
+    assert asked.received(Question)[-1].previous_answer is None
     asked.leave()
 
 

@@ -72,9 +72,9 @@ def test_only_what_is_unanswered_is_asked(tmp_path: Path, happens: Callable[[Vis
     visit.tick(100)
     assert visit.phase == "questionnaire"
     question = visit.received(Question)[-1]
-    assert (question.item, question.number, question.given) == ("L3", 3, None)
+    assert (question.item, question.number, question.previous_answer) == ("L3", 3, None)
     visit.send(Back())
-    assert visit.received(Question)[-1].given == 2
+    assert visit.received(Question)[-1].previous_answer == 2
     visit.answer(5, 3, 4)
     assert set(visit.phases[phases:]) <= {"questionnaire", "confirm", "loading", "waiting", "calibration"}
     recording = read_recording(visit.session.recordings[0])

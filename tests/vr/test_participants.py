@@ -69,7 +69,7 @@ def test_frames_are_sound_at_any_time(sex: Sex) -> None:
 def test_frames_are_counted() -> None:
     someone = participant(1)
     frames = [someone.frame(0.1 * i, moving=bool(i % 2)) for i in range(10)]
-    frames.append(someone.frame_of(human.SEATED_RAD, 1.0))
+    frames.append(someone.frame_from_angles(human.SEATED_RAD, 1.0))
     assert [frame.sequence for frame in frames] == list(range(11))
 
 
@@ -85,20 +85,20 @@ def test_lying_and_sitting_participants_have_the_same_height(sex: Sex) -> None:
     someone = participant(4, sex)
     measured = []
     for environment, posture in ((FEEDING, SEATED), (BATHING, RECLINED)):
-        someone.take_place(environment)
+        someone.adopt_posture(environment)
         head = someone.frame(7.0, moving=False).head
         assert head is not None
         measured.append(measure_torso_height(sex, posture, head, RealFurniture()))
     assert measured == pytest.approx([someone.traits.torso_height_m] * 2)
     with pytest.raises(ValueError, match="unknown environment 'avrgym/Flying-v1'"):
-        someone.take_place("avrgym/Flying-v1")
+        someone.adopt_posture("avrgym/Flying-v1")
 
 
 def arm_after_watching(cooperation: float, environment: str) -> FloatArray:
     """The right hand of somebody who watched the tool near their elbow for two seconds, in their own room."""
     traits = replace(draw_traits("woman", 2), cooperation=cooperation, sway_deg=0.0)
     someone = SimulatedParticipant(traits, 2)
-    someone.take_place(environment)
+    someone.adopt_posture(environment)
     world = LiveWorld(environment, Person("woman", traits.torso_height_m, TASKS["BedBathing"].pose.rest_rad))
     someone.watch(world.scene(0, Registration(np.zeros(3), 0.0)))
     poses = np.frombuffer(world.body_poses(), "<f4").reshape(-1, 7).copy()
@@ -158,7 +158,7 @@ def test_movements_are_smooth_and_limited() -> None:
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_watching_participant_turns_to_the_arm_and_back(environment: str) -> None:
     someone = participant(2)
-    someone.take_place(environment)
+    someone.adopt_posture(environment)
     turned = [
         degrees_off_the_right_hand(someone.frame(0.1 * step, moving=False, watching=10 <= step < 30))
         for step in range(50)
@@ -246,7 +246,7 @@ def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
     def send(message: Sent) -> None:
         if isinstance(message, State):
             seen.append(message.sequence)
-        client.hear(message)
+        client.receive(message)
 
     session = Session(
         trials, constant_policies(trials), tmp_path, send, "whole", state_interval_ticks=STATE_EVERY_TICKS
@@ -269,7 +269,7 @@ def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
 def test_a_participant_sits_and_then_lies_through_a_session(tmp_path: Path) -> None:
     client = InProcessClient(participant(1), lambda text: None)
     trials = plan(environments=(FEEDING, BATHING), seeds=(1, 2))
-    session = Session(trials, constant_policies(trials), tmp_path, client.hear, "lying")
+    session = Session(trials, constant_policies(trials), tmp_path, client.receive, "lying")
     client.run(session)
     assert session.person.torso_height_m == pytest.approx(participant(1).traits.torso_height_m, abs=0.002)
     assert all(read_recording(path).complete for path in session.recordings)
@@ -279,7 +279,7 @@ def test_a_participant_gives_up_after_failed_starts(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
     client = InProcessClient(participant(1), lambda text: None)
-    session = Session(plan(), constant_policies(plan()), blocked, client.hear, "blocked")
+    session = Session(plan(), constant_policies(plan()), blocked, client.receive, "blocked")
     with pytest.raises(RuntimeError, match=r"trial 1 does not start: .*cannot be recorded"):
         client.run(session)
 
@@ -297,7 +297,7 @@ def test_a_trained_human_acts_in_vr_as_in_training(environment, monkeypatch):
     worlds = Episodes(environment, 1, person=person, human_actions=True, num_threads=1)
     worlds.reset(np.array([0]), [np.random.default_rng(0)])
     someone = SimulatedParticipant(traits, 3)
-    someone.take_place(environment)
+    someone.adopt_posture(environment)
     someone.watch(scene_message(0, worlds, Registration(np.zeros(3), 0.0)))
     for step in range(4):
         someone.watch(State(step, 0.1 * step, -1, b"", [], world_poses(worlds)))
@@ -307,7 +307,7 @@ def test_a_trained_human_acts_in_vr_as_in_training(environment, monkeypatch):
     assert_allclose(told[0][0, goal], seen[goal], atol=0.03)
     acted = np.clip(trained.mean(told[0])[0], -1.0, 1.0)
     offered = [JOINT_INDEX[name] for name in worlds.offered_joints]
-    way = someone._mind.targets_rad[0] - person.joint_angles_rad
+    way = someone._behaviour_state.targets_rad[0] - person.joint_angles_rad
     assert_allclose(way[offered], 4 * 0.1 * SPEED_RAD_S[offered] * acted, atol=1e-6)
     assert_allclose(np.delete(way, offered), 0.0)
     rest, gone = (numbers(someone.frame(1.0, moving=moving)) for moving in (False, True))

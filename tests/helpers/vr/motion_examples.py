@@ -46,7 +46,7 @@ def examples(trial_steps: int, seeds: int) -> Iterator[dict[str, object]]:
         for number, environment in enumerate(ENVIRONMENTS):
             with TemporaryDirectory() as folder:
                 visit = RecordingVisit(Path(folder), environment, 100 * seed + number, trial_steps)
-                visit.participant.take_place(environment)
+                visit.participant.adopt_posture(environment)
                 visit.calibrate()
                 visit.run_until("questionnaire", limit_s=120.0)
                 visit.leave()

@@ -67,7 +67,7 @@ def peak_force_n(folder: Path, environment: str, seed: int, pattern: str, *, ste
     trial = TrialPlan(environment, "revised", seed, practice=False)
     session = SessionPlan([trial], "woman", 0.2, simulated=True, trial_steps=steps, countdown_s=0.1)
     visit, rng = Visit(folder, session, load_policies(session)), np.random.default_rng(seed)
-    visit.participant.take_place(environment)
+    visit.participant.adopt_posture(environment)
     visit.calibrate()
     visit.run_until("trial")
     visit.tracking = False

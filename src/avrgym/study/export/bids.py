@@ -300,7 +300,7 @@ def _rows_of_answers(
                 continue
             session = f"{sessions[answer.session]}_{moments[answer.id]}"
             column = f"{session if answer.attempt is None else about[answer.attempt]}_{_label(item)}"
-            row[column], item_by_column[column] = scales[item].counts_as(answer.value), item
+            row[column], item_by_column[column] = scales[item].scale_value(answer.value), item
         rows.append(row)
     return rows, item_by_column
 

@@ -177,7 +177,7 @@ def _run_trial(visit: StudyVisit, dry_run: DryRun) -> None:
     participant = SimulatedParticipant(traits, plan.trials[number - 1].seed, plan.furniture)
     client = InProcessClient(participant, lambda text: None)
     reached = replace(plan, trials=plan.trials[:number])
-    session = visit.session(reached, client.hear, state_interval_ticks=STATE_EVERY_TICKS)
+    session = visit.session(reached, client.receive, state_interval_ticks=STATE_EVERY_TICKS)
     client.run(session)
 
 

@@ -124,8 +124,8 @@ def _with_body(
 
 
 @dataclass(frozen=True)
-class _Sight:
-    """See ``people.behaviour.Sight``; of one person."""
+class _Observation:
+    """The quantities that a behaviour model observes, for one person."""
 
     tool_pos_w: FloatArray
     head_pos_w: FloatArray
@@ -136,7 +136,7 @@ class _Sight:
 class SimulatedParticipant:
     """A participant in a room whose origin and direction differ from the simulation's.
 
-    They are seated until ``take_place`` is called.
+    They are seated until ``adopt_posture`` is called.
     """
 
     def __init__(self, traits: Traits, seed: int, furniture: RealFurniture = REAL_AS_VIRTUAL) -> None:
@@ -150,7 +150,7 @@ class SimulatedParticipant:
         )
         self._phase = random.uniform(0.0, 2.0 * np.pi, 3)
         self._chance = random_streams.participant_behaviour(seed).random((1, 4))
-        self._chance_of_actions = random_streams.participant_noise(seed)
+        self._action_generator = random_streams.participant_noise(seed)
         self._sequence = -1
         self._measured: dict[str, XRPose] = {}
         self._turned = self._turned_s = 0.0
@@ -159,7 +159,7 @@ class SimulatedParticipant:
         self._offered: cooperation.OfferedPart = "mouth"
         self._rest(SEATED, SEATED_RAD)
 
-    def take_place(self, environment_id: str) -> None:
+    def adopt_posture(self, environment_id: str) -> None:
         """Sit or lie as in an environment; does nothing if they already do.
 
         Raises:
@@ -177,9 +177,9 @@ class SimulatedParticipant:
         if isinstance(message, messages.Scene):
             self._bodies = message.bodies
         elif isinstance(message, messages.Phase) and message.name == "free_before":
-            self._open_mind()
+            self._reset_behaviour()
         elif isinstance(message, messages.State) and TOOL in self._bodies:
-            self._see(message)
+            self._observe_tool(message)
 
     def _rest(self, posture: human.Posture, rest_rad: FloatArray) -> None:
         traits = self.traits
@@ -193,45 +193,51 @@ class SimulatedParticipant:
         self._sites = human.layout(self._people.is_woman, self._people.torso_height_m).site_pos
         self._model = human.person_model(person, posture, moving=True)
         self._data = mujoco.MjData(self._model)
-        self._open_mind()
+        self._reset_behaviour()
 
-    def _open_mind(self) -> None:
+    def _reset_behaviour(self) -> None:
         """Reset the behaviour."""
-        self._mind: cooperation.CooperationState | partner_behaviour.PartnerState
+        self._behaviour_state: cooperation.CooperationState | partner_behaviour.PartnerState
         if self.traits.partner is not None:
-            self._mind = partner_behaviour.initial_state(
+            self._behaviour_state = partner_behaviour.initial_state(
                 self._people, np.array([self.traits.partner]), self._chance
             )
         else:
             mind = cooperation.initial_state(self._people, np.full((1, cooperation.NUM_UNIFORMS), 0.5))
-            self._mind = replace(
+            self._behaviour_state = replace(
                 mind, reaction_steps=np.array([round(self.traits.reaction_s / CONTROL_STEP_S)])
             )
         self._next_look_s = -np.inf
 
-    def _see(self, state: messages.State) -> None:
+    def _observe_tool(self, state: messages.State) -> None:
         """Observe the tool ten times a second."""
         if state.simulation_time_s < self._next_look_s:
             return
         self._next_look_s = state.simulation_time_s + CONTROL_STEP_S
         poses = np.frombuffer(state.poses, "<f4").reshape(-1, 7).astype(float)
         bodies, marks_w = dict(zip(self._bodies, poses, strict=False)), poses[len(self._bodies) :, :3]
-        sight = self._sight(bodies)
+        observation = self._observation(bodies)
         if self.traits.trained is not None:
-            self._act(self.traits.trained, sight, bodies, marks_w)
-        elif isinstance(self._mind, partner_behaviour.PartnerState):
-            self._mind = partner_behaviour.step(
-                self._mind, sight, self._offered, self._posture, self._possible
+            self._act(self.traits.trained, observation, bodies, marks_w)
+        elif isinstance(self._behaviour_state, partner_behaviour.PartnerState):
+            self._behaviour_state = partner_behaviour.step(
+                self._behaviour_state, observation, self._offered, self._posture, self._clip_to_ranges
             )
         else:
-            self._mind = cooperation.update_targets(self._mind, sight, self._offered, self._posture)
+            self._behaviour_state = cooperation.update_targets(
+                self._behaviour_state, observation, self._offered, self._posture
+            )
 
     def _act(
-        self, trained: Policy, sight: _Sight, bodies: Mapping[str, FloatArray], marks_w: FloatArray
+        self,
+        trained: Policy,
+        observation: _Observation,
+        bodies: Mapping[str, FloatArray],
+        marks_w: FloatArray,
     ) -> None:
         """Apply an action of the policy for 0.1 s. Its observed forces are 0, because VR has no force feedback."""
         hips, head, tool = bodies[human.PREFIX + "hips"], bodies[human.PREFIX + "head"], bodies[TOOL]
-        goal_w = sight.mouth_pos_w if self._offered == "mouth" else marks_w[0]
+        goal_w = observation.mouth_pos_w if self._offered == "mouth" else marks_w[0]
         seen = PersonInputs(
             hips_pos_w=hips[None, :3],
             hips_q_w=hips[None, 3:],
@@ -239,26 +245,26 @@ class SimulatedParticipant:
             tool_q_w=tool[None, 3:],
             tool_from_goals_w=[tool[None, :3] - goal_w for _ in self._view.goals],
             joint_angles_rad=self._held_rad[None],
-            right_arm_pos_w=sight.right_arm_pos_w,
-            head_pos_w=np.atleast_2d(sight.head_pos_w),
+            right_arm_pos_w=observation.right_arm_pos_w,
+            head_pos_w=np.atleast_2d(observation.head_pos_w),
             head_q_w=head[None, 3:],
             total_force_n=np.zeros(1),
             tool_force_n=np.zeros(1),
         )
-        action = trained.act(self._view.of(seen), [self._chance_of_actions])
+        action = trained.act(self._view.of(seen), [self._action_generator])
         targets = partner_behaviour.steer_targets(
-            self._mind.targets_rad, cooperation.OFFERED_JOINTS[self._offered], action.astype(float)
+            self._behaviour_state.targets_rad, cooperation.OFFERED_JOINTS[self._offered], action.astype(float)
         )
-        self._mind = replace(self._mind, targets_rad=self._possible(targets))
+        self._behaviour_state = replace(self._behaviour_state, targets_rad=self._clip_to_ranges(targets))
 
-    def _sight(self, bodies: Mapping[str, FloatArray]) -> _Sight:
+    def _observation(self, bodies: Mapping[str, FloatArray]) -> _Observation:
         """The observation, from the poses (7,) of bodies by name."""
         head = bodies[human.PREFIX + "head"]
         head_centre, mouth = (
             head[:3] + transforms.rotate(head[3:], self._sites[name]) for name in ("head_centre", "mouth")
         )
         arm = np.stack([bodies[human.PREFIX + part][:3] for part in human.RIGHT_ARM])
-        return _Sight(bodies[TOOL][None, :3], head_centre, mouth, arm[None])
+        return _Observation(bodies[TOOL][None, :3], head_centre, mouth, arm[None])
 
     def frame(self, time_s: float, *, moving: bool, watching: bool = False) -> Tracking:
         """The tracking frame at a time: at rest, or swaying and reacting (``moving``).
@@ -270,10 +276,10 @@ class SimulatedParticipant:
         self._turned += float(np.clip(wanted - self._turned, -way_s, way_s))
         self._turned_s = time_s
         if self._turned:
-            angles = self._possible((angles + self._turned * LOOKING_AT_ARM_RAD)[None])[0]
-        return self.frame_of(angles, time_s)
+            angles = self._clip_to_ranges((angles + self._turned * LOOKING_AT_ARM_RAD)[None])[0]
+        return self.frame_from_angles(angles, time_s)
 
-    def frame_of(self, joint_angles_rad: FloatArray, time_s: float) -> Tracking:
+    def frame_from_angles(self, joint_angles_rad: FloatArray, time_s: float) -> Tracking:
         """The tracking frame of a pose, joint angles (20,)."""
         self._held_rad = joint_angles_rad
         self._data.qpos[:] = joint_angles_rad
@@ -298,22 +304,22 @@ class SimulatedParticipant:
     def _joint_angles(self, time_s: float, moving: bool) -> FloatArray:
         if not moving:
             return self._rest_rad
-        traits, mind = self.traits, self._mind
+        traits, mind = self.traits, self._behaviour_state
         brought = traits.strength_share * (mind.targets_rad[0] - self._rest_rad)
         if isinstance(mind, partner_behaviour.PartnerState):
             angles = self._rest_rad + brought + partner_behaviour.oscillation_rad(mind)[0]
         elif traits.trained is not None:
             angles = self._rest_rad + brought
         else:
-            angles = self._rest_rad + traits.cooperation * brought + self._habits(time_s)
+            angles = self._rest_rad + traits.cooperation * brought + self._posture_offsets(time_s)
         trembling = traits.tremor_rad * np.sin(2.0 * np.pi * TREMOR_HZ * time_s)
-        return self._possible((angles + trembling)[None])[0]
+        return self._clip_to_ranges((angles + trembling)[None])[0]
 
-    def _possible(self, joint_angles_rad: FloatArray) -> FloatArray:
+    def _clip_to_ranges(self, joint_angles_rad: FloatArray) -> FloatArray:
         """Joint angles (1, 20) clipped to the participant's joint ranges."""
         return impairments.clip_to_ranges(self._people, joint_angles_rad)
 
-    def _habits(self, time_s: float) -> FloatArray:
+    def _posture_offsets(self, time_s: float) -> FloatArray:
         """The change of the joint angles (20,) by lean, sway and arm posture."""
         traits = self.traits
         wave = traits.sway_deg * np.sin(

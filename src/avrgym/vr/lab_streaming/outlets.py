@@ -14,14 +14,14 @@ from avrgym.vr.session.events import SessionEvent
 from avrgym.vr.session.streams import SEND_INTERVAL_TICKS
 
 RATE_HZ = 1.0 / (SEND_INTERVAL_TICKS * TICK_S)
-POSED = {
+SENT_BODIES = {
     "head": f"{PREFIX}head",
     "left_hand": f"{PREFIX}left_hand",
     "right_hand": f"{PREFIX}right_hand",
     "tool": "robot/tool",
 }
 """The bodies whose poses are sent, by the name in the stream."""
-PARTS = {"x": "m", "y": "m", "z": "m", "qw": "", "qx": "", "qy": "", "qz": ""}
+POSE_CHANNELS = {"x": "m", "y": "m", "z": "m", "qw": "", "qx": "", "qy": "", "qz": ""}
 """The numbers of a pose in the world's frame (z up), with their units."""
 BUFFER_S = 10
 
@@ -33,7 +33,7 @@ class Outlets:
     """
 
     def __init__(self) -> None:
-        poses = {f"{name}_{part}": unit for name in POSED for part, unit in PARTS.items()}
+        poses = {f"{name}_{part}": unit for name in SENT_BODIES for part, unit in POSE_CHANNELS.items()}
         self._events = _outlet("events", "Markers", {"event": ""}, 0.0, pylsl.cf_string)
         self._poses = _outlet("poses", "MoCap", poses, RATE_HZ, pylsl.cf_float32)
         self._forces = _outlet(
@@ -47,16 +47,16 @@ class Outlets:
     def send_state(self, world: LiveWorld, time_s: float) -> None:
         """Send poses and forces; ``time_s`` is on Lab Streaming Layer's clock."""
         simulation = world.simulation
-        rows = [world.bodies.index(body) for body in POSED.values()]
+        rows = [world.bodies.index(body) for body in SENT_BODIES.values()]
         self._poses.push_sample(simulation.body_poses(0)[rows].ravel().tolist(), time_s)
         self._forces.push_sample(simulation.region_force_n()[0].tolist(), time_s)
 
 
 def event_text(event: SessionEvent) -> str:
     """An event as JSON: its type and its fields, without the time."""
-    facts: dict[str, object] = msgspec.to_builtins(event, enc_hook=_file_name)
-    del facts["time_s"]
-    return msgspec.json.encode({"event": type(event).__name__, **facts}).decode()
+    fields: dict[str, object] = msgspec.to_builtins(event, enc_hook=_file_name)
+    del fields["time_s"]
+    return msgspec.json.encode({"event": type(event).__name__, **fields}).decode()
 
 
 def _file_name(recording: Path) -> str:

@@ -64,13 +64,13 @@ class HeadsetMeasurement:
     def result(self, *, haptics: bool | None, sound: bool | None) -> HeadsetCheck:
         """Returns all measurements, with the participant's answers."""
         newest = self._tracked[-1] if self._tracked else None
-        told = self._drawn[-1] if self._drawn else None
+        latest = self._drawn[-1] if self._drawn else None
         intervals_ms = np.array([ms for each in self._drawn for ms in each.intervals_ms])
-        display_hz = told.display_hz if told else None
+        display_hz = latest.display_hz if latest else None
         return HeadsetCheck(
-            device=told.device if told else "",
-            emulated=told.emulated if told else False,
-            profiles=told.profiles if told else [],
+            device=latest.device if latest else "",
+            emulated=latest.emulated if latest else False,
+            profiles=latest.profiles if latest else [],
             display_hz=display_hz,
             seconds=float(intervals_ms.sum()) / 1000.0,
             frames=len(intervals_ms),

@@ -37,7 +37,7 @@ DETOUR_RAD = 1.2
 MAX_REACH_FRACTION = 1.0 - 1e-9
 """Relative tolerance of the reach of a wrist. At the limits of reach, rounding alone bends the elbow."""
 POLE_RAD = 0.006
-"""Within this angle from straight ahead, an upper arm's direction is approximate: 3 mm for an arm of half a metre."""
+"""Within this angle from straight forward, an upper arm's direction is approximate: 3 mm for an arm of half a metre."""
 SWIVEL_STEP_RAD = np.radians(5.0)
 
 OUT_OF_RANGE_COST, MOTION_COST = 1500.0, 1.0
@@ -61,7 +61,7 @@ class ArmLengths:
     hand_m: float
 
     @classmethod
-    def of(cls, person: Person) -> "ArmLengths":
+    def from_person(cls, person: Person) -> "ArmLengths":
         """Returns the lengths of a person's arm."""
         p = PROPORTIONS[person.sex]
         scale = person.arm_scale * (person.torso_height_m / p.torso_height)
@@ -72,7 +72,7 @@ class ArmSolver:
     """Solves for right arms of one person. The result depends only on the arguments."""
 
     def __init__(self, person: Person) -> None:
-        self._lengths = ArmLengths.of(person)
+        self._lengths = ArmLengths.from_person(person)
         self._model = human.person_model(person, moving=True)
         self._data = mujoco.MjData(self._model)
         self._shoulder = self._model.body(f"{human.PREFIX}right_upper_arm").id
@@ -297,13 +297,13 @@ def _per_arm(angles: FloatArray) -> FloatArray:
 _OTHER_WAY = np.pi, np.array([1.0, -1.0, 1.0])[:, None, None]
 
 
-def _rest_near_pole(angles: FloatArray, ahead: FloatArray, start_y_rad: FloatArray) -> None:
-    """Keep the angle of shoulder y where the upper arm points nearly ahead and the hand hardly moves.
+def _rest_near_pole(angles: FloatArray, forward: FloatArray, start_y_rad: FloatArray) -> None:
+    """Keep the angle of shoulder y where the upper arm points nearly forward, and the hand hardly moves.
 
-    There y and z turn about the same axis, and exact solutions for a passing hand would spin both joints. ``ahead`` (A,
-    K) is the component of the upper arm's direction ahead, −1 to 1.
+    There y and z turn about the same axis, and exact solutions for a passing hand would spin both joints.
+    ``forward`` (A, K) is the component of the upper arm's direction forward, −1 to 1.
     """
-    slack = np.pi * np.minimum(POLE_RAD**2 / (1.0 + 1e-12 - ahead * ahead), 1.0)
+    slack = np.pi * np.minimum(POLE_RAD**2 / (1.0 + 1e-12 - forward * forward), 1.0)
     rest = _clipped(start_y_rad - angles[0], -slack, slack)
     angles[0] += rest
     angles[2] -= rest

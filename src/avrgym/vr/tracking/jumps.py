@@ -1,7 +1,7 @@
 """Filters jumps of tracked poses: the body does not follow a head or hand that moves impossibly fast.
 
 The limb keeps its pose until tracking has been without a jump for a while, then it moves slowly to the tracked pose.
-The same applies to a limb that was untracked, or whose pose was repeated, and appears elsewhere.
+The same applies to a limb that was untracked, or with a repeated pose, and appears elsewhere.
 """
 
 from math import acos, dist, hypot
@@ -30,8 +30,8 @@ def min_duration_s(one: XRPose, other: XRPose) -> float:
     return max(dist(one.position, other.position) / MAX_SPEED_M_S, angle_rad / MAX_SPEED_RAD_S)
 
 
-def between(one: XRPose, other: XRPose, share: float) -> XRPose:
-    """Returns a pose between two, at a share of the way."""
+def interpolate(one: XRPose, other: XRPose, share: float) -> XRPose:
+    """Returns the pose between two at a fraction of the distance."""
     nearer = (
         1.0 if sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)) >= 0.0 else -1.0
     )
@@ -49,7 +49,7 @@ class Limb:
         self.deviates = False
         self._tracked: XRPose | None = None
         self._followed: XRPose | None = None
-        self._captured_s = self._measured_s = self._believed_s = 0.0
+        self._captured_s = self._measured_s = self._valid_from_s = 0.0
 
     def update(self, tracked: XRPose, captured_s: float, now_s: float, *, may_repeat: bool = False) -> None:
         """Take the pose of a new frame, with a capture time that is never after the present.
@@ -61,7 +61,7 @@ class Limb:
             passed_s = captured_s - self._captured_s
             jumped = min_duration_s(self._tracked, tracked) > passed_s + ROUNDING_S
             absent = measured and captured_s - self._measured_s > LOST_AFTER_S
-            self._believed_s = now_s + VALID_AFTER_S if jumped else self._believed_s
+            self._valid_from_s = now_s + VALID_AFTER_S if jumped else self._valid_from_s
             self.deviates = self.deviates or jumped or absent
         self._tracked, self._captured_s = tracked, captured_s
         self._measured_s = captured_s if measured else self._measured_s
@@ -71,14 +71,16 @@ class Limb:
         assert self._tracked is not None
         if self._followed is None or not self.deviates:
             self._followed = self._tracked
-        elif now_s >= self._believed_s:
+        elif now_s >= self._valid_from_s:
             share = (
                 RETURN_SPEED_FRACTION
                 * TICK_S
                 / max(min_duration_s(self._followed, self._tracked), ROUNDING_S)
             )
             self.deviates = share < 1.0
-            self._followed = between(self._followed, self._tracked, share) if self.deviates else self._tracked
+            self._followed = (
+                interpolate(self._followed, self._tracked, share) if self.deviates else self._tracked
+            )
         return self._followed
 
 

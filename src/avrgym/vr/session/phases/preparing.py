@@ -47,7 +47,7 @@ class Calibration(InVR):
         super().__init__(state)
         seated = state.world.scene_config.posture is human.SEATED
         self.message = Text("calibration_seated" if seated else "calibration_lying")
-        state.tracking.forget_place()
+        state.tracking.reset_place()
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
         """The first frame determines the participant's place."""
@@ -59,7 +59,7 @@ class Calibration(InVR):
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> Self:
         if self.state.choose_body(choice, by):
-            self.state.tracking.place_again(self.state.person)
+            self.state.tracking.update_place(self.state.person)
             self.state.send_changed_scene()
         return self
 
