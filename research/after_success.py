@@ -61,7 +61,7 @@ def session(environment: str, policy: str, *, withdraws: bool) -> Iterator[Trial
     )
     with tempfile.TemporaryDirectory() as folder:
         client = InProcessClient(SimulatedParticipant(draw_traits(plan.sex, 0), 0), lambda _: None)
-        running = Session(plan, load_policies(plan), Path(folder), client.hear, identifier="after-success")
+        running = Session(plan, load_policies(plan), Path(folder), client.receive, identifier="after-success")
         client.run(running)
         yield from (trial(read_recording(path)) for path in running.recordings)
 

@@ -155,7 +155,7 @@ class Episodes:
         return {
             "environment_id": self.environment_id,
             "num_worlds": self.simulation.num_worlds,
-            "version_text": self._made_with,
+            "made_with": self._made_with,
             "simulation": self.simulation.saved(),
             "people": self._people.saved(),
             "loop": self.loop.saved(),
@@ -165,7 +165,7 @@ class Episodes:
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(state["environment_id"], state["num_worlds"], **state["version_text"])
+        self.__init__(state["environment_id"], state["num_worlds"], **state["made_with"])
         self.simulation.restore(state["simulation"])
         self._people.restore(state["people"])
         self.loop.restore(state["loop"])

@@ -146,11 +146,11 @@ class SessionQuestions:
             self._explain("no_question")
         elif answer.item != asked.item:
             self._repeat_item(f"the answer is to {answer.item!r}; expected: {asked.item}")
-        elif answer.value == asked.given:
+        elif answer.value == asked.previous_answer:
             self._continue(answer)
         else:
             self._given = answer
-            store = self._visit.record if asked.given is None else self._visit.change
+            store = self._visit.record if asked.previous_answer is None else self._visit.change
             self._stored = store(answer, self.when)
             self.tick()
 

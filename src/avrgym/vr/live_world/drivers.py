@@ -56,7 +56,7 @@ class Driver(Protocol):
         """Returns the action (1, A) at the start of a control step, given its observation (1, O)."""
         ...
 
-    def amend(self) -> FloatArray | None:
+    def update_action(self) -> FloatArray | None:
         """Returns another action (1, A) at a later tick of the control step, or ``None`` to continue."""
         ...
 
@@ -90,20 +90,20 @@ class SynchronousDriver:
     def reset(self, episodes: Episodes, generators: Generators) -> None:
         """Prepare for the episode that has started; its generator draws all randomness."""
         self.failure, self._act = "", None
-        self._begun, self._zero_action = (episodes, generators), zero_action(episodes)
+        self._episode, self._zero_action = (episodes, generators), zero_action(episodes)
 
     def act(self, observation: FloatArray) -> FloatArray:
         """Returns the action (1, A) at the start of a control step, given its observation (1, O)."""
         try:
-            act = self._act = self._act or registry.action_function(self._policy, *self._begun)
+            act = self._act = self._act or registry.action_function(self._policy, *self._episode)
             action = controllers.checked_action(lambda: act(observation), self._zero_action.shape)
-        except Exception as error:  # an oracle in a situation that nobody foresaw
+        except Exception as error:  # an expert may fail in a rare state
             self.failure = str(controllers.controller_error(error))
             return self._zero_action
         self.failure = ""
         return action
 
-    def amend(self) -> FloatArray | None:
+    def update_action(self) -> FloatArray | None:
         """Returns ``None``: the action does not change within a control step."""
 
     def close(self) -> None:
@@ -111,11 +111,11 @@ class SynchronousDriver:
 
 
 class ThreadedDriver:
-    """Drives by an external controller, on a thread of its own.
+    """Drives by an external controller, in its own thread.
 
     After a failure, or an answer later than ``RESPONSE_TIMEOUT_S`` (``SIMULATED_RESPONSE_TIMEOUT_S`` unless in the
     ``background``), the robot stands still; a late answer is dropped. Until an answer is due, the latest action
-    continues. If the controller is still busy at the next episode, it is abandoned and another one is made.
+    continues. If the controller is still busy at the next episode, it is abandoned and a new one is created.
     """
 
     def __init__(self, factory: ExternalController, *, background: bool) -> None:
@@ -155,7 +155,7 @@ class ThreadedDriver:
             self._poll()
         return self._action
 
-    def amend(self) -> FloatArray | None:
+    def update_action(self) -> FloatArray | None:
         """Returns the action (1, A) of the controller if it has arrived, else ``None``."""
         before = self._action
         self._poll()
@@ -214,24 +214,24 @@ class Request:
         """Time from the request to its end, or until now."""
         return (self._ended_s if self.done else time.monotonic()) - self._requested_s
 
-    def run(self, find: Callable[[], Controller]) -> None:
+    def run(self, get_controller: Callable[[], Controller]) -> None:
         """Call the controller."""
         try:
-            answer = self._work(find())
-        except (Exception, SystemExit) as error:  # other people's code may raise anything
+            answer = self._work(get_controller())
+        except (Exception, SystemExit) as error:  # external code may raise anything
             self.failure = str(controllers.controller_error(error))
         else:
             self.answer = answer
         self._ended_s = time.monotonic()
         self._done.set()
 
-    def wait(self, most_s: float) -> None:
+    def wait(self, timeout_s: float) -> None:
         """Wait until the request is done, at most this long."""
-        self._done.wait(most_s)
+        self._done.wait(timeout_s)
 
 
 class Worker:
-    """Runs requests to one controller in order, on a thread of its own, which makes the controller at the first
+    """Runs requests to one controller in order, in its own thread, which creates the controller at the first
     request.
     """
 
@@ -262,15 +262,15 @@ class Worker:
         self._closed = True
         self._queue.put(None)
 
-    def join(self, most_s: float) -> None:
+    def join(self, timeout_s: float) -> None:
         """Wait for the end of the thread, at most this long."""
-        self._thread.join(most_s)
+        self._thread.join(timeout_s)
 
     def _run(self) -> None:
         while (request := self._queue.get()) is not None:
-            request.run(self._found)
+            request.run(self._get_controller)
 
-    def _found(self) -> Controller:
+    def _get_controller(self) -> Controller:
         self._controller = self._controller or self._controller_factory.make()
         return self._controller
 
@@ -325,7 +325,7 @@ class Operator:
             return self._zero_action
         return self._hand.action(*self._velocity)[None]
 
-    def amend(self) -> FloatArray | None:
+    def update_action(self) -> FloatArray | None:
         """Returns the action (1, A) of a command that arrived within the control step, else ``None``."""
         return self.act(self._zero_action) if self._changed else None
 
@@ -335,6 +335,6 @@ class Operator:
 
 
 def _in_world(direction: Sequence[float]) -> FloatArray:
-    """Returns a vector (3,) in the world frame, given ahead of the person, to their left and up."""
-    ahead, left, up = direction
-    return np.array([left, -ahead, up])
+    """Returns a vector (3,) in the world frame, given as forward, left and up in the frame of the person."""
+    forward, left, up = direction
+    return np.array([left, -forward, up])

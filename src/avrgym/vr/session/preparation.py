@@ -1,4 +1,4 @@
-"""Makes the world of a trial ahead of time, so that the real-time thread never waits for a compiler."""
+"""Builds the world of a trial in advance, so the real-time thread never waits for a compiler."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -22,7 +22,7 @@ class BodyKey:
     arm_scale: float
 
     @classmethod
-    def of(cls, person: Person) -> Self:
+    def from_person(cls, person: Person) -> Self:
         """Returns the key of a person."""
         return cls(person.sex, person.torso_height_m, person.skin_tone, person.arm_scale)
 
@@ -48,7 +48,7 @@ class ImmediateExecutor(Executor):
 
 
 class Preparation:
-    """The world that is being made, if there is one, with its ``key``."""
+    """The world that is being built, if there is one, with its ``key``."""
 
     def __init__(self, workers: Executor) -> None:
         self.key: TrialKey | None = None
@@ -60,11 +60,11 @@ class Preparation:
         if self._world is not None:
             self._world.cancel()
         self.key = key
-        self._world = self._workers.submit(_make, environment, person, seed)
+        self._world = self._workers.submit(_build, environment, person, seed)
 
     @property
     def ready(self) -> bool:
-        """Whether the requested world is made."""
+        """Whether the requested world is built."""
         return self._world is not None and self._world.done()
 
     def take(self) -> LiveWorld:
@@ -74,7 +74,7 @@ class Preparation:
         return world.result()
 
 
-def _make(environment: str, person: Person, seed: int) -> LiveWorld:
+def _build(environment: str, person: Person, seed: int) -> LiveWorld:
     world = LiveWorld(environment, person)
     world.reset(seed)
     return world

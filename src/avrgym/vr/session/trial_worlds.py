@@ -12,7 +12,7 @@ from avrgym.vr.session.preparation import BodyKey, Preparation, TrialKey
 
 
 class TrialWorlds:
-    """Provides a new world for every attempt, made ahead of time. Worlds with the same appearance share a scene.
+    """Provides a new world for every attempt, built in advance. Worlds with the same appearance share a scene.
 
     ``scenes`` holds environment and person of each scene, by the number in its address; ``number`` is that of the
     present ``world``.
@@ -26,7 +26,7 @@ class TrialWorlds:
         workers: Executor,
         scenes: list[tuple[str, Person]],
     ) -> None:
-        """Make the world of the trial with this index; new scenes are added to ``scenes``."""
+        """Build the world of the trial with this index; new scenes are added to ``scenes``."""
         self.scenes = scenes
         self._plan = plan
         self._preparation = Preparation(workers)
@@ -42,7 +42,7 @@ class TrialWorlds:
         return scene_url(self.number)
 
     def is_fresh(self, trial: int, person: Person) -> bool:
-        """Returns whether the present world is made for this trial and body, and no robot has moved in it."""
+        """Returns whether the present world was built for this trial and body, and no robot has moved in it."""
         return self._fresh_for == _key(trial, person)
 
     def mark_used(self) -> None:
@@ -59,10 +59,10 @@ class TrialWorlds:
             return
         plan, now = self._plan.trials[trial], self.world
         if plan.environment == now.environment:
-            begins = replace(person, joint_angles_rad=now.joint_targets_rad)
+            start_person = replace(person, joint_angles_rad=now.joint_targets_rad)
         else:
-            begins = resting_person(plan.environment, person)
-        self._preparation.request(key, plan.environment, begins, plan.seed)
+            start_person = resting_person(plan.environment, person)
+        self._preparation.request(key, plan.environment, start_person, plan.seed)
 
     def upcoming(self, trial: int, person: Person) -> str | None:
         """Returns the address of a trial's scene, unless it is the present one."""
@@ -71,7 +71,7 @@ class TrialWorlds:
 
     @property
     def ready(self) -> bool:
-        """Whether the requested world is made."""
+        """Whether the requested world is built."""
         return self._preparation.ready
 
     def switch(self) -> None:
@@ -80,7 +80,7 @@ class TrialWorlds:
         self.number = self._number(world.environment, world.person)
         self.world, self._fresh_for = world, key
 
-    def forget_client(self) -> None:
+    def client_connected(self) -> None:
         """Note that a client has just connected and shows nothing yet."""
         self._shown = None
 
@@ -97,7 +97,7 @@ class TrialWorlds:
     def _number(self, environment: str, person: Person) -> int:
         """The number of an environment's scene with this person; a new one if there is none."""
         for number, (known, body) in enumerate(self.scenes):
-            if known == environment and BodyKey.of(body) == BodyKey.of(person):
+            if known == environment and BodyKey.from_person(body) == BodyKey.from_person(person):
                 return number
         self.scenes.append((environment, resting_person(environment, person)))
         return len(self.scenes) - 1
@@ -110,4 +110,4 @@ def resting_person(environment: str, person: Person) -> Person:
 
 
 def _key(trial: int, person: Person) -> TrialKey:
-    return TrialKey(trial, BodyKey.of(person))
+    return TrialKey(trial, BodyKey.from_person(person))

@@ -49,7 +49,7 @@ class SlidingMonitor:
         self._rest_w = resting_head_centre(person, posture)
         self._seen: deque[FloatArray] = deque(maxlen=SAMPLES_PER_SECOND)
 
-    def look(self, head: Pose, joint_angles_rad: FloatArray) -> Glide | None:
+    def update(self, head: Pose, joint_angles_rad: FloatArray) -> Glide | None:
         """Returns the motion of the room for a tracked head and solved angles (20,), or ``None``."""
         self._seen.append(head.pos_w)
         if (
@@ -57,12 +57,12 @@ class SlidingMonitor:
             or np.ptp(np.array(self._seen), axis=0).max() > STEADY_RADIUS_M
         ):
             return None
-        missed_m = float(np.linalg.norm(head.pos_w - self.head_centre_w(joint_angles_rad)))
-        if missed_m <= SLIDING_THRESHOLD_M or head.pos_w[2] - self._rest_w[2] > MAX_SHIFT_M:
+        error_m = float(np.linalg.norm(head.pos_w - self.head_centre_w(joint_angles_rad)))
+        if error_m <= SLIDING_THRESHOLD_M or head.pos_w[2] - self._rest_w[2] > MAX_SHIFT_M:
             return None
         return self._glide(head)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Delete all samples."""
         self._seen.clear()
 
@@ -76,15 +76,15 @@ class SlidingMonitor:
     def _glide(self, head: Pose) -> Glide | None:
         """The shortest shift straight back over the floor that brings the head joints within the torso's length."""
         away = (head.pos_w - self._rest_w) * [1.0, 1.0, 0.0]
-        far_m = float(np.linalg.norm(away))
-        if far_m <= SLIDING_THRESHOLD_M:
+        distance_m = float(np.linalg.norm(away))
+        if distance_m <= SLIDING_THRESHOLD_M:
             return None
-        direction = away / far_m
+        direction = away / distance_m
         neck_w = head.pos_w - self._head_centre_m * from_quaternion(head.q_w)[:, 2] - self._waist_w
         along_m = float(neck_w @ direction)
         too_far = float(neck_w @ neck_w - self._neck_t @ self._neck_t)
-        way_m = along_m - sqrt(max(along_m * along_m - too_far, 0.0))
-        if not SLIDING_THRESHOLD_M < way_m <= MAX_DISTANCE_M:
+        shift_m = along_m - sqrt(max(along_m * along_m - too_far, 0.0))
+        if not SLIDING_THRESHOLD_M < shift_m <= MAX_DISTANCE_M:
             return None
-        self.forget()
-        return Glide(-way_m * direction, way_m / GLIDE_SPEED_M_S)
+        self.reset()
+        return Glide(-shift_m * direction, shift_m / GLIDE_SPEED_M_S)
