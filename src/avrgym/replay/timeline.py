@@ -14,7 +14,7 @@ from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.scene.export_process import export_scene
-from avrgym.vr.session.trial_worlds import resting
+from avrgym.vr.session.trial_worlds import resting_person
 
 FRAME_EVERY_STATES = 2
 """50 frames per second; the page interpolates."""
@@ -115,7 +115,9 @@ def render_recorded(recording: Recording) -> bytes:
 def recorded_scene(recording: Recording) -> tuple[str, Person]:
     """The environment of a recording, and the person in it at rest."""
     environment = recording.configuration.environment
-    return environment, resting(environment, Person(**msgspec.structs.asdict(recording.configuration.person)))
+    return environment, resting_person(
+        environment, Person(**msgspec.structs.asdict(recording.configuration.person))
+    )
 
 
 def _facts(recording: Recording) -> dict[str, str]:
