@@ -157,7 +157,7 @@ class ExportedAnswer:
         return AnswerRow(
             **vars(self.labels()),
             item=self.item.id,
-            value=scale.counts_as(self.stored.value),
+            value=scale.scale_value(self.stored.value),
             minimum=scale.lowest,
             maximum=scale.highest,
             points=scale.points,
