@@ -181,7 +181,7 @@ def test_methods_state_what_each_participant_had(out: Path) -> None:
     )
     assert "A force guard limited" in first
     assert second.startswith("seat 0.4 m high")
-    assert "No force guard kept arms" in second
+    assert "No force guard limited" in second
     assert "L1 (version 2): “The robot failed.”" in text
     assert (
         "L2 (version 2) (“I felt comfortable with how the robot assisted me in VR.”, from 1, strongly disagree, to 5"

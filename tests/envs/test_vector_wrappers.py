@@ -123,11 +123,11 @@ def test_it_does_what_it_does_around_gymnasium_s_own(name: str, mode: AutoresetM
     [
         (
             {"autoreset_mode": NEXT_STEP},
-            "jumps in autoreset mode NEXT_STEP; allowed: .*AutoresetMode.SAME_STEP",
+            "autoreset mode NEXT_STEP does not fit Stable-Baselines3; allowed: .*AutoresetMode.SAME_STEP",
         ),
         (
             {"autoreset_mode": DISABLED},
-            "jumps in autoreset mode DISABLED; allowed: .*AutoresetMode.SAME_STEP",
+            "autoreset mode DISABLED does not fit Stable-Baselines3; allowed: .*AutoresetMode.SAME_STEP",
         ),
         ({"max_episode_steps": -1}, "episodes that end; allowed: max_episode_steps of 1 or more"),
     ],

@@ -268,7 +268,7 @@ def test_a_complete_training_continues_with_larger_steps(trained, tmp_path, monk
     assert policy.metadata.steps == 3 * UPDATE
     assert policy.metadata.curve[:2] == first.metadata.curve
     assert stored_configuration(longer) == replace(TINY, steps=TINY.steps + 1, imitation_share=1.0)
-    with pytest.raises(ValueError, match=f"is complete, after {3 * UPDATE} steps"):
+    with pytest.raises(ValueError, match=f"is complete after {3 * UPDATE} steps"):
         resume(longer)
 
 
@@ -333,7 +333,7 @@ def test_damaged_demonstrations_are_named(tmp_path):
 
 def test_only_an_interrupted_training_resumes(trained, tmp_path):
     _, out = trained
-    with pytest.raises(ValueError, match=f"is complete, after {TINY.steps} steps"):
+    with pytest.raises(ValueError, match=f"is complete after {TINY.steps} steps"):
         resume(out)
     with pytest.raises(ValueError, match="contains no training to resume"):
         resume(tmp_path)

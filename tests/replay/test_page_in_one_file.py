@@ -170,7 +170,7 @@ def test_a_page_names_session_policy_and_versions(page_file: Path) -> None:
     assert facts["Session"] == "visit"
     assert facts["Participant"] == "simulated by a program"
     assert (facts["Environment"], facts["Policy"]) == ("avrgym/ScratchItchJaco-v1", "drive")
-    assert re.fullmatch(r"avrgym \S+, mujoco \S+", facts["Recorded with"])
+    assert re.fullmatch(r"AVR Gym \S+, MuJoCo \S+", facts["Recorded with"])
     assert facts["Body"].startswith("woman, torso 0.")
 
 
@@ -250,7 +250,7 @@ def test_mistakes_are_answered_in_one_line(scratching: Path, tmp_path: Path) -> 
     for arguments, words in (
         ((scratching, "--html", old), "exists already"),
         ((scratching, "--html", tmp_path / "page.txt"), ".html"),
-        ((scratching, "--html", tmp_path / "none" / "page.html"), "no folder"),
+        ((scratching, "--html", tmp_path / "none" / "page.html"), "does not exist"),
         ((damaged, "--html", new), "damaged.mcap"),
         ((scratching, "--html", new, "--compare", damaged), "damaged.mcap"),
         ((scratching, "--compare", scratching), "--html"),

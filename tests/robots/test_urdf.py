@@ -134,7 +134,7 @@ def test_a_prismatic_joint_of_an_arm_is_refused_in_words() -> None:
         ),
         ('<robot><link name="$(find arm)/a"/></robot>', "is xacro, not URDF"),
         ("/home/me/arm.urdf", "not XML: .*; allowed: the text of a URDF, not its path"),
-        ("<mujoco/>", "is a <mujoco>; allowed: <robot>"),
+        ("<mujoco/>", "the root element is <mujoco>; allowed: <robot>"),
         (
             description(third="floating"),
             "the joint 'joint_3' is floating; allowed: revolute, continuous, prismatic",

@@ -33,7 +33,7 @@ def test_an_unknown_engine_is_refused_with_what_there_is(name: str) -> None:
 def test_what_the_engine_lacks_is_named_with_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "warp", None)
     warp.libraries.cache_clear()
-    with pytest.raises(RuntimeError, match=r"^warp is missing; `pip install avrgym\[gpu\]` brings"):
+    with pytest.raises(RuntimeError, match=r"^warp is missing; `pip install avrgym\[gpu\]` installs it"):
         gym.make_vec(ENVIRONMENT, num_envs=2, engine="warp")
 
 

@@ -27,12 +27,12 @@ def reset_episodes(
     worlds: int,
     environment: str = FEEDING,
     *,
-    distribution: str = "revised",
+    people: str = "revised",
     threads: int = 2,
     seed: int = 0,
     **how,
 ) -> Episodes:
-    episodes = Episodes(environment, worlds, people=distribution, num_threads=threads, **how)
+    episodes = Episodes(environment, worlds, people=people, num_threads=threads, **how)
     episodes.reset(np.arange(worlds), [np.random.default_rng(seed + i) for i in range(worlds)])
     return episodes
 

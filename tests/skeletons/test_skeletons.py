@@ -88,7 +88,7 @@ def test_a_name_is_spelt_as_python_spells_modules(name: str, spelt: str) -> None
         ("task", "Ärmel", "a capital letter"),
         ("task", "../Up", "a capital letter"),
         ("robot", "", "a capital letter"),
-        ("task", "Feeding", "a task named Feeding is already registered"),
+        ("task", "Feeding", "there is already a task Feeding"),
         ("robot", "Jaco", "there is already a robot Jaco"),
         ("controller", "Oracle", "there is already a controller Oracle"),
         ("controller", "Revised", "there is already a controller Revised"),

@@ -90,7 +90,7 @@ def test_follow_ups_keep_earlier_reports(store: Store) -> None:
 def test_grades_outside_the_scales_are_rejected(store: Store, scale: str) -> None:
     for grade in SCALES[scale]:
         record_adverse_event(store, "sub-001", changed(**{scale: grade}))
-    with pytest.raises(StudyError, match=f"{scale} 'awful' is not known; allowed: {SCALES[scale][0]}"):
+    with pytest.raises(StudyError, match=f"unknown {scale} 'awful'; allowed: {SCALES[scale][0]}"):
         record_adverse_event(store, "sub-001", changed(**{scale: "awful"}))
     assert len(store.adverse_events("sub-001")) == len(SCALES[scale])
 

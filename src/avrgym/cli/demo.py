@@ -13,7 +13,7 @@ def demo(
     out: Annotated[Path, typer.Option(help="A folder for recordings, pictures and pages.")] = Path("demo"),
     seed: Seed = 0,
 ) -> None:
-    """Run a simulated participant's session and write a 3D replay of each trial.
+    """Run a simulated session and write a 3D replay of each trial.
 
     The session has all four tasks, with both robots. It takes about two minutes.
     """

@@ -429,7 +429,7 @@ def evaluate(
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Evaluate policies: reward, success and force over many episodes.
+    """Evaluate policies by reward, success and force.
 
     One row for each environment, policy and population.
     """
