@@ -114,7 +114,7 @@ class WorldPeople:
             )
         )
         self.glide = self.move and (self._actions or are_partners)
-        self.people = distributions.repeat_person(person or Person(), num_worlds)
+        self._num_worlds = num_worlds
 
     @property
     def need_host(self) -> bool:
@@ -129,7 +129,7 @@ class WorldPeople:
     def place(self, exemplar: Any) -> None:
         """Place their behaviour on the device of an array."""
         self._exemplar = exemplar
-        self._set_people(self.people)
+        self._set_people(distributions.repeat_person(self.person or Person(), self._num_worlds))
         self._behaviour = BehaviourModel(
             self._populations[0].distribution,
             self.people,
