@@ -202,7 +202,10 @@ WRONG_TENSORS = {
     "another observation": ({"observation.mean": np.zeros(24)}, "allowed: 24"),
     "a matrix for the mean": ({"observation.mean": np.zeros((25, 1))}, "allowed: any"),
     "several clips": ({"observation.clip": np.ones(2)}, "observation.clip has the shape .*allowed: 1"),
-    "not a number": ({"actor.2.bias": np.full(7, np.nan)}, "actor.2.bias contains numbers that are not finite"),
+    "not a number": (
+        {"actor.2.bias": np.full(7, np.nan)},
+        "actor.2.bias contains numbers that are not finite",
+    ),
     "infinity": ({"observation.epsilon": np.array([np.inf])}, "not finite"),
     "a negative variance": ({"observation.variance": np.full(25, -1.0)}, "0 and above"),
     "a negative deviation": ({"action.deviation": np.array([-0.1])}, "0 and above"),
