@@ -144,7 +144,7 @@ def test_skipped_items_are_missing(left: Callable[[], tuple[Store, str]]) -> Non
     (attempt,) = store.attempts(pseudonym)
     assert attempts_with_open_questionnaire(store, [attempt]) == []
     assert attempt.state == "completed"
-    assert any("questionnaire was left: no answer to L3, L4" in each for each in words(store))
+    assert any("questionnaire was skipped: no answer to L3, L4" in each for each in words(store))
 
 
 def test_withdrawal_leaves_the_questionnaire_unanswered(left: Callable[[], tuple[Store, str]]) -> None:

@@ -305,7 +305,7 @@ def test_only_unknown_participants_can_be_confirmed(folder: Path) -> None:
     assert "sub-001" not in wrong(folder)
     assert "confirmed from other records that they consented and did not withdraw: sub-001" in losses(folder)
     assert "form in folder 2" in avrgym("check", folder).stdout
-    assert "of 2 it is unknown" in avrgym("status", folder).stdout.replace("\n", " ")
+    assert "consent or withdrawal of 2 is unknown" in avrgym("status", folder).stdout.replace("\n", " ")
 
 
 def test_unsigned_list_proves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -144,7 +144,7 @@ def test_other_seed_does_not_continue_earlier_participants(folder: Path) -> None
         simulated_participant(store, 0, DryRun(SEED))
     with (
         Store(folder) as store,
-        pytest.raises(StudyError, match="'simulated with seed 5'; a run with another"),
+        pytest.raises(StudyError, match="'simulated with seed 5'; allowed: the same seed"),
     ):
         simulated_participant(store, 0, DryRun(SEED + 1))
     with Store(folder) as store:

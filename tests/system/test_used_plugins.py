@@ -197,7 +197,7 @@ def test_evaluation_lists_differing_plugins(
     (row,) = json.loads((tmp_path / "rows.json").read_text())
     (difference,) = row["plugin_differences"]
     assert difference.startswith("robot Jaco was lab-robots 1.0 (content ")
-    assert f"with original: not as the policy was trained: {difference}\n" in ran.stderr
+    assert f"with original: differs from the policy's training: {difference}\n" in ran.stderr
 
 
 # Controllers

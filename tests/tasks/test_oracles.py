@@ -78,7 +78,7 @@ def test_actions_are_shares_of_the_joints_speeds(start):
     action = planner.action_toward(planner.pos_w + 1.0, planner.q_w, 10.0, 10.0)
     assert np.abs(action).max() <= 1.0 + 1e-12
     far = MotionPlanner(start)
-    assert_allclose(np.abs(far.ask(far.angles_rad + np.linspace(-3.0, 3.0, 7))).max(axis=-1), 1.0)
+    assert_allclose(np.abs(far.action_to(far.angles_rad + np.linspace(-3.0, 3.0, 7))).max(axis=-1), 1.0)
 
 
 def test_servo_targets_stay_near_a_blocked_arm(start):
@@ -134,10 +134,10 @@ def test_planning_does_not_depend_on_other_worlds(start):
     together, alone = MotionPlanner(start), MotionPlanner(reset_episodes(1, first=2))
     target, q_w = nearby(together, (0.1, 0.2, 0.0), 0.5)
     only = slice(2, 3)
-    actions = together.toward(target, q_w, 0.2, 0.8)
-    assert_array_equal(alone.toward(target[only], q_w[only], 0.2, 0.8), actions[only])
-    angles, cost = together.find(target[:, None], q_w[:, None])
-    alone_angles, alone_cost = alone.find(target[only, None], q_w[only, None])
+    actions = together.action_toward(target, q_w, 0.2, 0.8)
+    assert_array_equal(alone.action_toward(target[only], q_w[only], 0.2, 0.8), actions[only])
+    angles, cost = together.find_angles(target[:, None], q_w[:, None])
+    alone_angles, alone_cost = alone.find_angles(target[only, None], q_w[only, None])
     assert_array_equal(alone_angles, angles[only])
     assert_array_equal(alone_cost, cost[only])
 

@@ -127,9 +127,7 @@ def test_a_study_is_checked_for_each_body_before_anybody_takes_part(refused: Non
     with Store(folder) as store:
         found = list(check_study_starts(store))
     assert [(each.where, each.is_error) for each in found] == [(ENVIRONMENT, True)] * 4
-    bodies = [
-        f"beside a {sex} with a torso of {height}" for sex in ("man", "woman") for height in ("0.40", "0.75")
-    ]
+    bodies = [f"a {sex} with a torso of {height}" for sex in ("man", "woman") for height in ("0.40", "0.75")]
     assert all(sum(body in each.message for each in found) == 1 for body in bodies)
     ran = CliRunner().invoke(app, ["study", "check", str(folder)])
     assert ran.exit_code == 1

@@ -47,7 +47,7 @@ class Watcher:
     def command(self, name: CommandName) -> None:
         self.viewing.receive(Command(name=name), self._now_s)
 
-    def heard(self, kind: type) -> list:
+    def inbox(self, kind: type) -> list:
         return [message for message in self.received if isinstance(message, kind)]
 
     @property

@@ -26,22 +26,22 @@ def state(followed: int) -> State:
 
 def test_a_frame_passes_once_from_its_arrival_to_the_first_state_that_follows_it() -> None:
     passage = FrameTimes()
-    passage.arrive(3)
-    passage.arrive(4)
-    assert passage.leave(state(-1), 0.0) is None
-    passed = passage.leave(state(4), 7.5)
+    passage.note_received(3)
+    passage.note_received(4)
+    assert passage.times_of(state(-1), 0.0) is None
+    passed = passage.times_of(state(4), 7.5)
     assert passed is not None
     assert (passed.tracking_sequence, passed.simulated_s) == (4, 7.5)
     assert passed.received_s <= passed.sent_s
-    assert passage.leave(state(4), 7.5) is None
+    assert passage.times_of(state(4), 7.5) is None
 
 
 def test_frames_that_no_state_follows_are_forgotten() -> None:
     passage = FrameTimes()
     for sequence in range(3 * MAX_STORED_FRAMES):
-        passage.arrive(sequence)
-    assert passage.leave(state(0), 0.0) is None
-    assert passage.leave(state(3 * MAX_STORED_FRAMES - 1), 0.0) is not None
+        passage.note_received(sequence)
+    assert passage.times_of(state(0), 0.0) is None
+    assert passage.times_of(state(3 * MAX_STORED_FRAMES - 1), 0.0) is not None
     assert len(passage._received_s) < MAX_STORED_FRAMES
 
 

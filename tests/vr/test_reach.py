@@ -114,7 +114,7 @@ def test_nobody_has_arms_that_no_adult_has() -> None:
     most = ArmLengths.from_person(person)
     assert measure_arm_scale(person, [most.upper_m + most.fore_m]) == pytest.approx(1.0)
     for reach_m in (0.2, 1.2):
-        with pytest.raises(ValueError, match=r"outside 0\.8 to 1\.25"):
+        with pytest.raises(ValueError, match=r"allowed: 0\.8 to 1\.25"):
             measure_arm_scale(person, [reach_m])
 
 
