@@ -37,6 +37,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Analysis, Path
     return folder, analysis, out
 
 
+@pytest.mark.slow
 def test_every_table_of_participants_says_where(made: tuple[Path, Analysis, Path]) -> None:
     folder, _, out = made
     for table in WITH_SITE:

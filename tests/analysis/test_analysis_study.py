@@ -72,6 +72,7 @@ def only(frame: Frame, **values: Any) -> Frame:
 # What counts
 
 
+@pytest.mark.slow
 def test_every_trial_attempt_and_state_is_counted_and_shown(tables: dict[str, Frame]) -> None:
     trials, attempts = tables["trials"], tables["attempts"]
     assert len(trials) == 5 * (PEOPLE + SIMULATED + 2)
@@ -225,6 +226,7 @@ def test_nothing_is_inferred_from_fewer_than_four_people(
             assert all("no test" in line for line in results), path
 
 
+@pytest.mark.slow
 def test_figures_show_tests_by_participant_alone(store: Store) -> None:
     """Fewer than four people took part: their figure shows no test."""
     analysis = analyse(store)
@@ -282,6 +284,7 @@ def test_without_a_frozen_plan_nothing_is_called_planned(out: Path, tables: dict
     assert "Confirmatory" not in page
 
 
+@pytest.mark.slow
 def test_a_family_that_is_added_appears_in_the_report(
     store: Store, analysis: Analysis, tmp_path: Path
 ) -> None:

@@ -75,6 +75,7 @@ def words_of(drawing: Drawing) -> str:
     return " ".join(" ".join(ET.fromstring(drawing.svg()).itertext()).split())
 
 
+@pytest.mark.slow
 def test_everybody_is_somewhere_in_the_flow(analysis: Analysis) -> None:
     people, simulated = analysis.flows
     assert (people.simulated, simulated.simulated) == (False, True)
@@ -102,6 +103,7 @@ def test_everybody_is_somewhere_in_the_flow(analysis: Analysis) -> None:
     assert simulated.enrolled == simulated.completed == 1
 
 
+@pytest.mark.slow
 def test_the_chart_shows_each_step_and_who_left(analysis: Analysis, out: Path) -> None:
     for name in ("people", "simulated"):
         ET.fromstring((out / "reporting" / f"flow-{name}.svg").read_text())
@@ -166,6 +168,7 @@ def test_the_list_of_fields_shows_in_red_what_is_missing(analysis: Analysis, out
     assert ".missing { color:" in page
 
 
+@pytest.mark.slow
 def test_a_dry_run_is_called_simulated_everywhere(tmp_path: Path) -> None:
     with Store(small_study(tmp_path / "dry")) as store:
         run_trials(store, enrol_included(store, simulated=True))
@@ -255,6 +258,7 @@ def test_a_flow_without_anybody_leaving_tells_of_nobody() -> None:
 # Who is in the analysis
 
 
+@pytest.mark.slow
 def test_the_flow_names_why_people_left_and_who_is_analysed(tmp_path: Path) -> None:
     """One finished, one has a trial left, one left in the first; one was too young, and one changed their mind."""
     with Store(small_study(tmp_path)) as store:
@@ -331,6 +335,7 @@ def test_a_problem_of_many_recordings_is_shown_once_and_names_each(
     assert "31 problems:" in text
 
 
+@pytest.mark.slow
 def test_simulation_of_another_length_is_named_before_the_figures(analysis: Analysis, tmp_path: Path) -> None:
     note = "episodes have 200 steps, these trials 60"
     objective = [replace(row, simulation_note=note) for row in analysis.objective]

@@ -38,6 +38,7 @@ needs_graphics = pytest.mark.usefixtures("graphics")
 # The public surface
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("environment_id", ENVIRONMENTS)
 def test_every_environment_passes_the_checker(environment_id):
     """Warnings are errors here."""
@@ -286,6 +287,7 @@ def test_a_picture_shows_the_scene_as_it_stands():
     env.close()
 
 
+@pytest.mark.slow
 @needs_graphics
 def test_a_picture_shows_person_robot_and_food():
     """Each is large enough to see, in pixels."""
@@ -318,6 +320,7 @@ def pixels_by_body(env: AssistiveEnv) -> Counter[str]:
     return pixels
 
 
+@pytest.mark.slow
 @needs_graphics
 def test_many_worlds_have_a_picture_each():
     vector = AssistiveVectorEnv(FEEDING, 2, people="revised", render_mode="rgb_array")

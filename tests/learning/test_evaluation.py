@@ -59,11 +59,13 @@ def test_batches_contain_each_episode_once_and_have_similar_sizes() -> None:
         assert max(sizes) - min(sizes) <= 1
 
 
+@pytest.mark.slow
 def test_a_policy_file_gives_the_results_of_its_name(rewards: Callable[..., np.ndarray]) -> None:
     path = packaged_policies(ENVIRONMENT)["revised"]
     assert np.array_equal(rewards(2, policy=str(path)), rewards(2, policy="revised"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", ["zero", "random"])
 def test_the_same_seed_gives_the_same_results(policy: str) -> None:
     one, same = (evaluate(ENVIRONMENT, policy, "original", 3, 4) for _ in range(2))

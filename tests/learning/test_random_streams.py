@@ -39,6 +39,7 @@ def test_an_episode_follows_from_split_seed_and_number() -> None:
     assert alone.bytes(16) == evaluation_episodes(TEST, 5, range(20))[17].bytes(16)
 
 
+@pytest.mark.slow
 def test_results_name_their_split() -> None:
     test, validation = (
         evaluate(ENVIRONMENT, "zero", "revised", 2, 0, split=split) for split in (TEST, VALIDATION)

@@ -269,6 +269,7 @@ def test_environments_and_evaluation_use_a_people_file(fitted: Path) -> None:
     assert evaluate(f"avrgym/{TASK}Jaco-v1", "zero", str(fitted), 1, 0).people == str(fitted)
 
 
+@pytest.mark.slow
 def test_a_training_stores_its_people(fitted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also when their file has gone, and the policy says that they were fitted."""
     training = pytest.importorskip("avrgym.learning.training", reason="training is an extra")

@@ -125,6 +125,7 @@ def check_held(recording: Recording, name: str, kind: str) -> None:
     assert verify(recording).identical
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(("name", "kind"), FAILURES.items())
 def test_after_a_failure_the_robot_stops_and_the_session_completes(
     tmp_path: Path, name: str, kind: str
@@ -139,6 +140,7 @@ def test_after_a_failure_the_robot_stops_and_the_session_completes(
     assert told.reason.isprintable()
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(("name", "kind"), FAILURES.items())
 def test_failures_in_a_live_session_stop_the_robot_too(
     tmp_path: Path, workers: ThreadPoolExecutor, name: str, kind: str
@@ -364,6 +366,7 @@ def test_a_class_an_instance_a_factory_and_a_function_drive_alike(
         find("kinds_of_objects:two", ENVIRONMENT)
 
 
+@pytest.mark.slow
 def test_the_documented_controller_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the folder where the program runs."""
     page = (ROOT / "docs" / "how_to" / "add_a_controller.md").read_text()

@@ -50,6 +50,7 @@ def from_mouth_m(state: State) -> float:
     return float(np.linalg.norm(state.tool_pos_w - state.mouth_pos_w))
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_tool_leaves_slowly_and_presses_nobody(environment: str, seed: int) -> None:

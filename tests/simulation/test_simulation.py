@@ -161,6 +161,7 @@ def test_joints_move_as_fast_as_they_are_told():
     assert_allclose(moved / 0.1, command * limit, atol=0.15 * 0.5 * limit.max())
 
 
+@pytest.mark.slow
 def test_no_joint_is_much_faster_than_its_limit(rng):
     worlds = 6
     episodes = reset_episodes(worlds)
@@ -292,6 +293,7 @@ def contact_forces(model: mujoco.MjModel, data: mujoco.MjData, by: str) -> list[
     return lengths
 
 
+@pytest.mark.slow
 def test_forces_on_the_person_add_up_over_contacts_of_links_and_tool():
     """A robot that flails among people for 4 s; nothing that presses from two sides cancels out."""
     simulation, by_links = reset_episodes(16, "avrgym/ScratchItchJaco-v1").simulation, 0

@@ -43,11 +43,13 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_each_template_passes_its_own_tests(installed: Path) -> None:
     tests = [str(installed / kind / "tests") for kind in NAMES]
     python(installed, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests)
 
 
+@pytest.mark.slow
 def test_each_template_is_listed_with_the_packaged_ones(installed: Path) -> None:
     avrgym(installed, "envs", "--json", "envs.json")
     listed = {row["env"] for row in json.loads((installed / "envs.json").read_text())}

@@ -86,6 +86,7 @@ def test_follow_ups_keep_earlier_reports(store: Store) -> None:
     ]
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("scale", SCALES)
 def test_grades_outside_the_scales_are_rejected(store: Store, scale: str) -> None:
     for grade in SCALES[scale]:
@@ -95,6 +96,7 @@ def test_grades_outside_the_scales_are_rejected(store: Store, scale: str) -> Non
     assert len(store.adverse_events("sub-001")) == len(SCALES[scale])
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(
     ("pseudonym", "changes", "follows", "words"),
     [

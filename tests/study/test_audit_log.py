@@ -353,6 +353,7 @@ def planned(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_early_views_of_results_are_a_deviation(planned: Path) -> None:
     out = planned / "analysis"
     assert (
@@ -382,6 +383,7 @@ def test_empty_log_after_a_rebuild_proves_nothing() -> None:
     assert "entries from before that are lost" in rebuilt
 
 
+@pytest.mark.slow
 def test_views_after_the_planned_end_are_no_deviation(planned: Path) -> None:
     with Store(planned) as store:
         run_participant(store, enrol_with_consent(store))
@@ -417,6 +419,7 @@ def interim(store: Store) -> list[str]:
     return [each.message for each in check_study(store) if "viewed" in each.message]
 
 
+@pytest.mark.slow
 def test_dashboard_shows_results_only_on_request(
     store: Store, served: tuple[LiveServer[Session], str], tmp_path: Path
 ) -> None:

@@ -363,6 +363,7 @@ def test_unarchived_consent_to_a_different_text_is_an_error(folder: Path) -> Non
         record_consent(store, enrol(store, "man"))
 
 
+@pytest.mark.slow
 def test_recordings_contain_the_consent(folder: Path) -> None:
     with Store(folder) as store:
         pseudonym = enrol_with_consent(store)

@@ -191,6 +191,7 @@ def test_last_questions_continue_after_a_crash(store: Store) -> None:
     assert remaining(store, pseudonym, "after_session") == ["S_2"]
 
 
+@pytest.mark.slow
 def test_later_of_two_answers_counts(store: Store, tmp_path: Path) -> None:
     pseudonym = enrol_included(store)
     for value in (1, 3):
@@ -250,6 +251,7 @@ def test_answers_before_and_after_and_their_change(out: Path) -> None:
     assert test.p == pytest.approx(2 / 2**PEOPLE)
 
 
+@pytest.mark.slow
 def test_each_questionnaire_has_a_figure_with_its_labels(out: Path) -> None:
     figures = {path.stem: words(path) for path in (out / "figures").glob("*.svg")}
     scales = {

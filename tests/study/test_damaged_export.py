@@ -76,6 +76,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
 }
 
 
+@pytest.mark.fast_cases(7)
 @pytest.mark.parametrize("damage", DAMAGES)
 @pytest.mark.parametrize("data_format", FORMATS)
 def test_damaged_recording_prevents_an_export(folder: Path, data_format: str, damage: str) -> None:
@@ -98,6 +99,7 @@ def test_all_damaged_recordings_are_listed(folder: Path, data_format: str) -> No
     assert all(str(path.relative_to(folder)) in line for path in broken)
 
 
+@pytest.mark.fast_cases(3)
 @pytest.mark.parametrize("data_format", FORMATS)
 def test_damaged_recordings_can_be_skipped(folder: Path, data_format: str) -> None:
     cut(folder / RECORDING)

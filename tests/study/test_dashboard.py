@@ -116,6 +116,7 @@ def test_all_routes_are_tested(store: Store) -> None:
     assert all(isinstance(route, APIRoute) for route in routes)
 
 
+@pytest.mark.fast_cases(10)
 @pytest.mark.parametrize(("method", "path"), ROUTES)
 def test_only_the_experimenter_has_access(server: LiveServer, store: Store, method: str, path: str) -> None:
     """Invalid tokens, origins and hosts are rejected, and nothing is stored."""

@@ -60,6 +60,7 @@ def test_all_questions_can_be_declined(store: Store) -> None:
     assert store.database.faults() == []
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

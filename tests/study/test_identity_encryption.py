@@ -191,6 +191,7 @@ def test_short_passphrase_is_rejected(folder: Path, monkeypatch: pytest.MonkeyPa
     assert not (folder / "private" / "identities.json").exists()
 
 
+@pytest.mark.slow
 def test_passphrase_is_requested_in_the_terminal(locked: Path) -> None:
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "avrgym", "study", "names", str(locked)]

@@ -72,6 +72,7 @@ def words(store: Store) -> list[str]:
     return [finding.message for finding in check_study(store) if "policy" not in finding.where]
 
 
+@pytest.mark.slow
 def test_open_questionnaire_is_answered_the_next_day(left: Callable[[], tuple[Store, str]]) -> None:
     store, pseudonym = left()
     (attempt,) = store.attempts(pseudonym)
@@ -155,6 +156,7 @@ def test_withdrawal_leaves_the_questionnaire_unanswered(left: Callable[[], tuple
     assert not any(finding.is_error for finding in check_study(store) if "L3" in finding.message)
 
 
+@pytest.mark.slow
 def test_completion_waits_for_the_last_answers(folder: Path) -> None:
     """The participant is completed only after the last answer."""
     with Store(folder) as store:
@@ -198,6 +200,7 @@ def assert_completed_with(store: Store, pseudonym: str, answers: dict[str, int])
     assert [each.message for each in check_study(store) if each.is_error and "policy" not in each.where] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("phase", "answers", "stored"),
     [
@@ -226,6 +229,7 @@ def test_trial_killed_after_the_robot_finished_counts(
     day.end()
 
 
+@pytest.mark.slow
 def test_trial_killed_before_the_robot_finished_is_repeated(
     killed: Callable[..., tuple[Store, str]],
 ) -> None:
@@ -237,6 +241,7 @@ def test_trial_killed_before_the_robot_finished_is_repeated(
     day.end()
 
 
+@pytest.mark.slow
 def test_rebuild_from_a_truncated_recording(killed: Callable[..., tuple[Store, str]]) -> None:
     store, pseudonym = killed("questionnaire", 2, 1)
     folder = store.folder

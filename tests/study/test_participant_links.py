@@ -287,6 +287,7 @@ def test_number_of_guesses_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     assert links.exchange(code) == "link"
 
 
+@pytest.mark.slow
 def test_page_exchanges_a_code_for_the_link(served: Served) -> None:
     assert served.request("POST", "/link", "nobody", json={"code": "000000"}).status_code == 403
     pseudonym = enrol_with_consent(served.store)

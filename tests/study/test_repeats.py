@@ -251,6 +251,7 @@ ENDINGS: dict[str, tuple[Callable[[Store, Visit], None], str, str, str]] = {
 }
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_repeat_has_reason_and_person(store: Store, ending: str) -> None:
     end, *expected = ENDINGS[ending]

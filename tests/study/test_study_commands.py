@@ -91,6 +91,7 @@ def test_new_study_is_not_overwritten(tmp_path: Path) -> None:
     assert "0 of 8 participants completed" in status.stdout
 
 
+@pytest.mark.fast_cases(3)
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -173,6 +174,7 @@ DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
 }  # fmt: skip
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_check_reports_each_damage(folder: Path, store: Store, damage: str) -> None:
     act, where, what = DAMAGES[damage]

@@ -60,6 +60,7 @@ def test_design_or_server_selects_the_headset_check(
     assert (plan.headset_check is not None) is checks
 
 
+@pytest.mark.slow
 def test_check_is_stored_with_its_session(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study")
     with Store(folder) as store:
@@ -86,6 +87,7 @@ def test_check_is_stored_with_its_session(tmp_path: Path) -> None:
     assert (tmp_path / "out/tables/headset_checks.csv").is_file()
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(
     ("stop", "after_s", "row", "shown"),
     [

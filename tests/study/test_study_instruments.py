@@ -235,6 +235,7 @@ def test_missing_answer_leaves_no_symptom_score(out: Path) -> None:
     } <= families
 
 
+@pytest.mark.slow
 def test_report_shows_scores_and_sources(out: Path) -> None:
     page = (out / "analysis" / "report" / "index.html").read_text()
     words = " ".join(re.sub(r"<[^>]*>", " ", page).split())

@@ -79,6 +79,7 @@ def without_keys(store: Store, pseudonym: str) -> list:
     return [trials, attempts, answers, events, [note.text for note in store.notes(pseudonym)]]
 
 
+@pytest.mark.slow
 def test_merge_contains_each_participant_once(sites: list[Path], out: Path) -> None:
     before = [files_in(site) for site in sites]
     found = merge_studies(sites, out)
@@ -471,6 +472,7 @@ def test_sites_share_a_frozen_plan(out: Path, tmp_path: Path) -> None:
     assert [each for each in found if each.where in ("study.toml", "plan.toml")] == []
 
 
+@pytest.mark.slow
 def test_site_may_use_postgresql(postgresql: Path, sites: list[Path], out: Path, tmp_path: Path) -> None:
     shared = make_site(tmp_path / "paris", url=new_postgresql_database(postgresql), trials=(None,))
     merge_studies([*sites, shared], out)

@@ -122,6 +122,7 @@ def test_list_begun_late_is_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         assert any("was begun at" in finding.message for finding in check_participation(store))
 
 
+@pytest.mark.slow
 def test_final_states_survive_loss_of_the_database(folder: Path) -> None:
     with Store(folder) as store:
         before = {each.pseudonym: each for each in store.participants()}
@@ -237,6 +238,7 @@ FORGERIES: dict[str, tuple[Callable[[Path], None], str]] = {
 }
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("forgery", FORGERIES)
 def test_participants_without_a_valid_list_need_confirmation(folder: Path, forgery: str) -> None:
     forge, words = FORGERIES[forgery]
@@ -263,6 +265,7 @@ def rebuild_again(folder: Path) -> bool:
     return set(states(folder).values()) == {"unknown"}
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("forgery", FORGERIES)
 def test_invalid_list_is_replaced_from_the_database(folder: Path, forgery: str) -> None:
     forge, _ = FORGERIES[forgery]

@@ -184,6 +184,7 @@ def test_other_readers_prevent_erasure_of_traces(store: Store, monkeypatch: pyte
     assert found(store.folder) == set()
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("pseudonym", ["sub-009", "../recordings", "sub-002/../sub-001", "*", "sub-2"])
 def test_unknown_participants_cannot_be_deleted(store: Store, pseudonym: str) -> None:
     before = {name: data for name, data in files(store.folder).items() if "study.db" not in name}

@@ -91,6 +91,7 @@ def loop(store: Store) -> Iterator[Loop]:
     running.sessions.close(running.now_s)
 
 
+@pytest.mark.slow
 def test_one_session_runs_at_a_time(store: Store, loop: Loop) -> None:
     """The next session begins for spectators, and not for the earlier participant."""
     first, second = enrol_with_consent(store), enrol_with_consent(store)

@@ -122,6 +122,7 @@ def test_dry_run_is_complete_and_can_be_continued(folder: Path) -> None:
         assert len(heights) == 2
 
 
+@pytest.mark.slow
 def test_withdrawal_during_a_dry_run_is_no_failure(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run_trial = simulation._run_trial  # pyright: ignore[reportPrivateUsage]
 

@@ -289,6 +289,7 @@ def test_session_rejects_actions_out_of_order(store: Store) -> None:
     refused(store, lambda: complete_attempt(store, attempt.id, METRICS), "is completed; it must be running")
 
 
+@pytest.mark.fast_cases(8)
 @pytest.mark.parametrize(
     "pseudonym", ["sub-002", "sub-1", "../..", "sub-000", "sub-001/..", "", "sub-٠٠١", "sub-001\n"]
 )
@@ -621,6 +622,7 @@ ADDED = {
 """Statements that undo each revision after 0.2.0, newest first."""
 
 
+@pytest.mark.fast_cases(5)
 @pytest.mark.parametrize("revision", database.UNRELEASED)
 def test_study_of_a_development_version_is_upgraded(store: Store, revision: str) -> None:
     pseudonym = enrol_with_consent(store)

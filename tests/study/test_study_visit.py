@@ -137,6 +137,7 @@ def test_missing_policy_prevents_a_session(
     assert store.sessions(pseudonym) == []
 
 
+@pytest.mark.slow
 def test_next_visit_continues_order_seeds_and_attempts(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     planned = [(trial.environment, trial.policy, trial.seed) for trial in store.trials(pseudonym)]
@@ -169,6 +170,7 @@ def test_next_visit_continues_order_seeds_and_attempts(store: Store) -> None:
         StudyVisit(store, pseudonym)
 
 
+@pytest.mark.slow
 def test_commands_are_stored(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
@@ -289,6 +291,7 @@ def test_session_ends_when_taken_over(store: Store) -> None:
 # What cannot be written
 
 
+@pytest.mark.slow
 def test_full_disk_completes_no_trial(store: Store, small_files: Callable[[int], None]) -> None:
     """Recordings and database cannot grow; when they can, the trial is repeated."""
     pseudonym = enrol_with_consent(store)

@@ -73,6 +73,7 @@ def small_study(folder: Path, **changes: str) -> Path:
     return make_study(folder, tasks='["Feeding"]', robots='["Jaco"]', practice_policy='""', **changes)
 
 
+@pytest.mark.slow
 def test_trials_with_excess_tracking_loss_are_excluded(tmp_path: Path) -> None:
     with Store(small_study(tmp_path / "study", max_held_share="0.3")) as store:
         pseudonym = enrol_included(store)

@@ -124,6 +124,7 @@ app(["study", "new", "study"])
 """
 
 
+@pytest.mark.slow
 def test_environments_and_policies_need_no_extra(tmp_path):
     """``test_installed_wheel`` shows it in a virtual environment that has no package of an extra."""
     missing = json.dumps(sorted(modules_of_extras()))

@@ -66,6 +66,7 @@ def test_a_wheel_contains_the_whole_package(wheel: Path) -> None:
     assert any(name.startswith("avrgym/assets/human/") for name in held)
 
 
+@pytest.mark.slow
 def test_a_source_distribution_holds_the_client(source: Path, tmp_path: Path) -> None:
     assert build(source, "sdist", tmp_path).returncode == 0
     (path,) = tmp_path.glob("*.tar.gz")
@@ -75,6 +76,7 @@ def test_a_source_distribution_holds_the_client(source: Path, tmp_path: Path) ->
     assert "hatch_build.py" in held
 
 
+@pytest.mark.fast_cases(3)
 @pytest.mark.parametrize("kind", ["wheel", "sdist"])
 @pytest.mark.parametrize(
     "lost", ["vr/static", "assets/policies/DrinkingPR2-revised.safetensors", "assets/human/woman.npz"]
@@ -103,6 +105,7 @@ def test_the_build_checks_all_required_files() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_missing_client_is_reported_with_a_fix(wheel: Path, tmp_path: Path) -> None:
     with ZipFile(wheel) as archive:
         archive.extractall(tmp_path)

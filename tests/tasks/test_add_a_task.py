@@ -64,6 +64,7 @@ def _avrgym(installed: Path, *arguments: str) -> "subprocess.CompletedProcess[st
     return _python(installed, "-c", "from avrgym.cli import app; app()", *arguments)
 
 
+@pytest.mark.slow
 def test_the_page_s_own_test_passes(installed):
     ran = _python(installed, "-c", CHECK)
     assert ran.returncode == 0, ran.stderr

@@ -128,6 +128,7 @@ def test_rewards_are_equal_on_tensors(situation: tuple[str, State, Any, Any]) ->
     assert not constant, "nothing happened that they count"
 
 
+@pytest.mark.fast_cases(4)
 def test_a_step_copies_nothing_to_the_host(situation: tuple[str, State, Any, Any]) -> None:
     environment, *given = situation
     result, reward, observation, *_ = step(environment, *as_tensors(tuple(given), "meta"))
@@ -163,6 +164,7 @@ def behaviour_models(
     return [targets(sight) for sight in sights]
 
 
+@pytest.mark.fast_cases(12)
 @pytest.mark.parametrize(
     ("distribution", "impairment", "steered"),
     [(*kind, False) for kind in product(DISTRIBUTIONS, IMPAIRMENTS)] + [("original", "none", True)],

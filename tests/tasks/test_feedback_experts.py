@@ -25,6 +25,7 @@ def reset_episodes(environment: str, count: int) -> Episodes:
     return episodes
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_feedback_expert_depends_on_the_present_only(environment):
     """One that saw everything so far and one that comes in now do the same."""
@@ -38,6 +39,7 @@ def test_a_feedback_expert_depends_on_the_present_only(environment):
     assert np.abs(expected).max() <= 1.0 + 1e-9
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_feedback_expert_brings_the_tool_nearer(environment):
     episodes = reset_episodes(environment, 8)

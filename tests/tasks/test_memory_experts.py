@@ -141,6 +141,7 @@ def test_a_face_turned_aside_from_the_start_is_not_waited_for(monkeypatch):
     assert not np.any(away)
 
 
+@pytest.mark.slow
 def test_water_leaves_a_cup_at_the_tilt_at_which_it_is_expected():
     """The cup moves with the mouth, so to three degrees; the last particles stick to no rule."""
     episodes = reset_episodes("Jaco", "original", 4)

@@ -29,6 +29,7 @@ def test_the_standoff_grows_with_the_mouth_speed():
     assert_array_equal(off[speeds >= 2.0 * REST_SPEED_M_S + 1e-9], MAX_STANDOFF_M)
 
 
+@pytest.mark.slow
 def test_resting_people_are_fed_like_the_feedback_expert():
     assert_matches_feedback_expert(MemoryExpert, reset_episodes(FEEDING, WORLDS), 30)
 

@@ -145,6 +145,7 @@ def test_planning_does_not_depend_on_other_worlds(start):
 # Feeding
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_the_oracle_feeds_people_gently(robot):
     """All of eight; no touch is firmer than ten newtons."""

@@ -276,6 +276,7 @@ def test_the_tip_is_five_centimetres_past_the_fingers(name):
 # By script
 
 
+@pytest.mark.slow
 def test_the_expert_scratches_gently():
     """Most of three people are scratched often enough in an episode."""
     episodes = Episodes("avrgym/ScratchItchJaco-v1", 3, people="revised", num_threads=1)

@@ -19,6 +19,7 @@ from avrgym.tasks.task_check import check_task
 FEEDING = TASKS["Feeding"]
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name == "Drinking" else name for name in TASKS]
 )

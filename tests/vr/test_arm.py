@@ -108,6 +108,7 @@ def test_an_arm_stays_where_its_hand_stays() -> None:
     assert error(angles[-1], hand)[0] < 1e-4
 
 
+@pytest.mark.slow
 def test_hands_come_to_nearly_every_pose_within_the_ranges(rng: np.random.Generator) -> None:
     """Within a second from the relaxed pose, 98 % of poses within 1 cm and 5°, in the full ranges of all joints."""
     solver, reached = ArmSolver(PERSON), []

@@ -320,6 +320,7 @@ def test_the_local_network_requires_tls(tmp_path: Path) -> None:
         ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_browser_keeps_no_scene_of_an_earlier_start() -> None:
     """Tokens outlast a restart, and the numbers of scenes begin at 0 again."""
     tokens, rendered = Tokens.new(), list[bytes]()

@@ -150,6 +150,7 @@ def lean(direction_deg: float, shift_m: float, radius_m: float) -> Pose:
     return Pose(pivot + transforms.rotate(q, [0.0, 0.0, radius_m]), q)
 
 
+@pytest.mark.fast_cases(8)
 @pytest.mark.parametrize("direction_deg", range(0, 360, 15))
 def test_leans_about_the_waist_are_followed_as_far_as_it_bends(direction_deg: int) -> None:
     """30 cm forward; to the sides and back the waist's 30° end at 23 cm. The head may look where it likes."""
@@ -191,6 +192,7 @@ def test_a_head_that_shifts_level_is_out_of_reach_of_a_torso_that_cannot_stretch
     assert head_error_m(head) == pytest.approx(error_m, abs=0.001)
 
 
+@pytest.mark.slow
 def test_no_rigid_torso_that_keeps_the_heads_direction_comes_nearer(rng: np.random.Generator) -> None:
     """The head is missed only by what the head joints are farther from the waist, or nearer, than the torso is long."""
     waist_w = resting_head_centre(WOMAN, SEATED) - [0.0, 0.0, WAIST_TO_HEAD_M]

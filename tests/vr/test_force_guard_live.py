@@ -64,6 +64,7 @@ def happened(trial: Trial) -> list[tuple[str, str]]:
     ]
 
 
+@pytest.mark.slow
 def test_a_session_is_guarded_unless_it_says_otherwise(guarded: Trial, unguarded: Trial) -> None:
     assert plan().force_guard
     assert guarded.recording.configuration.force_guard is True

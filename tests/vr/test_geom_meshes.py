@@ -68,6 +68,7 @@ def test_a_simplified_mesh_keeps_its_surface(name: str) -> None:
     assert {mesh: away for mesh, away in off.items() if away > MOST_OFF_M} == {}
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_mesh_keeps_its_area(name: str) -> None:
     meshes = robot_meshes(name)

@@ -127,6 +127,7 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     assert recording.configuration.headset_check.stop == "palm"
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("way", get_args(StopMethod))
 def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way: StopMethod) -> None:
     visit = Visit(tmp_path, CHECKED)
@@ -167,6 +168,7 @@ def test_a_check_of_earlier_versions_lacks_no_stop() -> None:
     assert "stop" not in fault_text(check)
 
 
+@pytest.mark.fast_cases(6)
 @pytest.mark.parametrize("way", [None, *get_args(StopMethod)])
 def test_every_way_stops_a_trial_at_once_and_is_stored(tmp_path: Path, way: StopMethod | None) -> None:
     visit = Visit(tmp_path, plan())

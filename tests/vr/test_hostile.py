@@ -368,6 +368,7 @@ def test_a_failure_is_a_plain_500_and_one_line_without_words(caplog: pytest.LogC
 SECURITY = (ROOT / "docs" / "explanation" / "security.md").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_the_page_lists_connection_limits() -> None:
     for name in (
         "MAX_UNAUTHENTICATED",

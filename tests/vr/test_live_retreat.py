@@ -89,6 +89,7 @@ def test_a_retreat_can_be_stopped_and_the_trial_counts(
     assert found.identical
 
 
+@pytest.mark.slow
 def test_a_retreat_waits_for_tracking_and_goes_on(tmp_path: Path) -> None:
     visit = helping(tmp_path)
     visit.tick(BRAKING_TICKS + 50)
@@ -104,6 +105,7 @@ def test_a_retreat_waits_for_tracking_and_goes_on(tmp_path: Path) -> None:
     assert verify(recording).identical
 
 
+@pytest.mark.slow
 def test_nobody_is_left_who_is_not_tracked(tmp_path: Path) -> None:
     """The robot holds still, as during a trial; what it gave is kept."""
     visit = helping(tmp_path)

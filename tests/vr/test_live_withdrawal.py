@@ -48,6 +48,7 @@ def times(recording: Recording, name: str) -> list[float]:
     return [time_ns / 1e9 for time_ns, event in recording.topics["/events"] if event.name == name]
 
 
+@pytest.mark.slow
 def test_the_robot_withdraws_waits_and_replays(tmp_path: Path) -> None:
     recording, statuses = trial(tmp_path, withdraws=True)
     steps = steps_of(recording)
@@ -70,6 +71,7 @@ def test_the_robot_withdraws_waits_and_replays(tmp_path: Path) -> None:
     assert (found.identical_states, found.identical_steps) == (found.states, STEPS)
 
 
+@pytest.mark.slow
 def test_without_it_the_policy_goes_on(tmp_path: Path) -> None:
     recording, statuses = trial(tmp_path, withdraws=False)
     steps = steps_of(recording)

@@ -188,6 +188,7 @@ def test_a_world_that_cannot_be_made_is_named_and_tried_again(
     session.run_until("trial")
 
 
+@pytest.mark.slow
 def test_no_world_begins_with_the_robot_in_the_participant(visit: Callable[..., Visit]) -> None:
     """A hand that lies where the robot's arm is mounted is named; the trial goes on once the arms rest."""
     session = visit(seeds=(3, 4), free_movement_s=2.0)
@@ -302,6 +303,7 @@ def test_the_experimenter_stops_the_robot(visit: Callable[..., Visit]) -> None:
     session.run_until("trial")
 
 
+@pytest.mark.fast_cases(4)
 @pytest.mark.parametrize(
     "phase", ["check", "free_before", "countdown", "trial", "free_after", "questionnaire"]
 )
@@ -328,6 +330,7 @@ def test_while_the_experimenter_pauses_no_trial_begins(visit: Callable[..., Visi
     )
 
 
+@pytest.mark.fast_cases(3)
 @pytest.mark.parametrize("phase", ["check", "free_before", "trial", "questionnaire", "paused"])
 def test_a_trial_is_repeated_or_skipped(visit: Callable[..., Visit], phase: str) -> None:
     session = visit(seeds=(1, 2))

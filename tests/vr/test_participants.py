@@ -238,6 +238,7 @@ def test_participants_rate_the_same_more_and_less_leniently_and_never_quite_alik
     assert len({someone.answer("own", 7, AttemptResults()) for _ in range(50)}) > 1
 
 
+@pytest.mark.slow
 def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
     phases, seen = list[str](), list[int]()
     client = InProcessClient(participant(1), phases.append)

@@ -46,6 +46,7 @@ class Reacher(Visit):
         self.pose_rad = self.participant._rest_rad
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm_scale", [0.85, 1.2])
 def test_two_poses_tell_how_long_the_arms_are(tmp_path: Path, arm_scale: float) -> None:
     visit = Reacher(tmp_path, arm_scale)

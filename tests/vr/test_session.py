@@ -177,6 +177,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Visit:
     return visit
 
 
+@pytest.mark.slow
 def test_every_tick_hands_out_its_state(whole: Visit) -> None:
     told = [state.sequence for state in whole.received(State)]
     assert told == list(range(1, len(told) + 1))
@@ -360,6 +361,7 @@ def test_a_stop_after_the_robot_has_finished_keeps_the_trial(visit: Callable[...
     assert finished.recordings()[0].complete
 
 
+@pytest.mark.fast_cases(7)
 @pytest.mark.parametrize(
     "event", [Left(), Disconnected(), OriginReset()], ids=lambda event: type(event).__name__
 )

@@ -64,6 +64,7 @@ def sitting(folder: Path, **changes: float) -> Slider:
     return visit
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("way_m", SLIDES, ids=str)
 def test_after_a_slide_the_head_is_where_it_is_tracked(tmp_path: Path, way_m: tuple[float, float]) -> None:
     visit = sitting(tmp_path)
@@ -124,6 +125,7 @@ def test_who_comes_meanwhile_is_told_where_the_world_goes(tmp_path: Path) -> Non
     assert placed.xr_from_world.position == pytest.approx(visit.received(Placed)[0].xr_from_world.position)
 
 
+@pytest.mark.slow
 def test_a_slide_during_a_trial_is_recorded_and_verifies_bit_by_bit(tmp_path: Path) -> None:
     visit = Slider(tmp_path, plan(trial_steps=90, free_movement_s=0.1))
     visit.go_to("trial")

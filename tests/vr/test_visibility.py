@@ -37,6 +37,7 @@ def speed_m_s(visit: Visit) -> float:
 # Before and while the robot helps ----------------------------------------------------------------------------
 
 
+@pytest.mark.fast_cases(6)
 @pytest.mark.parametrize("visibility", UNSEEN)
 @pytest.mark.parametrize("phase", ["free_before", "countdown", "trial"])
 def test_the_robot_holds_when_its_participant_no_longer_sees_the_scene(
@@ -63,6 +64,7 @@ def test_the_robot_holds_when_its_participant_no_longer_sees_the_scene(
     assert blocked.received(Status)[-1].visibility == visibility
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("visibility", UNSEEN)
 def test_who_sees_the_scene_again_repeats_the_trial_with_the_trigger(
     visit: Callable[..., Visit], visibility: Visibility
@@ -259,6 +261,7 @@ def test_stale_tracking_stops_the_robot_as_its_brakes_do(
 # On its way through the server -------------------------------------------------------------------------------
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("visibility", UNSEEN)
 def test_nothing_that_waits_delays_it(visibility: Visibility) -> None:
     inbox, lost = Inbox(), VisibilityChanged(visibility)
