@@ -339,7 +339,7 @@ class LogRow:
     at: Annotated[str, _utc("Time of the action.")]
     person: Annotated[str, Column("Person, by number; with --free-text, by the name of a token or account.")]
     known_by: Annotated[str, Column("How the person is identified.", allowed=_one_of(*KNOWN_BY))]
-    name: Annotated[str, Column("The action.", allowed="see The log in docs/study.md")]
+    name: Annotated[str, Column("The action.", allowed="see Log in docs/how_to/run_sessions.md")]
     participant: Annotated[str | None, Column("Pseudonym of its participant.", empty="it has none")]
     detail: Annotated[
         str | None, Column("Further information; refused: the action changed nothing.", empty="nothing")
