@@ -207,7 +207,7 @@ def test_command_records_follows_up_and_lists_events(store: Store, tmp_path: Pat
     assert "No adverse events were recorded." in run("adverse-events", folder)
     graded = ("--severity", "mild", "--seriousness", "not serious", "--relatedness", "possible")
     record = ("record-adverse-event", folder, "sub-001", "--description", "neck pain", *graded)
-    assert "severity '' is not known" in run("record-adverse-event", folder, "sub-001", code=1)
+    assert "unknown severity ''" in run("record-adverse-event", folder, "sub-001", code=1)
     run(*record, "--outcome", "recovering", "--trial", 2, "--by", "kim")
     run("record-adverse-event", folder, "sub-001", "--follow-up", 1, "--outcome", "recovered", "--by", "alex")
     assert "has no adverse event 7" in run(
