@@ -6,7 +6,7 @@ from statistics import median
 from typing import Annotated
 
 from avrgym.analysis.columns import FROM_0, SHARE, IsSimulated, Pseudonym, Session
-from avrgym.analysis.page.elements import Markup, join, number_text, table, tag
+from avrgym.analysis.page.elements import Markup, count_text, join, number_text, table, tag
 from avrgym.recording.configuration import HeadsetCheck
 from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
@@ -122,17 +122,13 @@ def describe_headset_checks(rows: Sequence[HeadsetRow]) -> str:
         *([f"{median(jitters):.2f} mm of jitter of the head at rest"] if jitters else []),
     ]
     made_up = (
-        f" {_count(emulated, 'check')} ran on an emulated headset, which gives no information about a real one."
+        f" {count_text(emulated, 'check')} ran on an emulated headset, which gives no information about a real one."
         * bool(emulated)
     )
     return (
-        f"The headset was checked at the beginning of {_count(len(rows), 'session')} and found ready in {ready} "
+        f"The headset was checked at the beginning of {count_text(len(rows), 'session')} and found ready in {ready} "
         f"(medians: {', '.join(figures)}; hands tracked with: {', '.join(held)}).{made_up}"
     )
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 CHECK_HEADS = (

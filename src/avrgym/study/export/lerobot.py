@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from avrgym.array_types import NumpyArray
 from avrgym.robots.registry import find_robot
 from avrgym.study.export import NOTICE
+from avrgym.study.export.table_files import write_json
 from avrgym.study.export.trials import ExportedAttempt, scenes
 from avrgym.study.storage.store import Store
 from avrgym.tasks.observation import number_names
@@ -54,8 +55,8 @@ def _write_dataset(attempts: Sequence[ExportedAttempt], folder: Path) -> None:
     pq.write_table(pa.table({name: _arrow(values) for name, values in whole.items()}), folder / "data" / FILE)
     pq.write_table(pa.Table.from_pylist(rows), folder / "meta" / "episodes" / FILE)
     pq.write_table(_task_table(tasks), folder / "meta" / "tasks.parquet")
-    _write_json(folder / "meta" / "info.json", _info(attempts, whole, len(tasks)))
-    _write_json(folder / "meta" / "stats.json", {name: statistics(values) for name, values in whole.items()})
+    write_json(folder / "meta" / "info.json", _info(attempts, whole, len(tasks)))
+    write_json(folder / "meta" / "stats.json", {name: statistics(values) for name, values in whole.items()})
 
 
 def _task(exported: ExportedAttempt) -> str:
@@ -176,7 +177,3 @@ def _names(exported: ExportedAttempt) -> dict[str, list[str]]:
     task = TASKS[exported.trial.task]
     scene = task.scene(find_robot(exported.trial.robot))
     return {"observation.state": number_names(task.observation(scene)), "action": list(scene.arm.joints)}
-
-
-def _write_json(path: Path, values: Mapping[str, Any]) -> None:
-    path.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")

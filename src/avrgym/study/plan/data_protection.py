@@ -9,7 +9,7 @@ from pathlib import Path
 
 from avrgym.study.design.description import describe_procedure
 from avrgym.study.design.design import Design
-from avrgym.study.plan.preregistration import as_markdown, write_draft
+from avrgym.study.plan.preregistration import as_markdown, bullet_list, write_draft
 from avrgym.study.storage.store import Store
 
 FOLDER = "data-protection"
@@ -68,7 +68,7 @@ def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
             "Legal basis": _fill_in(
                 "for example consent, Article 6(1)(a); for data on health Article 9(2)(a) or (j)"
             ),
-            "Data": _list(_data(design)),
+            "Data": bullet_list(_data(design)),
             "Recipients": _recipients(design),
             "Storage": _storage(design),
             "Retention": _retention(design),
@@ -90,7 +90,7 @@ def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
             "Other risks": _fill_in("what else may harm participants"),
         },
         "Measures (Article 35(7)(d))": {
-            "By this program": _list(MEASURES),
+            "By this program": bullet_list(MEASURES),
             "By the institution": _fill_in(
                 "encryption of disks, access to rooms, backups, training of staff"
             ),
@@ -115,13 +115,15 @@ def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
             "(b) Purposes": _fill_in("the research question") + f" The study: {design.title}.",
             "(c) Categories of people": f"{design.participants} participants of a study; experimenters, in its log. "
             + _fill_in("how they are recruited, and whether any of them are vulnerable"),
-            "(c) Categories of data": _list(_data(design)),
+            "(c) Categories of data": bullet_list(_data(design)),
             "(d) Recipients": _recipients(design),
             "(e) Transfers to third countries": _fill_in(
                 "none, or the countries and the safeguards of Article 46"
             ),
             "(f) Time limits for erasure": _retention(design),
-            "(g) Security measures (Article 32(1))": f"{_list(MEASURES)}\n\n{_fill_in('measures of the institution')}",
+            "(g) Security measures (Article 32(1))": (
+                f"{bullet_list(MEASURES)}\n\n{_fill_in('measures of the institution')}"
+            ),
         }
     }
 
@@ -170,7 +172,7 @@ def _retention(design: Design) -> str:
         "All data of participants": (retention.data_years, "years"),
     }
     end = f"the study's end ({retention.ended_on})" if retention.ended_on else "the study's end"
-    return _list(
+    return bullet_list(
         f"{what}: "
         + (
             _fill_in("period, also under [retention] in study.toml")
@@ -187,7 +189,3 @@ def _risk() -> str:
 
 def _fill_in(what: str) -> str:
     return FILL_IN.format(what)
-
-
-def _list(items: Iterable[str]) -> str:
-    return "\n".join(f"- {item}" for item in items)

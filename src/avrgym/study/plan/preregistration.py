@@ -102,7 +102,7 @@ def _osf(design: Design, plan: Plan, offered: AvailableTests) -> Fields:
             "Inference criteria": _inference(),
             "Data exclusion": _exclusion(design, plan),
             "Missing data": "Of a pair of trials of which one is missing, the other is left out of its test.",
-            "Exploratory analyses": _list(plan.exploratory),
+            "Exploratory analyses": bullet_list(plan.exploratory),
         },
         "Other": {"Other": plan.other},
     }
@@ -119,7 +119,7 @@ def _aspredicted(design: Design, plan: Plan, offered: AvailableTests) -> Fields:
         "Number of observations": _paragraphs(
             f"{plan.participants} participants.", plan.stopping_rule, plan.sample_size_rationale
         ),
-        "Anything else": _paragraphs(plan.other, f"Exploratory tests:\n\n{_list(plan.exploratory)}"),
+        "Anything else": _paragraphs(plan.other, f"Exploratory tests:\n\n{bullet_list(plan.exploratory)}"),
     }
     return {"": {f"{number}. {name}": text for number, (name, text) in enumerate(questions.items(), start=1)}}
 
@@ -135,7 +135,7 @@ FORMS: Mapping[str, tuple[str, Callable[[Design, Plan, AvailableTests], Fields]]
 
 
 def _hypotheses(plan: Plan) -> str:
-    return _list(f"{each.id}: {each.text}" for each in plan.hypotheses)
+    return bullet_list(f"{each.id}: {each.text}" for each in plan.hypotheses)
 
 
 def _procedures(design: Design) -> str:
@@ -145,19 +145,19 @@ def _procedures(design: Design) -> str:
         f"Recruitment: {about.recruitment or NOT_SPECIFIED}",
         f"Compensation: {about.compensation or NOT_SPECIFIED}",
         f"Ethics approval: {about.ethics_approval or NOT_SPECIFIED}",
-        f"Participants consent and answer as follows:\n\n{_list(asked)}" if asked else "",
+        f"Participants consent and answer as follows:\n\n{bullet_list(asked)}" if asked else "",
     )
 
 
 def _manipulated(design: Design) -> str:
     levels = {"Task": design.tasks, "Robot": design.robots, "Policy": design.policies}
-    return _list(f"{name}: {', '.join(each)}" for name, each in levels.items())
+    return bullet_list(f"{name}: {', '.join(each)}" for name, each in levels.items())
 
 
 def _measures(design: Design, plan: Plan) -> str:
     """The primary measures; items with their text."""
     names = dict.fromkeys(measure for each in plan.hypotheses for measure in each.measures)
-    return _list(_measure(design, name) for name in names)
+    return bullet_list(_measure(design, name) for name in names)
 
 
 def _measure(design: Design, name: str) -> str:
@@ -170,7 +170,7 @@ def _measure(design: Design, name: str) -> str:
 
 
 def _tests(plan: Plan, offered: AvailableTests) -> str:
-    return _list(
+    return bullet_list(
         f"{each.id}: {test} ({'; '.join(name for name in offered.get(test, ()) if name in each.measures)})"
         for each in plan.hypotheses
         for test in each.tests
@@ -196,10 +196,11 @@ def _exclusion(design: Design, plan: Plan) -> str:
             else []
         ),
     ]
-    return _list([*rules, *plan.exclusion.further])
+    return bullet_list([*rules, *plan.exclusion.further])
 
 
-def _list(items: Iterable[str]) -> str:
+def bullet_list(items: Iterable[str]) -> str:
+    """A list in Markdown."""
     return "\n".join(f"- {item}" for item in items)
 
 

@@ -37,7 +37,7 @@ class Head:
 
     def after(self, table: str, key: int, content: str | None) -> "Head":
         """The head after another entry."""
-        return Head(self.number + 1, _sha256([self.digest, self.number + 1, table, key, content]))
+        return Head(self.number + 1, json_sha256([self.digest, self.number + 1, table, key, content]))
 
 
 # Writing ------------------------------------------------------------------------------------------------------------
@@ -182,7 +182,7 @@ def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None
     """
     name = primary_key(table).name
     return {
-        row[name]: _sha256(
+        row[name]: json_sha256(
             [table.name, {column: value for column, value in row.items() if value is not None}]
         )
         for row in _rows(connection, table, keys)
@@ -202,7 +202,8 @@ def _wrote(connection: sa.Connection, table: sa.Table, key: int) -> None:
     connection.info[_WRITTEN].add((table.name, key))
 
 
-def _sha256(value: Any) -> str:
+def json_sha256(value: Any) -> str:
+    """The SHA-256 of a value as compact JSON with sorted keys, in hexadecimal."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 

@@ -6,8 +6,6 @@ entry covers the entry before, and the user's key signs it. For a deleted partic
 erased; their checksums and the chain stay.
 """
 
-import hashlib
-import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,6 +18,7 @@ import msgspec
 
 from avrgym.recording.configuration import RecordedConsent
 from avrgym.study.storage import signing
+from avrgym.study.storage.hash_chain import json_sha256
 from avrgym.study.storage.schema import new_salt
 from avrgym.system.files import PRIVATE_FILE, private_opener, write_atomically
 
@@ -235,7 +234,7 @@ def _copy_number(path: Path) -> int:
 def _entry_after(before: Entry | None, participant: int | None, content: Content) -> Entry:
     number = before.number + 1 if before else 1
     salted = dict(content) | {"salt": new_salt()}
-    sha256 = _sha256(salted)
+    sha256 = json_sha256(salted)
     digest = _digest(before.digest if before else "", number, participant, sha256)
     own = signing.user_key()
     key = signing.public_key(own) if own else ""
@@ -270,7 +269,7 @@ def _faults(entries: Sequence[Entry]) -> Iterator[str]:
     for each in entries:
         if each.content is None and each.participant not in deleted:
             yield f"was changed: the content of entry {each.number} is missing"
-        if each.content is not None and _sha256(each.content) != each.sha256:
+        if each.content is not None and json_sha256(each.content) != each.sha256:
             yield f"was changed: the content of entry {each.number} does not match its checksum"
     if entries[0].content is None or entries[0].content.get("event") != LIST_BEGUN:
         yield "was changed: its first entry is missing"
@@ -280,9 +279,4 @@ def _faults(entries: Sequence[Entry]) -> Iterator[str]:
 
 
 def _digest(before: str, number: int, participant: int | None, sha256: str) -> str:
-    return _sha256([before, number, participant, sha256])
-
-
-def _sha256(value: Any) -> str:
-    text = json.dumps(value, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+    return json_sha256([before, number, participant, sha256])
