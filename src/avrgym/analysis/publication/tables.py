@@ -149,7 +149,7 @@ LATEX_ESCAPES = {
 
 
 def latex_text(text: object) -> str:
-    """Text with latex_text special characters of LaTeX."""
+    """Text with the special characters of LaTeX escaped."""
     return "".join(LATEX_ESCAPES.get(letter, letter) for letter in str(text))
 
 

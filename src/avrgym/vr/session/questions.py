@@ -47,7 +47,7 @@ class Questions:
         )
 
     def take(self, answer: messages.Answer) -> Answer:
-        """PoseGetter the answer to the current item and move to the next one.
+        """Take the answer to the current item and move to the next one.
 
         Raises:
             ValueError: for an invalid answer, with the allowed values.

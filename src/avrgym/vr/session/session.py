@@ -171,7 +171,7 @@ class Session:
         self._announce(send)
 
     def receive(self, message: Received, now_s: float) -> None:
-        """PoseGetter a message of the participant's client or of the experimenter's."""
+        """Take a message of the participant's client or of the experimenter's."""
         self._state.now_s = now_s
         self._go_to(take_message(self._phase, message))
 

@@ -144,6 +144,14 @@ class SessionState:
             self.send(scene)
             self.send_placed(self.send)
 
+    def take_placing_tracking(self, tracking: messages.Tracking) -> None:
+        """Take a tracking frame of a phase in which the first usable frame determines the participant's place."""
+        frame = self.tracking.take(tracking, self.now_s)
+        if frame.usable and self.tracking.registration is None:
+            assert tracking.head is not None
+            self.tracking.place(tracking.head, self.person, self.world.scene_config.posture)
+            self.send_changed_scene()
+
     def send_placed(self, send: Send) -> None:
         """Send the world's new place, if it follows a participant who has slid."""
         placed = self.tracking.placed

@@ -44,12 +44,8 @@ class HeadsetCheckPhase(InVR):
         self._measurement = measurement
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
-        """The first frame determines the participant's place: what is drawn then is what a trial draws."""
-        frame = self.state.tracking.take(tracking, self.state.now_s)
-        if frame.usable and self.state.tracking.registration is None:
-            assert tracking.head is not None
-            self.state.tracking.place(tracking.head, self.state.person, self.state.world.scene_config.posture)
-            self.state.send_changed_scene()
+        """The place is that of a trial, so that frames are drawn as in a trial."""
+        self.state.take_placing_tracking(tracking)
 
     @property
     def _durations(self) -> HeadsetCheckPlan:
@@ -168,7 +164,7 @@ class CheckStop(HeadsetCheckPhase):
     def stop(
         self, by: events.Initiator, method: messages.StopMethod | None = None
     ) -> CheckSenses | CheckResult | Self:
-        """PoseGetter the participant's test stop and continue; the experimenter cannot test it for them."""
+        """Take the participant's test stop and continue; the experimenter cannot test it for them."""
         if by == "experimenter":
             return self._report("the participant tries the stop; skip the check to go on without")
         self._measurement.take_stop(method or "page", self.state.now_s - self._asked_s)

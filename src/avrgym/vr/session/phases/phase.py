@@ -48,15 +48,15 @@ class Phase:
     # Messages of the participant's client -------------------------------------------------------------------------
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
-        """PoseGetter a tracking frame."""
+        """Take a tracking frame."""
         self.state.tracking.take(tracking, self.state.now_s)
 
     def take_latency(self, latency: messages.Latency) -> None:
-        """PoseGetter the latencies of the last second."""
+        """Take the latencies of the last second."""
         self.state.take_latency(latency)
 
     def take_frames(self, drawn: messages.HeadsetFrames) -> None:
-        """PoseGetter the render times of the last second's frames."""
+        """Take the render times of the last second's frames."""
 
     def enter_vr(self) -> Phase:
         """The participant entered VR, or plays without a headset."""

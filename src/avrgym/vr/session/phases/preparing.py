@@ -50,12 +50,7 @@ class Calibration(InVR):
         state.tracking.reset_place()
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
-        """The first frame determines the participant's place."""
-        frame = self.state.tracking.take(tracking, self.state.now_s)
-        if frame.usable and self.state.tracking.registration is None:
-            assert tracking.head is not None
-            self.state.tracking.place(tracking.head, self.state.person, self.state.world.scene_config.posture)
-            self.state.send_changed_scene()
+        self.state.take_placing_tracking(tracking)
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> Self:
         if self.state.choose_body(choice, by):
@@ -97,7 +92,7 @@ class ReachMeasurement(InVR, ABC):
         self._reached_m, self._seen_m = tuple(reached_m), list[float]()
 
     def take_tracking(self, tracking: messages.Tracking) -> None:
-        """PoseGetter a frame; the last ones count."""
+        """Take a frame; the last ones count."""
         state = self.state
         frame = state.tracking.take(tracking, state.now_s)
         if not frame.usable or state.tracking.registration is None:

@@ -147,7 +147,7 @@ class Questionnaire(RobotFinished):
         return self._questions.question()
 
     def answer(self, answer: messages.Answer) -> Confirm | Self:
-        """PoseGetter the answer to the current question; after the last one the participant confirms all answers."""
+        """Take the answer to the current question; after the last one the participant confirms all answers."""
         storage, now_s = self.state.storage, self.state.now_s
         assert storage.questionnaire_attempt is not None
         earlier = self._questions.earlier
