@@ -12,9 +12,9 @@ from avrgym.models.compliance import (
     MAX_DEPTH_M,
     TREMOR_STRENGTH_SHARE,
     contact_force_n,
+    effort_limit,
     impact_force_n,
     set_compliance,
-    torque_limit_n_m,
 )
 from avrgym.models.robot import PREFIX
 from avrgym.models.scene import TOOL
@@ -84,10 +84,10 @@ def test_motors_press_with_no_more_than_their_lead_nor_than_they_have(robot):
     scene = TASKS["Feeding"].scene(robot)
     model = Simulation(scene, 1, num_threads=1).model
     ranges = np.array([model.actuator(PREFIX + joint).forcerange for joint in scene.arm.joints])
-    limit = torque_limit_n_m(scene.arm, MAX_LEAD_RAD)
+    limit = effort_limit(scene.arm, MAX_LEAD_RAD)
     assert_allclose(ranges, np.stack([-limit, limit], axis=-1))
-    assert (limit <= scene.arm.torque_limit_n_m).all()
-    assert (limit <= MAX_LEAD_RAD * scene.arm.stiffness_n_m_rad).all()
+    assert (limit <= scene.arm.effort_limit).all()
+    assert (limit <= MAX_LEAD_RAD * scene.arm.stiffness).all()
 
 
 def test_who_trembles_presses_with_a_third_of_the_strength():

@@ -46,11 +46,11 @@ def any_chain() -> tuple[mujoco.MjModel, kinematics.Chain]:
 
 
 def within_ranges(rng: np.random.Generator, chain: kinematics.Chain, count: int = COUNT) -> np.ndarray:
-    return rng.uniform(chain.lower_rad, chain.upper_rad, (count, len(chain.pos)))
+    return rng.uniform(chain.lower, chain.upper, (count, len(chain.pos)))
 
 
 def seed_pose() -> np.ndarray:
-    return JACO.arms["right"].seed_pose_rad
+    return JACO.arms["right"].seed_pose
 
 
 def rotation_error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -145,7 +145,7 @@ def test_inverse_kinematics_inverts_forward_kinematics(rng, arm):
 def test_inverse_kinematics_without_target_rotation(rng, arm):
     pos, _ = kinematics.forward(arm, within_ranges(rng, arm))
     solution = kinematics.solve(arm, pos, None, np.tile(seed_pose(), (COUNT, 1)))
-    found_pos, _ = kinematics.forward(arm, solution.angles_rad)
+    found_pos, _ = kinematics.forward(arm, solution.joint_positions)
     assert np.mean(np.linalg.norm(found_pos - pos, axis=-1) < 1e-4) > 0.99
     assert_array_equal(solution.rotation_error_rad, 0.0)
 
@@ -154,11 +154,11 @@ def test_hinges_without_range_turn_freely(rng, any_chain):
     """They pass ±π on the way, and a start pose has them within ±π at the same pose."""
     _, chain = any_chain
     free = np.arange(8) % 2 == 0
-    assert_array_equal(np.isinf(chain.lower_rad), free)
-    assert_array_equal(np.isinf(chain.upper_rad), free)
-    angles = np.clip(rng.uniform(3.0, 3.3, (100, 8)), chain.lower_rad, chain.upper_rad)
+    assert_array_equal(np.isinf(chain.lower), free)
+    assert_array_equal(np.isinf(chain.upper), free)
+    angles = np.clip(rng.uniform(3.0, 3.3, (100, 8)), chain.lower, chain.upper)
     goal = angles + np.where(free, 0.2, 0.0)
-    found = kinematics.solve(chain, *kinematics.forward(chain, goal), angles, tolerance=1e-9).angles_rad
+    found = kinematics.solve(chain, *kinematics.forward(chain, goal), angles, tolerance=1e-9).joint_positions
     assert (found[:, free].max(axis=0) > np.pi).all()
     wrapped = kinematics.wrap_angles(chain, found)
     assert np.abs(wrapped[:, free]).max() <= np.pi
@@ -175,22 +175,22 @@ def test_a_few_iterations_follow_a_path(rng, arm):
         pos = pos + 0.01 * direction
         q = transforms.multiply(transforms.from_axis_angle(direction, np.full(64, np.radians(2.0))), q)
         solution = kinematics.solve(arm, pos, q, angles, iterations=3)
-        assert np.abs(solution.angles_rad - angles).max() < 0.3
+        assert np.abs(solution.joint_positions - angles).max() < 0.3
         assert solution.position_error_m.max() < 0.001
         assert solution.rotation_error_rad.max() < np.radians(0.5)
-        angles = solution.angles_rad
+        angles = solution.joint_positions
 
 
 def test_the_inverse_stays_where_it_already_is(rng, arm):
     angles = within_ranges(rng, arm, 100)
     solution = kinematics.solve(arm, *kinematics.forward(arm, angles), angles)
-    assert_array_equal(solution.angles_rad, angles)
+    assert_array_equal(solution.joint_positions, angles)
 
 
 def test_reported_errors_match_the_angles(rng, arm):
     pos, q = kinematics.forward(arm, within_ranges(rng, arm, 100))
     solution = kinematics.solve(arm, pos, q, within_ranges(rng, arm, 100), iterations=10)
-    found_pos, found_q = kinematics.forward(arm, solution.angles_rad)
+    found_pos, found_q = kinematics.forward(arm, solution.joint_positions)
     assert_allclose(np.linalg.norm(found_pos - pos, axis=-1), solution.position_error_m)
     assert_allclose(transforms.angle_between(found_q, q), solution.rotation_error_rad)
 
@@ -201,11 +201,11 @@ def test_angles_stay_within_the_ranges(rng, arm):
     start = rng.uniform(-10, 10, (200, 7))
     uniforms = rng.random((200, kinematics.restart_uniforms(7)))
     for angles in (
-        kinematics.solve(arm, pos, q, start).angles_rad,
+        kinematics.solve(arm, pos, q, start).joint_positions,
         kinematics.solve_with_restarts(arm, pos, q, seed_pose(), uniforms),
     ):
-        assert (angles >= arm.lower_rad).all()
-        assert (angles <= arm.upper_rad).all()
+        assert (angles >= arm.lower).all()
+        assert (angles <= arm.upper).all()
         assert np.isfinite(angles).all()
 
 
@@ -229,7 +229,7 @@ def test_rows_that_wait_for_others_have_the_same_bits_alone(rng, arm, precision)
     together = kinematics.solve(arm, pos, q, start, iterations=12, precision=precision)
     for rows in (slice(0, 1), slice(40, 49), slice(kinematics.BLOCK_ROWS - 9, None), slice(3, None, 97)):
         alone = kinematics.solve(arm, pos[rows], q[rows], start[rows], iterations=12, precision=precision)
-        assert_array_equal(alone.angles_rad, together.angles_rad[rows])
+        assert_array_equal(alone.joint_positions, together.joint_positions[rows])
         assert_array_equal(alone.position_error_m, together.position_error_m[rows])
         assert_array_equal(alone.rotation_error_rad, together.rotation_error_rad[rows])
 
@@ -239,13 +239,13 @@ def test_single_precision_is_good_for_a_tenth_of_a_millimetre(rng, arm):
     pos, q = kinematics.forward(arm, angles)
     start = angles + rng.uniform(-0.2, 0.2, angles.shape)
     solution = kinematics.solve(arm, pos, q, start, precision=np.float32)
-    found_pos, found_q = kinematics.forward(arm, solution.angles_rad)
+    found_pos, found_q = kinematics.forward(arm, solution.joint_positions)
     assert np.quantile(np.linalg.norm(found_pos - pos, axis=-1), 0.99) < 1e-4
     assert np.quantile(transforms.angle_between(found_q, q), 0.99) < 1e-3
     assert kinematics.is_accurate(solution).all()
-    assert solution.angles_rad.dtype == np.float64
-    assert (solution.angles_rad >= arm.lower_rad).all()
-    assert (solution.angles_rad <= arm.upper_rad).all()
+    assert solution.joint_positions.dtype == np.float64
+    assert (solution.joint_positions >= arm.lower).all()
+    assert (solution.joint_positions <= arm.upper).all()
 
 
 def reached(chain: kinematics.Chain, angles: np.ndarray, pos: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -257,7 +257,7 @@ def reached(chain: kinematics.Chain, angles: np.ndarray, pos: np.ndarray, q: np.
 def test_restarts_help_and_never_harm(rng, arm):
     """Whatever one search from the seed pose reaches, the search with restarts does; and it reaches more."""
     pos, q = kinematics.forward(arm, within_ranges(rng, arm, 2 * COUNT))
-    once = kinematics.solve(arm, pos, q, np.tile(seed_pose(), (2 * COUNT, 1))).angles_rad
+    once = kinematics.solve(arm, pos, q, np.tile(seed_pose(), (2 * COUNT, 1))).joint_positions
     uniforms = rng.random((2 * COUNT, kinematics.restart_uniforms(7)))
     with_restarts = kinematics.solve_with_restarts(arm, pos, q, seed_pose(), uniforms)
     before, after = reached(arm, once, pos, q), reached(arm, with_restarts, pos, q)
@@ -278,8 +278,8 @@ def chain_of_columns(origins: np.ndarray, axes: np.ndarray, half_range_rad: floa
         axis=axes,
         tip_pos=-origins[-1],
         tip_q=transforms.IDENTITY_QUATERNION,
-        lower_rad=np.full(count, -half_range_rad),
-        upper_rad=np.full(count, half_range_rad),
+        lower=np.full(count, -half_range_rad),
+        upper=np.full(count, half_range_rad),
     )
 
 
@@ -310,9 +310,9 @@ def test_equal_weights_do_not_matter_to_isotropy():
 def test_isotropy_with_limits_by_hand():
     """A pair of hinges at the ends of their ranges, the others free: one eigenvalue pair of J W Jᵀ is halved."""
     chain = cross_of_hinges(1.0)
-    lower, upper = chain.lower_rad.copy(), chain.upper_rad.copy()
+    lower, upper = chain.lower.copy(), chain.upper.copy()
     lower[4:], upper[4:] = 0.0, 1.0
-    limited = replace(chain, lower_rad=lower, upper_rad=upper)
+    limited = replace(chain, lower=lower, upper=upper)
     by_hand = (2.0**4 * 1.0**2) ** (1 / 6) / ((4 * 2.0 + 2 * 1.0) / 6)
     assert_allclose(kinematics.isotropy(limited, np.zeros((1, 6))), by_hand, rtol=1e-12)
 

@@ -26,12 +26,13 @@ def test_tool_motion_predicts_the_motion_of_actions(environment):
     (_, scene), random = task_and_scene(environment), np.random.default_rng(1)
     chain = placement.arm_chain(scene)
     joints = len(scene.arm.joints)
-    angles_rad = scene.arm.seed_pose_rad + random.uniform(-0.5, 0.5, (40, 3, joints))
+    joint_positions = scene.arm.seed_pose + random.uniform(-0.5, 0.5, (40, 3, joints))
     actions = random.uniform(-0.01, 0.01, (40, 3, joints))
-    predicted = ToolMotion(scene).per_action(angles_rad.astype(np.float32)).numpy() @ actions[..., None]
-    step_rad = actions * scene.arm.speed_limit_rad_s * CONTROL_STEP_S
+    predicted = ToolMotion(scene).per_action(joint_positions.astype(np.float32)).numpy() @ actions[..., None]
+    step = actions * scene.arm.speed_limit * CONTROL_STEP_S
     before, after = (
-        kinematics.forward(chain, rows.reshape(-1, joints)) for rows in (angles_rad, angles_rad + step_rad)
+        kinematics.forward(chain, rows.reshape(-1, joints))
+        for rows in (joint_positions, joint_positions + step)
     )
     turn = transforms.to_rotation_vector(transforms.multiply(after[1], transforms.conjugate(before[1])))
     moved = np.concatenate([(after[0] - before[0]) / UNIT_M, turn / UNIT_RAD], axis=-1)
@@ -41,7 +42,7 @@ def test_tool_motion_predicts_the_motion_of_actions(environment):
 
 def test_the_loss_weights_errors_by_the_motion_of_the_tool():
     _, scene = task_and_scene(ENVIRONMENT)
-    motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose_rad, np.float32))
+    motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose, np.float32))
     joints = len(scene.arm.joints)
     wanted = torch.zeros(joints)
     assert tool_loss(wanted, wanted, motion) == 0.0
@@ -55,7 +56,7 @@ def test_the_loss_weights_errors_by_the_motion_of_the_tool():
 
 def test_the_loss_of_an_error_falls_with_the_demonstrated_motion():
     _, scene = task_and_scene(ENVIRONMENT)
-    motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose_rad, np.float32))
+    motion = ToolMotion(scene).per_action(np.asarray(scene.arm.seed_pose, np.float32))
     wanted = torch.linspace(-0.5, 0.5, len(scene.arm.joints))
     wrong = torch.full_like(wanted, 0.01)
     length = float((motion @ wanted).square().sum().sqrt())
@@ -80,8 +81,8 @@ def test_a_rollout_contains_arm_angles_with_an_expert(monkeypatch):
     names = [entry.name for entry in entries.entries]
     end = int(entries.ends[names.index("arm_angles_rad")])
     joints = entries.entries[names.index("arm_angles_rad")].size
-    assert joined.arm_angles_rad is not None
-    assert_allclose(joined.arm_angles_rad, joined.observations[:-1, :, end - joints : end], atol=1e-6)
+    assert joined.joint_positions is not None
+    assert_allclose(joined.joint_positions, joined.observations[:-1, :, end - joints : end], atol=1e-6)
     assert joined.nbytes == sum(part.nbytes for part in parts)
     alone = roll_out(policy, RolloutRequest(place, 0, np.arange(2)))
-    assert alone.arm_angles_rad is None
+    assert alone.joint_positions is None

@@ -89,7 +89,7 @@ def test_robot_and_arm_move_each_other():
     pushed = felt > 1.0
     assert pushed.any()
     assert not pushed.all()
-    moved = np.abs(simulation.state().arm_angles_rad - before.arm_angles_rad).max(axis=1)
+    moved = np.abs(simulation.state().joint_positions - before.joint_positions).max(axis=1)
     for measured in (moved, held_off):
         assert (measured[pushed] > 0.005).all()
         assert (measured[~pushed] < 0.005).all()

@@ -53,7 +53,7 @@ def chain(model: mujoco.MjModel, side: Side) -> kinematics.Chain:
 
 
 def within_ranges(rng: np.random.Generator, chain: kinematics.Chain) -> np.ndarray:
-    return rng.uniform(chain.lower_rad, chain.upper_rad, (COUNT, 7))
+    return rng.uniform(chain.lower, chain.upper, (COUNT, 7))
 
 
 def raised(model: mujoco.MjModel, description: pr2_urdf.Description) -> float:
@@ -112,7 +112,7 @@ def test_right_and_left_mirror_each_other(rng, pose, chains):
     right, left = chains["right"], chains["left"]
     angles = {
         "random": (MIRROR * (lefts := within_ranges(rng, left)), lefts),
-        "seed": (PR2.arms["right"].seed_pose_rad[None], PR2.arms["left"].seed_pose_rad[None]),
+        "seed": (PR2.arms["right"].seed_pose[None], PR2.arms["left"].seed_pose[None]),
         "holding": tuple(
             np.array([[PR2.fixed_joints[joint] for joint in PR2.arms[side].joints]]) for side in SIDES
         ),
@@ -176,10 +176,10 @@ def test_ranges_and_limits_are_those_of_the_description(side, index, models, des
     actuator = models[side].actuator(joint)
     assert_allclose(models[side].joint(joint).range, bounds, rtol=1e-12)
     assert_allclose(actuator.actrange, bounds, rtol=1e-12)
-    speed = min(limits["velocity"], JACO.arms[side].speed_limit_rad_s[index])
+    speed = min(limits["velocity"], JACO.arms[side].speed_limit[index])
     assert_allclose(actuator.ctrlrange, np.array([-1, 1]) * speed)
     assert_allclose(actuator.forcerange, np.array([-1, 1]) * limits["effort"])
-    assert arm.speed_limit_rad_s[index] == speed
+    assert arm.speed_limit[index] == speed
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -190,11 +190,11 @@ def test_only_one_arm_moves(side, models):
 @pytest.mark.parametrize("side", SIDES)
 def test_the_servos_are_critically_damped_for_the_inertia_at_the_seed_pose(side, models):
     arm, model, data = PR2.arms[side], models[side], mujoco.MjData(models[side])
-    data.qpos[:] = arm.seed_pose_rad
+    data.qpos[:] = arm.seed_pose
     mujoco.mj_forward(model, data)
     inertia = np.zeros((7, 7))
     mujoco.mj_fullM(model, data, inertia)
-    assert_allclose(arm.inertia_kg_m2, np.diag(inertia), rtol=0.02)
+    assert_allclose(arm.inertia, np.diag(inertia), rtol=0.02)
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -203,8 +203,8 @@ def test_a_joint_follows_its_command_and_stops(side, index, models):
     """At full speed it lags 0.11 s or less; it does not swing past its target, and moves nothing else."""
     arm, model = PR2.arms[side], models[side]
     data = mujoco.MjData(model)
-    data.qpos[:], data.act[:] = arm.seed_pose_rad, arm.seed_pose_rad
-    data.ctrl[index] = arm.speed_limit_rad_s[index]
+    data.qpos[:], data.act[:] = arm.seed_pose, arm.seed_pose
+    data.ctrl[index] = arm.speed_limit[index]
     mujoco.mj_step(model, data, 80)
     assert data.act[index] - data.qpos[index] < 0.115 * data.ctrl[index]
     data.ctrl[index] = 0.0
@@ -224,7 +224,7 @@ def test_the_hand_reaches_all_around_from_the_seed_pose(rng, side, chains):
     out = np.array([1.0, -1.0 if side == "right" else 1.0, 1.0])
     pos = out * rng.uniform([0.5, 0.0, 0.7], [0.75, 0.4, 1.3], (100, 3))
     forwards = np.tile(transforms.IDENTITY_QUATERNION, (100, 1))
-    start = np.tile(PR2.arms[side].seed_pose_rad, (100, 1))
+    start = np.tile(PR2.arms[side].seed_pose, (100, 1))
     solution = kinematics.solve(chains[side], pos, forwards, start)
     assert solution.position_error_m.max() < kinematics.ACCURACY_M
     assert solution.rotation_error_rad.max() < kinematics.ACCURACY_RAD

@@ -68,13 +68,13 @@ def test_inverse_kinematics_is_the_inverse_of_forward(robot, rng):
     """From 0.3 rad away, poses well inside the ranges are found again."""
     arm = arm_of(robot)
     chain = chain_of(robot, arm)
-    middle, half = 0.5 * (chain.lower_rad + chain.upper_rad), 0.5 * (chain.upper_rad - chain.lower_rad)
+    middle, half = 0.5 * (chain.lower + chain.upper), 0.5 * (chain.upper - chain.lower)
     angles = middle + 0.8 * half * rng.uniform(-1.0, 1.0, (200, len(arm.joints)))
     pos, q = kinematics.forward(chain, angles)
     found = kinematics.solve(chain, pos, q, angles + rng.uniform(-0.3, 0.3, angles.shape), iterations=200)
     right = (found.position_error_m < 1e-3) & (found.rotation_error_rad < 1e-2)
     assert right.mean() > 0.97
-    again_pos, again_q = kinematics.forward(chain, found.angles_rad[right])
+    again_pos, again_q = kinematics.forward(chain, found.joint_positions[right])
     assert_allclose(again_pos, pos[right], atol=1e-3)
     turns = transforms.to_matrix(again_q) - transforms.to_matrix(q[right])
     assert np.abs(turns).max() < 1.5e-2
@@ -144,11 +144,11 @@ BROKEN = {
     "it has no grips": replace(UR5, grips={}),
     "unknown mounts 'sofa'; allowed: wheelchair, bed": replace(UR5, mounts={"sofa": UR5.mounts["bed"]}),
     "has 5 joints; allowed: 6 or more": replace(UR5, arms={"right": replace(ARM, joints=ARM.joints[:5])}),
-    r"seed_pose_rad of its right arm has shape \(7,\); allowed: \(6,\)": replace(
-        UR5, arms={"right": replace(ARM, seed_pose_rad=np.zeros(7))}
+    r"seed_pose of its right arm has shape \(7,\); allowed: \(6,\)": replace(
+        UR5, arms={"right": replace(ARM, seed_pose=np.zeros(7))}
     ),
-    "torque_limit_n_m of its right arm must be above 0": replace(
-        UR5, arms={"right": replace(ARM, torque_limit_n_m=np.zeros(6))}
+    "effort_limit of its right arm must be above 0": replace(
+        UR5, arms={"right": replace(ARM, effort_limit=np.zeros(6))}
     ),
     "base: its model has no 'floor'": replace(UR5, base="floor"),
     "end_effector of its right arm: its model has no 'paw'": replace(
@@ -158,7 +158,7 @@ BROKEN = {
         UR5, grips={"spoon": replace(UR5.grips["spoon"], fingers={"thumb": 0.0})}
     ),
     "outside the range of elbow": replace(
-        UR5, arms={"right": replace(ARM, seed_pose_rad=np.array([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))}
+        UR5, arms={"right": replace(ARM, seed_pose=np.array([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))}
     ),
 }
 

@@ -33,26 +33,26 @@ def test_ranges_and_limits_are_those_of_the_public_description(jaco, joint):
     limits = [jaco_xacro.number(f"{joint}_lower_limit"), jaco_xacro.number(f"{joint}_upper_limit")]
     assert_allclose(jaco.joint(joint).range, limits, rtol=1e-12)
     assert_allclose(jaco.actuator(joint).actrange, limits, rtol=1e-12)
-    assert ARM.speed_limit_rad_s[index] == pytest.approx(jaco_xacro.number(f"{joint}_velocity_limit"))
-    assert ARM.torque_limit_n_m[index] == jaco_xacro.number(f"{joint}_torque_limit")
-    assert_allclose(jaco.actuator(joint).ctrlrange, np.array([-1, 1]) * ARM.speed_limit_rad_s[index])
-    assert_allclose(jaco.actuator(joint).forcerange, np.array([-1, 1]) * ARM.torque_limit_n_m[index])
+    assert ARM.speed_limit[index] == pytest.approx(jaco_xacro.number(f"{joint}_velocity_limit"))
+    assert ARM.effort_limit[index] == jaco_xacro.number(f"{joint}_torque_limit")
+    assert_allclose(jaco.actuator(joint).ctrlrange, np.array([-1, 1]) * ARM.speed_limit[index])
+    assert_allclose(jaco.actuator(joint).forcerange, np.array([-1, 1]) * ARM.effort_limit[index])
 
 
 def test_the_seed_pose_lies_within_the_ranges(jaco):
     ranges = np.stack([jaco.joint(joint).range for joint in ARM.joints])
-    assert (ARM.seed_pose_rad > ranges[:, 0]).all()
-    assert (ARM.seed_pose_rad < ranges[:, 1]).all()
+    assert (ARM.seed_pose > ranges[:, 0]).all()
+    assert (ARM.seed_pose < ranges[:, 1]).all()
 
 
 def test_the_servos_are_critically_damped_for_the_inertia_at_the_seed_pose(feeding_scene):
     model = robot_with_tool(feeding_scene, appearance=False).compile()
     data = mujoco.MjData(model)
-    data.qpos[:] = ARM.seed_pose_rad
+    data.qpos[:] = ARM.seed_pose
     mujoco.mj_forward(model, data)
     inertia = np.zeros((7, 7))
     mujoco.mj_fullM(model, data, inertia)
-    assert_allclose(ARM.inertia_kg_m2, np.diag(inertia), rtol=0.02)
+    assert_allclose(ARM.inertia, np.diag(inertia), rtol=0.02)
     stiffness, damping = model.actuator_gainprm[:, 0], -model.actuator_biasprm[:, 2]
     assert_allclose(damping / (2 * np.sqrt(stiffness * np.diag(inertia))), 1.0, rtol=0.02)
 

@@ -54,9 +54,7 @@ def build(text: str) -> mujoco.MjSpec:
 
 
 def arm_of(text: str) -> Arm:
-    return tuned_arm(
-        lambda _: build(text), JOINTS, "link_6", np.zeros(6), speed_limit_rad_s=1.0, torque_limit_n_m=5.0
-    )
+    return tuned_arm(lambda _: build(text), JOINTS, "link_6", np.zeros(6), speed_limit=1.0, effort_limit=5.0)
 
 
 def robot_of(text: str, arm: Arm) -> Robot:

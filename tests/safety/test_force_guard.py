@@ -25,7 +25,7 @@ class Driven(NamedTuple):
     before: FloatArray
     after: FloatArray
     retracting: BoolArray
-    angles_rad: FloatArray
+    joint_positions: FloatArray
     output: FloatArray
 
 
@@ -49,7 +49,7 @@ def drive(asked: Asked, *, guarded: bool, steps: int = 40, worlds: int = WORLDS)
                 simulation.command_robot(guard.output, changed)
             simulation.step(1)
             after = share(simulation.region_force_n())
-            ticks.append((before, after, guard.retracting, simulation.arm_angles_rad(), guard.output))
+            ticks.append((before, after, guard.retracting, simulation.joint_positions(), guard.output))
         episodes.evaluate_step(action)
     return Driven(*(np.stack(each) for each in zip(*ticks, strict=True)))
 
@@ -92,13 +92,13 @@ def test_without_high_forces_it_changes_no_bit(pushed):
     without, guarded = pushed
     spared = ~guarded.retracting.any(axis=0)
     assert guarded.after[:, spared].any()
-    assert guarded.angles_rad[:, spared].tobytes() == without.angles_rad[:, spared].tobytes()
+    assert guarded.joint_positions[:, spared].tobytes() == without.joint_positions[:, spared].tobytes()
 
 
 def test_each_world_has_the_same_bits_alone(pushed):
     alone = drive(at_the_person, guarded=True, worlds=1)
     assert alone.retracting.any()
-    assert alone.angles_rad[:, 0].tobytes() == pushed[1].angles_rad[:, 0].tobytes()
+    assert alone.joint_positions[:, 0].tobytes() == pushed[1].joint_positions[:, 0].tobytes()
 
 
 def test_it_retracts_along_the_path_of_the_arm(pushed):
@@ -107,8 +107,8 @@ def test_it_retracts_along_the_path_of_the_arm(pushed):
     for world in np.nonzero(guarded.retracting.any(axis=0))[0]:
         ticks = np.nonzero(guarded.retracting[:, world])[0]
         for tick in ticks:
-            way = guarded.angles_rad[:tick, world]
-            off = np.abs(way - guarded.angles_rad[tick, world]).max(axis=-1).min()
+            way = guarded.joint_positions[:tick, world]
+            off = np.abs(way - guarded.joint_positions[tick, world]).max(axis=-1).min()
             assert off < 5 * WAYPOINT_RAD
         assert (np.abs(guarded.output[ticks, world]) <= 1.0).all()
 
@@ -119,10 +119,10 @@ def test_an_arm_without_a_path_stands_still():
     guard = ForceGuard(simulation)
     guard.retracting[:] = True
     simulation.region_force_n = lambda: QUASI_STATIC_LIMIT_N[None]
-    start = simulation.arm_angles_rad()
+    start = simulation.joint_positions()
     for _ in range(30):
         episodes.step(guard.begin_step(np.ones((1, 7))))
-    assert np.abs(simulation.arm_angles_rad() - start).max() < WAYPOINT_RAD
+    assert np.abs(simulation.joint_positions() - start).max() < WAYPOINT_RAD
 
 
 def test_a_reset_clears_the_path(pushed):
@@ -134,5 +134,5 @@ def test_a_reset_clears_the_path(pushed):
     guard.reset(np.array([0]))
     assert not guard.retracting.any()
     assert not guard.interventions.any()
-    angles = episodes.simulation.arm_angles_rad()
-    assert (guard._path_rad == angles[:, None]).all()
+    angles = episodes.simulation.joint_positions()
+    assert (guard._path == angles[:, None]).all()

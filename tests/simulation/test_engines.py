@@ -87,7 +87,7 @@ def test_worlds_go_the_same_way_while_tools_touch_people(
 ) -> None:
     touched = np.zeros(3, dtype=bool)
     for step in step_both(*scratched, 5):
-        assert step.angles_rad < 2e-4
+        assert step.joint_positions < 2e-4
         np.testing.assert_allclose(step.warp.force_on_person_n, step.threads.force_on_person_n, atol=0.05)
         np.testing.assert_allclose(step.warp.observation, step.threads.observation, atol=0.05)
         touched |= step.threads.force_on_person_n > 0.5

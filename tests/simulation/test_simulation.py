@@ -127,10 +127,10 @@ def test_a_moving_person_goes_where_the_targets_are():
 
 def test_without_an_action_the_arm_holds():
     episodes = reset_episodes(8)
-    before = episodes.simulation.state().arm_angles_rad
+    before = episodes.simulation.state().joint_positions
     for _ in range(20):
         episodes.step(np.zeros((8, 7)))
-    assert_allclose(episodes.simulation.state().arm_angles_rad, before, atol=1e-3)
+    assert_allclose(episodes.simulation.state().joint_positions, before, atol=1e-3)
 
 
 def test_the_arm_stops_within_half_a_second_of_full_speed(rng):
@@ -142,22 +142,22 @@ def test_the_arm_stops_within_half_a_second_of_full_speed(rng):
     simulation = episodes.simulation
     free = [not _robot_touches(simulation.model, simulation.batch.get_data(world)) for world in range(8)]
     assert sum(free) >= 6
-    before = simulation.state().arm_angles_rad
+    before = simulation.state().joint_positions
     for _ in range(5):
         episodes.step(np.zeros((8, 7)))
-    assert_allclose(simulation.state().arm_angles_rad[free], before[free], atol=0.01)
+    assert_allclose(simulation.state().joint_positions[free], before[free], atol=0.01)
 
 
 def test_joints_move_as_fast_as_they_are_told():
     """After half a second, each within 15 % of its speed."""
     episodes = reset_episodes(1, person=Person())
-    limit = episodes.scene.arm.speed_limit_rad_s
+    limit = episodes.scene.arm.speed_limit
     command = np.array([[0.5, -0.5, 0.5, 0.5, -0.5, 0.5, 0.5]])
     for _ in range(5):
         episodes.step(command)
-    before = episodes.simulation.state().arm_angles_rad
+    before = episodes.simulation.state().joint_positions
     episodes.step(command)
-    moved = episodes.simulation.state().arm_angles_rad - before
+    moved = episodes.simulation.state().joint_positions - before
     assert_allclose(moved / 0.1, command * limit, atol=0.15 * 0.5 * limit.max())
 
 
@@ -174,7 +174,7 @@ def test_no_joint_is_much_faster_than_its_limit(rng):
         if tick % 5 == 0:
             episodes.command(action)
         simulation.step(2)
-        speed = (np.abs(velocity[:, joints]) / episodes.scene.arm.speed_limit_rad_s).max(axis=1)
+        speed = (np.abs(velocity[:, joints]) / episodes.scene.arm.speed_limit).max(axis=1)
         for world in range(worlds):
             if _robot_touches(model, simulation.batch.get_data(world)):
                 last_touch[world] = tick
@@ -245,11 +245,11 @@ def pressed(scene) -> Simulation:
     start = placement.placed_start(scene, who, bowl, tool, level, tool[:, None], level[:, None], uniforms)
     simulation.reset(np.array([0]), start)
     for _ in range(8):
-        now = simulation.state().arm_angles_rad
+        now = simulation.state().joint_positions
         _, _, jacobian = kinematics.jacobian(placement.arm_chain(scene), now)
         ahead = transforms.rotate(transforms.conjugate(start.robot_q_w[0]), [0.0, 0.06, 0.0])
         rates = np.linalg.pinv(jacobian[0]) @ np.concatenate([ahead, np.zeros(3)])
-        simulation.command_robot((rates / scene.arm.speed_limit_rad_s)[None])
+        simulation.command_robot((rates / scene.arm.speed_limit)[None])
         simulation.step()
     return simulation
 

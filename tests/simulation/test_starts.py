@@ -61,7 +61,7 @@ def test_a_start_without_overlap_is_that_of_the_first_draw(environment):
     )
     first = new.start_draws == 1
     assert first.sum() > 15
-    for of in (Episodes.observe, Episodes.marks_w, lambda e: e.simulation.arm_angles_rad()):
+    for of in (Episodes.observe, Episodes.marks_w, lambda e: e.simulation.joint_positions()):
         assert_array_equal(of(old)[first], of(new)[first])
 
 

@@ -29,10 +29,10 @@ def test_a_brake_holds_more_than_its_motor_gives(environment: str) -> None:
     simulation, arm = episodes.simulation, episodes.scene.arm
     dofs = [simulation.model.joint(robot.PREFIX + joint).dofadr[0] for joint in arm.joints]
     simulation.brake_robot()
-    stopped_rad = simulation.arm_angles_rad()
-    simulation.batch.bind("qfrc_applied")[:, dofs] = 2.0 * arm.torque_limit_n_m
+    stopped_rad = simulation.joint_positions()
+    simulation.batch.bind("qfrc_applied")[:, dofs] = 2.0 * arm.effort_limit
     simulation.step(round(1.0 / PHYSICS_STEP_S))
-    assert_allclose(simulation.arm_angles_rad(), stopped_rad, rtol=0.0, atol=2e-3)
+    assert_allclose(simulation.joint_positions(), stopped_rad, rtol=0.0, atol=2e-3)
 
 
 @pytest.mark.parametrize("environment", ["avrgym/FeedingPR2-v1", "avrgym/DrinkingJaco-v1"])

@@ -48,7 +48,7 @@ def crowded_state(rng: np.random.Generator, joints: int, particles: int) -> Stat
     ends[:, 0, 1] = ends[:, 0, 0]  # a ball
     return State(
         robot_pos_w=around(rng),
-        arm_angles_rad=rng.uniform(-3.0, 3.0, (WORLDS, joints)),
+        joint_positions=rng.uniform(-3.0, 3.0, (WORLDS, joints)),
         tool_pos_w=around(rng),
         tool_q_w=rotations(rng),
         pad_pos_w=around(rng),

@@ -256,10 +256,10 @@ def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
     simulation.reset(np.array([0]), replace(start, placed_pos_w={"nightstand": start.robot_pos_w}))
     task_state, pressed_n = fresh(), 0.0
     for _ in range(6):
-        _, _, jacobian = kinematics.jacobian(placement.arm_chain(scene), simulation.arm_angles_rad())
+        _, _, jacobian = kinematics.jacobian(placement.arm_chain(scene), simulation.joint_positions())
         velocity = transforms.rotate(transforms.conjugate(start.robot_q_w[0]), 0.04 * down)
         rates = np.linalg.pinv(jacobian[0]) @ np.concatenate([velocity, np.zeros(3)])
-        simulation.command_robot((rates / scene.arm.speed_limit_rad_s)[None])
+        simulation.command_robot((rates / scene.arm.speed_limit)[None])
         simulation.step()
         seen = simulation.state()
         task_state, pressed_n = (
@@ -387,7 +387,7 @@ def test_worlds_are_evaluated_independently():
 def test_the_observation_has_the_documented_order():
     """Tool − torso, tool rotation, arm angles, shoulder, elbow and wrist − torso, force at the tool."""
     tool_q = transforms.normalize([[1.0, 2.0, 3.0, 4.0]])
-    seen = state(arm_angles_rad=np.arange(7.0)[None], tool_q_w=tool_q, tool_force_n=np.array([9.0]))
+    seen = state(joint_positions=np.arange(7.0)[None], tool_q_w=tool_q, tool_force_n=np.array([9.0]))
     torso = seen.robot_pos_w[0]
     expected = np.concatenate(
         [FAR_AWAY - torso, tool_q[0], np.arange(7.0), SHOULDER - torso, ELBOW - torso, WRIST - torso, [9.0]]

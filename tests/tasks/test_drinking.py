@@ -287,7 +287,7 @@ def test_the_observation_has_the_documented_order():
     """Tool − torso, tool rotation, tool − mouth, arm angles, head − torso, head rotation, force at the tool."""
     tool_q, head_q = transforms.normalize([[1.0, 2, 3, 4]]), transforms.normalize([[4.0, 3, 2, 1]])
     seen = state(
-        arm_angles_rad=np.arange(7.0)[None], tool_q_w=tool_q, head_q_w=head_q, tool_force_n=np.array([9.0])
+        joint_positions=np.arange(7.0)[None], tool_q_w=tool_q, head_q_w=head_q, tool_force_n=np.array([9.0])
     )
     torso = seen.robot_pos_w[0]
     expected = np.concatenate(

@@ -237,7 +237,7 @@ def test_the_observation_has_the_documented_order():
         transforms.normalize([[4.0, 3.0, 2.0, 1.0]]),
     )
     seen = state(
-        arm_angles_rad=np.arange(7.0)[None], tool_q_w=tool_q, head_q_w=head_q, tool_force_n=np.array([9.0])
+        joint_positions=np.arange(7.0)[None], tool_q_w=tool_q, head_q_w=head_q, tool_force_n=np.array([9.0])
     )
     base = seen.robot_pos_w[0]
     expected = np.concatenate(

@@ -37,7 +37,7 @@ def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
     assert isinstance(patient, SwingsInFront)
     out_w, _ = surface(episodes.task_state, limb_frame(episodes.state(), episodes.task_state)[1])
     assert np.all(faces_in(out_w, SWINGS[robot].inwards, SWINGS[robot].not_down) == 1.0)
-    way_rad, swung = np.array(SWINGS[robot].displacement_rad), []
+    way_rad, swung = np.array(SWINGS[robot].displacement), []
     for _ in range(60):
         observation = episodes.observe()
         action = patient(observation)

@@ -78,7 +78,7 @@ def test_actions_are_shares_of_the_joints_speeds(start):
     action = planner.action_toward(planner.pos_w + 1.0, planner.q_w, 10.0, 10.0)
     assert np.abs(action).max() <= 1.0 + 1e-12
     far = MotionPlanner(start)
-    assert_allclose(np.abs(far.action_to(far.angles_rad + np.linspace(-3.0, 3.0, 7))).max(axis=-1), 1.0)
+    assert_allclose(np.abs(far.action_to(far.joint_positions + np.linspace(-3.0, 3.0, 7))).max(axis=-1), 1.0)
 
 
 def test_servo_targets_stay_near_a_blocked_arm(start):
@@ -87,21 +87,21 @@ def test_servo_targets_stay_near_a_blocked_arm(start):
     target, q_w = nearby(planner, (0.0, 0.3, 0.0), 0.0)
     for _ in range(20):
         planner.action_toward(target, q_w, 0.2, 0.5)
-    ahead = np.abs(planner.angles_rad - start.simulation.state().arm_angles_rad).max()
-    one_step = start.scene.arm.speed_limit_rad_s.max() * CONTROL_STEP_S
+    ahead = np.abs(planner.joint_positions - start.simulation.state().joint_positions).max()
+    one_step = start.scene.arm.speed_limit.max() * CONTROL_STEP_S
     assert 0.05 < ahead <= MAX_LEAD_RAD + one_step + 1e-9
 
 
 def test_a_swing_arrives_at_its_angles_with_the_tool_level():
     episodes = reset_episodes()
     planner = MotionPlanner(episodes)
-    target = planner.angles_rad + np.array([0.3, 0.1, -0.2, 0.2, 0.3, 0.2, 0.4])
+    target = planner.joint_positions + np.array([0.3, 0.1, -0.2, 0.2, 0.3, 0.2, 0.4])
     target = planner.angles_at(planner.pose(target)[0], planner.q_w, target)
     for _ in range(40):
         episodes.step(planner.action_to(planner.joint_step(target, 0.3, np.radians(10.0))))
         z_w = transforms.rotate(planner.q_w, [0.0, 0.0, 1.0])
         assert np.degrees(np.arccos(z_w[:, 2])).max() < 11.0
-    assert_allclose(episodes.simulation.state().arm_angles_rad, target, atol=0.01)
+    assert_allclose(episodes.simulation.state().joint_positions, target, atol=0.01)
 
 
 def test_found_angles_have_the_pose(start):

@@ -173,7 +173,7 @@ def test_a_dry_run_without_room_names_environment_body_and_what_is_in_the_way(
 
 
 def test_colliding_poses_are_detected(monkeypatch: pytest.MonkeyPatch) -> None:
-    seed = JACO.arms["right"].seed_pose_rad
+    seed = JACO.arms["right"].seed_pose
     random = np.random.default_rng(0).uniform(-np.pi, np.pi, (20, len(seed)))
     clear = is_collision_free("Feeding", JACO, np.array([seed, *random]))
     assert clear[0]

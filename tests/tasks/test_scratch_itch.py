@@ -179,7 +179,7 @@ def test_the_reward_is_the_weighted_sum():
 
 def test_the_observation_has_the_documented_order():
     tool_q = transforms.normalize([[1.0, 2.0, 3.0, 4.0]])
-    seen = state(arm_angles_rad=np.arange(7.0)[None], tool_q_w=tool_q, tool_force_n=np.array([9.0]))
+    seen = state(joint_positions=np.arange(7.0)[None], tool_q_w=tool_q, tool_force_n=np.array([9.0]))
     torso, tool = seen.robot_pos_w[0], seen.tool_pos_w[0]
     joints = [place - torso for place in (SHOULDER, ELBOW, WRIST)]
     expected = np.concatenate(

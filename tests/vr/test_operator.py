@@ -62,8 +62,8 @@ def test_the_hand_never_exceeds_its_limits_nor_do_the_joints(environment: str) -
         for _ in range(40):
             action = hand.action(*rng.choice([-1.0, 0.0, 1.0], (2, 3)))
             assert np.abs(action).max() <= 1.0 + 1e-12
-            j = jacobian(hand.chain, episodes.simulation.arm_angles_rad())[2][0]
-            velocity = j @ (action * episodes.scene.arm.speed_limit_rad_s)
+            j = jacobian(hand.chain, episodes.simulation.joint_positions())[2][0]
+            velocity = j @ (action * episodes.scene.arm.speed_limit)
             assert np.linalg.norm(velocity[:3]) <= SPEED_LIMIT_M_S + 1e-9
             assert np.linalg.norm(velocity[3:]) <= TURN_LIMIT_RAD_S + 1e-9
             episodes.step(action[None])

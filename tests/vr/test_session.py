@@ -86,7 +86,7 @@ class Replica:
             act=[self.model.actuator(name).actadr[0] for name in arm],
             ctrl=[self.model.actuator(name).id for name in arm],
             dof=[self.model.joint(name).dofadr[0] for name in arm],
-            brake_n_m=HOLDING_FACTOR * episodes.scene.arm.torque_limit_n_m,
+            brake_n_m=HOLDING_FACTOR * episodes.scene.arm.effort_limit,
         )
         self._person = [self.model.actuator(human.PREFIX + name).id for name in human.JOINTS]
         assert episodes.scene.tool.particles is not None

@@ -39,7 +39,7 @@ class Chain:
         pos, q: body of each hinge in the previous body at angle zero, (J, 3) and (J, 4).
         axis: hinge axes in the body (J, 3).
         tip_pos, tip_q: tip in the last body, (3,) and (4,).
-        lower_rad, upper_rad: joint ranges (J,), infinite for continuous joints.
+        lower, upper: joint ranges (J,), infinite for continuous joints.
     """
 
     pos: FloatArray
@@ -47,8 +47,8 @@ class Chain:
     axis: FloatArray
     tip_pos: FloatArray
     tip_q: FloatArray
-    lower_rad: FloatArray
-    upper_rad: FloatArray
+    lower: FloatArray
+    upper: FloatArray
 
     @cached_property
     def links(self) -> tuple[tuple[list[float], list[list[float]]], ...]:
@@ -104,36 +104,36 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
         raise ValueError(f"the hinges from {base!r} to {tip!r} are {names}, not {tuple(joints)}")
     # What was gathered after a hinge belongs before the next one; the last piece is the tip.
     before = [(pos, q), *((p, r) for _, p, r in segments[:-1])]
-    ranges = np.stack([_range_rad(model, name) for name in joints])
+    ranges = np.stack([_range(model, name) for name in joints])
     return Chain(
         pos=np.stack([p for p, _ in before]),
         q=np.stack([r for _, r in before]),
         axis=np.stack([model.joint(name).axis for name in joints]),
         tip_pos=segments[-1][1],
         tip_q=segments[-1][2],
-        lower_rad=ranges[:, 0],
-        upper_rad=ranges[:, 1],
+        lower=ranges[:, 0],
+        upper=ranges[:, 1],
     )
 
 
-def _range_rad(model: mujoco.MjModel, joint: str) -> FloatArray:
+def _range(model: mujoco.MjModel, joint: str) -> FloatArray:
     limited = model.jnt_limited[model.joint(joint).id]
     return model.joint(joint).range if limited else np.array([-np.inf, np.inf])
 
 
-def forward(chain: Chain, angles_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+def forward(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Tip positions (N, 3) and quaternions (N, 4), w ≥ 0, in the base frame for angles (N, J)."""
-    poses = _poses(chain, rows_last(angles_rad))
+    poses = _poses(chain, rows_last(joint_positions))
     return rows_first(poses.tip), transforms.from_matrix(rows_first(poses.columns))
 
 
-def jacobian(chain: Chain, angles_rad: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def jacobian(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Tip pose and geometric Jacobian in the base frame.
 
     Returns:
         Positions (N, 3), quaternions (N, 4) and J (N, 6, J): rows 0–2 m/rad, rows 3–5 rad/rad.
     """
-    poses = _poses(chain, rows_last(angles_rad))
+    poses = _poses(chain, rows_last(joint_positions))
     q = transforms.from_matrix(rows_first(poses.columns))
     return rows_first(poses.tip), q, rows_first(_jacobian(poses))
 
@@ -143,40 +143,40 @@ def reach_m(chain: Chain) -> float:
     return float(sum(transforms.norm(offset) for offset, _ in chain.links[1:]))
 
 
-def wrap_angles(chain: Chain, angles_rad: FloatArray) -> FloatArray:
+def wrap_angles(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     """Angles (..., J) with continuous joints wrapped to ±π."""
-    free = ~np.isfinite(chain.upper_rad)
-    return np.where(free, np.mod(angles_rad + np.pi, 2.0 * np.pi) - np.pi, angles_rad)
+    free = ~np.isfinite(chain.upper)
+    return np.where(free, np.mod(joint_positions + np.pi, 2.0 * np.pi) - np.pi, joint_positions)
 
 
 LIMIT_MARGIN = 0.05
 WEIGHT_FLOOR = 0.001
 
 
-def limit_weights(chain: Chain, angles_rad: FloatArray) -> FloatArray:
+def limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     """Joint-limit weights (N, J) for angles (N, J): 0.5 at a limit, 1 far from both and for continuous joints.
 
     The minimum of 0.001 applies outside the range. With half the range r and the lower limit l (Kapusta and Kemp,
     "Task-centric optimization of configurations for assistive robots", Autonomous Robots 43, 2019): w = 1 − 0.5^((r −
     |r − q + l|) / (0.05 r) + 1).
     """
-    limited = np.isfinite(chain.upper_rad)
-    lower, upper = np.where(limited, chain.lower_rad, -1.0), np.where(limited, chain.upper_rad, 1.0)
+    limited = np.isfinite(chain.upper)
+    lower, upper = np.where(limited, chain.lower, -1.0), np.where(limited, chain.upper, 1.0)
     half = 0.5 * (upper - lower)
-    margins = (half - np.abs(half - angles_rad + lower)) / (LIMIT_MARGIN * half)
+    margins = (half - np.abs(half - joint_positions + lower)) / (LIMIT_MARGIN * half)
     bounded = np.maximum(margins, -1.0)  # the floor holds from there on; powers of less would overflow
     return np.where(limited, np.maximum(1.0 - elementary.power(0.5, bounded + 1.0), WEIGHT_FLOOR), 1.0)
 
 
-def isotropy(chain: Chain, angles_rad: FloatArray) -> FloatArray:
+def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     """Joint-limit-weighted kinematic isotropy (N,) of angles (N, J): 0 at singularities, at most 1.
 
     Geometric mean divided by arithmetic mean of the eigenvalues of J W Jᵀ, in metres and radians: det(J W Jᵀ)^(1/6) /
     (trace(J W Jᵀ) / 6), W = diag(``limit_weights``). Kapusta and Kemp (Autonomous Robots 43, 2019), after the kinematic
     isotropy of Kim and Khosla (IROS 1991).
     """
-    j = _jacobian(_poses(chain, rows_last(angles_rad)))
-    square = weighted_square(j, rows_last(limit_weights(chain, angles_rad)))
+    j = _jacobian(_poses(chain, rows_last(joint_positions)))
+    square = weighted_square(j, rows_last(limit_weights(chain, joint_positions)))
     trace = reduce(np.add, diagonal(square))
     gaussian_elimination(square)
     determinant = reduce(np.multiply, np.maximum(diagonal(square), 0.0))
@@ -187,7 +187,7 @@ def isotropy(chain: Chain, angles_rad: FloatArray) -> FloatArray:
 class Solution:
     """Angles (N, J) and residual errors: metres (N,) and radians (N,), 0 for an error without a target."""
 
-    angles_rad: FloatArray
+    joint_positions: FloatArray
     position_error_m: FloatArray
     rotation_error_rad: FloatArray
 
@@ -204,7 +204,7 @@ def solve(
     chain: Chain,
     target_pos: FloatArray,
     target_q: FloatArray | None,
-    start_rad: FloatArray,
+    start: FloatArray,
     *,
     iterations: int = MAX_ITERATIONS,
     tolerance: float = 1e-4,
@@ -221,16 +221,16 @@ def solve(
         chain: the arm.
         target_pos: (N, 3) in the base frame, metres.
         target_q: (N, 4), or None for any rotation.
-        start_rad: (N, J), the angles to start from.
+        start: (N, J), the angles to start from.
         iterations: how many steps at most, none of them larger than 0.5 rad in any joint.
         tolerance: a row stops moving when its weighted error is below this many metres.
         precision: of the calculation; ``numpy.float32`` takes half the time, with errors up to 0.1 mm.
     """
     target, metres_per_radian = _target(target_pos, target_q)
-    target, limits = target.astype(precision), np.stack([chain.lower_rad, chain.upper_rad]).astype(precision)
-    angles = np.clip(rows_last(start_rad).astype(precision), *limits[..., None])
-    left, steps = np.empty((2, len(start_rad))), np.zeros(len(start_rad), dtype=int)
-    rows, waiting = np.split(np.arange(len(start_rad)), [BLOCK_ROWS])
+    target, limits = target.astype(precision), np.stack([chain.lower, chain.upper]).astype(precision)
+    angles = np.clip(rows_last(start).astype(precision), *limits[..., None])
+    left, steps = np.empty((2, len(start))), np.zeros(len(start), dtype=int)
+    rows, waiting = np.split(np.arange(len(start)), [BLOCK_ROWS])
     while len(rows):
         now = angles.take(rows, axis=-1)
         poses = _poses(chain, now)
@@ -242,7 +242,7 @@ def solve(
         angles[:, rows] = after[:, going]
         steps[rows] += 1
         rows, waiting = np.concatenate([rows, waiting[:done]]), waiting[done:]
-    found = np.clip(rows_first(angles), chain.lower_rad, chain.upper_rad)
+    found = np.clip(rows_first(angles), chain.lower, chain.upper)
     return Solution(found, left[0], left[1] / METRES_PER_RADIAN)
 
 
@@ -257,7 +257,7 @@ def restart_uniforms(joints: int) -> int:
 
 
 def solve_with_restarts(
-    chain: Chain, target_pos: FloatArray, target_q: FloatArray, seed_rad: FloatArray, uniforms: FloatArray
+    chain: Chain, target_pos: FloatArray, target_q: FloatArray, seed_pose: FloatArray, uniforms: FloatArray
 ) -> FloatArray:
     """Angles (N, J) for targets (N, 3) and (N, 4), from one seed pose (J,), then from random poses up to 1 rad around
     it.
@@ -265,15 +265,15 @@ def solve_with_restarts(
     A row keeps the first solution within 5 mm and 0.05 rad, or else the best one. ``uniforms`` (N,
     ``restart_uniforms(J)``) draw the restarts. Continuous joints are wrapped to ±π.
     """
-    best = solve(chain, target_pos, target_q, np.tile(seed_rad, (len(target_pos), 1)))
+    best = solve(chain, target_pos, target_q, np.tile(seed_pose, (len(target_pos), 1)))
     for restart in range(RESTARTS):
         rows = np.nonzero(~is_accurate(best))[0]
         if not len(rows):
             break
-        spread = uniforms[rows, restart * len(seed_rad) : (restart + 1) * len(seed_rad)]
-        start = seed_rad + RESTART_SPREAD_RAD * (2.0 * spread - 1.0)
+        spread = uniforms[rows, restart * len(seed_pose) : (restart + 1) * len(seed_pose)]
+        start = seed_pose + RESTART_SPREAD_RAD * (2.0 * spread - 1.0)
         best = keep_better(best, solve(chain, target_pos[rows], target_q[rows], start), rows)
-    return wrap_angles(chain, best.angles_rad)
+    return wrap_angles(chain, best.joint_positions)
 
 
 def is_accurate(solution: Solution) -> BoolArray:
@@ -286,8 +286,8 @@ def keep_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
     cost = new.position_error_m + METRES_PER_RADIAN * new.rotation_error_rad
     old_cost = old.position_error_m[rows] + METRES_PER_RADIAN * old.rotation_error_rad[rows]
     improved = rows[cost < old_cost]
-    merged = Solution(old.angles_rad.copy(), old.position_error_m.copy(), old.rotation_error_rad.copy())
-    for name in ("angles_rad", "position_error_m", "rotation_error_rad"):
+    merged = Solution(old.joint_positions.copy(), old.position_error_m.copy(), old.rotation_error_rad.copy())
+    for name in ("joint_positions", "position_error_m", "rotation_error_rad"):
         getattr(merged, name)[improved] = getattr(new, name)[cost < old_cost]
     return merged
 

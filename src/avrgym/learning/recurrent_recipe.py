@@ -48,7 +48,7 @@ TEACHER_FILE, INITIAL_FILE = "teacher.safetensors", "initial.safetensors"
 class ArmDemonstration(Demonstration):
     """A demonstration (T, N, ...) with the angles of the arm's joints, (T, N, J)."""
 
-    arm_angles_rad: Float32Array
+    joint_positions: Float32Array
 
 
 def given_policies(configuration: RecurrentConfiguration) -> dict[str, Policy]:
@@ -176,9 +176,9 @@ class RecurrentRecipe:
         rollout = roll_out(self._policy(0.0 if self._teacher is None else self._teacher.action_std), request)
         if self._initial is None:
             self._normaliser.update_observations(rollout)
-        assert rollout.arm_angles_rad is not None
+        assert rollout.joint_positions is not None
         self._demonstrations.append(
-            ArmDemonstration(rollout.observations[:-1], rollout.actions, rollout.arm_angles_rad)
+            ArmDemonstration(rollout.observations[:-1], rollout.actions, rollout.joint_positions)
         )
         self._fit(random, last=number == configuration.imitation_updates - 1)
         return _results("imitation", rollout, ~expert_drives)
@@ -244,9 +244,9 @@ class RecurrentRecipe:
 
     def _fit(self, random: np.random.Generator, *, last: bool) -> None:
         """Lower the error of the tool in all demonstrations; longer in the last round."""
-        observed, actions, angles_rad = (
+        observed, actions, joint_positions = (
             self._demonstrations.joined(name, axis=1)
-            for name in ("observations", "actions", "arm_angles_rad")
+            for name in ("observations", "actions", "joint_positions")
         )
         observations, actions = (
             torch.as_tensor(each) for each in (self._normaliser.normalize_obs(observed), actions)
@@ -260,7 +260,7 @@ class RecurrentRecipe:
         schedule = ExponentialLR(optimizer, decay ** (1.0 / steps))
         for _ in range(steps):
             columns = random.integers(actions.shape[1], size=RECURRENT.imitation_sequences)
-            targets = [actions[:, columns], self._tool_motion.per_action(angles_rad[:, columns])]
+            targets = [actions[:, columns], self._tool_motion.per_action(joint_positions[:, columns])]
             fit(
                 self._network,
                 optimizer,

@@ -86,7 +86,7 @@ class Rollout:
     ``observations`` (T + 1, n, O) are not normalised; the last one follows the last step. ``actions`` (T, n, J) are
     the policy's before clipping, or the expert's. ``rewards`` (T, n) contain the request's penalties. Per episode
     (n,), always on the host: the sum of the task's own rewards, success, and mean force on the person. The others are
-    tensors where the worlds are on a device. ``arm_angles_rad`` (T, n, J), before each step, are stored with an expert.
+    tensors where the worlds are on a device. ``joint_positions`` (T, n, J), before each step, exist with an expert.
     """
 
     observations: Any
@@ -95,7 +95,7 @@ class Rollout:
     episode_return: FloatArray
     success: BoolArray
     episode_force_n: FloatArray
-    arm_angles_rad: Float32Array | None = None
+    joint_positions: Float32Array | None = None
 
     @classmethod
     def joined(cls, parts: list["Rollout"]) -> "Rollout":
@@ -151,11 +151,11 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
     expert = None if request.expert_drives is None else _expert_for(policies[0], request, worlds)
     returns = force_n = xp.zeros(count, dtype=xp.float64, device=first.device)
     success: Any = None
-    arm_angles_rad: list[FloatArray] = []
+    joint_positions: list[FloatArray] = []
     for number in range(EPISODE_STEPS):
         action = robot.act(number)
         if expert is not None:
-            arm_angles_rad.append(worlds.simulation.arm_angles_rad())
+            joint_positions.append(worlds.simulation.joint_positions())
             expert_action = worlds.loop.apply_withdrawal(np.clip(expert(worlds.observe()), -1.0, 1.0))
             robot.actions[-1] = expert_action.astype(np.float32)
             assert request.expert_drives is not None
@@ -179,7 +179,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
     results = to_numpy(returns), to_numpy(success), to_numpy(force_n)
     rollouts = [agent.rollout(*results) for agent in (robot, *humans)]
     if expert is not None:
-        rollouts[0] = replace(rollouts[0], arm_angles_rad=np.stack(arm_angles_rad).astype(np.float32))
+        rollouts[0] = replace(rollouts[0], joint_positions=np.stack(joint_positions).astype(np.float32))
     return rollouts
 
 

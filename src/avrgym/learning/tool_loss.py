@@ -31,19 +31,19 @@ class ToolMotion:
 
     def __init__(self, scene: SceneConfig) -> None:
         self._chain = arm_chain(scene)
-        self._reach_rad = scene.arm.speed_limit_rad_s * CONTROL_STEP_S
+        self._reach = scene.arm.speed_limit * CONTROL_STEP_S
 
-    def per_action(self, arm_angles_rad: Float32Array) -> Tensor:
+    def per_action(self, joint_positions: Float32Array) -> Tensor:
         """The tool's motion in a control step (..., 6, J) for action 1 of each joint of arms at angles (..., J).
 
         Rows 0–2 are translations along x, y and z of the robot's base in ``UNIT_M``, rows 3–5 rotations in
         ``UNIT_RAD``.
         """
-        joints = arm_angles_rad.shape[-1]
-        _, _, per_rad = jacobian(self._chain, arm_angles_rad.reshape(-1, joints).astype(np.float64))
+        joints = joint_positions.shape[-1]
+        _, _, per_rad = jacobian(self._chain, joint_positions.reshape(-1, joints).astype(np.float64))
         units = np.repeat([UNIT_M, UNIT_RAD], 3)[:, None]
-        per_action = (per_rad * self._reach_rad / units).astype(np.float32)
-        return torch.as_tensor(per_action.reshape(*arm_angles_rad.shape[:-1], 6, joints))
+        per_action = (per_rad * self._reach / units).astype(np.float32)
+        return torch.as_tensor(per_action.reshape(*joint_positions.shape[:-1], 6, joints))
 
 
 def tool_loss(actions: Tensor, demonstrated: Tensor, per_action: Tensor) -> Tensor:

@@ -115,7 +115,7 @@ def limit_contact_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: fl
             set_compliance(geom)
         elif geom.name.startswith(robot.PREFIX) and geom.priority:  # parameters of such tools take precedence
             set_compliance(geom, SOFT_TISSUE if geom.condim == 1 else WASHCLOTH_PAD)
-    for joint, torque in zip(arm.joints, torque_limit_n_m(arm, lead_rad), strict=True):
+    for joint, torque in zip(arm.joints, effort_limit(arm, lead_rad), strict=True):
         spec.actuator(robot.PREFIX + joint).forcerange = [-torque, torque]
 
 
@@ -135,9 +135,9 @@ def set_compliance(geom: mujoco.MjsGeom, compliance: ContactCompliance = SOFT_TI
     geom.solmix = _DOMINANT_MIX
 
 
-def torque_limit_n_m(arm: Arm, lead_rad: float) -> FloatArray:
+def effort_limit(arm: Arm, lead_rad: float) -> FloatArray:
     """Torque limits (J,): the servo's spring torque at ``lead_rad``, or the motor's own limit if that is lower."""
-    return np.minimum(arm.torque_limit_n_m, lead_rad * arm.stiffness_n_m_rad)
+    return np.minimum(arm.effort_limit, lead_rad * arm.stiffness)
 
 
 def person_torque_limit_n_m(strength_n_m: FloatArray, tremor_rad: FloatArray) -> FloatArray:

@@ -30,24 +30,28 @@ Furniture = Callable[[mujoco.MjSpec, bool], None]
 class Arm:
     """A robot arm. See ``tuned_arm`` for values that can be computed.
 
+    Joints are hinges or slides; the model defines their types and ranges. Units follow from the type: radians and N·m
+    for hinges, metres and N for slides.
+
     Attributes:
-        joints: names of the J hinges from base to hand, at least six, each with a range.
+        joints: names of the J joints from base to hand, at least six, each with a range.
         end_effector: body that holds tools.
-        speed_limit_rad_s: speed limits (J,).
-        torque_limit_n_m: motor torque limits (J,).
-        stiffness_n_m_rad: servo stiffness (J,).
-        inertia_kg_m2: inertia at the seed pose, motor included (J,). The servo's damping follows from it.
-        seed_pose_rad: start pose of the inverse kinematics (J,), with free space around it.
+        speed_limit: speed limits (J,), rad/s or m/s.
+        effort_limit: limits of motor torque or force (J,), N·m or N.
+        stiffness: servo stiffness (J,), N·m/rad or N/m.
+        inertia: inertia or mass at the seed pose, motor included (J,), kg·m² or kg. The servo's damping follows from
+            it.
+        seed_pose: joint positions (J,) where the inverse kinematics starts, rad or m, with free space around it.
         finger_prefix: prefix of the hand's joint names.
     """
 
     joints: tuple[str, ...]
     end_effector: str
-    speed_limit_rad_s: FloatArray
-    torque_limit_n_m: FloatArray
-    stiffness_n_m_rad: FloatArray
-    inertia_kg_m2: FloatArray
-    seed_pose_rad: FloatArray
+    speed_limit: FloatArray
+    effort_limit: FloatArray
+    stiffness: FloatArray
+    inertia: FloatArray
+    seed_pose: FloatArray
     finger_prefix: str = ""
 
 
@@ -147,7 +151,7 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
     """The robot alone, with collision bits, a velocity servo on each joint of the arm, and all other joints fixed.
 
     The servo integrates its command into a target angle within the joint's range. It acts like a spring of
-    ``stiffness_n_m_rad`` with critical damping at the seed pose, within the motor's torque. MuJoCo's own damping ratio
+    ``stiffness`` with critical damping at the seed pose, within the motor's torque. MuJoCo's own damping ratio
     refers to angle zero, where the folded arm has a fifth of the inertia, and would overshoot.
     """
     spec = robot.build(appearance)
@@ -265,10 +269,10 @@ def tuned_arm(
     build: Callable[[bool], mujoco.MjSpec],
     joints: Sequence[str],
     end_effector: str,
-    seed_pose_rad: ArrayLike,
+    seed_pose: ArrayLike,
     *,
-    speed_limit_rad_s: ArrayLike,
-    torque_limit_n_m: ArrayLike,
+    speed_limit: ArrayLike,
+    effort_limit: ArrayLike,
     finger_prefix: str = "",
 ) -> Arm:
     """An arm with servo gains computed from its inertia at the seed pose.
@@ -277,9 +281,9 @@ def tuned_arm(
         build: returns the robot's model, as in ``Robot``.
         joints: names of the J hinges, from base to hand.
         end_effector: body that holds tools.
-        seed_pose_rad: start pose of the inverse kinematics (J,).
-        speed_limit_rad_s: (J,) or one value; limited to ``MAX_JOINT_SPEED_RAD_S``.
-        torque_limit_n_m: (J,) or one value.
+        seed_pose: start pose of the inverse kinematics (J,).
+        speed_limit: (J,) or one value; limited to ``MAX_JOINT_SPEED_RAD_S``.
+        effort_limit: (J,) or one value.
         finger_prefix: see ``Arm``.
 
     Raises:
@@ -294,9 +298,9 @@ def tuned_arm(
     seed, speed, torque = (
         _per_joint(name, values, len(joints))
         for name, values in (
-            ("seed_pose_rad", seed_pose_rad),
-            ("speed_limit_rad_s", speed_limit_rad_s),
-            ("torque_limit_n_m", torque_limit_n_m),
+            ("seed_pose", seed_pose),
+            ("speed_limit", speed_limit),
+            ("effort_limit", effort_limit),
         )
     )
     fix_joints(spec, joints, {})
@@ -311,11 +315,11 @@ def tuned_arm(
     return Arm(
         joints=tuple(joints),
         end_effector=end_effector,
-        speed_limit_rad_s=np.minimum(speed, MAX_JOINT_SPEED_RAD_S),
-        torque_limit_n_m=torque,
-        stiffness_n_m_rad=SERVO_FREQUENCY_RAD_S**2 * turned,
-        inertia_kg_m2=turned,
-        seed_pose_rad=seed,
+        speed_limit=np.minimum(speed, MAX_JOINT_SPEED_RAD_S),
+        effort_limit=torque,
+        stiffness=SERVO_FREQUENCY_RAD_S**2 * turned,
+        inertia=turned,
+        seed_pose=seed,
         finger_prefix=finger_prefix,
     )
 
@@ -328,10 +332,8 @@ def _per_joint(name: str, values: ArrayLike, count: int) -> FloatArray:
 
 
 def _add_servos(spec: mujoco.MjSpec, arm: Arm) -> None:
-    damping = 2.0 * np.sqrt(arm.stiffness_n_m_rad * arm.inertia_kg_m2)
-    limits = zip(
-        arm.joints, arm.speed_limit_rad_s, arm.torque_limit_n_m, arm.stiffness_n_m_rad, damping, strict=True
-    )
+    damping = 2.0 * np.sqrt(arm.stiffness * arm.inertia)
+    limits = zip(arm.joints, arm.speed_limit, arm.effort_limit, arm.stiffness, damping, strict=True)
     for joint, speed, torque, kp, kv in limits:
         actuator = spec.add_actuator(
             name=joint,

@@ -23,7 +23,7 @@ class CartesianController:
         joints = [robot.PREFIX + joint for joint in scene.arm.joints]
         ends = robot.PREFIX + scene.robot.base, robot.PREFIX + scene.arm.end_effector
         self.chain = chain_of(simulation.model, joints, *ends)
-        self._simulation, self._speed_limit = simulation, scene.arm.speed_limit_rad_s
+        self._simulation, self._speed_limit = simulation, scene.arm.speed_limit
 
     def action(self, linear: FloatArray, angular: FloatArray) -> FloatArray:
         """The action (A,) for a velocity of the hand, scaled down to the speed limits of joints and hand.
@@ -36,9 +36,9 @@ class CartesianController:
         _, q_wb = (pose[0] for pose in self._simulation.robot_base())
         velocity_w = _shortened(linear) * SPEED_LIMIT_M_S, _shortened(angular) * TURN_LIMIT_RAD_S
         velocity_b = np.concatenate([transforms.rotate(transforms.conjugate(q_wb), v) for v in velocity_w])
-        j: FloatArray = jacobian(self.chain, self._simulation.arm_angles_rad()[:1])[2][0]
-        speeds_rad_s = j.T @ np.linalg.solve(j @ j.T + DAMPING**2 * np.eye(6), velocity_b)
-        shares, reached = speeds_rad_s / self._speed_limit, j @ speeds_rad_s
+        j: FloatArray = jacobian(self.chain, self._simulation.joint_positions()[:1])[2][0]
+        speeds = j.T @ np.linalg.solve(j @ j.T + DAMPING**2 * np.eye(6), velocity_b)
+        shares, reached = speeds / self._speed_limit, j @ speeds
         excess = (
             np.abs(shares).max(),
             np.linalg.norm(reached[:3]) / SPEED_LIMIT_M_S,

@@ -51,18 +51,18 @@ def _check_arm(side: str, arm: Arm) -> Iterator[str]:
     if count < MIN_JOINTS:
         yield f"its {side} arm has {count} joints; allowed: {MIN_JOINTS} or more"
     for name in (
-        "speed_limit_rad_s",
-        "torque_limit_n_m",
-        "stiffness_n_m_rad",
-        "inertia_kg_m2",
-        "seed_pose_rad",
+        "speed_limit",
+        "effort_limit",
+        "stiffness",
+        "inertia",
+        "seed_pose",
     ):
         values = np.asarray(getattr(arm, name))
         if values.shape != (count,):
             yield f"{name} of its {side} arm has shape {values.shape}; allowed: ({count},), a number for each joint"
         elif not np.isfinite(values).all():
             yield f"{name} of its {side} arm is not finite"
-        elif name != "seed_pose_rad" and not (values > 0.0).all():
+        elif name != "seed_pose" and not (values > 0.0).all():
             yield f"{name} of its {side} arm must be above 0"
 
 
@@ -120,10 +120,10 @@ def _check_compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
 def _ways(side: str, arm: Arm, way: kinematics.Chain) -> Iterator[str]:
     if (reach_m := kinematics.reach_m(way)) > MAX_REACH_M:
         yield f"its {side} arm reaches {reach_m:.2f} m; allowed: {MAX_REACH_M} m"
-    turns = np.maximum(np.abs(way.lower_rad), np.abs(way.upper_rad))
+    turns = np.maximum(np.abs(way.lower), np.abs(way.upper))
     for joint, turn in zip(arm.joints, turns, strict=True):
         if turn > MAX_JOINT_ANGLE_RAD + 1e-9:
             yield f"{joint} needs a range; allowed: within two turns, −2π to 2π"
-    outside = (arm.seed_pose_rad < way.lower_rad) | (arm.seed_pose_rad > way.upper_rad)
+    outside = (arm.seed_pose < way.lower) | (arm.seed_pose > way.upper)
     for joint in np.array(arm.joints)[outside]:
         yield f"the seed pose of its {side} arm is outside the range of {joint}"

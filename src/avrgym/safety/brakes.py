@@ -19,20 +19,20 @@ class Brakes:
     def __init__(self, batch: Batch, arm: Arm) -> None:
         model = batch.get_model(0)
         self._dofs = np.array([model.joint(PREFIX + joint).dofadr[0] for joint in arm.joints])
-        self._torque_n_m = HOLDING_FACTOR * arm.torque_limit_n_m
+        self._effort = HOLDING_FACTOR * arm.effort_limit
         self._default_solver = int(model.opt.solver), float(model.opt.tolerance)
-        self._friction_n_m = batch.expand("dof_frictionloss")
+        self._friction = batch.expand("dof_frictionloss")
         self._disabled_actuators = batch.expand("opt.disableactuator")
         self._solver, self._tolerance = batch.expand("opt.solver"), batch.expand("opt.tolerance")
 
     def engage(self) -> None:
         """Stop the arms and hold them, with the motors off."""
         self._disabled_actuators[:] = 1 << MOTOR_GROUP
-        self._friction_n_m[:, self._dofs] = self._torque_n_m
+        self._friction[:, self._dofs] = self._effort
         self._solver[:], self._tolerance[:] = mujoco.mjtSolver.mjSOL_NEWTON, SOLVER_TOLERANCE
 
     def release(self) -> None:
         """Let the arms move."""
         self._disabled_actuators[:] = 0
-        self._friction_n_m[:, self._dofs] = 0.0
+        self._friction[:, self._dofs] = 0.0
         self._solver[:], self._tolerance[:] = self._default_solver

@@ -38,28 +38,28 @@ class ForceGuard(PerWorldState):
 
     STATE = (
         "output", "retracting", "holding", "interventions", "_pressed", "_commanded", "_force_n",
-        "_path_rad", "_path_end", "_path_start",
+        "_path", "_path_end", "_path_start",
     )  # fmt: skip
 
     def __init__(self, simulation: Simulation) -> None:
         """Guard the arms of a simulation that measures forces by region (``by_region``)."""
         self._simulation = simulation
-        self._travel_rad = PHYSICS_STEP_S * simulation.scene.arm.speed_limit_rad_s
+        self._travel = PHYSICS_STEP_S * simulation.scene.arm.speed_limit
         self._approach = ApproachSpeedMonitor(simulation, GUARD_SHARE * QUASI_STATIC_LIMIT_N)
-        angles = simulation.arm_angles_rad()
+        angles = simulation.joint_positions()
         worlds = len(angles)
         self.output = np.zeros_like(angles)
         self.retracting, self.holding, self._pressed = (np.zeros(worlds, dtype=bool) for _ in range(3))
         self.interventions = np.zeros(worlds, dtype=np.intp)
         self._commanded, self._force_n = self.output, np.zeros((worlds, len(BODY_REGIONS)))
-        self._path_rad = np.repeat(angles[:, None], WAYPOINTS, axis=1)
+        self._path = np.repeat(angles[:, None], WAYPOINTS, axis=1)
         self._path_end, self._path_start = np.ones(worlds, dtype=np.intp), np.zeros(worlds, dtype=np.intp)
 
     def reset(self, ids: IntArray) -> None:
         """Start episodes in worlds ``ids`` (n,), from their present state."""
         self._approach.reset(ids)
         self._clear(ids)
-        self._path_rad[ids] = self._simulation.arm_angles_rad()[ids, None]
+        self._path[ids] = self._simulation.joint_positions()[ids, None]
         self._path_end[ids] = 1
 
     @property
@@ -122,18 +122,18 @@ class ForceGuard(PerWorldState):
 
     def _store_waypoints(self) -> None:
         """Store the angles of arms that do not retract, unless they are near their latest waypoint."""
-        angles = self._simulation.arm_angles_rad()
+        angles = self._simulation.joint_positions()
         rows = np.arange(len(angles))
-        latest = self._path_rad[rows, (self._path_end - 1) % WAYPOINTS]
+        latest = self._path[rows, (self._path_end - 1) % WAYPOINTS]
         moved = ~self.retracting & (np.abs(angles - latest).max(axis=-1) >= WAYPOINT_RAD)
-        self._path_rad[rows[moved], self._path_end[moved] % WAYPOINTS] = angles[moved]
+        self._path[rows[moved], self._path_end[moved] % WAYPOINTS] = angles[moved]
         self._path_end = self._path_end + moved
         self._path_start = np.maximum(self._path_start, self._path_end - WAYPOINTS)
 
     def _retract(self) -> FloatArray:
         """Actions (N, A) to the latest waypoint, as fast as the joints move; waypoints that are reached are deleted."""
-        waypoint = self._path_rad[np.arange(len(self._path_end)), (self._path_end - 1) % WAYPOINTS]
-        steps = (waypoint - self._simulation.arm_targets_rad()) / self._travel_rad
+        waypoint = self._path[np.arange(len(self._path_end)), (self._path_end - 1) % WAYPOINTS]
+        steps = (waypoint - self._simulation.joint_targets()) / self._travel
         most = np.abs(steps).max(axis=-1)
         reached = self.retracting & (most <= 1.0) & (self._path_end - 1 > self._path_start)
         self._path_end = self._path_end - reached

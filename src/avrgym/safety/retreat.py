@@ -77,7 +77,7 @@ class Retreat:
         joints = [model.joint(robot.PREFIX + name) for name in simulation.scene.arm.joints]
         self._dofs = np.array([joint.dofadr[0] for joint in joints])
         limited = np.array([model.jnt_limited[joint.id] for joint in joints], bool)
-        self._range_rad = np.where(limited[:, None], [joint.range for joint in joints], [-np.inf, np.inf])
+        self._range = np.where(limited[:, None], [joint.range for joint in joints], [-np.inf, np.inf])
         self._links, self._hand = (_moved_by(model, joint.id) for joint in (joints[0], joints[-1]))
         self._person = {model.geom(human.PREFIX + name).id for name in human.GEOMS}
         self._obstacles = [*self._person, *np.flatnonzero(model.geom_contype == FURNITURE.contype).tolist()]
@@ -95,8 +95,7 @@ class Retreat:
             return None
         self._steps += 1
         return (
-            self._speeds_rad_s(self._desired_velocity_w(near), near)
-            / self._simulation.scene.arm.speed_limit_rad_s
+            self._speeds(self._desired_velocity_w(near), near) / self._simulation.scene.arm.speed_limit
         )
 
     def _is_clear(self, near: NearGaps) -> bool:
@@ -115,19 +114,19 @@ class Retreat:
             away = away + max(0.0, 2.0 - 2.0 * near.gap_m[nearest] / self._free_m) * near.away_w[nearest]
         return SPEED_M_S * _unit(away)
 
-    def _speeds_rad_s(self, velocity_w: FloatArray, near: NearGaps) -> FloatArray:
+    def _speeds(self, velocity_w: FloatArray, near: NearGaps) -> FloatArray:
         """The joint speeds (J,) closest to a tool velocity without rotation, within the limits of gaps and joint
         ranges.
         """
         jacobian = self._jacobian(self._tool, self._data.xpos[self._tool])
         jacobian[3:] *= ROTATION_LEVER_M
-        angles_rad, joints = self._simulation.arm_angles_rad()[self._world], np.eye(len(self._dofs))
-        down_rad, up_rad = angles_rad - self._range_rad[:, 0], self._range_rad[:, 1] - angles_rad
+        positions, joints = self._simulation.joint_positions()[self._world], np.eye(len(self._dofs))
+        down, up = positions - self._range[:, 0], self._range[:, 1] - positions
         rows = np.concatenate([near.rows, joints, -joints])
-        room = np.concatenate([near.gap_m - MIN_GAP_M, down_rad, up_rad])
+        room = np.concatenate([near.gap_m - MIN_GAP_M, down, up])
         least = -np.clip(room / BRAKING_TIME_S, 0.0, 10.0)
         speeds = _solved(jacobian, np.concatenate([velocity_w, np.zeros(3)]), rows, least)
-        limit = self._simulation.scene.arm.speed_limit_rad_s
+        limit = self._simulation.scene.arm.speed_limit
         excess = np.abs(speeds / limit).max(), np.linalg.norm(jacobian[:3] @ speeds) / SPEED_M_S
         return speeds / max(1.0, *excess)
 

@@ -58,7 +58,7 @@ class BaseChoice:
 
     index: IntArray
     base: BasePoses
-    angles_rad: FloatArray
+    joint_positions: FloatArray
     reached: BoolArray
     scores: Scores
 
@@ -78,7 +78,7 @@ def search(
     start_q_w: FloatArray,
     goal_pos_w: FloatArray,
     goal_q_w: FloatArray | None,
-    seed_rad: FloatArray,
+    seed_pose: FloatArray,
 ) -> BaseChoice:
     """Returns the best candidates: those that reach the start pose, then most goals, then with the highest isotropy.
 
@@ -94,33 +94,33 @@ def search(
         start_q_w: (n, 4).
         goal_pos_w: (n, G, 3), positions that it should reach from there.
         goal_q_w: (n, G, 4), or None for any rotation.
-        seed_rad: (J,), initial angles of the search for the start pose.
+        seed_pose: (J,), initial angles of the search for the start pose.
     """
     count, per_world = len(candidates.yaw_rad), candidates.yaw_rad.shape[1]
     bases = BasePoses(candidates.pos_w.reshape(-1, 3), candidates.yaw_rad.reshape(-1))
     world = np.repeat(np.arange(count), per_world)
     pos, q = _point_from(bases, start_pos_w[world]), _rotation_from(bases, start_q_w[world])
-    arms = _solve_starts(chain, pos, q, seed_rad, per_world)
+    arms = _solve_starts(chain, pos, q, seed_pose, per_world)
     scores = _score(chain, bases, world, arms, goal_pos_w, goal_q_w)
     index = _merit(scores, goal_pos_w.shape[1]).reshape(count, per_world).argmax(axis=-1)
     best = index + per_world * np.arange(count)
-    arm = kinematics.solve(chain, pos[best], q[best], arms.angles_rad[best])
+    arm = kinematics.solve(chain, pos[best], q[best], arms.joint_positions[best])
     return BaseChoice(
         index=index,
         base=_rows(bases, best),
-        angles_rad=kinematics.wrap_angles(chain, arm.angles_rad),
+        joint_positions=kinematics.wrap_angles(chain, arm.joint_positions),
         reached=kinematics.is_accurate(arm),
         scores=Scores(**{name: score.reshape(count, per_world) for name, score in vars(scores).items()}),
     )
 
 
 def _solve_starts(
-    chain: Chain, pos: FloatArray, q: FloatArray, seed_rad: FloatArray, per_world: int
+    chain: Chain, pos: FloatArray, q: FloatArray, seed_pose: FloatArray, per_world: int
 ) -> Solution:
     """Solve for arm angles (n C,) at start poses in the candidates' frames, ``per_world`` rows for each world."""
-    seeds = np.tile(seed_rad, (len(pos), 1))
+    seeds = np.tile(seed_pose, (len(pos), 1))
     arms = _solve_within_reach(chain, pos, q, seeds, START_ITERATIONS, START_TOLERANCE_M)
-    around = seed_rad + kinematics.RESTART_SPREAD_RAD * _evenly_spread(RESTARTS * per_world, len(seed_rad))
+    around = seed_pose + kinematics.RESTART_SPREAD_RAD * _evenly_spread(RESTARTS * per_world, len(seed_pose))
     for starts in around.reshape(RESTARTS, per_world, -1):
         reached = kinematics.is_accurate(arms).reshape(-1, per_world)
         few = reached.sum(axis=-1, keepdims=True) < MIN_REACHING_CANDIDATES
@@ -156,7 +156,7 @@ def _score(
     reached = kinematics.is_accurate(arms)
     rows = np.nonzero(reached)[0]
     goals_reached, isotropy = np.zeros(len(reached), dtype=np.intp), np.zeros(len(reached))
-    at, angles = _rows(bases, rows), arms.angles_rad[rows]
+    at, angles = _rows(bases, rows), arms.joint_positions[rows]
     isotropy[rows] = kinematics.isotropy(chain, angles)
     for goal in range(goal_pos_w.shape[1]):
         goal_q = None if goal_q_w is None else goal_q_w[world[rows], goal]
@@ -170,17 +170,17 @@ def _score(
 def _arrive(
     chain: Chain,
     bases: BasePoses,
-    angles_rad: FloatArray,
+    joint_positions: FloatArray,
     goal_pos_w: FloatArray,
     goal_q_w: FloatArray | None,
 ) -> tuple[BoolArray, FloatArray]:
     """Which arms (N,) reach their goal from these angles, and the isotropy there, 0 for the others."""
     pos = _point_from(bases, goal_pos_w)
     q = None if goal_q_w is None else _rotation_from(bases, goal_q_w)
-    arms = _solve_within_reach(chain, pos, q, angles_rad, GOAL_ITERATIONS, GOAL_TOLERANCE_M)
+    arms = _solve_within_reach(chain, pos, q, joint_positions, GOAL_ITERATIONS, GOAL_TOLERANCE_M)
     arrived = (arms.position_error_m < GOAL_ACCURACY_M) & (arms.rotation_error_rad < GOAL_ACCURACY_RAD)
     isotropy = np.zeros(len(pos))
-    isotropy[arrived] = kinematics.isotropy(chain, arms.angles_rad[arrived])
+    isotropy[arrived] = kinematics.isotropy(chain, arms.joint_positions[arrived])
     return arrived, isotropy
 
 
@@ -194,7 +194,7 @@ def _solve_within_reach(
     chain: Chain,
     pos: FloatArray,
     q: FloatArray | None,
-    start_rad: FloatArray,
+    start: FloatArray,
     iterations: int,
     tolerance: float,
 ) -> Solution:
@@ -202,11 +202,11 @@ def _solve_within_reach(
     beyond_m = norm(pos - chain.pos[0]) - kinematics.reach_m(chain)
     rows = np.nonzero(beyond_m <= 0.0)[0]
     found = kinematics.solve(
-        chain, pos[rows], None if q is None else q[rows], start_rad[rows],
+        chain, pos[rows], None if q is None else q[rows], start[rows],
         iterations=iterations, tolerance=tolerance, precision=np.float32,
     )  # fmt: skip
-    angles, position_error, rotation_error = start_rad.copy(), beyond_m, np.full(len(pos), np.pi)
-    angles[rows] = found.angles_rad
+    angles, position_error, rotation_error = start.copy(), beyond_m, np.full(len(pos), np.pi)
+    angles[rows] = found.joint_positions
     position_error[rows], rotation_error[rows] = found.position_error_m, found.rotation_error_rad
     return Solution(angles, position_error, rotation_error)
 

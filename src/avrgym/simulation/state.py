@@ -32,7 +32,7 @@ class State(RightArm):
     """
 
     robot_pos_w: FloatArray
-    arm_angles_rad: FloatArray
+    joint_positions: FloatArray
     effector_velocity_w: FloatArray
     tool_velocity_w: FloatArray
     tool_pos_w: FloatArray
@@ -67,5 +67,5 @@ class Start:
     people: People
     robot_pos_w: FloatArray
     robot_q_w: FloatArray
-    arm_angles_rad: FloatArray
+    joint_positions: FloatArray
     placed_pos_w: Mapping[str, FloatArray]

@@ -112,7 +112,7 @@ class Simulation:
         self._segment_w: Any = moved_to(np.zeros((*geoms, 3)), self.exemplar)
         self._capsule_m: Any = moved_to(np.zeros(geoms), self.exemplar)
         self._body_pos, self._body_quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
-        self._speed_limit = scene.arm.speed_limit_rad_s
+        self._speed_limit = scene.arm.speed_limit
         self._brakes = Brakes(self.batch, scene.arm) if self.engine.name == THREADS else None
         self._region_forces = RegionForceSensors(self.model, self._now.sensordata) if by_region else None
 
@@ -132,8 +132,8 @@ class Simulation:
         self._person.write(ids, start.people)
         self.batch.set_const(ids)
         self._person.make_contacts_compliant(ids)
-        host.qpos[np.ix_(ids, names.arm_qpos)] = start.arm_angles_rad
-        host.act[np.ix_(ids, names.arm_act)] = start.arm_angles_rad
+        host.qpos[np.ix_(ids, names.arm_qpos)] = start.joint_positions
+        host.act[np.ix_(ids, names.arm_act)] = start.joint_positions
         if self.moving:
             host.qpos[np.ix_(ids, names.person_qpos)] = start.people.joint_angles_rad
             if self._gliding:
@@ -182,11 +182,11 @@ class Simulation:
             self._brakes.release()
         at = self._at
         if which is None:
-            self._now.act[:, at.arm_act] = self.arm_targets_rad()
+            self._now.act[:, at.arm_act] = self.joint_targets()
             self._now.ctrl[:, at.arm_ctrl] = self._speed(action)
         else:
             rows = np.nonzero(which)[0][:, None]
-            self._now.act[rows, self._names.arm_act] = self.arm_targets_rad()[which]
+            self._now.act[rows, self._names.arm_act] = self.joint_targets()[which]
             self._now.ctrl[rows, self._names.arm_ctrl] = self._speed(action[which])
 
     def _speed(self, action: FloatArray) -> FloatArray:
@@ -246,7 +246,7 @@ class Simulation:
         tool_contact_force_n, total_force_n = norm(by_tool[..., :3]), _added_up(norm(by_robot))
         return State(
             robot_pos_w=float_copy(now.xpos[:, at.robot_torso]),
-            arm_angles_rad=self.arm_angles_rad(),
+            joint_positions=self.joint_positions(),
             effector_velocity_w=float_copy(sensors[:, at.effector_velocity]),
             tool_velocity_w=float_copy(sensors[:, at.tool_velocity]),
             tool_pos_w=float_copy(now.xpos[:, at.tool]),
@@ -300,13 +300,13 @@ class Simulation:
         """Returns the positions (N, 3) of the furniture that every episode places, by body, world frame."""
         return {name: self._body_pos[:, body].copy() for name, body in self._names.placed.items()}
 
-    def arm_angles_rad(self) -> FloatArray:
+    def joint_positions(self) -> FloatArray:
         """Returns the joint angles of the arm, (N, J)."""
         return self._now.qpos[:, self._at.arm_qpos]
 
-    def arm_targets_rad(self) -> FloatArray:
+    def joint_targets(self) -> FloatArray:
         """Returns the targets of the arm's servos, (N, J), at most ``MAX_LEAD_RAD`` from the joint angles."""
-        angles, targets = self.arm_angles_rad(), self._now.act[:, self._at.arm_act]
+        angles, targets = self.joint_positions(), self._now.act[:, self._at.arm_act]
         return namespace(targets).clip(targets, angles - MAX_LEAD_RAD, angles + MAX_LEAD_RAD)
 
     def controls(self) -> FloatArray:

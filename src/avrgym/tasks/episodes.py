@@ -144,7 +144,7 @@ class Episodes:
             self.task.init_state(self.people, np.zeros((num_worlds, self.task.num_uniforms))), there
         )
         self._device_actions = DeviceActions(num_worlds, self.action_size, there) if on_device else None
-        self._arm_start_rad = np.zeros((num_worlds, len(self.scene.arm.joints)))
+        self._start_positions = np.zeros((num_worlds, len(self.scene.arm.joints)))
         self.start_draws = np.zeros(num_worlds, dtype=int)
         """Number of draws (N,) until the present episodes had a valid start."""
         self.loop = ControlLoop(self, force_guard=force_guard, withdraw_after_success=withdraw_after_success)
@@ -161,7 +161,7 @@ class Episodes:
             "loop": self.loop.saved(),
             "task_state": self.task_state,
             "start_draws": self.start_draws,
-            "arm_start_rad": self._arm_start_rad,
+            "arm_start_rad": self._start_positions,
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -170,7 +170,7 @@ class Episodes:
         self._people.restore(state["people"])
         self.loop.restore(state["loop"])
         self.task_state, self.start_draws = state["task_state"], state["start_draws"]
-        self._arm_start_rad = state["arm_start_rad"]
+        self._start_positions = state["arm_start_rad"]
 
     @property
     def people(self) -> People:
@@ -213,7 +213,7 @@ class Episodes:
         return EpisodeStart(
             robot_pos_w=pos_w[world].tolist(),
             robot_q_w=q_w[world].tolist(),
-            arm_angles_rad=self._arm_start_rad[world].tolist(),
+            joint_positions=self._start_positions[world].tolist(),
             placed_pos_w={name: pos[world].tolist() for name, pos in self.simulation.placed_pos_w().items()},
             memory={name: array[world].tolist() for name, array in state_arrays(self.task_state).items()},
         )
@@ -231,7 +231,8 @@ class Episodes:
         }
         placed = {name: np.array([start.placed_pos_w[name]]) for name in self.scene.movable}
         pos_w, q_w, angles = (
-            np.array([values], float) for values in (start.robot_pos_w, start.robot_q_w, start.arm_angles_rad)
+            np.array([values], float)
+            for values in (start.robot_pos_w, start.robot_q_w, start.joint_positions)
         )
         self._people.reset_to_person()
         self._put(first, Start(self.people, pos_w, q_w, angles, placed), type(self.task_state)(**task_state))
@@ -246,7 +247,7 @@ class Episodes:
 
     def _put(self, ids: IntArray, start: Start, task_state: TaskState) -> None:
         self.simulation.reset(ids, replace(start, people=self._with_strength(start.people)))
-        self._arm_start_rad[ids] = start.arm_angles_rad
+        self._start_positions[ids] = start.joint_positions
         self.task_state = replace_worlds(self.task_state, task_state, ids)
 
     def _with_strength(self, people: People) -> People:

@@ -131,9 +131,9 @@ def number_names(observation: Observation) -> list[str]:
     ]
 
 
-def arm_angles(scene: SceneConfig) -> Entry:
+def joint_positions(scene: SceneConfig) -> Entry:
     """Joint angles of the moving arm."""
-    return angles("arm_angles_rad", len(scene.arm.joints), lambda state, _: state.arm_angles_rad)
+    return angles("arm_angles_rad", len(scene.arm.joints), lambda state, _: state.joint_positions)
 
 
 def _right_arm(joint: int) -> EntryFunction:
@@ -160,7 +160,7 @@ def tool_at_the_mouth(scene: SceneConfig) -> Observation:
             TOOL_FROM_TORSO,
             TOOL_ROTATION,
             TOOL_FROM_MOUTH,
-            arm_angles(scene),
+            joint_positions(scene),
             HEAD_FROM_TORSO,
             HEAD_ROTATION,
             TOOL_FORCE,

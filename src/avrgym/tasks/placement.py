@@ -113,20 +113,20 @@ def placed_start(
     and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) draw the candidates, or the restarts of the inverse kinematics if
     the seed pose of a fixed arm does not lead to a solution.
     """
-    chain, seed_rad, mount = arm_chain(scene), scene.arm.seed_pose_rad, scene.mount
+    chain, seed_pose, mount = arm_chain(scene), scene.arm.seed_pose, scene.mount
     if mount.base_range is None:
         base_pos = np.tile(mount.pos_w, (len(tool_pos_w), 1))
         base_q = np.tile(transforms.from_axis_angle(Z, mount.yaw_rad), (len(tool_pos_w), 1))
         pos, q = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
-        restarts = uniforms[:, : kinematics.restart_uniforms(len(seed_rad))]
-        angles = kinematics.solve_with_restarts(chain, pos, q, seed_rad, restarts)
+        restarts = uniforms[:, : kinematics.restart_uniforms(len(seed_pose))]
+        angles = kinematics.solve_with_restarts(chain, pos, q, seed_pose, restarts)
     else:
         candidates = _clear_of_furniture(
             scene, base_search.sample(mount.base_range, mount.pos_w, mount.yaw_rad, uniforms)
         )
-        found = base_search.search(chain, candidates, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, seed_rad)
+        found = base_search.search(chain, candidates, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, seed_pose)
         base_pos, base_q = found.base.pos_w, transforms.from_axis_angle(Z, found.base.yaw_rad)
-        angles = found.angles_rad
+        angles = found.joint_positions
     return Start(people, base_pos, base_q, angles, placed_pos_w | dict.fromkeys(_carried(mount), base_pos))
 
 

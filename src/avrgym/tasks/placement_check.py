@@ -108,20 +108,20 @@ def check_placement(robot: str) -> dict[str, StartDrawStatistics]:
     return {environment: check_starts(environment) for environment in own}
 
 
-def is_collision_free(task: str, robot: Robot, angles_rad: FloatArray) -> BoolArray:
+def is_collision_free(task: str, robot: Robot, joint_positions: FloatArray) -> BoolArray:
     """Which poses (n, J) of a robot's arm do not touch person and furniture, with the base at its mount.
 
     The person is in the task's rest pose, in both body models of mean height.
     """
-    if not len(angles_rad):
+    if not len(joint_positions):
         return np.zeros(0, bool)
-    parts = np.array_split(np.asarray(angles_rad, float), -(-len(angles_rad) // ARM_BATCH_SIZE))
+    parts = np.array_split(np.asarray(joint_positions, float), -(-len(joint_positions) // ARM_BATCH_SIZE))
     clear = [np.all([_clear(task, robot, part, sex) for sex in SEXES], axis=0) for part in parts]
     return np.concatenate(clear)
 
 
-def _clear(task: str, robot: Robot, angles_rad: FloatArray, sex: Sex) -> BoolArray:
-    count, record = len(angles_rad), TASKS[task]
+def _clear(task: str, robot: Robot, joint_positions: FloatArray, sex: Sex) -> BoolArray:
+    count, record = len(joint_positions), TASKS[task]
     scene = record.scene(robot)
     person = Person(sex, joint_angles_rad=record.pose.rest_rad)
     start = record.start(
@@ -137,7 +137,7 @@ def _clear(task: str, robot: Robot, angles_rad: FloatArray, sex: Sex) -> BoolArr
             people=distributions.repeat_person(person, count),
             robot_pos_w=np.tile(mount.pos_w, (count, 1)),
             robot_q_w=np.tile(transforms.from_axis_angle(placement.Z, np.asarray(mount.yaw_rad)), (count, 1)),
-            arm_angles_rad=angles_rad,
+            joint_positions=joint_positions,
             placed_pos_w=placed,
         ),
     )

@@ -28,7 +28,9 @@ class EpisodeStart(msgspec.Struct, frozen=True):
 
     robot_pos_w: Annotated[list[float], Meta(description="Position of the robot's base, m.")]
     robot_q_w: Annotated[list[float], Meta(description="Orientation of the robot's base: w, x, y, z.")]
-    arm_angles_rad: Annotated[list[float], Meta(description="Joint angles of the robot's arm.")]
+    joint_positions: Annotated[
+        list[float], Meta(description="Joint positions of the robot's arm, rad or m.")
+    ] = msgspec.field(name="arm_angles_rad")
     placed_pos_w: Annotated[
         dict[str, list[float]], Meta(description="Positions of movable furniture by its name, m.")
     ]

@@ -43,5 +43,5 @@ def actions_towards(episodes: Episodes, aim: IntArray) -> FloatArray:
     way_w = parts[np.arange(len(aim)), aim] - state.tool_pos_w
     _, base_q = episodes.simulation.robot_base()
     way = transforms.rotate(transforms.conjugate(base_q), way_w)
-    *_, jacobian = kinematics.jacobian(placement.arm_chain(episodes.scene), state.arm_angles_rad)
+    *_, jacobian = kinematics.jacobian(placement.arm_chain(episodes.scene), state.joint_positions)
     return np.sign(np.einsum("nij,ni->nj", jacobian[:, :3], way))

@@ -28,7 +28,7 @@ class Comparison(NamedTuple):
 
     threads: Step
     warp: Step
-    angles_rad: float
+    joint_positions: float
     """Maximum difference of the arms' joint angles."""
 
 
@@ -38,7 +38,7 @@ def step_both(both: list[Episodes], expert: Controller, steps: int) -> Iterator[
     for _ in range(steps):
         action = np.asarray(expert(threads.observe()), float)
         first, second = threads.step(action), warp.step(action)
-        apart = np.abs(threads.simulation.arm_angles_rad() - warp.simulation.arm_angles_rad()).max()
+        apart = np.abs(threads.simulation.joint_positions() - warp.simulation.joint_positions()).max()
         yield Comparison(first, second, float(apart))
 
 

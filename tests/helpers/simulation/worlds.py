@@ -16,7 +16,7 @@ def resting_state(**changes: Any) -> State:
     point, unturned = np.zeros((1, 3)), transforms.IDENTITY_QUATERNION[None]
     plain = State(
         robot_pos_w=point,
-        arm_angles_rad=np.zeros((1, 7)),
+        joint_positions=np.zeros((1, 7)),
         effector_velocity_w=point,
         tool_velocity_w=point,
         tool_pos_w=point,

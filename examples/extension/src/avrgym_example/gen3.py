@@ -58,7 +58,7 @@ SPEED, TORQUE = ARM.limits(JOINTS)
 SEED_DEG = (171.0, -72.0, -150.0, -48.0, -1.0, -112.0, -152.0)
 _ARM = tuned_arm(
     build, JOINTS, "hand/GRIPPER_FRAME", np.radians(SEED_DEG),
-    speed_limit_rad_s=SPEED, torque_limit_n_m=TORQUE, finger_prefix="hand/",
+    speed_limit=SPEED, effort_limit=TORQUE, finger_prefix="hand/",
 )  # fmt: skip
 
 

@@ -27,7 +27,7 @@ def build(appearance: bool) -> mujoco.MjSpec:
 SEED_DEG = (142.0, -125.0, -59.0, 4.0, -142.0, 0.0)
 _ARM = tuned_arm(
     build, JOINTS, "hand", np.radians(SEED_DEG),
-    speed_limit_rad_s=3.15, torque_limit_n_m=[150.0, 150.0, 150.0, 28.0, 28.0, 28.0],
+    speed_limit=3.15, effort_limit=[150.0, 150.0, 150.0, 28.0, 28.0, 28.0],
 )  # fmt: skip
 
 

@@ -65,11 +65,11 @@ GRIPS: Mapping[str, Grip] = {
 _ARM = Arm(
     joints=tuple(f"joint_{i}" for i in range(1, 8)),
     end_effector="end_effector",
-    speed_limit_rad_s=np.radians([36.0, 36.0, 36.0, 36.0, 48.0, 48.0, 48.0]),
-    torque_limit_n_m=np.array([40.0, 80.0, 40.0, 40.0, 20.0, 20.0, 20.0]),
-    stiffness_n_m_rad=np.array([300.0, 300.0, 200.0, 200.0, 80.0, 80.0, 80.0]),
-    inertia_kg_m2=np.array([0.55, 0.92, 0.40, 0.37, 0.076, 0.085, 0.051]),
-    seed_pose_rad=np.radians([-173.0, 259.0, 0.0, 269.0, 89.0, 121.0, 79.0]),
+    speed_limit=np.radians([36.0, 36.0, 36.0, 36.0, 48.0, 48.0, 48.0]),
+    effort_limit=np.array([40.0, 80.0, 40.0, 40.0, 20.0, 20.0, 20.0]),
+    stiffness=np.array([300.0, 300.0, 200.0, 200.0, 80.0, 80.0, 80.0]),
+    inertia=np.array([0.55, 0.92, 0.40, 0.37, 0.076, 0.085, 0.051]),
+    seed_pose=np.radians([-173.0, 259.0, 0.0, 269.0, 89.0, 121.0, 79.0]),
 )
 
 JACO = Robot(

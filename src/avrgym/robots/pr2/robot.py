@@ -45,11 +45,11 @@ def _arm(side: Side) -> Arm:
     return Arm(
         joints=_joints(side),
         end_effector=f"{side[0]}_gripper_tool_frame",
-        speed_limit_rad_s=JACO.arms[side].speed_limit_rad_s,
-        torque_limit_n_m=np.array([30.0, 30.0, 30.0, 30.0, 30.0, 10.0, 10.0]),
-        stiffness_n_m_rad=np.array([900.0, 550.0, 220.0, 220.0, 80.0, 80.0, 80.0]),
-        inertia_kg_m2=np.array([2.81, 1.395, 0.447, 0.437, 0.0899, 0.0741, 0.0631]),
-        seed_pose_rad=_pose(side, SEED_RAD),
+        speed_limit=JACO.arms[side].speed_limit,
+        effort_limit=np.array([30.0, 30.0, 30.0, 30.0, 30.0, 10.0, 10.0]),
+        stiffness=np.array([900.0, 550.0, 220.0, 220.0, 80.0, 80.0, 80.0]),
+        inertia=np.array([2.81, 1.395, 0.447, 0.437, 0.0899, 0.0741, 0.0631]),
+        seed_pose=_pose(side, SEED_RAD),
         finger_prefix=f"{side[0]}_gripper_",
     )
 

@@ -62,7 +62,7 @@ def observation(scene: SceneConfig) -> Observation:
         (
             seen.TOOL_FROM_TORSO,
             seen.TOOL_ROTATION,
-            seen.arm_angles(scene),
+            seen.joint_positions(scene),
             *seen.RIGHT_ARM_FROM_TORSO,
             seen.TOOL_FORCE,
         )

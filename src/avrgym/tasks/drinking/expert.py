@@ -63,13 +63,13 @@ class DrinkingExpert:
         self._planner, self._clearance = MotionPlanner(episodes), Clearance(episodes.simulation)
         count = self._episodes.simulation.num_worlds
         self._tilt_rad, self._arrived = np.full(count, CARRY_TILT_RAD), np.zeros(count, dtype=bool)
-        self._way, self._before_rad = self._plan(self._episodes.state())
+        self._way, self._before = self._plan(self._episodes.state())
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         state, planner = self._episodes.state(), self._planner
-        self._arrived |= np.abs(planner.angles_rad - self._before_rad).max(axis=-1) < ARRIVAL_TOLERANCE_RAD
-        swing = planner.joint_step(self._before_rad, CARRY_SPEED_M_S, CARRY_TILT_RAD)
+        self._arrived |= np.abs(planner.joint_positions - self._before).max(axis=-1) < ARRIVAL_TOLERANCE_RAD
+        swing = planner.joint_step(self._before, CARRY_SPEED_M_S, CARRY_TILT_RAD)
         pos_w, q_w = at_mouth(state, self._way, self._tilt_rad)
         near = self._arrived & (norm(pos_w - planner.pos_w) < NEAR_M)
         rate = np.where(self._tilt_rad < POUR_START_TILT_RAD, TURN_SPEED_RAD_S, POUR_SPEED_RAD_S)
@@ -85,9 +85,9 @@ class DrinkingExpert:
         worlds = np.arange(self._episodes.simulation.num_worlds)
         ways = np.radians([(aside, roll) for aside in APPROACH_YAWS_DEG for roll in APPROACH_ROLLS_DEG])
         tried = [self._try(state, Approach(*np.tile(approach[:, None], len(worlds)))) for approach in ways]
-        costs, before_rad = (np.array(parts) for parts in zip(*tried, strict=True))
+        costs, before = (np.array(parts) for parts in zip(*tried, strict=True))
         best = costs.argmin(axis=0)
-        return Approach(*ways[best].T), before_rad[best, worlds]
+        return Approach(*ways[best].T), before[best, worlds]
 
     def _try(self, state: State, approach: Approach) -> tuple[FloatArray, FloatArray]:
         """Cost (N,) and first joint angles (N, J) of an approach."""
@@ -98,18 +98,18 @@ class DrinkingExpert:
         )
         return seconds + self._tilting_cost_s(state, approach, angles), angles
 
-    def _tilting_cost_s(self, state: State, approach: Approach, angles_rad: FloatArray) -> FloatArray:
+    def _tilting_cost_s(self, state: State, approach: Approach, joint_positions: FloatArray) -> FloatArray:
         """Cost (N,) of the distance between rim and mouth and of small clearances while tilting."""
-        gap_m = np.full(len(angles_rad), np.inf)
+        gap_m = np.full(len(joint_positions), np.inf)
         poses = [
             at_mouth(state, approach, np.full_like(approach.roll_rad, tilt)) for tilt in TILTS_RAD.tolist()
         ]
         for pos_w, q_w in poses:
-            angles_rad = self._planner.angles_at(pos_w, q_w, angles_rad)
-            gap = self._clearance.min_distance_m(angles_rad[:, None], state, tool=False)[:, 0]
+            joint_positions = self._planner.angles_at(pos_w, q_w, joint_positions)
+            gap = self._clearance.min_distance_m(joint_positions[:, None], state, tool=False)[:, 0]
             gap_m = np.minimum(gap_m, gap)
         pos_w, q_w = poses[-1]
-        reached_w, _ = self._planner.pose(angles_rad)
+        reached_w, _ = self._planner.pose(joint_positions)
         distance = norm(_edge_w(pos_w, q_w, approach) - state.mouth_pos_w) + norm(pos_w - reached_w)
         return DISTANCE_COST_S_PER_M * distance + COLLISION_COST_S * np.clip(
             1.0 - gap_m / CLEARANCE_M, 0.0, 1.0

@@ -31,17 +31,17 @@ class FeedbackPlanner(MotionPlanner):
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Start at the present joint angles."""
         super().__init__(episodes)
-        lower_rad, upper_rad = self._chain.lower_rad, self._chain.upper_rad
-        ends_rad = LIMIT_MARGIN_SHARE * (upper_rad - lower_rad)
-        self._middle_rad = lower_rad + ends_rad, upper_rad - ends_rad
+        lower, upper = self._chain.lower, self._chain.upper
+        ends = LIMIT_MARGIN_SHARE * (upper - lower)
+        self._middle = lower + ends, upper - ends
 
     def relax(self) -> None:
         """Set the preferred posture to the present angles, clipped to the middle of the joint ranges."""
         self._update()
-        self.posture_rad = np.clip(self.angles_rad, *self._middle_rad)
+        self.posture = np.clip(self.joint_positions, *self._middle)
 
     def _update(self) -> None:
-        self._set_angles(self._simulation.arm_angles_rad())
+        self._set_angles(self._simulation.joint_positions())
 
 
 class FeedbackExpert:

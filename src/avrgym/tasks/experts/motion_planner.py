@@ -31,9 +31,9 @@ class MotionPlanner:
     Plans continue from the servo targets, so that servo lag does not slow the tool down.
 
     Attributes:
-        angles_rad: planned joint angles (N, J).
+        joint_positions: planned joint angles (N, J).
         pos_w, q_w: tool pose at these angles, (N, 3) and (N, 4).
-        posture_rad: preferred posture (N, J); first the initial angles. It fills the arm's null space.
+        posture: preferred posture (N, J); first the initial angles. It fills the arm's null space.
         scene: the scene of all worlds.
     """
 
@@ -42,12 +42,12 @@ class MotionPlanner:
         self._episodes, self._simulation = episodes, episodes.simulation
         self.scene = episodes.scene
         self._chain = placement.arm_chain(self.scene)
-        self._reach_rad = self.scene.arm.speed_limit_rad_s * CONTROL_STEP_S
+        self._reach = self.scene.arm.speed_limit * CONTROL_STEP_S
         self._clearance = Clearance(self._simulation)
         self._base_w = self._simulation.robot_base()
         self._to_base = transforms.invert(*self._base_w)
-        self._set_angles(self._simulation.arm_angles_rad())
-        self.posture_rad = self.angles_rad
+        self._set_angles(self._simulation.joint_positions())
+        self.posture = self.joint_positions
 
     def action_toward(
         self,
@@ -76,30 +76,28 @@ class MotionPlanner:
         step = step * _limiting_share(step, CONTROL_STEP_S * speed_m_s)
         turn = turn * _limiting_share(turn, CONTROL_STEP_S * turn_rad_s)
         q_w = transforms.multiply(transforms.from_rotation_vector(turn), self.q_w)
-        pull = POSTURE_SHARE * (self.posture_rad - self.angles_rad)
+        pull = POSTURE_SHARE * (self.posture - self.joint_positions)
         pull *= _limiting_share(pull, np.full(len(pull), POSTURE_SHARE))
-        return self.angles_at(self.pos_w + step, q_w, self.angles_rad + pull)
+        return self.angles_at(self.pos_w + step, q_w, self.joint_positions + pull)
 
-    def joint_step(
-        self, target_rad: FloatArray, speed_m_s: FloatArray | float, tilt_rad: float
-    ) -> FloatArray:
+    def joint_step(self, target: FloatArray, speed_m_s: FloatArray | float, tilt_rad: float) -> FloatArray:
         """Angles (N, J) of the next pose on the way to other angles; all joints move together.
 
         The tool moves no faster than ``speed_m_s``, and its z axis stays within ``tilt_rad`` of the vertical.
         """
         self._update()
-        step = self._within_limits(target_rad - self.angles_rad)
-        pos, _ = self.pose(self.angles_rad + step)
+        step = self._within_limits(target - self.joint_positions)
+        pos, _ = self.pose(self.joint_positions + step)
         step *= _limiting_share(pos - self.pos_w, CONTROL_STEP_S * speed_m_s)
-        pos_w, q_w = self.pose(self.angles_rad + step)
-        return self.angles_at(pos_w, _limit_tilt(q_w, tilt_rad), self.angles_rad + step)
+        pos_w, q_w = self.pose(self.joint_positions + step)
+        return self.angles_at(pos_w, _limit_tilt(q_w, tilt_rad), self.joint_positions + step)
 
-    def action_to(self, angles_rad: FloatArray) -> FloatArray:
+    def action_to(self, joint_positions: FloatArray) -> FloatArray:
         """Actions (N, J) that move the arms to angles (N, J) within the speed limits; all joints move together."""
         self._update()
-        step = self._within_limits(angles_rad - self.angles_rad)
-        self._set_angles(self.angles_rad + step)
-        return step / self._reach_rad
+        step = self._within_limits(joint_positions - self.joint_positions)
+        self._set_angles(self.joint_positions + step)
+        return step / self._reach
 
     def find_angles(
         self, pos_w: FloatArray, q_w: FloatArray, tilt_rad: float = np.pi
@@ -116,12 +114,12 @@ class MotionPlanner:
         worlds, poses = q_w.shape[:2]
         to_base_pos, to_base_q = (part[:, None] for part in self._to_base)
         pos, q = transforms.compose(to_base_pos, to_base_q, pos_w, q_w)
-        joints = self.angles_rad.shape[-1]
-        starts = self.angles_rad[:, None, None] + _start_offsets(joints)
+        joints = self.joint_positions.shape[-1]
+        starts = self.joint_positions[:, None, None] + _start_offsets(joints)
         starts = np.tile(starts, (1, poses, 1, 1)).reshape(-1, joints)
         pos, q = (np.repeat(part.reshape(worlds * poses, -1), IK_STARTS, axis=0) for part in (pos, q))
         solution = kinematics.solve(self._chain, pos, q, starts)
-        angles = self._unwrap_near(solution.angles_rad.reshape(worlds, -1, joints))
+        angles = self._unwrap_near(solution.joint_positions.reshape(worlds, -1, joints))
         missed = (solution.position_error_m > ACCURACY_M) | (solution.rotation_error_rad > ACCURACY_RAD)
         cost = np.where(missed.reshape(worlds, -1), np.inf, self._swing_cost_s(angles, tilt_rad))
         cost, angles = _cheapest(
@@ -131,56 +129,56 @@ class MotionPlanner:
         cost, angles = _cheapest(cost, angles, 1)
         return angles[:, :, 0], cost[:, :, 0]
 
-    def _swing_cost_s(self, angles_rad: FloatArray, tilt_rad: float) -> FloatArray:
+    def _swing_cost_s(self, joint_positions: FloatArray, tilt_rad: float) -> FloatArray:
         """Duration of motions to angles (N, M, J), plus the cost of tool tilt, (N, M)."""
-        way = angles_rad - self.angles_rad[:, None]
-        tilt = [self._tilt_rad(self.angles_rad[:, None] + share * way) for share in PATH_FRACTIONS]
+        way = joint_positions - self.joint_positions[:, None]
+        tilt = [self._tilt_rad(self.joint_positions[:, None] + share * way) for share in PATH_FRACTIONS]
         excess = np.maximum(0.0, np.max(tilt, axis=0) - tilt_rad)
-        return CONTROL_STEP_S * np.abs(way / self._reach_rad).max(axis=-1) + TILT_COST_S_RAD * excess
+        return CONTROL_STEP_S * np.abs(way / self._reach).max(axis=-1) + TILT_COST_S_RAD * excess
 
-    def _collision_cost_s(self, angles_rad: FloatArray) -> FloatArray:
+    def _collision_cost_s(self, joint_positions: FloatArray) -> FloatArray:
         """Cost of small distances on the way to angles (N, M, J), shape (N, M)."""
-        way = angles_rad - self.angles_rad[:, None]
+        way = joint_positions - self.joint_positions[:, None]
         state, gap = self._episodes.state(), np.full(way.shape[:2], np.inf)
         for share in PATH_FRACTIONS:
-            there = self.angles_rad[:, None] + share * way
+            there = self.joint_positions[:, None] + share * way
             gap = np.minimum(gap, self._clearance.min_distance_m(there, state, tool=share < 1.0))
         return COLLISION_COST_S * np.maximum(0.0, 1.0 - gap / MARGIN_M)
 
-    def _tilt_rad(self, angles_rad: FloatArray) -> FloatArray:
+    def _tilt_rad(self, joint_positions: FloatArray) -> FloatArray:
         """Angle (N, M) between the tool's z axis and the vertical at joint angles (N, M, J)."""
-        _, q = kinematics.forward(self._chain, angles_rad.reshape(-1, angles_rad.shape[-1]))
+        _, q = kinematics.forward(self._chain, joint_positions.reshape(-1, joint_positions.shape[-1]))
         z_w = transforms.rotate(
-            self._base_w[1][:, None], transforms.rotate(q, UP).reshape(*angles_rad.shape[:2], 3)
+            self._base_w[1][:, None], transforms.rotate(q, UP).reshape(*joint_positions.shape[:2], 3)
         )
         return elementary.arccos(np.clip(z_w[..., 2], -1.0, 1.0))
 
-    def angles_at(self, pos_w: FloatArray, q_w: FloatArray, near_rad: FloatArray) -> FloatArray:
-        """Joint angles (N, J) for a tool pose, by inverse kinematics that starts at ``near_rad``."""
+    def angles_at(self, pos_w: FloatArray, q_w: FloatArray, near: FloatArray) -> FloatArray:
+        """Joint angles (N, J) for a tool pose, by inverse kinematics that starts at ``near``."""
         pos, q = transforms.compose(*self._to_base, pos_w, q_w)
-        return kinematics.solve(self._chain, pos, q, near_rad, iterations=ITERATIONS).angles_rad
+        return kinematics.solve(self._chain, pos, q, near, iterations=ITERATIONS).joint_positions
 
-    def pose(self, angles_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def pose(self, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tool positions (N, 3) and rotations (N, 4) at joint angles (N, J); world frame."""
-        return transforms.compose(*self._base_w, *kinematics.forward(self._chain, angles_rad))
+        return transforms.compose(*self._base_w, *kinematics.forward(self._chain, joint_positions))
 
-    def _unwrap_near(self, angles_rad: FloatArray) -> FloatArray:
+    def _unwrap_near(self, joint_positions: FloatArray) -> FloatArray:
         """Add whole turns to angles (N, M, J) to come as near to the present ones as the joint ranges allow."""
-        turns = np.round((self.angles_rad[:, None] - angles_rad) / (2.0 * np.pi))
-        turned = angles_rad + 2.0 * np.pi * turns
-        inside = (turned >= self._chain.lower_rad) & (turned <= self._chain.upper_rad)
-        return np.where(inside, turned, angles_rad)
+        turns = np.round((self.joint_positions[:, None] - joint_positions) / (2.0 * np.pi))
+        turned = joint_positions + 2.0 * np.pi * turns
+        inside = (turned >= self._chain.lower) & (turned <= self._chain.upper)
+        return np.where(inside, turned, joint_positions)
 
     def _update(self) -> None:
         """Continue from the present servo targets."""
-        self._set_angles(self._simulation.arm_targets_rad())
+        self._set_angles(self._simulation.joint_targets())
 
-    def _set_angles(self, angles_rad: FloatArray) -> None:
-        self.angles_rad = angles_rad
-        self.pos_w, self.q_w = self.pose(angles_rad)
+    def _set_angles(self, joint_positions: FloatArray) -> None:
+        self.joint_positions = joint_positions
+        self.pos_w, self.q_w = self.pose(joint_positions)
 
-    def _within_limits(self, step_rad: FloatArray) -> FloatArray:
-        return step_rad / np.maximum(1.0, np.abs(step_rad / self._reach_rad).max(axis=-1, keepdims=True))
+    def _within_limits(self, step: FloatArray) -> FloatArray:
+        return step / np.maximum(1.0, np.abs(step / self._reach).max(axis=-1, keepdims=True))
 
 
 def _start_offsets(joints: int) -> FloatArray:
@@ -189,10 +187,12 @@ def _start_offsets(joints: int) -> FloatArray:
     return np.concatenate([np.zeros((1, joints)), others])
 
 
-def _cheapest(cost: FloatArray, angles_rad: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+def _cheapest(cost: FloatArray, joint_positions: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """The ``count`` lowest costs of (N, K, R) and their angles (N, K, R, J), in ascending order."""
     best = np.argsort(cost, axis=-1, kind="stable")[..., :count]
-    return np.take_along_axis(cost, best, axis=-1), np.take_along_axis(angles_rad, best[..., None], axis=2)
+    return np.take_along_axis(cost, best, axis=-1), np.take_along_axis(
+        joint_positions, best[..., None], axis=2
+    )
 
 
 def _limiting_share(step: FloatArray, longest: FloatArray | float) -> FloatArray:

@@ -87,14 +87,14 @@ class Clearance:
         self._shape, self._boxes = arm_shape(simulation.scene), furniture_boxes(simulation)
         self._base_pos_w, self._base_q_w = (part[:, None, None, None] for part in simulation.robot_base())
 
-    def min_distance_m(self, angles_rad: FloatArray, state: State, *, tool: bool) -> FloatArray:
+    def min_distance_m(self, joint_positions: FloatArray, state: State, *, tool: bool) -> FloatArray:
         """Smallest distance (N, M) in metres from person or furniture at joint angles (N, M, J); negative where they
         overlap.
 
         ``tool`` includes the tool; the hand is always included.
         """
         counts = np.nonzero(tool | ~self._shape.is_tool)[0]
-        start, end = np.moveaxis(self._ends_w(angles_rad)[:, :, counts, None], -2, 0)
+        start, end = np.moveaxis(self._ends_w(joint_positions)[:, :, counts, None], -2, 0)
         person = state.person_segment_w[:, None, None]
         to_person = capsules.segment_distance(start, end, person[..., 0, :], person[..., 1, :])
         to_person = (to_person - state.person_radius_m[:, None, None]).min(axis=-1)
@@ -103,13 +103,13 @@ class Clearance:
         to_axis = np.minimum(to_person, to_boxes.min(axis=-1))
         return (to_axis - self._shape.radius_m[counts]).min(axis=-1)
 
-    def _ends_w(self, angles_rad: FloatArray) -> FloatArray:
+    def _ends_w(self, joint_positions: FloatArray) -> FloatArray:
         """Capsule ends (N, M, C, 2, 3) of the arm; world frame."""
-        worlds, poses, joints = angles_rad.shape
+        worlds, poses, joints = joint_positions.shape
         ends_w = np.empty((worlds, poses, len(self._shape.link), 2, 3))
         for number, chain in enumerate(self._shape.links):
             on_link = np.nonzero(self._shape.link == number)[0]
-            pos, q = kinematics.forward(chain, angles_rad.reshape(-1, joints)[:, : number + 1])
+            pos, q = kinematics.forward(chain, joint_positions.reshape(-1, joints)[:, : number + 1])
             pos, q = (part.reshape(worlds, poses, 1, 1, -1) for part in (pos, q))
             ends = pos + transforms.rotate(q, self._shape.ends[on_link])
             ends_w[:, :, on_link] = self._base_pos_w + transforms.rotate(self._base_q_w, ends)
@@ -144,6 +144,6 @@ def _part(chain: kinematics.Chain, count: int) -> kinematics.Chain:
         axis=chain.axis[:count],
         tip_pos=np.zeros(3),
         tip_q=transforms.IDENTITY_QUATERNION,
-        lower_rad=chain.lower_rad[:count],
-        upper_rad=chain.upper_rad[:count],
+        lower=chain.lower[:count],
+        upper=chain.upper[:count],
     )

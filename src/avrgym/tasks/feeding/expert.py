@@ -45,8 +45,8 @@ class FeedingExpert:
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
         state, planner = self._episodes.state(), self._planner
-        self._arrived |= np.abs(planner.angles_rad - self._before_rad).max(axis=-1) < ARRIVAL_TOLERANCE_RAD
-        swing = planner.joint_step(self._before_rad, CARRY_SPEED_M_S, MAX_TILT_RAD)
+        self._arrived |= np.abs(planner.joint_positions - self._before).max(axis=-1) < ARRIVAL_TOLERANCE_RAD
+        swing = planner.joint_step(self._before, CARRY_SPEED_M_S, MAX_TILT_RAD)
         target = at_mouth(state, self._q_w, self._rise_m, self._clearance_m)
         there = self._arrived & (norm(target - planner.pos_w) < 2.0 * CLOSER_STEP_M)
         self._clearance_m -= np.where(there & _may_move_closer(state), CLOSER_STEP_M, 0.0)
@@ -64,15 +64,15 @@ class FeedingExpert:
         from_mouth = norm(food_w - state.mouth_pos_w[:, None, None])
         in_doubt = (from_mouth > MOUTH_RADIUS_M - SHIFT_M).sum(axis=-1)
         failed = (from_mouth > MOUTH_RADIUS_M).sum(axis=-1) > SPARE_PIECES
-        before_rad, seconds = self._planner.find_angles(
+        before, seconds = self._planner.find_angles(
             pos_w - STANDOFF_M * face_direction(state)[:, None], q_w, MAX_TILT_RAD
         )
         cost = seconds + PIECE_COST_S * in_doubt + FAILURE_COST_S * failed
         best = cost.argmin(axis=-1)
         world = np.arange(len(best))
         self._q_w, self._rise_m = q_w[world, best], HEIGHTS_M[best]
-        self._before_rad = before_rad[world, best]
-        self._planner.posture_rad = self._before_rad
+        self._before = before[world, best]
+        self._planner.posture = self._before
 
 
 def _spoon_q_w(state: State) -> FloatArray:

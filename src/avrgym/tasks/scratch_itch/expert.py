@@ -59,13 +59,13 @@ class ScratchItchExpert:
         self._planner = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
         self._arrived, self._touched = np.zeros((2, count), dtype=bool)
-        self._q_limb, self._before_rad = (
+        self._q_limb, self._before = (
             np.zeros((count, 4)),
             np.zeros((count, len(episodes.scene.arm.joints))),
         )
         self._steps = 0
         hard = self._plan(np.ones(count, dtype=bool)) > DETOUR_COST_S
-        self._detour_rad, cost_s = find_detour(self._planner, episodes.state())
+        self._detour_positions, cost_s = find_detour(self._planner, episodes.state())
         self._detour = hard & (cost_s < DETOUR_COST_S)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
@@ -74,9 +74,9 @@ class ScratchItchExpert:
             self._plan(self._detour)
             self._detour = np.zeros_like(self._detour)
         self._steps += 1
-        goal_rad = np.where(self._detour[:, None], self._detour_rad, self._before_rad)
-        swing = planner.joint_step(goal_rad, SWING_SPEED_M_S, np.pi)
-        there = np.abs(planner.angles_rad - goal_rad).max(axis=-1) < ARRIVAL_TOLERANCE_RAD
+        goal = np.where(self._detour[:, None], self._detour_positions, self._before)
+        swing = planner.joint_step(goal, SWING_SPEED_M_S, np.pi)
+        there = np.abs(planner.joint_positions - goal).max(axis=-1) < ARRIVAL_TOLERANCE_RAD
         self._arrived |= there & ~self._detour
         tip_w, q_w = self._rub()
         speed = np.where(self._touched, RUB_SPEED_M_S, APPROACH_SPEED_M_S)
@@ -119,8 +119,8 @@ class ScratchItchExpert:
         q_limb = transforms.multiply(transforms.conjugate(limb_q_w), q_w)
         new = worlds[:, None]
         self._q_limb = np.where(new, q_limb, self._q_limb)
-        self._before_rad = np.where(new, before, self._before_rad)
-        self._planner.posture_rad = np.where(new, angles, self._planner.posture_rad)
+        self._before = np.where(new, before, self._before)
+        self._planner.posture = np.where(new, angles, self._planner.posture)
         return cost_s[world, best]
 
 

@@ -20,7 +20,7 @@ class Swing(NamedTuple):
     """Joint displacements (J,) of the motion to the front, and the skin normals for which it is used, see
     ``faces_in``."""
 
-    displacement_rad: tuple[float, ...]
+    displacement: tuple[float, ...]
     inwards: Range
     not_down: Range
 
@@ -48,9 +48,9 @@ class SwingsInFront:
     def __init__(self, episodes: RunningEpisodes, swing: Swing) -> None:
         """Start at the present poses."""
         self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
-        self._swing, self._first_rad = swing, self._planner.angles_rad
-        self._way_rad = np.array(swing.displacement_rad)
-        self._swung = np.zeros(len(self._first_rad), dtype=bool)
+        self._swing, self._first = swing, self._planner.joint_positions
+        self._way = np.array(swing.displacement)
+        self._swung = np.zeros(len(self._first), dtype=bool)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Actions (N, J)."""
@@ -60,16 +60,16 @@ class SwingsInFront:
         out_w, _ = surface(task_state, limb_frame(state, task_state)[1])
         in_front = faces_in(out_w, self._swing.inwards, self._swing.not_down)
         pos_w, q_w, speed = blended_target(state, task_state, planner, in_front * self._swung)
-        angles_rad = planner.line_step(pos_w, q_w, speed, TURN_SPEED_RAD_S)
+        joint_positions = planner.line_step(pos_w, q_w, speed, TURN_SPEED_RAD_S)
         swings = (in_front > SWING_THRESHOLD) & ~self._swung
         if swings.any():
-            swing_rad = planner.joint_step(self._first_rad + self._way_rad, SWING_SPEED_M_S, np.pi)
-            angles_rad = np.where(swings[:, None], swing_rad, angles_rad)
-        return planner.action_to(angles_rad)
+            swing = planner.joint_step(self._first + self._way, SWING_SPEED_M_S, np.pi)
+            joint_positions = np.where(swings[:, None], swing, joint_positions)
+        return planner.action_to(joint_positions)
 
     def _swing_progress(self) -> FloatArray:
         """Completed share (N,) of the swing."""
-        displacement_rad = self._way_rad
-        return ((self._planner.angles_rad - self._first_rad) * displacement_rad).sum(axis=-1) / (
-            displacement_rad * displacement_rad
+        displacement = self._way
+        return ((self._planner.joint_positions - self._first) * displacement).sum(axis=-1) / (
+            displacement * displacement
         ).sum()

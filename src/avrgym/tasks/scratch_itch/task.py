@@ -71,7 +71,7 @@ def observation(scene: SceneConfig) -> Observation:
             seen.TOOL_ROTATION,
             from_goal("tool_from_itch_m", lambda state, itch: state.tool_pos_w - itch_pos_w(state, itch)),
             position("itch_from_torso_m", lambda state, itch: itch_pos_w(state, itch) - state.robot_pos_w),
-            seen.arm_angles(scene),
+            seen.joint_positions(scene),
             *seen.RIGHT_ARM_FROM_TORSO,
             seen.TOOL_FORCE,
         )

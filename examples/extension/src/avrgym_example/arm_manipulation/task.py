@@ -7,7 +7,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.compliance import torque_limit_n_m
+from avrgym.models.compliance import effort_limit
 from avrgym.models.human import People
 from avrgym.models.robot import Robot, UnsuitableError
 from avrgym.models.scene import SceneConfig
@@ -46,7 +46,7 @@ def scene(robot: Robot) -> SceneConfig:
         raise UnsuitableError(f"{robot.name} has no grip 'scratcher', which holds the hook too")
     grips = {"hook": robot.grips["scratcher"], **robot.grips}
     found = placement.wheelchair_scene(replace(robot, grips=grips), "left", HOOK, (0.0, 0.0))
-    weakest_n_m = torque_limit_n_m(found.arm, MAX_LEAD_RAD).min()
+    weakest_n_m = effort_limit(found.arm, MAX_LEAD_RAD).min()
     if weakest_n_m < WEAKEST_N_M:
         raise UnsuitableError(
             f"a motor of {robot.name} presses with {weakest_n_m:.1f} N m; allowed: {WEAKEST_N_M} or more"
@@ -79,7 +79,7 @@ def observation(scene: SceneConfig) -> Observation:
             seen.TOOL_ROTATION,
             from_goal("tool_from_forearm_m", lambda state, _: state.tool_pos_w - taken_w(state)),
             position("under_forearm", lambda state, _: under_w(state)),
-            seen.arm_angles(scene),
+            seen.joint_positions(scene),
             *seen.RIGHT_ARM_FROM_TORSO,
             seen.TOOL_FORCE,
         )

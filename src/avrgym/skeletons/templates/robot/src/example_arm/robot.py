@@ -30,8 +30,8 @@ _ARM = tuned_arm(
     JOINTS,
     "hand",
     np.radians(SEED_DEG),
-    speed_limit_rad_s=2.0,
-    torque_limit_n_m=[80.0, 80.0, 60.0, 60.0, 30.0, 30.0, 30.0],
+    speed_limit=2.0,
+    effort_limit=[80.0, 80.0, 60.0, 60.0, 30.0, 30.0, 30.0],
 )
 BETWEEN_TIPS_M = np.array([0.13, 0.0, 0.0])
 UPRIGHT = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

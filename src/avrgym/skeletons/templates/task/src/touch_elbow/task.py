@@ -72,7 +72,7 @@ def observation(scene: SceneConfig) -> Observation:
             seen.TOOL_FROM_TORSO,
             seen.TOOL_ROTATION,
             from_goal("tool_from_elbow_m", lambda state, _: state.tool_pos_w - elbow_w(state)),
-            seen.arm_angles(scene),
+            seen.joint_positions(scene),
             *seen.RIGHT_ARM_FROM_TORSO,
             seen.TOOL_FORCE,
         )
